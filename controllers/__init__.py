@@ -22,6 +22,7 @@ from edmsim.controllers.feed.gap_servo import DelayController, VoltageController
 from edmsim.controllers.feed.mcu import McuController
 from edmsim.controllers.feed.oracle import LeadOracleController, OracleController
 from edmsim.controllers.feed.set_point import ClimbController, SetPointController
+from edmsim.controllers.feed.trim import TrimController
 from edmsim.controllers.feed.wire_heat import FixedPeriodController, HeatFluxController, HeatOracleController
 from edmsim.controllers.named_numbers import named_numbers
 from edmsim.controllers.own import from_file
@@ -37,7 +38,7 @@ _Kind: TypeAlias = (
     "type[CountsController] | type[FixedController] | type[VoltageController] | type[DelayController] "
     "| type[FuzzyController] | type[AdaptiveOffTimeController] | type[OracleController] | type[McuController] "
     "| type[FixedPeriodController] | type[SatoController] | type[HeatFluxController] | type[HeatOracleController] "
-    "| type[SetPointController] | type[ClimbController] | type[LeadOracleController]"
+    "| type[SetPointController] | type[ClimbController] | type[LeadOracleController] | type[TrimController]"
 )
 _CONTROLLERS: dict[str, _Kind] = {
     kind.name: kind
@@ -45,7 +46,7 @@ _CONTROLLERS: dict[str, _Kind] = {
         CountsController, FixedController, VoltageController, DelayController, FuzzyController,
         AdaptiveOffTimeController, OracleController, McuController, FixedPeriodController, SatoController,
         HeatFluxController, HeatOracleController, SetPointController, ClimbController,
-        LeadOracleController,
+        LeadOracleController, TrimController,
     )
 }
 
@@ -56,7 +57,7 @@ OF_A_TASK = tuple(
     kind.name
     for kind in (
         SetPointController, ClimbController, LeadOracleController, FixedPeriodController, SatoController,
-        HeatFluxController, HeatOracleController,
+        HeatFluxController, HeatOracleController, TrimController,
     )
 )
 """Controllers whose constants belong to one task: compared where that task names them."""

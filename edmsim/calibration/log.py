@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.calibration import ratios
 from edmsim.calibration.log_file import LogTable, read_table
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
@@ -107,7 +108,7 @@ def read_log(file: str | Path) -> Log:
     ----------
     file : path
         Parquet, or CSV with a heading, see `COLUMNS`: separated by commas, semicolons or tabs, with a decimal point
-        or comma, in UTF-8 or UTF-16.
+        or comma, in UTF-8 or UTF-16. Or a log of ratios, see `edmsim.calibration.ratios`.
 
     Raises
     ------
@@ -115,7 +116,13 @@ def read_log(file: str | Path) -> Log:
         If the file cannot be read, has no rows, lacks a column, or holds what a machine cannot have logged; or the
         settings in its metadata are not those of a cut.
     """
-    table = read_table(Path(file), COLUMNS, PLACES)
+    try:
+        table = read_table(Path(file), COLUMNS, PLACES)
+    except InputError:
+        of_ratios = ratios.read(Path(file))
+        if of_ratios is None:
+            raise
+        return Log(Path(file).name, of_ratios)
     columns = {name: values for name, values in table.columns.items() if name in COLUMNS or _has_places(table)}
     if len(columns["short"]) == 0:
         raise InputError("no windows in it", file)

@@ -23,6 +23,7 @@ from edmsim.cli.positioner import positioner
 from edmsim.cli.servo import servo
 from edmsim.cli.studies import calibrate, validate
 from edmsim.cli.sweep import SHORT_FORM, sweep, tune
+from edmsim.cli.technology import technology
 from edmsim.cli.terminal import terminal
 from edmsim.cli.warm_up import warm_up
 from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
@@ -33,7 +34,7 @@ app = typer.Typer(
 )
 _COMMANDS = (
     cut, check, view, render, report, train, score, dataset, evaluate, search_gains, calibrate, validate, bench,
-    measure_table, find_guides, gap, export, tune, warm_up,
+    technology, measure_table, find_guides, gap, export, tune, warm_up,
 )  # fmt: skip
 _UsageError: Any = typer.BadParameter.__base__
 """Of click, which newer releases of typer hold inside themselves."""

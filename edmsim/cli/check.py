@@ -9,6 +9,7 @@ import typer
 
 from edmsim.cli.console import (
     OUT,
+    AfterTab,
     Generator,
     GuideErrors,
     Height,
@@ -18,9 +19,13 @@ from edmsim.cli.console import (
     Material,
     Offset,
     Offsets,
+    Overlap,
+    Passes,
     Program,
+    Tab,
     TaperCorners,
     TaperDeg,
+    Technology,
     Unit,
     Upper,
     Wire,
@@ -52,6 +57,11 @@ def check(
     taper_corners: TaperCorners = "conical",
     guide_errors: GuideErrors = None,
     unit: Unit = None,
+    passes: Passes = None,
+    technology: Technology = None,
+    tab: Tab = 1.5,
+    overlap: Overlap = 0.1,
+    after_tab: AfterTab = "stop",
 ) -> None:
     """Look at a program before the cut: path, notices, time."""
     from edmsim.files import make_writable, replacing
@@ -69,6 +79,7 @@ def check(
         "offset": offset, "offsets": path_text(offsets), "layers": named(layers), "unit": unit,
         "upper_layer": upper_layer, "taper_deg": taper_deg, "taper_corners": taper_corners,
         "guide_errors_mm": parse_guide_errors(guide_errors),
+        "passes": passes, "technology": technology, "tab_mm": tab, "overlap_mm": overlap, "after_tab": after_tab,
     }
     unknown: dict[str, list[int]] = {}
     try:

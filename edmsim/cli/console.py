@@ -39,7 +39,7 @@ Machine = Annotated[
 Generator = Annotated[
     str,
     typer.Option(
-        help="Generator: equalising, ignition-pulse, iso-energetic, iso-pulse, powercore-v2, powercore-v3, "
+        help="Generator: equalising, fine, ignition-pulse, iso-energetic, iso-pulse, powercore-v2, powercore-v3, "
         "production, spark-pulser, or a file."
     ),
 ]
@@ -70,6 +70,15 @@ GuideErrors = Annotated[
     typer.Option(metavar="LOWER:UPPER", help="How much higher the guides are than the machine's file says, in mm."),
 ]
 Unit = Annotated[str | None, typer.Option(help="Unit of a drawing: mm, um, cm, m, in, ft, mil; default by drawing.")]
+Passes = Annotated[
+    int | None, typer.Option(help="Cut in so many passes, rough and trims; by default in one, or as the program.")
+]
+Technology = Annotated[
+    str | None, typer.Option(help="Technology of the passes, a name or a file .toml; default by material.")
+]
+Tab = Annotated[float, typer.Option(help="Length in mm that is cut last and holds the piece; 0 for none.")]
+Overlap = Annotated[float, typer.Option(help="How far passes go on over what is already cut, in mm.")]
+AfterTab = Annotated[str, typer.Option(help="stop: the piece is held before its tab is cut; cut: the slug falls.")]
 Seed = Annotated[int, typer.Option(help="Seed of every draw.")]
 
 

@@ -16,6 +16,7 @@ from edmsim.cli.console import (
     INTERRUPTED,
     OUT,
     STOPPED,
+    AfterTab,
     Generator,
     GuideErrors,
     Height,
@@ -25,11 +26,15 @@ from edmsim.cli.console import (
     Material,
     Offset,
     Offsets,
+    Overlap,
+    Passes,
     Program,
     Resolution,
     Seed,
+    Tab,
     TaperCorners,
     TaperDeg,
+    Technology,
     Tension,
     Unit,
     Upper,
@@ -88,8 +93,8 @@ def cut(
     controller: Annotated[
         str,
         typer.Option(help="Feed controller: counts, fixed, voltage, delay, fuzzy, adaptive-off-time, mcu, "
-                          "fixed-period, sato, heat-flux, set-point, climb, policy:FILE, own.py:Own; with parameters "
-                          "if wanted, fixed:feed_um_s=20."),
+                          "fixed-period, sato, heat-flux, set-point, climb, trim, policy:FILE, own.py:Own; with "
+                          "parameters if wanted, fixed:feed_um_s=20."),
     ] = "counts",
     planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda, sine-table or exact.")] = "poscal",
     drive: Annotated[
@@ -110,6 +115,11 @@ def cut(
     taper_corners: TaperCorners = "conical",
     guide_errors: GuideErrors = None,
     unit: Unit = None,
+    passes: Passes = None,
+    technology: Technology = None,
+    tab: Tab = 1.5,
+    overlap: Overlap = 0.1,
+    after_tab: AfterTab = "stop",
     stuck_wire_sensor: Annotated[
         bool, typer.Option("--stuck-wire-sensor", help="Let nobody see a wire break: the machine goes on.")
     ] = False,
@@ -158,9 +168,9 @@ def cut(
                 compensation=path_text(compensation), mechanics=mechanics,
                 resolution=resolution, offset=offset, offsets=path_text(offsets), ignore=named(ignore),
                 layers=named(layers), upper_layer=upper_layer, taper_deg=taper_deg, taper_corners=taper_corners,
-                guide_errors_mm=parse_guide_errors(guide_errors), unit=unit, stuck_wire_sensor=stuck_wire_sensor,
-                axis_faults=axis_fault or (),
-                seed=seed, max_time_s=max_time,
+                guide_errors_mm=parse_guide_errors(guide_errors), unit=unit, passes=passes, technology=technology,
+                tab_mm=tab, overlap_mm=overlap, after_tab=after_tab, stuck_wire_sensor=stuck_wire_sensor,
+                axis_faults=axis_fault or (), seed=seed, max_time_s=max_time,
                 resume=resume, overwrite=overwrite,
                 watch=watcher.show, enter=watcher.enter,
             )

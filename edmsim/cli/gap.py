@@ -36,7 +36,7 @@ def gap(
         str | None, typer.Option(help="Pulse generator, or an own file; by default the board's, or iso-pulse.")
     ] = None,
     tension: Tension = None,
-    start_gap: Annotated[float, typer.Option("--gap", help="Gap round the wire at the start in um.")] = 30.0,
+    gap: Annotated[float, typer.Option(help="Gap round the wire at the start in um.")] = 30.0,
     feed: Annotated[float, typer.Option(help="Without --serial: speed of x in um/s.")] = 5.0,
     seconds: Annotated[
         float | None, typer.Option(help="Machine time in s after which to stop; without --serial 1.")
@@ -52,6 +52,7 @@ def gap(
     seed: Seed = 0,
 ) -> None:
     """Give a real controller the gap: serial ports of a board, samples of voltage and current, delays."""
+    from edmsim.files import make_writable
     from edmsim.hil.ratio_log import RatioLog
     from edmsim.hil.rig import make_board
     from edmsim.hil.samples import SampleFile, Sensing
@@ -68,7 +69,10 @@ def gap(
         _write_delays(set_up, delays, seed)
         if serial is None and samples is None and log is None:
             return
-    rig = _rig(set_up, board, seed, start_gap)
+    for file in (samples, log):
+        if file is not None:
+            make_writable(file.parent)
+    rig = _rig(set_up, board, seed, gap)
     with ExitStack() as files:
         sensing = Sensing(rate, low_pass, noise, current_noise, seed)
         sampled = files.enter_context(SampleFile(samples, sensing, rig.time_s)) if samples else None
@@ -83,10 +87,10 @@ def gap(
         say(rig.gap.lost)
 
 
-def _rig(set_up: SetUp, board: object, seed: int, start_gap: float) -> Rig:
+def _rig(set_up: SetUp, board: object, seed: int, gap_um: float) -> Rig:
     from edmsim.hil.rig import PlainGenerator, Rig
 
-    return Rig(board or PlainGenerator(set_up), set_up, seed=seed, gap_um=start_gap)  # type: ignore[arg-type]
+    return Rig(board or PlainGenerator(set_up), set_up, seed=seed, gap_um=gap_um)  # type: ignore[arg-type]
 
 
 def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: float) -> None:

@@ -79,8 +79,20 @@ def sweep(
 
 
 def tune(
-    name: Annotated[str, typer.Argument(help="Feed controller, or environment to train in.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder of the study; one that is there goes on.")],
+    name: Annotated[
+        str, typer.Argument(help="Feed controller, or environment to train in; none with --own.", show_default=False)
+    ] = "",
+    out: Annotated[Path | None, typer.Option(help="Folder of the study; one that is there goes on.")] = None,
+    own: Annotated[
+        str | None, typer.Option(metavar="FILE.py:CLASS", help="Search the settings of a controller of your own.")
+    ] = None,
+    machine: Annotated[str | None, typer.Option(help="With --own: machine; default agiecut-dem15.")] = None,
+    generator: Annotated[str | None, typer.Option(help="With --own: generator; default iso-pulse.")] = None,
+    material: Annotated[str | None, typer.Option(help="With --own: material; default tool-steel.")] = None,
+    wire: Annotated[str | None, typer.Option(help="With --own: wire; default brass.")] = None,
+    height: Annotated[
+        float | None, typer.Option(help="With --own: workpiece height in mm; default drawn, 4 to 40.")
+    ] = None,
     trials: Annotated[int, typer.Option(help="Trials in all.")] = 40,
     seed: Annotated[int, typer.Option(help="First training seed, and seed of the search.")] = 0,
     seeds: Annotated[int, typer.Option(help="Training seeds a trial is judged by.")] = 5,
@@ -93,7 +105,20 @@ def tune(
     ray: Ray = None,
     processes: ProcessCount = None,
 ) -> None:
-    """Search gains or training settings (needs the extra tune)."""
+    """Search gains, training settings, or the settings of your own controller (needs the extra tune)."""
+    if out is None:
+        raise InputError("a search needs a folder for its study: give --out DIR")
+    set_up = {"name": machine, "generator": generator, "material": material, "wire": wire}
+    given = {key: value for key, value in set_up.items() if value is not None}
+    if own is not None:
+        if name or population is not None:
+            raise InputError("--own searches the settings of one controller: leave out the name and --population")
+        _tune_own(own, out, given, height, trials, seed, seeds, _engine(ray, processes))
+        return
+    if given or height is not None:
+        raise InputError("the set-up of a search without --own is that of its environments")
+    if not name:
+        raise InputError("name a feed controller or an environment, or give --own FILE.py:CLASS")
     if population is not None:
         if ray is None or processes is not None:
             raise InputError("a population trains on a Ray cluster: give --ray, and no --processes")
@@ -114,6 +139,31 @@ def tune(
     scores = f"score {found.value:.4g} (before {found.first_value:.4g})"
     score_text = f"{scores}; {found.trials} trials, {found.failed} failed"
     _print_found(name, found.values, score_text, out)
+
+
+def _tune_own(
+    own: str, out: Path, set_up: dict[str, str], height: float | None, trials: int, seed: int, seeds: int,
+    engine: Engine,
+) -> None:
+    from edmsim.sweep.own import tune_own
+    from edmsim.sweep.tune import BEST
+
+    options: dict[str, Any] = {"machine": set_up} if set_up else {}
+    if height is not None:
+        options["height_mm"] = height
+    with _searching(own, trials, "study") as show:
+
+        def watch(made: int, best: float) -> None:
+            show(completed=made, description=f"{own}: {best:.4g}")
+
+        found = tune_own(own, out, trials=trials, seed=seed, seeds=seeds, engine=engine, watch=watch, **options)
+    listed = ",".join(f"{key}={value:g}" for key, value in found.values.items())
+    lines = [
+        f"{own}:{listed}", f"on {found.machines} other machines: {found.spread}",
+        f"settings in use:      {found.first_spread}",
+        f"{found.trials} trials, {found.failed} failed. Written: {out / BEST}",
+    ]  # fmt: skip
+    OUT.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
 
 
 def _breed(name: str, out: Path, ray: str, population: int, generations: int, chosen: dict[str, Any]) -> None:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
 
 
@@ -41,6 +42,10 @@ class Leg(NamedTuple):
         Length of path up to every point.
     lead_um : int64 array (n, 2), optional
         Where the upper guide is, relative to the lower one; None: above it, all along.
+    cut_pass : CutPass, optional
+        The pass it belongs to; None where the contour is cut in one.
+    leads_in : bool
+        Whether it is the way from the start hole to where the pass begins.
     """
 
     points_um: NDArray[np.int64]
@@ -49,8 +54,10 @@ class Leg(NamedTuple):
     dwell_s: float
     along_um: NDArray[np.float64]
     lead_um: NDArray[np.int64] | None = None
+    cut_pass: CutPass | None = None
+    leads_in: bool = False
 
-    def begun_at(
+    def started_at(
         self, point_um: tuple[float, float], lead_um: tuple[float, float]
     ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[Any] | None]:
         """Return points, lengths of path and leads of the leg from a place on that need not be its first point."""
@@ -65,17 +72,33 @@ class Leg(NamedTuple):
 
 
 def legs_of(contour: WireContour) -> list[Leg]:
-    """Cut a contour's path at its dwells."""
+    """Cut a contour's path at its dwells; of one in passes return them one after the other, lead-in first."""
+    if contour.passes:
+        return _legs_of_passes(contour)
     stops = sorted(dict.fromkeys(i for i, _ in contour.dwells))
     wait = {i: sum(s for j, s in contour.dwells if j == i) for i in stops}
     last = len(contour.points_um) - 1
     ends = [i for i in stops if 0 < i < last] + [last]
     starts = [0, *ends[:-1]]
-    along = contour.along_um
+    along, threads = contour.along_um, not contour.continues
     return [
         Leg(
-            contour.points_um[a : b + 1], a == 0, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0),
+            contour.points_um[a : b + 1], a == 0 and threads, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0),
             along[a : b + 1], None if contour.lean is None else contour.lean.upper_um[a : b + 1],
         )
         for a, b in zip(starts, ends, strict=True)
     ]
+
+
+def _legs_of_passes(contour: WireContour) -> list[Leg]:
+    legs = []
+    for number, one in enumerate(contour.passes):
+        first = number == 0 and not contour.continues
+        lead = one.approach_moves if number == 0 else 0
+        steps_um = np.hypot(*np.diff(one.points_um, axis=0).T)
+        along = np.concatenate([[0.0], np.cumsum(steps_um)])
+        if lead:
+            way = slice(None, lead + 1)
+            legs.append(Leg(one.points_um[way], first, 0.0, 0.0, along[way], cut_pass=one, leads_in=True))
+        legs.append(Leg(one.points_um[lead:], first and not lead, 0.0, 0.0, along[lead:], cut_pass=one))
+    return legs

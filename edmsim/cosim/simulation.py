@@ -27,9 +27,10 @@ from edmsim.controllers.planner.registry import make_planner, position_unit
 from edmsim.controllers.protocols import DrivesSteps, HasSwitches, MissesWindows, check_command, tell
 from edmsim.cosim.cut_axes import CutAxes
 from edmsim.cosim.cycle import Cycle
-from edmsim.cosim.legs import ProgramPlace, legs_of
+from edmsim.cosim.legs import Leg, ProgramPlace, legs_of
 from edmsim.cosim.motion import PlannerMotion
 from edmsim.cosim.observers import Observer
+from edmsim.cosim.passes import PassLog, PassSetup
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
@@ -40,7 +41,7 @@ from edmsim.plant.axes.faults import AxisFault
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.plant.workpiece.height_steps import LowerRegion
-from edmsim.plant.workpiece.kerf_field import Stock
+from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath
 
 
@@ -90,6 +91,13 @@ class Simulation:
         Whether the sensor does not see a wire break; the machine then goes on without a wire (`Plant.go_bare`).
     axis_faults : sequence of AxisFault
         What breaks at axes under drives with a loop, and when.
+    setups : sequence of PassSetup
+        Setting of the passes of the path, from rough to last; where there are fewer than passes, the last holds on.
+        By default all passes have `machine` and `controller`.
+    metal : KerfField, optional
+        What an earlier cut left of the workpiece, in place of a fresh blank: it is copied.
+    approach : PassSetup, optional
+        Setting of the lead-ins of a path in passes; by default that of the first pass.
 
     Attributes
     ----------
@@ -105,6 +113,8 @@ class Simulation:
         Windows whose counts the controller did not read in time (row T-44).
     refused : str or None
         Why the generator last refused a setting the controller wanted.
+    passes : PassLog
+        What every pass did, if the path has passes.
 
     Raises
     ------
@@ -131,10 +141,15 @@ class Simulation:
         compensation: Elcam | None = None,
         stuck_wire_sensor: bool = False,
         axis_faults: Sequence[AxisFault] = (),
+        setups: Sequence[PassSetup] = (),
+        approach: PassSetup | None = None,
+        metal: KerfField | None = None,
     ) -> None:
         self.machine = machine
         self.path = path
-        self.controller = controller
+        self._setups = tuple(setups) or (PassSetup(machine, controller),)
+        self._approach = approach
+        self._setup = PassSetup(machine, controller)
         self.observers = tuple(observers)
         self._planner_name = planner
         table = machine.base.table
@@ -145,6 +160,7 @@ class Simulation:
         self.legs = [leg for contour in path.contours for leg in legs_of(contour)]
         self.total_um = sum(float(leg.along_um[-1] - leg.along_um[0]) for leg in self.legs)
         self._leans = any(leg.lead_um is not None for leg in self.legs)
+        self.passes = PassLog(path, self.legs)
         x0, y0, x1, y1 = (1e3 * v for v in path.stock_mm)
         radius = path.start_hole_radius_mm * 1e3
         holes = tuple((float(c.points_um[0, 0]), float(c.points_um[0, 1]), radius) for c in path.contours)
@@ -161,6 +177,8 @@ class Simulation:
             position_um=self._motors_um(float(x), float(y), 0.0, self._lead_of(0)), resolution=resolution,
             mechanics=mechanics, drives=drives,
         )
+        if metal is not None:
+            self.plant.take_metal(metal)
         self._axes = CutAxes(self.plant, axis_faults)
         self._sees_breaks = not stuck_wire_sensor
         self.sums = Sums()
@@ -171,15 +189,42 @@ class Simulation:
             observer.begin(self.plant)
         self._at = ProgramPlace(from_um=(x, y), lead_um=self._lead_of(0))
         self._motion = self._begin_leg()
+        self.passes.begin_leg(self.legs[0], 0.0, 0.0, self.sums)
         self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
+
+    @property
+    def controller(self) -> FeedController:
+        """The feed controller at work."""
+        return self._setup.controller
+
+    def machine_of(self, number: int) -> Machine:
+        """Return the set-up of a pass, by its number from 1."""
+        return self._setups[min(number, len(self._setups)) - 1].machine
+
+    @property
+    def setups_told(self) -> list[tuple[str, str]]:
+        """Machine and controller of every pass in words: what a checkpoint belongs to."""
+        return [(one.machine.model_dump_json(), repr(one.controller)) for one in self._setups]
+
+    def _take_setup(self, leg: Leg) -> Machine:
+        """Let the setting of a leg's pass be in force; the plant changes where it is another one."""
+        if leg.cut_pass is not None:
+            wanted = self._setups[min(leg.cut_pass.number, len(self._setups)) - 1]
+            if leg.leads_in and self._approach is not None:
+                wanted = self._approach
+            if wanted.machine is not self._setup.machine:
+                self.plant.change_setup(wanted.machine)
+            self._setup = wanted
+        return self._setup.machine
 
     def _begin_leg(self) -> PlannerMotion:
         """Plan a leg from where the wire stands: it may have stopped half a step before the last leg's end."""
         at, leg = self._at, self.legs[self._at.leg]
-        points, along, leads = leg.begun_at(at.from_um, at.lead_um)
+        machine = self._take_setup(leg)
+        points, along, leads = leg.started_at(at.from_um, at.lead_um)
         for observer in self.observers:
             observer.leg(points, at.start_um)
-        tell(self.controller, self.machine, points, at.start_um)
+        tell(self.controller, machine, points, at.start_um)
         self._offset.begin_leg(points, None if leads is None else along)
         step_um = self.machine.base.table.step_um.value
         planner = (
@@ -189,7 +234,7 @@ class Simulation:
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
         command = check_command(self.controller.name, self.controller.reset(limit_um_s))
         own = self.controller.path_run(self._planner_name) if isinstance(self.controller, RunsPath) else None
-        self._set_generator(self.machine.t_on_us, self.machine.t_period_us)  # every leg begins as set up
+        self._set_generator(machine.t_on_us, machine.t_period_us)  # every leg begins as set up
         self._set_generator(command.t_on_us, command.t_period_us)
         drives = self.controller if isinstance(self.controller, DrivesSteps) and own is None else None
         rest_until_ns = self.plant.time_ns + round(leg.rest_s * 1e9)
@@ -274,6 +319,7 @@ class Simulation:
             self._say(self.plant.fault_reason)
             return Progress(self.path_um, self.total_um, self.plant.time_ns * 1e-9, 0.0, 0, 0)
         self.sums.add(turn.window, turn.opposite)
+        self.passes.follow(self.plant.time_ns * 1e-9, self.path_um, self.sums)
         opened = self._switches(turn.window)
         cause = self._judge(turn.window, opened)
         if self._stopped_by_controller(opened) and cause in (StopCause.RUNNING, StopCause.FINISHED):
@@ -376,6 +422,7 @@ class Simulation:
             self._motion.rest_until_ns = now_ns + round(leg.dwell_s * 1e9)
         if at.dwelling and now_ns < self._motion.rest_until_ns:
             return StopCause.RUNNING
+        self.passes.end_leg(at.leg, leg, self.plant)
         if at.leg == len(self.legs) - 1:
             return StopCause.FINISHED
         if self.legs[at.leg + 1].threads:
@@ -388,6 +435,7 @@ class Simulation:
             self.missed_windows,
         )
         self._cycle.motion = self._motion = self._begin_leg()
+        self.passes.begin_leg(self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums)
         return StopCause.RUNNING
 
     def _thread_at(self, point_um: NDArray[np.int64], lead_um: tuple[float, float]) -> float:
@@ -416,7 +464,7 @@ class Simulation:
             "at": asdict(self._at), "motion": self._motion.snapshot(), "controller": self.controller.snapshot(),
             "sums": asdict(self.sums), "refused": self.refused, "cause": int(self.cause), "reason": self.reason,
             "compensation": self._compensation and self._compensation.snapshot(), "offset": self._offset.snapshot(),
-            "axes": self._axes.snapshot(),
+            "axes": self._axes.snapshot(), "passes": self.passes.snapshot(),
         }
         return arrays, values
 
@@ -433,6 +481,7 @@ class Simulation:
         self.sums, self.refused = Sums(**values["sums"]), values["refused"]
         self.cause, self.reason = StopCause(values["cause"]), values["reason"]
         self.plant.restore(_part(arrays, "plant."))
+        self.passes.restore(values["passes"])
         self._axes.restore(values["axes"])
         for observer in self.observers:
             observer.restore(_part(arrays, f"{observer.name}."))

@@ -110,11 +110,13 @@ class Rig:
     Examples
     --------
     >>> rig = Rig("powercore", seed=1)
+    >>> rig.board.unasked()
+    'Setup complete\r\n'
+    >>> rig.send("SET_ALL_PARAMETERS 0 0.05 5000 80")
+    'OK: Parameters set\r\n'
     >>> rig.move("VEL 5 0")
     'ok\r\n'
     >>> rig.run(0.02)
-    >>> rig.send("SET_ALL_PARAMETERS 0 0.05 5000 80")
-    'OK: Parameters set\r\n'
     """
 
     def __init__(

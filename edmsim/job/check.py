@@ -9,15 +9,28 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.job.cut import planned
+from edmsim.job.passes import Passes, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import mean_current_A
 from edmsim.plant.gap.generator import timing
 from edmsim.program.arcs import extent_mm
 from edmsim.program.path import CutPath
+
+
+@dataclass(frozen=True)
+class PassEstimate:
+    """What a technology makes expect of a pass, over all contours: offset, length with approaches, time, Ra."""
+
+    number: int
+    offset_mm: float
+    length_mm: float
+    seconds: float
+    ra_um: float
 
 
 @dataclass(frozen=True)
@@ -37,6 +50,8 @@ class Check:
         Whether it is the machine's greatest feed, or the one at which every pulse would have to remove all it can.
     waiting_s : float
         Time of threading, ways between contours and dwells.
+    passes : tuple of PassEstimate
+        What the technology expects of the passes; none for a cut in one.
     """
 
     path: CutPath
@@ -45,6 +60,12 @@ class Check:
     feed_um_s: float
     limited_by: Literal["machine", "generator"]
     waiting_s: float
+    passes: tuple[PassEstimate, ...] = ()
+
+    @property
+    def expected_s(self) -> float:
+        """The machining time that the technology makes expect; 0 for a cut in one pass."""
+        return sum(one.seconds for one in self.passes) + (self.waiting_s if self.passes else 0.0)
 
     @property
     def least_s(self) -> float:
@@ -78,11 +99,33 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     InputError
         As `edmsim.cut`.
     """
+    found = with_passes(program, settings, planned)
+    settings, path = found.settings, found.path
     machine = settings.load_machine()
-    path = planned(program, settings, machine)
     feed_um_s, limited_by = greatest_feed_um_s(machine, settings.workpiece.lowest_mm)
-    length_um = sum(float(k.along_um[-1]) for k in path.contours)
-    return Check(path, machine, length_um / feed_um_s, feed_um_s, limited_by, _waiting_s(path, machine))
+    length_um = sum(k.length_um for k in path.contours)
+    waiting_s, passes = _waiting_s(path, machine), _estimates(found)
+    return Check(path, machine, length_um / feed_um_s, feed_um_s, limited_by, waiting_s, passes)
+
+
+def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
+    """Return what the technology expects of each pass: its feed was that of a straight cut; lead-ins are slower."""
+    estimates = []
+    for number, one in enumerate(found.table.settings if found.table else (), 1):
+        ways = [p for contour in found.path.contours for p in contour.passes if p.number == number]
+        slow = sum(
+            _moves_mm(p.points_um[: p.approach_moves + 1]) for p in ways if number == 1 and p.piece == "profile"
+        )
+        length_mm = sum(_moves_mm(p.points_um) for p in ways)
+        assert found.table is not None
+        seconds = 60 * (length_mm - slow + slow / found.table.approach_share) / one.found.feed_mm_min
+        offset_mm = max([p.offset_um for p in ways], default=0.0) * 1e-3
+        estimates.append(PassEstimate(number, offset_mm, length_mm, seconds, one.found.ra_um))
+    return tuple(estimates)
+
+
+def _moves_mm(points_um: NDArray[np.int64]) -> float:
+    return float(np.hypot(*np.diff(points_um, axis=0).T).sum()) * 1e-3
 
 
 def greatest_feed_um_s(machine: Machine, height_mm: float) -> tuple[float, Literal["machine", "generator"]]:
@@ -107,6 +150,17 @@ def _waiting_s(path: CutPath, machine: Machine) -> float:
     return dwells + sum(way / table.rapid_um_s.value + table.threading_s.value for way in ways_um)
 
 
+def _pass_lines(found: Check) -> list[tuple[str, str]]:
+    from edmsim.recording.report import duration_text
+
+    rows = [
+        (f"pass {one.number}", f"offset {one.offset_mm:.3f} mm, {one.length_mm:.2f} mm of path, some "
+                               f"{duration_text(one.seconds)}, Ra {one.ra_um:.2f} µm expected")
+        for one in found.passes
+    ]  # fmt: skip
+    return [*rows, ("expected", f"{duration_text(found.expected_s)} by the technology")] if rows else []
+
+
 def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     """Return names and texts for a terminal's table."""
     from edmsim.recording.report import duration_text
@@ -124,10 +178,14 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     limit = {"machine": "the machine's greatest feed", "generator": "all that the generator can remove"}
     waiting = f" and {duration_text(found.waiting_s)} of threading and dwells" if found.waiting_s else ""
     feed = f"{found.feed_um_s:.1f} µm/s"
-    offsets = ", ".join(f"{um / 1e3:.3f}" for um in sorted({contour.offset_um for contour in found.path.contours}))
+    used_um = {p.offset_um for k in found.path.contours for p in k.passes} or {
+        k.offset_um for k in found.path.contours
+    }
+    offsets = ", ".join(f"{um / 1e3:.3f}" for um in sorted(used_um))
     return [
         *rows,
         ("offset", f"{offsets} mm"),
         ("path", f"{found.path_length_mm:.2f} mm"),
+        *_pass_lines(found),
         ("time", f"at least {duration_text(found.least_s)}: {limit[found.limited_by]}, {feed}{waiting}"),
     ]

@@ -24,12 +24,14 @@ from edmsim.controllers.axis.elcam_file import NAMES, PLACES, load_tables, read_
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
+from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked
 from edmsim.job import checkpoint
 from edmsim.job.notebook import notebook_progress
+from edmsim.job.passes import with_passes
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, takes_settings
 from edmsim.machine.files import own_mjcf_text
@@ -39,6 +41,7 @@ from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.constants import screws
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.program.outline import Corners
+from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath, plan_path
 from edmsim.program.taper import GuideHeights
 from edmsim.recording.report import outcome_text
@@ -145,8 +148,7 @@ def cut(
     KeyboardInterrupt
         Ctrl-C, SIGTERM or SIGHUP, at any time; the checkpoint in the folder, if there is one, then holds the cut.
     """
-    settings = CutSettings.model_validate(options)
-    simulation, recorders = _begin(program, settings)
+    settings, simulation, recorders = _begin(program, CutSettings.model_validate(options))
     made_with = _made_with(program, settings, simulation)
     bar = None if watch or enter else notebook_progress(made_with["program"])
     if bar is not None:
@@ -183,17 +185,19 @@ def make_controller(given: str | FeedController) -> FeedController:
     return controller
 
 
-def planned(program: str | Path, settings: CutSettings, machine: Machine) -> CutPath:
+def planned(
+    program: str | Path, settings: CutSettings, machine: Machine, passes: PassPlan | None = None
+) -> CutPath:
     """Plan the wire's path of a cut with these settings on a machine; raises as `plan_path`."""
     table = machine.base.table
     step_um, travel_um = table.step_um.value, round(table.travel_mm.value * 1e3)
     unit = position_unit(settings.planner, travel_um, step_um)
     return plan_path(
-        program, settings.offset, auto_offset_mm=machine.auto_offset_mm, table_um=travel_um,
-        grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers, unit=settings.unit,
-        offsets=settings.offsets, upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
+        program, settings.offset if passes is None else "auto", auto_offset_mm=machine.auto_offset_mm,
+        table_um=travel_um, grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers,
+        unit=settings.unit, offsets=settings.offsets, upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
         corners=cast(Corners, settings.taper_corners),
-        guides=guides_of(machine, settings.guide_errors_mm or (0.0, 0.0)),
+        guides=guides_of(machine, settings.guide_errors_mm or (0.0, 0.0)), passes=passes,
     )
 
 
@@ -210,19 +214,22 @@ def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights 
 
 
 class Prepared(NamedTuple):
-    """What a cut is made of, before anything is simulated."""
+    """What a cut is made of, before anything is simulated; of one in passes, the settings are the technology's."""
 
+    settings: CutSettings
     machine: Machine
     controller: FeedController
     path: CutPath
     steps: tuple[LowerRegion, ...]
     drives: dict[str, Drive]
     compensation: Elcam | None
+    setups: tuple[PassSetup, ...] = ()
+    approach: PassSetup | None = None
 
 
 def prepared(
     program: str | Path, settings: CutSettings,
-    plan: Callable[[str | Path, CutSettings, Machine], CutPath] = planned,
+    plan: Callable[[str | Path, CutSettings, Machine, PassPlan | None], CutPath] = planned,
 ) -> Prepared:
     """Read all that a cut needs, and refuse what it cannot be made with; nothing is simulated.
 
@@ -238,28 +245,33 @@ def prepared(
     InputError
         As `cut`.
     """
+    found = with_passes(program, settings, plan)
+    settings, path = found.settings, found.path
     machine, file = settings.load_machine(), settings.compensation
     controller = make_controller(settings.controller)
-    path = plan(program, settings, machine)
+    if found.setups:
+        machine, controller = found.setups[0]
     return Prepared(
-        machine, controller, path, settings.workpiece.steps(path, machine.wire_diameter_um),
+        settings, machine, controller, path, settings.workpiece.steps(path, machine.wire_diameter_um),
         _drives(settings.drive, machine),
-        None if file is None else load_tables(read_tables(file), file),
+        None if file is None else load_tables(read_tables(file), file), found.setups, found.approach,
     )
 
 
-def _begin(program: str | Path, settings: CutSettings) -> tuple[Simulation, Recorders]:
-    """Read the program; set up machine, path, controller and recorders."""
+def _begin(program: str | Path, settings: CutSettings) -> tuple[CutSettings, Simulation, Recorders]:
+    """Read the program; set up machine, path, controller and recorders; return the settings in force with them."""
     ready = prepared(program, settings)
+    settings = ready.settings
     recorders = recorders_for(ready.machine, ready.steps, settings.resolution)
     simulation = Simulation(
         ready.machine, ready.path, ready.controller, planner=settings.planner, seed=settings.seed,
         resolution=settings.resolution, max_time_s=settings.max_time_s, steps=ready.steps,
         mechanics=settings.mechanics, observers=recorders, drives=ready.drives, compensation=ready.compensation,
         stuck_wire_sensor=settings.stuck_wire_sensor,
-        axis_faults=[parse_fault(text) for text in settings.axis_faults],
+        axis_faults=[parse_fault(text) for text in settings.axis_faults], setups=ready.setups,
+        approach=ready.approach,
     )
-    return simulation, recorders
+    return settings, simulation, recorders
 
 
 def _drives(text: str, machine: Machine) -> dict[str, Drive]:
@@ -281,6 +293,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
         **({} if file is None else {"controller_sha256": user_code.digest(file.file)}),
         **({} if tables is None else {"compensation_sha256": _digest(Path(tables).read_bytes())}),
+        **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.setups_told).encode())}),
         "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
         "t_period_us": machine.t_period_us, "position_unit": unit,
         "offset_um": path.offset_um,
@@ -290,7 +303,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
 
 def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
     """Return what the user should know about a cut that is over."""
-    notices = [*simulation.path.notices]
+    notices = [*simulation.path.notices, *simulation.passes.notices]
     if simulation.refused is not None:
         notices.append(f"the generator refused a setting the controller wanted: {simulation.refused}")
     for name, drive in simulation.plant.drives.items():

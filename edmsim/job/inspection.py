@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from edmsim.cosim.passes import PassRecord
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.machine.setting import discharge_current_A
@@ -16,12 +18,12 @@ from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
 from edmsim.metrology.profile import ProfileError, corners, element_errors, error_stats, profile_error
 from edmsim.metrology.reach import mean_error_um, unreachable_um, worst_place
-from edmsim.metrology.roughness import electrolysed_um, heat_affected_um, roughness_um
+from edmsim.metrology.roughness import electrolysed_um, face_roughness_um, heat_affected_um, roughness_um
 from edmsim.metrology.shares import error_shares, motor_offsets_um, share_stats, table_error
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording.quality import KerfSlice, Quality, Reach, TableShare, Totals, Wall
+from edmsim.recording.quality import HeightError, KerfSlice, PassFigures, Quality, Reach, TableShare, Totals, Wall
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
@@ -62,7 +64,7 @@ def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> 
         spark=sums.spark,
         arc=sums.arc,
         path_length_mm=simulation.path_um * 1e-3,
-        cut_area_mm2=sum(_area_mm2(simulation, *way) for way in cut.ways_um),
+        cut_area_mm2=_face_mm2(simulation, cut),
         cutting_time_s=cut.time_s,
         energy=sums.energy,
         removed_mm3=simulation.plant.removed_mm3,
@@ -71,6 +73,13 @@ def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> 
         limited_share=_limited_share(simulation, windows, cut),
         equalising_J=sums.equalising_J,
     )
+
+
+def _face_mm2(simulation: Simulation, cut: CutAlone) -> float:
+    """Return the area that was cut; of passes, that of the rough one, which the others cut again."""
+    records = simulation.passes.records
+    ways = [(r.begin_um, r.end_um) for r in records if r.number == 1] if records else cut.ways_um
+    return sum(_area_mm2(simulation, *way) for way in ways)
 
 
 def _cut_alone(simulation: Simulation, windows: WindowTable) -> CutAlone:
@@ -101,7 +110,7 @@ def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
         return float(end - begin) * simulation.machine.height_mm * 1e-3
     if relief is None or length <= 0:
         return length * simulation.machine.height_mm * 1e-3
-    points = [contour.points_um.astype(np.float64) for contour in simulation.path.contours]
+    points = [way.astype(np.float64) for contour in simulation.path.contours for way in contour.ways_um]
     # a way between contours is no cut: it counts for nothing
     pieces = [np.append(np.hypot(*np.diff(part, axis=0).T), 0.0) for part in points]
     place = np.concatenate([[0.0], np.cumsum(np.concatenate(pieces))[:-1]])
@@ -132,7 +141,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     x, y = simulation.commanded_um
     scene = Scene(
         maps=tuple(
-            ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um, split, left)
+            ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um, split, left, p.error_um)
             for k, p, split, left in zip(contours, profiles, shares, left_um, strict=True)
         ),
         cut_edges_mm=tuple(polylines(cut_edges(field, s)) for s in range(field.n_slices)),
@@ -151,7 +160,8 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         ) if _lead(simulation.path) is not None else (),
         stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
-    commanded_um = np.concatenate([commanded for commanded, _, _ in ways_um])
+    in_passes = bool(simulation.passes.records)
+    commanded_um = windows.ways_um()[0] if in_passes else np.concatenate([commanded for commanded, _, _ in ways_um])
     quality = _quality(simulation, profiles, scene, table, _reach(contours, profiles, left_um, shares))
     led_mm = scene.lead_mm(windows.ways_um()[-1], np.array([0.5 * machine.height_mm]))[:, 0]
     return Inspection(quality, scene, _error_per_window(commanded_um + 1e3 * led_mm, profiles))
@@ -203,6 +213,10 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
     A contour begins where a wire was threaded: the longest times between two windows.
     """
     commanded, following, lag, time_s, path_um = windows.ways_um()
+    if simulation.passes.records:
+        return _last_ways_um(
+            simulation.passes.records, len(simulation.path.contours), commanded, following, lag, time_s
+        )
     guides = commanded - following
     if simulation.elcam is not None or simulation.machine.base.geometry.has_errors:
         off = motor_offsets_um(simulation.machine, commanded, path_um, simulation.elcam)
@@ -213,6 +227,67 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
     begins[:threaded] = np.sort(longest) + 1
     ways = (np.split(way, begins) for way in (commanded, guides, guides - lag))
     return list(zip(*ways, strict=True))
+
+
+def _last_ways_um(
+    records: list[PassRecord],
+    contours: int,
+    commanded: NDArray[np.float64],
+    following: NDArray[np.float64],
+    lag: NDArray[np.float64],
+    time_s: NDArray[np.float64],
+) -> list[tuple[NDArray[np.float64], ...]]:
+    """Return the ways of the last passes, contour by contour: they made the wall."""
+    guides, found = commanded - following, []
+    for contour in range(1, contours + 1):
+        own = [r for r in records if r.contour == contour]
+        last = max([r.number for r in own], default=0)
+        mine = np.zeros(len(time_s), np.bool_)
+        for record in own:
+            if record.number == last:
+                mine |= (time_s > record.begin_s) & (time_s <= record.end_s)
+        found.append(tuple(way[mine] for way in (commanded, guides, guides - lag)))
+    return found
+
+
+def pass_figures(simulation: Simulation) -> tuple[PassFigures, ...]:
+    """Return what every pass of a cut did; none of a cut in one pass."""
+    records = simulation.passes.records
+    return tuple(
+        figures
+        for piece in dict.fromkeys((r.contour, r.piece) for r in records)
+        for figures in _figures_of([r for r in records if (r.contour, r.piece) == piece], simulation)
+    )
+
+
+def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[PassFigures]:
+    """Return the figures of the passes along one piece, which follow each other on the same face."""
+    machines = [simulation.machine_of(record.number) for record in records]
+    lefts = [math.nan if r.wall is None else r.wall.mean_um for r in records]
+    taken = [math.nan, *(before - now for before, now in pairwise(lefts))]
+    volumes = [r.sums.crater_um3 / max(r.sums.spark + r.sums.arc, 1) for r in records]
+    faces = face_roughness_um(volumes, taken, machines[0].base.discharge.crater_flatness.value)
+    found, heated = [], 0.0
+    for record, machine, left, took, ra_um in zip(records, machines, lefts, taken, faces, strict=True):
+        power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
+        ignited = max(record.sums.spark + record.sums.arc, 1)
+        own_um = heat_affected_um(machine, record.sums.energy / (ignited * power_W) * 1e6)
+        heated = own_um if math.isnan(took) else max(own_um, heated - took)
+        length_mm, seconds = (record.end_um - record.begin_um) * 1e-3, record.end_s - record.begin_s
+        wall, pulses = record.wall, max(record.sums.pulses, 1)
+        unknown = (math.nan, math.nan, math.nan, math.nan, ())
+        shape = (
+            unknown
+            if wall is None
+            else (wall.straightness_um, wall.bow_um, wall.ripple_um, wall.ripple_mm, wall.slices_um)
+        )
+        found.append(PassFigures(
+            record.contour, record.number, record.piece, record.reversed, record.begin_s, record.end_s, length_mm,
+            60 * length_mm * machine.height_mm / seconds if seconds > 0 else math.nan, record.offset_um,
+            record.offset_um - left, left, took, *shape, ra_um, heated, record.sums.short / pulses,
+            record.sums.open / pulses,
+        ))  # fmt: skip
+    return found
 
 
 def _shares(
@@ -273,6 +348,8 @@ def _quality(
     power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
     discharge_us = sums.energy / (max(ignited, 1) * power_W) * 1e6
     gap_um, length_mm = (kerf["mean"] - machine.wire_diameter_um) / 2, simulation.path_um * 1e-3
+    passes = pass_figures(simulation)
+    last = max(passes, key=lambda one: (one.piece == "profile", one.end_s), default=None)
     return Quality(
         kerf_mean_um=kerf["mean"],
         kerf_min_um=kerf["min"],
@@ -282,14 +359,30 @@ def _quality(
         profile_p95_um=error["p95"],
         profile_shares=_share_stats(scene),
         corners=scene.corners,
-        ra_um=roughness_um(sums.crater_um3 / ignited, flatness) if ignited else math.nan,
-        heat_affected_um=heat_affected_um(machine, discharge_us) if ignited else math.nan,
+        ra_um=last.ra_um if last else roughness_um(sums.crater_um3 / ignited, flatness) if ignited else math.nan,
+        heat_affected_um=(
+            last.heat_affected_um if last else heat_affected_um(machine, discharge_us) if ignited else math.nan
+        ),
         electrolysed_um=electrolysed_um(machine, sums.voltage_s / length_mm, gap_um) if length_mm else math.nan,
         section=_section(widths, machine.height_mm),
         table=table,
         reach=reach,
         offset_um=math.nan if simulation.path.offset_um is None else simulation.path.offset_um,
+        passes=passes,
+        heights=_heights(profiles, machine.height_mm),
     )
+
+
+def _heights(profiles: list[ProfileError], height_mm: float) -> tuple[HeightError, ...]:
+    """Return the profile error slice by slice, over all contours."""
+    error_um = np.concatenate([p.error_um for p in profiles], axis=1)
+    slice_mm = height_mm / len(error_um)
+    found = []
+    for number, row in enumerate(error_um):
+        known = row[np.isfinite(row)]
+        mean, rms = (float(known.mean()), float(np.sqrt(np.mean(known**2)))) if len(known) else (math.nan, math.nan)
+        found.append(HeightError((number + 0.5) * slice_mm, mean, rms))
+    return tuple(found)
 
 
 def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:

@@ -141,6 +141,19 @@ class CutSettings(BaseModel):
     ``edmsim find-guides`` finds: the control then leads them accordingly; by default none."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
+    passes: WholeNumber | None = None
+    """Cut every contour in so many passes, rough and trims, with offsets and settings of a technology; by default in
+    one, or as the program does."""
+    technology: str | None = None
+    """Technology of the passes: name under ``models/technologies``, or path of an own TOML file; by default the one
+    for the material. It decides machine, wire, generator, pulses, controller and planner."""
+    tab_mm: Number = 1.5
+    """Length of the edge in mm, at the end of a closed contour in passes, that is cut last and holds the piece; 0 for
+    none."""
+    overlap_mm: Number = 0.1
+    """How far passes go on over what is already cut, in mm."""
+    after_tab: str = "stop"
+    """What comes before the tab is cut: stop, for the piece to be held, or cut, and the slug falls."""
     stuck_wire_sensor: bool = False
     """Whether the wire's sensor is stuck: a break goes unseen, and the machine goes on without a wire."""
     axis_faults: tuple[str, ...] = ()
@@ -327,6 +340,11 @@ class CutOptions(TypedDict, total=False):
     taper_corners: str
     guide_errors_mm: tuple[float, float] | None
     unit: str | None
+    passes: int | None
+    technology: str | None
+    tab_mm: float
+    overlap_mm: float
+    after_tab: str
     stuck_wire_sensor: bool
     axis_faults: Sequence[str]
     seed: int

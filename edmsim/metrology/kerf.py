@@ -117,7 +117,7 @@ def _widths(
     points = line.at(s_mm)
     across = left_of(line.tangent(s_mm, KERF_STEP_MM))
     walls = [
-        _wall_distance(field, points * 1000, side * across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
+        wall_distance_um(field, points * 1000, side * across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
         for side in (1.0, -1.0)
     ]
     solid = clear_of_steps(field, points)
@@ -133,7 +133,7 @@ def _widths(
     return KerfWidth(s_mm[clear], *(np.where(has_kerf, um[:, clear], np.nan) for um in (width, part)))
 
 
-def _wall_distance(field: KerfField, start_um: Floats, direction: Floats, reach_um: float) -> Floats:
+def wall_distance_um(field: KerfField, start_um: Floats, direction: Floats, reach_um: float) -> Floats:
     """Distance in um along rays to the first metal: (n_slices, n); NaN from inside metal or beyond reach."""
     ray = np.arange(0.0, reach_um, field.cell_um / 2)
     out = np.empty((field.n_slices, len(start_um)))

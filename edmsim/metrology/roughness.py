@@ -7,6 +7,7 @@ field: they are far thinner than its cells, and are computed from what the cut h
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -158,3 +159,68 @@ def electrolysed_um(machine: Machine, voltage_s_mm: float, gap_um: float) -> flo
     spread = math.acosh(1.0 + gap_um / (machine.wire_diameter_um / 2))
     charge_C_mm2 = math.pi * conductivity_S_mm * voltage_s_mm / spread
     return charge_C_mm2 * surface.dissolved_mm3_C.value * 1e3
+
+
+FACE_CELLS, FACE_CELLS_PER_DIAMETER = 144, 32
+"""Side of the face on which passes follow each other, and diameter of the greatest crater, in cells (ours)."""
+FACE_LAYERS = 12
+"""A pass that covers the face so often has made it its own; the rough one always does (ours)."""
+FEWEST_CELLS = 3.0
+"""Diameter below which a crater is laid as if it were so wide, its volume the same (ours)."""
+
+
+def face_roughness_um(
+    crater_volumes_um3: Sequence[float],
+    taken_um: Sequence[float],
+    depth_ratio: float = CRATER_DEPTH_RATIO,
+    seed: int = 0,
+) -> list[float]:
+    """Return Ra in um after each of several passes: their craters fall on what the passes before left.
+
+    Every crater is laid on the spot that stands highest, as in `ra_over_depth`. A fine pass that takes little takes
+    the hills of the coarse one before and leaves its valleys; one that takes enough makes the face its own.
+
+    Parameters
+    ----------
+    crater_volumes_um3 : sequence of float
+        Mean volume of a crater of each pass, 0 or more.
+    taken_um : sequence of float
+        What each pass takes of the face; that of the first does not count.
+    depth_ratio : float
+        Depth over diameter.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    list of float
+        NaN from the first pass on of which nothing is known.
+    """
+    diameters_um = np.cbrt(6 * np.asarray(crater_volumes_um3, np.float64) / (np.pi * depth_ratio))
+    if not len(diameters_um):
+        return []
+    draw = np.random.default_rng(seed)
+    height, found = 1e-3 * draw.random((FACE_CELLS, FACE_CELLS)), []
+    cell_um = float(np.nanmax(diameters_um)) / FACE_CELLS_PER_DIAMETER
+    for number, (volume, diameter) in enumerate(zip(crater_volumes_um3, diameters_um, strict=True)):
+        share = taken_um[number] if number else math.inf
+        if not (volume > 0 and share == share):
+            found += [math.nan] * (len(diameters_um) - number)
+            break
+        across = max(float(diameter) / cell_um, FEWEST_CELLS)
+        most = FACE_LAYERS * FACE_CELLS**2 / (math.pi * (across / 2) ** 2)
+        count = min(max(share, 0.0) * (FACE_CELLS * cell_um) ** 2 / volume, most)
+        _lay(height, round(count), across, volume / cell_um**3, draw)
+        found.append(float(np.abs(height - height.mean()).mean()) * cell_um)
+    return found
+
+
+def _lay(height: NDArray[np.float64], count: int, across: float, volume: float, draw: np.random.Generator) -> None:
+    """Lay craters of a diameter and a volume, in cells, on the highest spots of a face that goes on at its edges."""
+    reach = np.arange(-int(across / 2) - 1, int(across / 2) + 2)
+    for _ in range(count):
+        row, column = np.unravel_index(int(height.argmax()), height.shape)
+        down, right = reach[:, None] + draw.random() - 0.5, reach[None, :] + draw.random() - 0.5
+        bowl = np.sqrt(np.maximum(0.0, 1.0 - (down**2 + right**2) / (across / 2) ** 2))
+        around = np.ix_((row + reach) % FACE_CELLS, (column + reach) % FACE_CELLS)
+        height[around] = _cut(height[around], bowl * (volume / bowl.sum()))

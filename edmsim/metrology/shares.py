@@ -28,6 +28,9 @@ from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
 
+_JUMP_UM = 300.0
+"""Places of a way further apart than this are not joined (ours: a window is some um of way)."""
+
 SHARES = ("path", "planner", "drive", "wire", "gap")
 """Names of the shares, in the order of `error_shares`."""
 
@@ -60,7 +63,11 @@ def _distance(points: Floats, way: Floats) -> Floats:
     """Distance of every point (n, 2) to the nearest place of a way (m, 2); NaN if there is none."""
     if len(way) < 2:
         return np.full(len(points), np.nan)
-    tree = shapely.STRtree(shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1)))
+    chords = np.stack([way[:-1], way[1:]], axis=1)
+    chords = chords[np.hypot(*(way[1:] - way[:-1]).T) < _JUMP_UM]  # between passes the wire went elsewhere
+    if not len(chords):
+        return np.full(len(points), np.nan)
+    tree = shapely.STRtree(shapely.linestrings(chords))
     _, distance = tree.query_nearest(shapely.points(points), return_distance=True, all_matches=False)
     return np.asarray(distance, np.float64)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
 from edmsim.plant.kernel.state import (
     BARE,
+    BROKEN,
     FINE,
     NO_TILES,
     PULSE,
@@ -44,6 +46,8 @@ from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
 if TYPE_CHECKING:
+    import shapely
+
     from edmsim.machine.machine import Machine
 
 MECHANICS = ("modal", "mujoco")
@@ -137,6 +141,11 @@ class Plant(PlantReadings):
 
     def _set_up(self, machine: Machine, drives: Mapping[str, AxisDrive]) -> None:
         """Work out what follows from a machine; what was allocated stays."""
+        self._set_up_drives(machine, drives)
+        self._set_up_setting(machine)
+
+    def _set_up_setting(self, machine: Machine) -> None:
+        """Work out what follows from a machine but for its drives."""
         res = self.resolution
         self._first_machine = machine
         self._constants = constants.constants(machine, res)
@@ -144,7 +153,6 @@ class Plant(PlantReadings):
         constants.fill_arrays(self._arrays, self._model, machine, res)
         for group in (self._constants, constants.heat_law(machine, res), constants.push_law(machine)):
             self._memory.put(group)
-        self._set_up_drives(machine, drives)
         for axis in (0, 1):
             if isinstance(self._model, FullMechanics) and self._drives.has_loop(axis):
                 self._model.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
@@ -219,6 +227,42 @@ class Plant(PlantReadings):
         self._arrays.entering[:] = self._arrays.flow_share
         constants.stand_upright(self._arrays)
 
+    def change_setup(self, machine: Machine) -> None:
+        """Go on with another setting of the same machine, as from one pass to the next.
+
+        Metal, clock, axes and the stream of random draws stay. The generator is on at the new machine's setting; the
+        wire hangs at rest under its new tension, in water that is clean again.
+
+        Parameters
+        ----------
+        machine : Machine
+            It may differ in generator, pulses, tension, wire speed and nozzles.
+
+        Raises
+        ------
+        InputError
+            It differs in what cannot change during a cut: machine, wire, material or height.
+        """
+        first = self._first_machine
+        for name in ("base", "wire", "wire_diameter_um", "material", "height_mm"):
+            if getattr(machine, name) != getattr(first, name):
+                raise InputError(f"a set-up with another {name} cannot go on with this cut: begin another one")
+        table_q = self._arrays.table_q.copy()
+        lost = self._model.snapshot() if isinstance(self._model, FullMechanics) else {}
+        self._set_up_setting(machine)
+        self._set(machine.t_on_us, machine.t_period_us, on=True)
+        self._arrays.entering[:] = self._arrays.flow_share
+        self._rest_wire()
+        if isinstance(self._model, FullMechanics):
+            self._arrays.table_q[:] = table_q
+            self._model.restore(lost)
+
+    def _rest_wire(self) -> None:
+        """Let the wire, and what is in the water around it, be at rest; metal and axes stay as they are."""
+        for name in ("heat_wait_us", "spot", "wear_wait_um3", "worn_share", "broken", "traces"):
+            self._state[name] = 0
+        self._lay_to_rest(_OF_WIRE)
+
     def _lay_to_rest(self, names: Sequence[str]) -> None:
         """Let some of the arrays be those of a plant at rest."""
         constants.lay_to_rest(self._arrays, names, self._constants.water_K)
@@ -258,12 +302,41 @@ class Plant(PlantReadings):
         step_um, rapid_um_s = table.step_um.value, table.rapid_um_s.value
         took_ns, late_s = self._drives.carry(self._state, position_um, duration_ns, step_um, rapid_um_s)
         self._state["time_ns"] += took_ns
-        for name in ("heat_wait_us", "spot", "wear_wait_um3", "worn_share", "broken", "traces"):
-            self._state[name] = 0
-        self._lay_to_rest(_OF_WIRE)
+        self._rest_wire()
         if self.mechanics == "mujoco":
             self._arrays.table_q[:] = table_q  # steps once lost stay lost
         return late_s
+
+    def take_metal(self, metal: KerfField) -> None:
+        """Go on with a copy of the metal that another cut left, of as many slices and as large cells.
+
+        Raises
+        ------
+        InputError
+            It has others.
+        """
+        own = self.field
+        if (metal.n_slices, metal.cell_um, metal.index.shape) != (own.n_slices, own.cell_um, own.index.shape):
+            raise InputError("the metal of the earlier cut has other slices or cells: take the same resolution")
+        travel_um = self.machine.base.table.travel_mm.value * 1e3
+        self.field = KerfField(metal.n_slices, metal.stock, metal.cell_um, travel_um)
+        self.field.restore(metal.snapshot())
+        self._put_field()
+        self._state["tiled_um"] = _NOWHERE_UM
+        self._state["traces"] = 0
+
+    def take_out(self, piece: shapely.Polygon) -> float:
+        """Take a loose piece of metal out of the workpiece, in every slice; return how much it was in mm3.
+
+        Parameters
+        ----------
+        piece : shapely.Polygon
+            In um on the table.
+        """
+        taken_um2 = self.field.take_out(piece)
+        self._put_field()
+        self._state["traces"] = 0
+        return taken_um2 * self._constants.slice_um * 1e-9
 
     def break_axis(self, axis: str, fault: str) -> None:
         """Let an axis whose drive has a loop have a fault, one of `edmsim.plant.axes.faults.FAULTS`."""
@@ -308,16 +381,16 @@ class Plant(PlantReadings):
     def _advance(self, steps: Sequence[tuple[int, int, int]], pulses: int) -> PulseWindow:
         rows, place = _NO_STEPS, 0
         if len(steps):
-            rows = np.array(steps, np.int64)
+            rows = np.array(steps, np.int64, order="C")
             if rows.ndim != 2 or rows.shape[1] != 3:
                 raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
-            place = rows.__array_interface__["data"][0]
-        if self._state["broken"][0] == BARE:
+            place = ctypes.addressof(ctypes.c_char.from_buffer(rows))  # numpy takes 1 % of a window to say where
+        status = self._fire_once(place, len(rows), pulses)
+        if status == BROKEN and self._state["broken"][0] == BARE:
             pass_window(
                 self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um, pulses
             )
             return self.window()
-        status = self._fire_once(place, len(rows), pulses)
         if status == NO_TILES:
             self.make_tiles()
             status = self._fire_once(place, len(rows), pulses)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
-from edmsim.plant.kernel.state import Arrays
+from edmsim.plant.kernel.state import Array, Arrays
 
 VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12
 """CODATA 2018."""
@@ -92,18 +92,20 @@ def heat_transfer_W_m2K(
 
 
 @compiled
-def current2_at(a: Arrays, s: int) -> float:
-    """Integral of the squared current in a slice's wire (A2 us) since heat was propagated last.
+def add_currents(a: Arrays, current2_us: Array) -> None:
+    """Find the integral of the squared current in every slice's wire (A2 us) since heat was propagated last.
 
     A discharge's current comes from both contacts, at the guides: it divides as the wire's resistances do, so that
     in the wire below a discharge flows what the height above it is of the whole, and above it what is below.
     """
-    sum_ = 0.5 * (a.current2_us[0, s] + a.current2_us[1, s])
-    for k in range(s + 1, a.temperature_K.shape[0]):
-        sum_ += a.current2_us[0, k]
-    for k in range(s):
-        sum_ += a.current2_us[1, k]
-    return float(sum_)
+    n = a.temperature_K.shape[0]
+    from_below = from_above = 0.0
+    for s in range(n):
+        current2_us[s] = from_below + 0.5 * (a.current2_us[0, s] + a.current2_us[1, s])
+        from_below += a.current2_us[1, s]
+    for s in range(n - 1, -1, -1):
+        current2_us[s] += from_above
+        from_above += a.current2_us[0, s]
 
 
 @compiled
@@ -117,8 +119,8 @@ def spot_K(law: HeatLaw, heat_J: float, time_us: float) -> float:
 
 
 @compiled
-def heat_step(a: Arrays, law: HeatLaw, dt_us: float) -> None:
-    """Advance the slices' temperatures by a span of time, in which the currents of `Arrays.current2_us` flowed.
+def heat_step(a: Arrays, law: HeatLaw, current2_us: Array, dt_us: float) -> None:
+    """Advance the slices' temperatures by a span of time, in which currents flowed (see `add_currents`).
 
     Exact for convection, explicit for conduction, implicit upwind for the running wire, which enters the
     top slice (the last one) at the water's temperature.
@@ -134,7 +136,7 @@ def heat_step(a: Arrays, law: HeatLaw, dt_us: float) -> None:
         below = temperature[s - 1] if s > 0 else here
         warm = here + exchange * (above_before + below - 2.0 * here)
         resistance = 1.0 + law.resistance_per_K * (here - law.water_K)
-        warm = (warm + law.joule_K_per_A2_us * current2_at(a, s) * resistance + run * above) / (1.0 + run)
+        warm = (warm + law.joule_K_per_A2_us * current2_us[s] * resistance + run * above) / (1.0 + run)
         transfer = heat_transfer_W_m2K(
             here, law, a.convection_W_m2K[s], a.critical_W_m2[s], a.covered[s] + a.wake_gas[s]
         )

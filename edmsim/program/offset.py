@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 import shapely
@@ -374,17 +373,6 @@ def keep_apart(legs: Sequence[OffsetOutline], source: str) -> None:
                 told = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"
                 reason = f"the wire's centre would pass {distance:.3f} mm from it, not {leg.offset_mm:.4f} mm"
                 raise InputError(f"{told}: {reason}; move them apart", source, leg.outline.line)
-
-
-def refuse_trims(legs: Sequence[OffsetOutline], source: str) -> None:
-    """Refuse compensated contours with different offsets in one kerf: the second would be a trim cut."""
-    for one, other in combinations([leg for leg in legs if leg.outline.wire_side], 2):
-        apart = shapely.LineString(one.path).distance(shapely.LineString(other.path))
-        if one.offset_mm != other.offset_mm and apart < one.offset_mm + other.offset_mm:
-            told = f"{other.outline.name} has an offset of {other.offset_mm:g} mm"
-            reason = f"{told} and lies in the kerf of a contour with {one.offset_mm:g} mm"
-            raise InputError(f"{reason}: trim cuts are not simulated, leave one of them out", source,
-                             other.outline.line)
 
 
 def away(leg: OffsetOutline) -> NDArray[np.float64]:

@@ -24,11 +24,12 @@ from edmsim.program.offset import (
     located,
     nearest_chords,
     normal,
+    offset_closed,
     offset_open,
     offset_outline,
-    refuse_trims,
 )
-from edmsim.program.outline import Corners, Program, signed_area
+from edmsim.program.outline import Corners, Outline, Program, signed_area
+from edmsim.program.passes import CutPass, PassPlan, Way, grouped, on_grid, ways_of, ways_of_group
 from edmsim.program.registers import GREATEST_MM, in_um
 from edmsim.program.taper import GuideHeights, Ruled, leaning
 
@@ -239,6 +240,11 @@ class WireContour:
         Whether the wire's path follows from edge and offset; else it is as written, and the edge follows from it.
     lean : Lean, optional
         How the wire leans; `points_um` are then of the lower guide, and `nominal_mm` lies in the program's plane.
+    passes : tuple of CutPass
+        What is cut one after the other where it is cut in passes; `points_um` and `offset_um` are then those of the
+        last pass, all round. None where there is one pass, which is `points_um`.
+    continues : bool
+        Whether the wire stays threaded from the contour before.
     """
 
     points_um: NDArray[np.int64]
@@ -252,6 +258,8 @@ class WireContour:
     offset_um: float = 0.0
     compensated: bool = True
     lean: Lean | None = None
+    passes: tuple[CutPass, ...] = ()
+    continues: bool = False
 
     def at_height(self, height_mm: float) -> WireContour:
         """Return what a leaning wire and its wall are at a height, as the contour of a vertical wire; in whole um.
@@ -294,12 +302,31 @@ class WireContour:
             ways.append(1e-3 * np.hypot(*np.diff(self.lean.upper_um, axis=0).T))
         return np.concatenate([[0.0], np.cumsum(np.max(ways, axis=0))])
 
+    @property
+    def ways_um(self) -> tuple[NDArray[np.int64], ...]:
+        """The wire's ways (n, 2) one after the other: those of the passes, or the one there is."""
+        return tuple(one.points_um for one in self.passes) or (self.points_um,)
+
+    @property
+    def reach_um(self) -> tuple[NDArray[np.int64], ...]:
+        """Its ways, and of a leaning wire those on both faces as well: what must fit on the table."""
+        faces = () if self.lean is None else (0.0, self.lean.height_mm)
+        return (*self.ways_um, *(self.at_height(z).points_um for z in faces))
+
+    @property
+    def length_um(self) -> float:
+        """Length of all ways together."""
+        if self.lean is not None:
+            return float(self.along_um[-1])
+        return sum(float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in self.ways_um)
+
     def __repr__(self) -> str:
         """Say what it is in a line."""
         (x, y), moves = self.points_um[0] / 1e3, len(self.points_um) - 1
-        length_mm = float(np.hypot(*np.diff(self.points_um, axis=0).T).sum()) / 1e3
+        length_mm = self.length_um / 1e3
+        passes = f" and {self.passes[-1].number} passes" if self.passes else ""
         return (
-            f"<WireContour: {length_mm:.3f} mm in {moves} moves, the first {self.lead_in_moves} lead in; "
+            f"<WireContour: {length_mm:.3f} mm in {moves} moves{passes}, the first {self.lead_in_moves} lead in; "
             f"{'closed' if self.closed else 'open'}, part on the {self.part_side}; "
             f"threaded at X {x:.3f} Y {y:.3f} mm on the table>"
         )
@@ -330,6 +357,11 @@ class CutPath:
     origin_mm: tuple[float, float]
     notices: tuple[str, ...]
     source: str
+
+    @property
+    def passes(self) -> int:
+        """The most passes any contour has; 1 where there is nothing but one."""
+        return max([1, *(one.number for contour in self.contours for one in contour.passes)])
 
     @property
     def offset_um(self) -> float | None:
@@ -370,6 +402,7 @@ def plan_path(
     taper_deg: float = 0.0,
     corners: Corners = "conical",
     guides: GuideHeights | None = None,
+    passes: PassPlan | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.
 
@@ -407,6 +440,9 @@ def plan_path(
         What corners and arcs then become at other heights, see `edmsim.program.outline.Taper`.
     guides : GuideHeights, optional
         Where the wire bends; needed where it leans.
+    passes : PassPlan, optional
+        Passes of every contour that the program has once. A program that cuts an edge several times has its own:
+        their offsets are those of its registers, or the plan's where it has none.
 
     Returns
     -------
@@ -430,41 +466,97 @@ def plan_path(
     program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
     _check_fits(program, table_um)
     notices = list(program.notices)
-    offsets_mm = [outline.offset_mm for outline in program.outlines]
-    if offset != "auto":
-        others = sorted({mm for mm in offsets_mm if mm not in (None, asked_mm)})
+    asked = None if offset == "auto" else asked_mm
+    if asked is not None:
+        others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, asked_mm)})
         if others:
             told = ", ".join(f"{mm:g}" for mm in others)
             notices.append(f"the offset is {asked_mm:g} mm, as asked, not the {told} mm of the register")
-        offsets_mm = [asked_mm] * len(offsets_mm)
-    legs = []
-    for outline, mm in zip(program.outlines, offsets_mm, strict=True):
-        offset_mm = asked_mm if mm is None else mm
-        upright = outline.taper is None
-        legs.append(
-            offset_outline(program, outline, offset_mm, notices) if upright
-            else leaning_outline(program, outline, offset_mm, guides)
-        )
-    leans = guides is not None and any(leg.surfaces is not None for leg in legs)
-    faces = [[leg.at_height(z) for leg in legs] for z in ((0.0, guides.height_mm) if leans and guides else (0.0,))]
+    groups = grouped(program.outlines)
+    legs = [_legs(program, group, passes, asked, auto_offset_mm, guides, notices) for group in groups]
+    leans = guides is not None and any(of_group[0].surfaces is not None for of_group in legs)
+    faces = [
+        [of_group[0].at_height(z) for of_group in legs]
+        for z in ((0.0, guides.height_mm) if leans and guides else (0.0,))
+    ]
     for face in faces:
         keep_apart(face, program.source)
-        refuse_trims(face, program.source)
     edges = shapely.MultiLineString([leg.edge for face in faces for leg in face])
-    leads = [_lead(program, leg, edges, lead_in_mm, start_hole_radius_mm, notices) for leg in legs]
+    leads = [_lead(program, of_group[0], edges, lead_in_mm, start_hole_radius_mm, notices) for of_group in legs]
     if leans:
         for face in faces:
             for leg, lead in zip(face, leads, strict=True):
                 _check_lead(program, leg, lead)
     contours = [
-        _contour(leg, lead, grid_um) if leg.surfaces is None or guides is None
-        else _leaning_contour(leg, lead, grid_um, guides)
-        for leg, lead in zip(legs, leads, strict=True)
+        _contour_of(program, of_group, lead, passes, grid_um) if of_group[0].surfaces is None or guides is None
+        else _leaning_contour(of_group[0], lead, grid_um, guides)
+        for of_group, lead in zip(legs, leads, strict=True)
     ]
     shift = _shift_um(contours, table_um, grid_um, program.source)
     placed = tuple(_placed(contour, shift) for contour in contours)
     origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
     return CutPath(placed, _stock(placed, table_um), start_hole_radius_mm, origin, tuple(notices), program.source)
+
+
+def _legs(
+    program: Program, group: list[Outline], passes: PassPlan | None, asked_mm: float | None, auto_offset_mm: float,
+    guides: GuideHeights | None, notices: list[str],
+) -> list[OffsetOutline]:
+    """Return the edge of a group at the offsets of its passes; what the wire cannot reach is that of the last one."""
+    once = len(group) == 1
+    planned = passes is not None and asked_mm is None and (once or len(passes.offsets_mm) == len(group))
+    plan_mm: Sequence[float | None] = passes.offsets_mm if passes is not None and planned else [None] * len(group)
+    outlines = group * len(plan_mm) if once else group
+    if once and len(plan_mm) > 1 and group[0].wire_side is None:
+        reason = f"{group[0].name}: the wire follows it as drawn, and passes run beside an edge: use G41 or G42"
+        raise InputError(reason, program.source, group[0].line)
+    if len(outlines) > 1 and any(outline.taper is not None for outline in outlines):
+        reason = f"{group[0].name} is tapered and has {len(outlines)} passes: a tapered contour is cut in one"
+        raise InputError(reason, program.source, group[0].line)
+    found = []
+    for number, (outline, mm) in enumerate(zip(outlines, plan_mm, strict=True), 1):
+        register_mm = None if once and mm is not None else outline.offset_mm
+        wanted = next(v for v in (asked_mm, register_mm, mm, auto_offset_mm) if v is not None)
+        told: list[str] = []
+        found.append(
+            offset_outline(program, outline, wanted, told) if outline.taper is None
+            else leaning_outline(program, outline, wanted, guides)
+        )
+        notices += told if number == len(outlines) else []
+    return found
+
+
+def _contour_of(
+    program: Program, legs: list[OffsetOutline], lead: _Lead, passes: PassPlan | None, grid_um: int
+) -> WireContour:
+    """Return the contour of one edge with its passes, if it has several."""
+    last = legs[-1]
+    if len(legs) == 1:
+        return replace(_contour(last, lead, grid_um), continues=last.outline.continues)
+    try:
+        if legs[1].outline is legs[0].outline:
+            assert passes is not None
+            ways: list[Way] = ways_of(legs, passes)
+        else:
+            ways = ways_of_group(legs)
+    except InputError as error:
+        raise located(error, program, legs[0].outline) from None
+    first = replace(last, outline=legs[0].outline, path=_as_first(legs))
+    contour = _contour(first, lead, grid_um)
+    before = lead.points if len(lead.points) else ways[0].points[:1]
+    return replace(
+        contour, passes=on_grid(ways, before, grid_um), continues=legs[0].outline.continues
+    )
+
+
+def _as_first(legs: list[OffsetOutline]) -> NDArray[np.float64]:
+    """Return the last pass's path in the direction of the first, and from where that begins."""
+    first, last = legs[0], legs[-1]
+    if last.outline is first.outline:
+        return last.path
+    beside = offset_closed if first.outline.closed else offset_open
+    assert first.outline.wire_side is not None
+    return beside(first.outline.points_mm, first.outline.wire_side, last.offset_mm)
 
 
 def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
@@ -631,7 +723,7 @@ def _dwell_place(leg: OffsetOutline, line: shapely.LineString, i: int) -> float:
 
 def _shift_um(contours: Sequence[WireContour], table_um: int, grid_um: int, source: str) -> NDArray[np.int64]:
     """Return the shift in um, on the grid, that centres the job on the table."""
-    points = np.concatenate([part for contour in contours for part in _ways_um(contour)])
+    points = np.concatenate([way for contour in contours for way in contour.reach_um])
     low, high = points.min(axis=0), points.max(axis=0)
     extent = high - low
     if extent.max() > table_um:
@@ -656,19 +748,13 @@ def _unit_hint(source: str) -> str:
 def _placed(contour: WireContour, shift: NDArray[np.int64]) -> WireContour:
     lean = contour.lean and replace(contour.lean, wall=contour.lean.wall.moved(shift / 1000))
     return replace(
-        contour, points_um=contour.points_um + shift, nominal_mm=contour.nominal_mm + shift / 1000, lean=lean
+        contour, points_um=contour.points_um + shift, nominal_mm=contour.nominal_mm + shift / 1000, lean=lean,
+        passes=tuple(replace(one, points_um=one.points_um + shift) for one in contour.passes),
     )
 
 
-def _ways_um(contour: WireContour) -> list[NDArray[np.int64]]:
-    """Return the wire's way, and of a leaning wire those on both faces as well."""
-    faces = () if contour.lean is None else (0.0, contour.lean.height_mm)
-    return [contour.points_um, *(contour.at_height(z).points_um for z in faces)]
-
-
 def _stock(contours: Sequence[WireContour], table_um: int) -> tuple[float, float, float, float]:
-    parts = [part for c in contours for part in (*(way / 1000 for way in _ways_um(c)), c.nominal_mm)]
-    corners = np.concatenate(parts)
+    corners = np.concatenate([part for c in contours for part in (*(w / 1000 for w in c.reach_um), c.nominal_mm)])
     low = np.clip(corners.min(axis=0) - STOCK_MARGIN_MM, 0, table_um / 1000)
     high = np.clip(corners.max(axis=0) + STOCK_MARGIN_MM, 0, table_um / 1000)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

@@ -99,6 +99,69 @@ class TableShare:
 
 
 @dataclass(frozen=True)
+class PassFigures:
+    """What a pass did, and the wall and face it left; NaN where that is not known.
+
+    Attributes
+    ----------
+    contour, number : int
+        From 1.
+    piece : {"profile", "tab"}
+    reversed : bool
+        Whether it ran against the contour's direction.
+    begin_s, end_s : float
+        Machine time.
+    length_mm, rate_mm2_min : float
+        Length cut, and area per minute.
+    offset_um, offset_to_use_um : float
+        Offset it ran at, and that with which its wall would have met the drawing, had it been the last.
+    left_um, stock_um : float
+        What its wall stands over the drawing in the mean, and what it took of that; of the first pass NaN.
+    straightness_um, bow_um : float
+        Of the wall over the height: from the lowest to the highest, and middle over ends.
+    ripple_um, ripple_mm : float
+        Scatter of the wall along the path, and its wavelength.
+    slices_um : tuple of float
+        The wall over the drawing at every height, from below.
+    ra_um, heat_affected_um : float
+        Of the face as the pass left it: what it took, and what of the passes before is still there.
+    short_share, open_share : float
+        Of its pulses.
+    """
+
+    contour: int
+    number: int
+    piece: str
+    reversed: bool
+    begin_s: float
+    end_s: float
+    length_mm: float
+    rate_mm2_min: float
+    offset_um: float
+    offset_to_use_um: float
+    left_um: float
+    stock_um: float
+    straightness_um: float
+    bow_um: float
+    ripple_um: float
+    ripple_mm: float
+    slices_um: tuple[float, ...]
+    ra_um: float
+    heat_affected_um: float
+    short_share: float
+    open_share: float
+
+
+@dataclass(frozen=True)
+class HeightError:
+    """The profile error at one height, mid-slice over the lower face in mm: ``mean`` and ``rms`` in um."""
+
+    height_mm: float
+    mean_um: float
+    rms_um: float
+
+
+@dataclass(frozen=True)
 class Reach:
     """The profile error beside what a wire can reach.
 
@@ -148,6 +211,10 @@ class Quality:
     reach : Reach
     offset_um : float
         Offset that the path was made with; NaN if unknown, or if its contours have different ones.
+    passes : tuple of PassFigures
+        None for a cut in one pass.
+    heights : tuple of HeightError
+        The profile error slice by slice, from the bottom.
     """
 
     kerf_mean_um: float
@@ -165,3 +232,5 @@ class Quality:
     profile_shares: Mapping[str, Mapping[str, float]] | None = None
     reach: Reach = NOTHING_REACHED
     offset_um: float = math.nan
+    passes: tuple[PassFigures, ...] = ()
+    heights: tuple[HeightError, ...] = ()

@@ -164,6 +164,8 @@ def build_report(
         **_machining(windows, totals),
         "origin_mm": dict(zip("xy", origin_mm, strict=True)),
         **_part(quality, origin_mm),
+        "heights": [asdict(row) for row in quality.heights],
+        "passes": [asdict(row) for row in quality.passes],
         "wire": _wire(windows, totals),
         "following_error_um": _following(windows),
         "coverage": {"mean": _mean(windows, "coverage"), "max": _most(windows, "coverage")},
@@ -373,7 +375,26 @@ def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("surface", _surface_line(report["surface"])),
         ("energy", f"{energy}, {removed} removed, {current}, {voltage} mean"),
         *_equalising_lines(report),
+        *pass_lines(report),
     ]
+
+
+def pass_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Say of each pass what it did; reports of cuts in one pass, and of earlier versions, have none."""
+    say, found = figure_text, report.get("passes") or []
+    several = len({row["contour"] for row in found}) > 1
+    lines = []
+    for row in found:
+        name = f"pass {row['number']}" + (" tab" if row["piece"] == "tab" else "")
+        where = f"contour {row['contour']}: " if several else ""
+        took = "" if row["stock_um"] is None else f", {say(row['stock_um'], 'µm')} taken"
+        offset, better = (row[k] and row[k] / 1e3 for k in ("offset_um", "offset_to_use_um"))
+        lines.append((name, (
+            f"{where}{duration_text(row['end_s'] - row['begin_s'])}, {say(row['rate_mm2_min'], 'mm²/min', 0)}{took}, "
+            f"Ra {say(row['ra_um'], 'µm', 2)}, straight within {say(row['straightness_um'], 'µm')}, offset "
+            f"{say(offset, 'mm', 3)}, as the last {say(better, 'mm', 3)}"
+        )))  # fmt: skip
+    return lines
 
 
 def rate_text(report: Mapping[str, Any]) -> str:

@@ -43,6 +43,8 @@ class ErrorMap:
         What made it (`edmsim.metrology.shares.error_shares`); None if it was not split.
     unreachable_um : float64 array (n,), optional
         Metal that the round wire leaves there at best; None if that is not known.
+    face_um : float64 array (slices, n), optional
+        Profile error at every height, from the lowest slice; None if that is not known.
     """
 
     nominal_mm: NDArray[np.float64]
@@ -51,6 +53,7 @@ class ErrorMap:
     error_um: NDArray[np.float64]
     shares_um: NDArray[np.float64] | None = None
     unreachable_um: NDArray[np.float64] | None = None
+    face_um: NDArray[np.float64] | None = None
 
     def reached_um(self) -> NDArray[np.float64]:
         """Return the error (n,) where the wire can reach the edge; NaN elsewhere."""
@@ -304,6 +307,11 @@ def write_scene(scene: Scene, file: str | Path) -> None:
             f"unreachable.{number}": edge.unreachable_um
             for number, edge in enumerate(scene.maps) if edge.unreachable_um is not None
         },
+        **{
+            f"face.{number}": edge.face_um.astype(np.float32)
+            for number, edge in enumerate(scene.maps)
+            if edge.face_um is not None
+        },
         "told": np.frombuffer(json.dumps(told).encode(), np.uint8),
     }
     with replacing(file) as partial, partial.open("wb") as opened:
@@ -343,7 +351,7 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
         maps=tuple(
             ErrorMap(
                 line, side, rows[:, :2], rows[:, 2], rows[:, 3:].T if np.isfinite(rows[:, 3:]).any() else None,
-                arrays.get(f"unreachable.{number}"),  # earlier files have none
+                arrays.get(f"unreachable.{number}"), arrays.get(f"face.{number}"),  # earlier files have none
             )
             for number, (line, side, rows) in enumerate(zip(nominal, told["part_sides"], measured, strict=True))
         ),

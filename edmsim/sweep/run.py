@@ -15,6 +15,7 @@ from edmsim.job.cut import planned, prepared
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose
+from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath
 from edmsim.sweep.engine import Engine, LostJob, Processes
 from edmsim.sweep.perform import Outcome, lost, perform
@@ -95,13 +96,15 @@ class _Planner:
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], CutPath | EdmsimError] = {}
 
-    def __call__(self, program: str | Path, settings: CutSettings, machine: Machine) -> CutPath:
+    def __call__(
+        self, program: str | Path, settings: CutSettings, machine: Machine, passes: PassPlan | None = None
+    ) -> CutPath:
         options: Mapping[str, Any] = dict(settings)
-        key = (str(program), machine.auto_offset_mm, machine.base.table.model_dump_json(),
+        key = (str(program), machine.auto_offset_mm, machine.base.table.model_dump_json(), passes,
                *(options[name] for name in self._OPTIONS))  # fmt: skip
         if key not in self._known:
             try:
-                self._known[key] = planned(program, settings, machine)
+                self._known[key] = planned(program, settings, machine, passes)
             except EdmsimError as error:
                 self._known[key] = error
         found = self._known[key]

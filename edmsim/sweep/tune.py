@@ -17,13 +17,17 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from edmsim.controllers import make
+from edmsim.controllers.own import from_file
+from edmsim.envs.episode import Task
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
+from edmsim.evaluation.episode import Episode
 from edmsim.evaluation.search import BOUNDS, run_all, score, training_seeds
 from edmsim.files import make_writable, replacing
 from edmsim.learning.hyperparameters import load
 from edmsim.sweep.engine import Engine, LostJob, Processes
 from edmsim.sweep.perform import said
+from edmsim.user_code import named
 
 if TYPE_CHECKING:
     from edmsim.learning.train import Trained
@@ -61,9 +65,9 @@ class Trial:
     ----------
     number : int
         In the study.
-    kind : {"gains", "training"}
+    kind : {"gains", "training", "own"}
     name : str
-        Controller, or environment.
+        Controller, environment, or ``FILE.py:CLASS`` of a user's own controller.
     values : dict
     seeds : tuple of int
         Training seeds that it is judged by.
@@ -71,24 +75,28 @@ class Trial:
         Of a training.
     steps : int
         Windows of a training.
+    options : mapping
+        Arguments of the environment in which a user's own controller cuts.
     """
 
     number: int
-    kind: Literal["gains", "training"]
+    kind: Literal["gains", "training", "own"]
     name: str
     values: Mapping[str, float]
     seeds: tuple[int, ...]
     algo: str = ""
     steps: int = 0
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Worth:
-    """What a trial is worth, more is better, NaN with an error; and the policy it made."""
+    """What a trial is worth, more is better, NaN with an error; the policy it made; what its cuts returned."""
 
     value: float
     error: str | None = None
     files: Mapping[str, bytes] = field(default_factory=dict)
+    returns: tuple[float, ...] = ()
 
 
 def bounds(kind: str, name: str) -> dict[str, Bound]:
@@ -109,13 +117,37 @@ def bounds(kind: str, name: str) -> dict[str, Bound]:
 def judge_trial(trial: Trial) -> Worth:
     """Make a trial; a failure is returned, not raised."""
     try:
-        return _gains(trial) if trial.kind == "gains" else _training(trial)
+        return {"gains": _gains, "training": _training, "own": _own}[trial.kind](trial)
     except Exception as error:  # whatever it is: the search goes on without this trial
         return Worth(math.nan, said(error))
 
 
 def _gains(trial: Trial) -> Worth:
     return Worth(score(run_all(trial.seeds, partial(make, trial.name, **trial.values), 1)))
+
+
+def _own(trial: Trial) -> Worth:
+    """Cut straight on as many drawn machines as there are seeds, with a user's own controller."""
+    own = named(trial.name)
+    assert own is not None
+    returns = []
+    for seed in trial.seeds:
+        law = from_file(own, dict(trial.values))
+        returns.append(Episode(Task(OWN_ENV, **trial.options), law, seed, law.name).run().total_return)
+    return Worth(worst_share_mean(returns), None, {}, tuple(returns))
+
+
+OWN_ENV = "edmsim/GapFeed-v2"
+"""What a user's own controller cuts: straight on, on machines drawn within the ranges of their constants."""
+WORST_SHARE = 0.25
+"""The mean over the worst of the cuts is what a robust choice makes large (ours: a firmware meets one machine, and it
+may be a bad one)."""
+
+
+def worst_share_mean(returns: Sequence[float]) -> float:
+    """Return the mean of the worst quarter of some returns, of one at the least."""
+    ordered = np.sort(np.asarray(returns, float))
+    return float(ordered[: max(1, round(WORST_SHARE * len(ordered)))].mean())
 
 
 def _training(trial: Trial) -> Worth:
@@ -214,33 +246,65 @@ def tune(
         raise InputError(f"{windows} windows train nothing: give 1 or more steps")
     folder = Path(out)
     make_writable(folder)
-    study = _study(folder, f"{name} {algo}" if kind == "training" else name, seed)
+    study = open_study(folder, f"{name} {algo}" if kind == "training" else name, seed)
     if not study.trials:
         study.enqueue_trial(usual)
+
+    def made(number: int, values: dict[str, float]) -> Trial:
+        return Trial(number, kind, env_id, values, judged_by, algo if kind == "training" else "", windows)
+
+    def ended(trial: Trial, worth: Worth) -> None:
+        if worth.error is None and study.best_trial.number == trial.number:
+            _write_best(folder, trial, worth)
+        if watch is not None and made_in(study, "COMPLETE"):
+            watch(_found(study))
+
+    run_study(study, space, trials, engine or Processes(), made, ended)
+    return _found(study)
+
+
+def run_study(
+    study: Any, space: Mapping[str, Bound], trials: int, engine: Engine,
+    make_trial: Callable[[int, dict[str, float]], Trial], ended: Callable[[Trial, Worth], None],
+) -> None:
+    """Make the trials that a study lacks, and tell it what they are worth.
+
+    Parameters
+    ----------
+    study : optuna.Study
+    space : mapping of str to Bound
+    trials : int
+        In all, those of former runs counted.
+    engine : Engine
+    make_trial : callable
+        Makes a trial of its number and values.
+    ended : callable
+        Called with every trial and its worth, once the study knows it.
+
+    Raises
+    ------
+    InputError
+        If no trial could be made.
+    """
     under_way: dict[int, Any] = {}
 
     def asked() -> Iterator[Trial]:
-        while _made(study) + len(under_way) < trials:
+        while made_in(study) + len(under_way) < trials:
             trial = study.ask()
             under_way[trial.number] = trial
-            values = {key: _suggested(trial, key, bound) for key, bound in space.items()}
-            yield Trial(trial.number, kind, env_id, values, judged_by, algo if kind == "training" else "", windows)
+            yield make_trial(trial.number, {key: _suggested(trial, key, bound) for key, bound in space.items()})
 
     try:
-        for trial, answer in (engine or Processes()).done(judge_trial, asked()):
+        for trial, answer in engine.done(judge_trial, asked()):
             worth = Worth(math.nan, answer.why) if isinstance(answer, LostJob) else answer
             _tell(study, under_way.pop(trial.number), worth)
-            if worth.error is None and study.best_trial.number == trial.number:
-                _write_best(folder, trial, worth)
-            if watch is not None and _made(study, "COMPLETE"):
-                watch(_found(study))
+            ended(trial, worth)
     finally:
         for left in under_way.values():
             study.tell(left, state=_states().FAIL)
-    if not _made(study, "COMPLETE"):
+    if not made_in(study, "COMPLETE"):
         failed = study.trials[-1].user_attrs.get("error", "")
         raise InputError(f"no trial could be made: {failed}")
-    return _found(study)
 
 
 def _space(name: str, algo: str) -> tuple[Any, dict[str, Bound]]:
@@ -266,7 +330,8 @@ def _suggested(trial: Any, key: str, bound: Bound) -> float:
     return float(f"{trial.suggest_float(key, bound.low, bound.high, log=bound.scale == 'log'):.3g}")
 
 
-def _study(folder: Path, name: str, seed: int) -> Any:
+def open_study(folder: Path, name: str, seed: int) -> Any:
+    """Return the study in a folder, a new one if there is none; raises `InputError` if it is of something else."""
     try:
         import optuna
         from optuna.storages import JournalStorage
@@ -292,7 +357,7 @@ def _states() -> Any:
     return TrialState
 
 
-def _made(study: Any, *states: str) -> int:
+def made_in(study: Any, *states: str) -> int:
     """Return how many trials have ended, or ended so."""
     return sum(trial.state.name in (states or ("COMPLETE", "FAIL")) for trial in study.get_trials(deepcopy=False))
 
@@ -309,7 +374,7 @@ def _found(study: Any) -> Tuned:
     best, first = study.best_trial, study.trials[0]
     values = {key: float(f"{value:.3g}") for key, value in best.params.items()}
     first_value = math.nan if first.value is None else float(first.value)
-    return Tuned(values, float(best.value), first_value, _made(study), _made(study, "FAIL"))
+    return Tuned(values, float(best.value), first_value, made_in(study), made_in(study, "FAIL"))
 
 
 def _write_best(folder: Path, trial: Trial, worth: Worth) -> None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from edmsim.machine.machine import Machine
@@ -14,7 +15,7 @@ from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.discharge import feed_current
 from edmsim.plant.kernel.state import Arrays
 from edmsim.plant.resolution import resolution
-from edmsim.plant.wire import HeatLaw, area_m2, current2_at, heat_step, heat_transfer_W_m2K
+from edmsim.plant.wire import HeatLaw, add_currents, area_m2, heat_step, heat_transfer_W_m2K
 from edmsim.validation.rows import Check, Row
 
 SCHACHT = "Schacht, KU Leuven 2004: Joule heat of a quarter of the wire's resistance against convection"
@@ -39,6 +40,13 @@ def _wire(machine: Machine, law: HeatLaw) -> Arrays:
     return a
 
 
+def _currents(a: Arrays) -> NDArray[np.float64]:
+    """Return the integrals of the squared current in the slices' wire, in A2 us."""
+    found = np.empty(len(a.temperature_K))
+    add_currents(a, found)
+    return found
+
+
 def _settled_rise_K(machine: Machine, law: HeatLaw, spark_W: float = 0.0, current_A: float = 0.0) -> float:
     """Mean rise over the height after a steady power of sparks, and a current that flows through the whole wire."""
     a = _wire(machine, law)
@@ -47,7 +55,7 @@ def _settled_rise_K(machine: Machine, law: HeatLaw, spark_W: float = 0.0, curren
         a.temperature_K[:] += per_step
         a.current2_us[:] = 0.0
         a.current2_us[0, -1] = a.current2_us[1, 0] = current_A**2 * STEP_US
-        heat_step(a, law, STEP_US)
+        heat_step(a, law, _currents(a), STEP_US)
     return float(a.temperature_K[1:-1].mean()) - law.water_K  # half of that current misses the outermost slices
 
 
@@ -75,7 +83,7 @@ def joule_share(height_mm: float) -> float:
     a.height_share[:res.slices] = height_share(machine, res)
     for s in range(res.slices):
         feed_current(a, s, 1 / res.slices)
-    return float(np.mean([current2_at(a, s) for s in range(res.slices)]))
+    return float(_currents(a).mean())
 
 
 def check_joule_shares(seeds: Sequence[int]) -> list[Row]:
@@ -132,7 +140,7 @@ def check_cooling(seeds: Sequence[int]) -> list[Row]:
     a.temperature_K[:] = law.water_K + 70.0  # below boiling
     steps = 100
     for _ in range(steps):
-        heat_step(a, law, STEP_US)
+        heat_step(a, law, _currents(a), STEP_US)
     constant_s = steps * STEP_US * 1e-6 / math.log(70.0 / float(a.temperature_K.mean() - law.water_K))
     wire = machine.wire
     expected_s = (

@@ -37,6 +37,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "dataset": ("--steps", "20"),
     "evaluate": ("--seeds", "2", "--resolution", "fast"),
     "calibrate": ("--json",),
+    "technology": (),
     "validate": (),
     "bench": (),
     "console 1982": ("--resolution", "fast"),
@@ -46,6 +47,8 @@ SHORT: dict[str, tuple[str, ...]] = {
     "find-guides": ("--height", "3", "--quiet"),
     "sweep": ("--processes", "1"),
     "tune": ("--trials", "1", "--seeds", "1"),
+    "gap": ("--seconds", "0.2"),
+    "export": (),
 }
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 
@@ -146,9 +149,10 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
     from edmsim import validation
     from edmsim.bench import figures as bench
-    from edmsim.bench import pairs, profile
+    from edmsim.bench import pairs, profile, serial
     from edmsim.calibration import comparison, fit
     from edmsim.envs.episode import Task
+    from edmsim.hil import delays
     from edmsim.recording.rerun import viewer
 
     def shown(command: list[str], env: dict[str, str]) -> int:
@@ -164,6 +168,8 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(pairs, "compare", lambda revision, *_: pairs.Pairs(revision, rates, rates))
     shares = dict.fromkeys(profile.PARTS, 1.0 / len(profile.PARTS))
     patch.setattr(profile, "profile", lambda _: {"fast": profile.LoopProfile(400.0, 410.0, shares, 1000)})
+    patch.setattr(serial, "measure", lambda watch: {"powercore_realtime_factor": 60.0})
+    patch.setattr(delays, "delay_table", partial(delays.delay_table, draws=1))
     patch.setattr(validation, "run", partial(validation.run, modules=("strings",)))
     # tests/calibration finds constants again
     patch.setattr(comparison, "NOISE_CUTS", 8)

@@ -26,6 +26,7 @@ NOT_RUN = {
     ".venv/bin/pip install -c constraints.txt .[rl]": "the Makefile installs it",
     "pip install edmsim[cluster]": "the Makefile installs it",
     "pip install edmsim[tune]": "the Makefile installs it",
+    "pip install edmsim[fmu]": "the Makefile installs it",
     "ray start --head": "tests/sweep/test_sweep_cluster.py starts one",
     "edmsim sweep sweep.toml --out out/sweep --ray auto": "tests/sweep/test_sweep_cluster.py",
     "edmsim tune edmsim/GapFeed-v2 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
@@ -33,6 +34,9 @@ NOT_RUN = {
     "edmsim tune edmsim/GapFeed-v2 --population 8 --generations 10 --steps 200000 --out out/population --ray auto":
         "tests/sweep/test_population.py breeds one",
     "python -m tests.campaigns gcode --only 17": "tests/campaigns/test_campaigns.py gives such inputs",
+    "edmsim technology tool-steel --height 10 --passes 2 --out steel.toml": "tests/evaluation/test_technology.py",
+    "edmsim cut examples/punch.ngc --passes 2 --height 10 --technology steel.toml --out out/punch-2":
+        "it takes what the command before it leaves; tests/evaluation/test_technology.py",
     "edmsim render out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
 }
 """Commands of blocks that are checked but not run, and why."""
@@ -54,6 +58,8 @@ NEEDS = {
     "README.md": ("stable_baselines3",),
     "docs/environments.md": ("stable_baselines3",),
     "docs/how-to/environment.md": ("stable_baselines3", "tensorboard"),
+    "docs/how-to/firmware.md": ("optuna",),
+    "docs/how-to/fmu.md": ("fmpy", "pythonfmu3"),
     "docs/playback.md": ("imageio_ffmpeg",),
     "docs/training.md": ("minari", "sb3_contrib", "stable_baselines3", "tensorboard"),
 }

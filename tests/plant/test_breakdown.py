@@ -252,7 +252,7 @@ def test_the_primed_weight_of_particles_is_their_number(gap, debris, machine):
     per_um3 = debris / (math.pi * mean_um**3) * larger_than(beyond, mean_um)
     volume_um3 = 0.5 * math.pi * 250.0 * 10_000.0 * gap  # of the gap around the wire's front
     found = law.primed_per_um2 * (row[0, 1] - front(gap, law)[1])
-    assert found == pytest.approx(per_um3 * volume_um3, rel=0.015)
+    assert found == pytest.approx(per_um3 * volume_um3, rel=2e-4)
 
 
 def test_debris_of_a_setting_is_as_large_as_its_craters_make_it(machine):

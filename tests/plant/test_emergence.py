@@ -79,7 +79,14 @@ def test_the_fast_resolution_tells_the_same(usual, without_pull, machine):
     """What the rows measure at `fast` is what `default` shows; the lag within a tenth of what pull and push make."""
     fine = cut_straight(machine, 20.0, 1, settle_s=6.0, seconds=15.0, resolution="default")
     assert fine.kerf_um.mean() == pytest.approx(usual.kerf_um.mean(), rel=0.01)
-    assert fine.mean_delay_us == pytest.approx(usual.mean_delay_us, rel=0.03)
+    fast_us, fine_us = (  # one seed's delay is known to 1 %
+        np.mean([one.mean_delay_us] + [
+            cut_straight(machine, 20.0, seed, settle_s=6.0, seconds=15.0, resolution=name).mean_delay_us
+            for seed in (2, 3, 4)
+        ])
+        for one, name in ((usual, "fast"), (fine, "default"))
+    )  # fmt: skip
+    assert fine_us == pytest.approx(fast_us, rel=0.03)
     assert fine.share("open") == pytest.approx(usual.share("open"), abs=0.02)
     assert fine.share("short") == pytest.approx(usual.share("short"), abs=0.02)
     assert fine.lag_um == pytest.approx(usual.lag_um, abs=0.1 * (without_pull.lag_um - usual.lag_um))

@@ -16,10 +16,12 @@ from edmsim.compiled.vectors import (
     least,
     load,
     passed,
+    power_of_half,
     running,
     store,
     total,
     totals,
+    twice,
 )
 
 
@@ -54,6 +56,30 @@ def test_arithmetic_is_that_of_numpy_lane_by_lane(numbers):
     np.testing.assert_allclose(out[0], (x - 2 * b) / (b + 1) + 3 * x, rtol=1e-5)
     np.testing.assert_array_equal(out[1], np.maximum(x, b))
     np.testing.assert_array_equal(out[2], np.float32(7.0) - x)
+
+
+@compiled
+def _powers_of_half(x, out):
+    store(out, (0,), power_of_half(load(x, (0,))))
+
+
+def test_powers_of_half_are_right_to_a_hundredth_of_a_percent_and_never_less_than_normal_numbers():
+    for first in range(0, 200, 4):
+        x, out = np.linspace(first, first + 4, GAPS, dtype=np.float32), np.zeros(GAPS, np.float32)
+        _powers_of_half(x, out)
+        np.testing.assert_allclose(out, 0.5 ** np.minimum(x.astype(float), 125.0), rtol=1e-4)
+        assert out.min() >= np.finfo(np.float32).tiny
+
+
+@compiled
+def _halves(low, high, out):
+    store(out, (0,), twice(low, high))
+
+
+def test_a_vector_of_two_numbers_has_each_in_a_half():
+    out = np.zeros(COORDINATES)
+    _halves(2.5, -1.0, out)
+    assert out.tolist() == [2.5] * (COORDINATES // 2) + [-1.0] * (COORDINATES // 2)
 
 
 def test_coordinates_are_vectors_of_float64():

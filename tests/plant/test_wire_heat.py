@@ -31,11 +31,13 @@ from edmsim.plant.resolution import resolution
 from edmsim.plant.wire import (
     VACUUM_PERMITTIVITY_F_M,
     HeatLaw,
-    current2_at,
-    heat_step,
+    add_currents,
     heat_transfer_W_m2K,
     spot_K,
     strength_share,
+)
+from edmsim.plant.wire import (
+    heat_step as heat_step_with,
 )
 
 WATER_K, BOILING_K = 293.0, 373.15
@@ -98,6 +100,17 @@ def wire(temperature_K, **arrays):
     for name, values in arrays.items():
         getattr(a, name)[..., : len(temperature_K)] = values
     return a
+
+
+def currents(a):
+    """Squared currents in the slices' wire."""
+    found = np.empty(len(a.temperature_K))
+    add_currents(a, found)
+    return found
+
+
+def heat_step(a, law, dt_us):
+    heat_step_with(a, law, currents(a), dt_us)
 
 
 def even_current(n, current2_us):
@@ -181,7 +194,7 @@ def test_discharges_spread_evenly_heat_the_wire_by_a_quarter_less_the_piece_s_sq
     a = wire(np.full(n, WATER_K), height_share=z)
     for s in range(n):
         feed_current(a, s, 1.0 / n)
-    squares = np.array([current2_at(a, s) for s in range(n)])
+    squares = currents(a)
     below, above = a.current2_us.sum(axis=1)
     whole = covered * squares.mean() + (1 - covered) / 2 * (below + above)
     assert whole == pytest.approx(0.25 - covered**2 / 12, rel=1e-3)
@@ -195,7 +208,7 @@ def test_one_discharge_divides_as_the_resistances_to_the_contacts():
     a = wire(np.full(5, WATER_K), height_share=[0.3, 0.4, 0.5, 0.6, 0.7])
     feed_current(a, 3, 100.0)
     below, above = 0.4**2 * 100.0, 0.6**2 * 100.0
-    assert [current2_at(a, s) for s in range(5)] == pytest.approx([below] * 3 + [(below + above) / 2, above])
+    assert currents(a) == pytest.approx([below] * 3 + [(below + above) / 2, above])
 
 
 # --- boiling ---

@@ -23,6 +23,7 @@ Other voltages scale the gap to equal field (``g * 80 V / V``).
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +31,20 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import logarithm, power
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.vectors import GAPS, element, highest, load, passed, running, spread, store, total, totals
+from edmsim.compiled.vectors import (
+    GAPS,
+    element,
+    highest,
+    load,
+    passed,
+    power_of_half,
+    running,
+    spread,
+    store,
+    total,
+    totals,
+    twice,
+)
 from edmsim.plant.gap.rays import Rays, arc, gaps_of, narrowest
 
 
@@ -76,68 +90,98 @@ class GapLaw(NamedTuple):
     wire_curvature: float
 
 
+_LN2 = math.log(2.0)
 PULL_GAP_FLOOR_UM = 1.0
 """The electrostatic pressure of a ray is not followed below this gap (ours: asperities touch before)."""
 
 
+class BlockLaw(NamedTuple):
+    """Constants of `GapLaw` for a block of rays, in float32: made once, and not for each slice of each pulse.
+
+    Attributes
+    ----------
+    a, b, c : float32
+        ``1 / (a g^2 + b g + c)`` is a ray's rate at its own gap, the present voltage.
+    floor_um : float32
+        Below this gap the rate stays what it is there.
+    primed_gap_um : float32
+    particle_gaps, particle_offset : float32
+        ``2^-(particle_gaps g - particle_offset)`` of the particles are large enough to prime a site.
+    particles_um : float32
+    wire_curvature, bare : float32
+        ``bare`` is the square of half the curvature.
+    """
+
+    a: np.float32
+    b: np.float32
+    c: np.float32
+    floor_um: np.float32
+    primed_gap_um: np.float32
+    particle_gaps: np.float32
+    particle_offset: np.float32
+    particles_um: np.float32
+    wire_curvature: np.float32
+    bare: np.float32
+
+
 @compiled
-def _delays(gap: Any, law: GapLaw) -> Any:
+def block_law(law: GapLaw) -> BlockLaw:
+    """Return a law's constants for blocks of rays."""
+    scale, per_um = law.gap_scale, 1.0 / (_LN2 * law.particle_um)
+    return BlockLaw(
+        np.float32(law.t50_a * scale * scale), np.float32(law.t50_b * scale), np.float32(law.t50_c),
+        np.float32(law.scaled_gap_floor_um / scale), np.float32(law.primed_gap_um),
+        np.float32(per_um), np.float32(per_um * law.particle_gap_um), np.float32(law.particles_um),
+        np.float32(law.wire_curvature), np.float32(0.25 * law.wire_curvature * law.wire_curvature),
+    )  # fmt: skip
+
+
+@compiled
+def _delays(gap: Any, law: BlockLaw) -> Any:
     """One over the rate of each ray of a block, from their gaps."""
-    a, b, c = np.float32(law.t50_a), np.float32(law.t50_b), np.float32(law.t50_c)
-    scaled = highest(gap * np.float32(law.gap_scale), np.float32(law.scaled_gap_floor_um))
-    return (scaled * a + b) * scaled + c
+    least = highest(gap, law.floor_um)
+    return (least * law.a + law.b) * least + law.c
 
 
 @compiled
-def _primed_weights(gap: Any, law: GapLaw) -> Any:
+def _primed_weights(gap: Any, law: BlockLaw) -> Any:
     """Primed weights of a block of rays in um^2, from their gaps."""
-    depth = highest(spread(np.float32(law.primed_gap_um)) - gap, np.float32(0.0))
+    depth = highest(spread(law.primed_gap_um) - gap, np.float32(0.0))
     return depth * depth
 
 
 @compiled
-def _particle_weights(gap: Any, law: GapLaw, loading: np.float32) -> Any:
-    """Primed weights of a block of rays in um^2 by particles, `loading` being those of any size per um of gap."""
-    beyond = highest(gap - np.float32(law.particle_gap_um), np.float32(0.0))
-    # exp(-x) as a 32nd power of exp(x/32)'s series up to its fourth term: within 1 % up to x = 16, and none below
-    part = beyond * np.float32(0.03125 / law.particle_um)
-    series = part * np.float32(1.0 / 24.0) + np.float32(1.0 / 6.0)
-    series = series * part + np.float32(0.5)
-    series = series * part + np.float32(1.0)
-    series = series * part + np.float32(1.0)
-    larger = spread(np.float32(1.0)) / series
-    larger = larger * larger
-    larger = larger * larger
-    larger = larger * larger
-    larger = larger * larger
-    larger = larger * larger
-    return larger * highest(gap, np.float32(0.0)) * loading
+def _particle_weights(gap: Any, held: Any, law: BlockLaw) -> Any:
+    """Primed weights of a block of rays by particles over `GapLaw.particles_um` and debris share, from their gaps.
+
+    `held` are the gaps, or what stands for those that are none.
+    """
+    return power_of_half(highest(gap * law.particle_gaps - law.particle_offset, np.float32(0.0))) * held
 
 
 @compiled
 def sum_slice(
-    rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw, gain: float, pull: float, debris: float,
+    rays: Rays, s: int, sx: np.float32, sy: np.float32, law: BlockLaw, gain: float, pull: float, debris: float,
     sums: NDArray[np.float64], near: Any,
 ) -> Any:
     """Sum the rays of a slice as `slice_sums` does; returns the greatest primed weights, those of `near` included."""
-    pull_floor, one = np.float32(PULL_GAP_FLOOR_UM), np.float32(1.0)
-    curvature, loading = np.float32(law.wire_curvature), np.float32(law.particles_um * debris)
-    bare = np.float32(0.25 * law.wire_curvature**2)
-    rate = primed = pull_x = pull_y = spread(np.float32(0.0))
+    one = np.float32(1.0)
+    rate = primed = particles = pull_x = pull_y = spread(np.float32(0.0))
     for at in arc(rays, s):
         gap = gaps_of(rays, s, at, sx, sy)
-        delay = _delays(gap, law)
-        held = highest(gap, pull_floor)
+        delay, held = _delays(gap, law), highest(gap, np.float32(PULL_GAP_FLOOR_UM))
         square = held * held
         both = spread(one) / (delay * square)
         rate += both * square
-        pressure = both * delay * (held * curvature + one) + bare
+        pressure = both * delay * (held * law.wire_curvature + one) + law.bare
         pull_x += pressure * load(rays.cosine, (s, at))
         pull_y += pressure * load(rays.sine, (s, at))
         weights = _primed_weights(gap, law)
-        primed += weights + _particle_weights(gap, law, loading)
+        primed += weights
+        particles += _particle_weights(gap, held, law)
         near = highest(near, weights)
-    store(sums, (s, 0), totals(rate * gain, primed * gain, pull_x * pull, pull_y * pull))
+    primed += particles * (law.particles_um * np.float32(debris))
+    store(sums, (s, 0), totals(rate, primed, pull_x, pull_y) * twice(gain, pull))
     return near
 
 
@@ -170,7 +214,7 @@ def slice_sums(
     gap over radius: ``(1/g + 1/(2 r))^2``. One division serves all.
     """
     sx, sy = np.float32(shift_x), np.float32(shift_y)
-    near = sum_slice(rays, s, sx, sy, law, gain, 1.0, debris, sums, spread(np.float32(0.0)))
+    near = sum_slice(rays, s, sx, sy, block_law(law), gain, 1.0, debris, sums, spread(np.float32(0.0)))
     return contact_depth(rays, s, sx, sy, law) if may_touch(near, law) else 0.0
 
 
@@ -179,14 +223,15 @@ def choose_ray(
     rays: Rays, s: int, shift_x: float, shift_y: float, law: GapLaw, primed: bool, target: float, debris: float
 ) -> int:
     """Place of the ray of slice `s` at which the cumulative weight (rate, or primed weight) passes `target`."""
-    sx, sy = np.float32(shift_x), np.float32(shift_y)
-    left, loading = np.float32(target), np.float32(law.particles_um * debris)
+    sx, sy, block = np.float32(shift_x), np.float32(shift_y), block_law(law)
+    left, loading = np.float32(target), block.particles_um * np.float32(debris)
     for at in arc(rays, s):
         gap = gaps_of(rays, s, at, sx, sy)
         if primed:
-            weights = _primed_weights(gap, law) + _particle_weights(gap, law, loading)
+            held = highest(gap, np.float32(PULL_GAP_FLOOR_UM))
+            weights = _primed_weights(gap, block) + _particle_weights(gap, held, block) * loading
         else:
-            weights = spread(np.float32(1.0)) / _delays(gap, law)
+            weights = spread(np.float32(1.0)) / _delays(gap, block)
         sums = running(weights)
         before = passed(sums, left)
         if before < GAPS:
@@ -198,4 +243,5 @@ def choose_ray(
 @compiled
 def weibull(scale_us: float, shape: float, u: float) -> float:
     """Weibull delay in us at survival probability `u`."""
-    return scale_us * power(-logarithm(u), 1.0 / shape)
+    hazard = -logarithm(u)
+    return scale_us * (hazard if shape == 1.0 else power(hazard, 1.0 / shape))

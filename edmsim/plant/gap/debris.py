@@ -165,7 +165,8 @@ def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArra
             if share[side, s] == 0.0:
                 break
             flow = changes * share[side, s]
-            debris[s] = (debris[s] + flow * upstream) / (1.0 + flow)
+            stays = 1.0 / (1.0 + flow)  # a division that need not wait for the slice upstream
+            debris[s] = (debris[s] + flow * upstream) * stays
             upstream = debris[s]
 
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from edmsim.compiled.elementary import exponential, logarithm
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.random import normal, uniform
-from edmsim.compiled.vectors import element, load, spread
-from edmsim.plant.gap.breakdown import GapLaw, choose_ray, contact_depth, may_touch, sum_slice, weibull
+from edmsim.compiled.vectors import GAPS, element, highest, load, spread, total
+from edmsim.plant.gap.breakdown import GapLaw, block_law, choose_ray, contact_depth, may_touch, sum_slice, weibull
 from edmsim.plant.gap.debris import bridged_probability
 from edmsim.plant.gap.ray_trace import gap_of, meets_metal, moved, narrowest_now, place_of, rays_of
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
@@ -33,11 +33,13 @@ def draw(state: NDArray[np.void]) -> float:
 @compiled
 def leak_conductance(a: Arrays, c: Constants) -> float:
     """Conductance in siemens of the water between wire and metal (rays in parallel)."""
-    total = 0.0
-    for s in range(a.edge_um.shape[0]):
-        for r in range(a.edge_um.shape[1]):
-            total += a.metal[s] / max(a.distance[s, place_of(a, s, r)], 1.0)
-    return total * c.leak_S_um
+    conductance = 0.0
+    for s in range(a.distance.shape[0]):
+        inverse = spread(np.float32(0.0))
+        for place in range(0, a.distance.shape[1], GAPS):
+            inverse += spread(np.float32(1.0)) / highest(load(a.distance, (s, place)), np.float32(1.0))
+        conductance += a.metal[s] * total(inverse)
+    return conductance * c.leak_S_um
 
 
 @compiled
@@ -60,12 +62,12 @@ def sum_rays(
 
     Returns rate, primed weight, depth of contacts, and the pull along x and y.
     """
-    rays = rays_of(a)
+    rays, block = rays_of(a), block_law(law)
     everything = spread(0.0)
     near = spread(np.float32(0.0))
     for s in range(sums.shape[0]):
         sx, sy = moved(a, position, s)
-        near = sum_slice(rays, s, sx, sy, law, _gain(a, c, s), _pull(a, c, s), a.debris[s], sums, near)
+        near = sum_slice(rays, s, sx, sy, block, _gain(a, c, s), _pull(a, c, s), a.debris[s], sums, near)
         everything += load(sums, (s, 0))
     touching = 0.0
     if may_touch(near, law):

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
-from edmsim.plant.gap.rays import Rays, face, narrowest, turned
-from edmsim.plant.kernel.state import NO_METAL_UM, Array, Arrays, Constants
+from edmsim.compiled.vectors import load, passed, spread, total
+from edmsim.plant.gap.rays import Rays, arc, face, narrowest, turned
+from edmsim.plant.kernel.state import NO_METAL_UM, PULSES_PER_WINDOW, Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import metal_height, trace
 
 OVERLAP_UM = 8.0
@@ -18,9 +19,11 @@ AHEAD_UM = 6.0
 """A known edge is looked for again from this far before where it is expected (metal only recedes)."""
 KNOWN_MOVE_UM = 20.0
 """Known edges are of use only while the wire moved less than this since."""
-BLIND_TURNS = np.uint64(8)
-"""A ray that met no metal is looked along again only every so many times: what comes within its range at the
-feed of such a machine is then still far away."""
+BARE_UM = np.float32(0.5 * NO_METAL_UM)
+"""A gap beyond this is that of a ray that meets no metal."""
+BLIND_PULSES = 32 * PULSES_PER_WINDOW
+"""A ray that met no metal is looked along again only after so many pulses: what comes within its range at the feed of
+such a machine is then still far away."""
 
 
 @compiled
@@ -76,7 +79,7 @@ def retrace(
 
     `turn` counts the times. What the wire is away from there shifts the gaps to first order.
     """
-    rays = rays_of(a)
+    rays, blind_turns = rays_of(a), np.uint64(max(BLIND_PULSES // c.trace_pulses, 1))
     for s in range(a.shape.shape[0]):
         dx, dy = place[0, s] - a.reference_um[0, s], place[1, s] - a.reference_um[1, s]
         known = math.hypot(dx, dy) < KNOWN_MOVE_UM
@@ -86,7 +89,7 @@ def retrace(
             if known:
                 if meets_metal(a, c, s, r):
                     expected = a.edge_um[s, r] - dx * a.across_x[r] - dy * a.across_y[r]
-                elif np.uint64(turn + r) % BLIND_TURNS != 0:
+                elif np.uint64(turn + r) % blind_turns != 0:
                     continue
             a.edge_um[s, r] = _trace_ray(a, tiles, index, c, s, r, expected)
         face(rays, s, a.edge_um, c.range_um, a.across_x, a.across_y)
@@ -114,14 +117,14 @@ def weigh(a: Arrays, index: NDArray[np.int32], levels: NDArray[np.float32], c: C
 @compiled
 def closed_side(a: Arrays, s: int) -> tuple[float, float, float]:
     """Share of the wire's girth that metal faces in a slice, and the direction to it: 1 long for a half circle."""
-    facing = x = y = 0.0
-    for k in range(a.distance.shape[1]):
-        if a.distance[s, k] < NO_METAL_UM:
-            facing += 1.0
-            x += np.float64(a.cosine[s, k])
-            y += np.float64(a.sine[s, k])
-    rays = a.ray_cosine.shape[0]
-    return facing / rays, math.pi * x / rays, math.pi * y / rays
+    rays = rays_of(a)
+    facing, x, y = 0, spread(np.float32(0.0)), spread(np.float32(0.0))
+    for at in arc(rays, s):
+        facing += passed(load(rays.distance, (s, at)), BARE_UM)
+        x += load(rays.cosine, (s, at))
+        y += load(rays.sine, (s, at))
+    per_ray = 1.0 / a.ray_cosine.shape[0]
+    return facing * per_ray, math.pi * per_ray * total(x), math.pi * per_ray * total(y)
 
 
 @compiled

@@ -16,7 +16,7 @@ from edmsim.plant.gap.pulse_outcome import draw
 from edmsim.plant.gap.ray_trace import closed_side, gap_of, ray_at
 from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import project
-from edmsim.plant.wire import HeatLaw, current2_at, heat_step, spot_K, strength_share
+from edmsim.plant.wire import HeatLaw, add_currents, heat_step, spot_K, strength_share
 from edmsim.plant.workpiece.craters import share_crater
 
 KERF_SHARE = 0.5
@@ -77,7 +77,7 @@ def check_strength(state: NDArray[np.void], a: Arrays, c: Constants, s: int, spo
 
 @compiled
 def feed_current(a: Arrays, s: int, current2_us: float) -> None:
-    """Divide a discharge's current between the contacts (see `wire.current2_at`)."""
+    """Divide a discharge's current between the contacts (see `wire.add_currents`)."""
     z = a.height_share[s]
     a.current2_us[0, s] += (1.0 - z) * (1.0 - z) * current2_us
     a.current2_us[1, s] += z * z * current2_us
@@ -177,36 +177,40 @@ def log_pulse(
 
 
 @compiled
-def _load_steadily(a: Arrays, c: Constants, sums: Array, dt_us: float, forces: Array) -> None:
+def _load_steadily(
+    a: Arrays, c: Constants, sums: Array, current2_us: Array, dt_us: float, forces: Array
+) -> None:
     """Load the wire with what stands for many pulses: the magnetic force of the currents since then, and jets.
 
     The force acts along the pull on a slice. The jets leave to the open side of a kerf and push the wire there; along
-    a wall they have turned away before.
+    a wall they have turned away before, and the water behind the wire is that of the bath.
     """
+    per_A2_us = c.magnetic_N_A2 * 1e6 / dt_us
     for s in range(sums.shape[0]):
         pull = math.sqrt(sums[s, 2] ** 2 + sums[s, 3] ** 2)
-        force = c.magnetic_N_A2 * a.metal[s] * current2_at(a, s) / dt_us * 1e6 / pull if pull > 0.0 else 0.0
+        force = per_A2_us * a.metal[s] * current2_us[s] / pull if pull > 0.0 else 0.0
         facing, x, y = closed_side(a, s)
-        jet = a.jet_um_kg_s2[s] * a.metal[s] if facing >= KERF_SHARE else 0.0
+        jet = a.jet_um_kg_s2[s] * a.metal[s]
+        if facing < KERF_SHARE:
+            jet = a.wake_debris[s] = a.wake_gas[s] = 0.0
         forces[s, 2], forces[s, 3] = force * sums[s, 2] - jet * x, force * sums[s, 3] - jet * y
     project(a, forces, a.steady)
 
 
 @compiled
 def propagate_heat(
-    state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, sums: Array, forces: Array
+    state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, sums: Array, current2_us: Array, forces: Array
 ) -> None:
     """Propagate heat and debris over the time that has gathered, wear the wire, and see whether it breaks.
 
-    `forces` is room for the steady ones, in its third and fourth column.
+    `current2_us` and `forces` are room for the currents and, in the third and fourth column, for the steady forces.
     """
     dt = state[0].heat_wait_us
-    heat_step(a, heat, dt)
-    _load_steadily(a, c, sums, dt, forces)
+    add_currents(a, current2_us)
+    heat_step(a, heat, current2_us, dt)
+    _load_steadily(a, c, sums, current2_us, dt, forces)
     for s in range(a.debris.shape[0]):
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
-        if closed_side(a, s)[0] < KERF_SHARE:  # along a wall the water behind the wire is that of the bath
-            a.wake_debris[s] = a.wake_gas[s] = 0.0
     # the water has to pass the debris of the whole height
     flowing = dt / (1.0 + EINSTEIN * mean_of_slices(a.debris, a.debris.shape[0]))
     flush(a.debris, c.lower_flow_us * flowing, c.upper_flow_us * flowing, a.entering)

@@ -146,12 +146,16 @@ def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None
         w.deflection_um[axis] = w.deflection2_um2[axis] = 0.0
     for s in range(a.temperature_K.shape[0]):
         w.temperature_max_K = max(w.temperature_max_K, a.temperature_K[s])
+    # gas that is no number may have faded by the window's end, but for this
+    slices = a.debris.shape[0]
+    w.coverage = mean_of_slices(a.steam, slices) + mean_of_slices(a.gas, slices) + mean_of_slices(a.wake_gas, slices)
 
 
 @compiled
 def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_um: float) -> int:
     """Take the window's means, and see whether the model still holds."""
     w = window[0]
+    gas = w.coverage  # what it was when the window began
     warmth = 0.0
     for s in range(a.debris.shape[0]):
         warmth += a.temperature_K[s]
@@ -165,7 +169,7 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
     places = ringing(a, 0) + ringing(a, 1)
     for axis in range(N_AXES):
         places += state[0].axis_um[axis]
-    if not abs(x + y + places + warmth + w.debris + w.voltage_us) < FINITE:
+    if not abs(x + y + places + warmth + w.debris + w.voltage_us + gas) < FINITE:
         return NOT_FINITE
     if math.hypot(x, y) > MOST_DEFLECTION_UM:
         return OUTSIDE
@@ -339,7 +343,7 @@ def fire_window(
         state[0].heat_wait_us += period_us
         window[0].duration_ns += period_ns
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
-            propagate_heat(state, a, c, heat, sums, films)
+            propagate_heat(state, a, c, heat, sums, contact, films)
         if next_event < 0:
             return _end(state, window, a, LOST_UM if next_event == LOST else 0.0)
         if state[0].broken != 0 or n + 1 == count:

@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import cube_root
 from edmsim.compiled.jit import compiled
-from edmsim.plant.gap.ray_trace import gap_of, place_of, ray_at
+from edmsim.plant.gap.ray_trace import BARE_UM, gap_of, place_of, ray_at
 from edmsim.plant.gap.rays import turned
-from edmsim.plant.kernel.state import NO_METAL_UM, Array, Arrays, Constants
+from edmsim.plant.kernel.state import Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import FULL, carve_wall
 
 CARVE_BEYOND_UM = 48.0
 """How far behind a ray's edge its wall is looked for."""
-BARE_UM = np.float32(0.5 * NO_METAL_UM)
-"""A gap beyond this is that of a ray that meets no metal."""
 MOST_PARTS = 1e12
 """More parts than a wall has, and a number that multiplies without overflow."""
 PROUD_UM = 6.0

@@ -10,6 +10,7 @@ import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,9 @@ from edmsim.compiled.jit import compiled
 from edmsim.errors import InputError
 from edmsim.plant.kernel.state import NO_METAL_UM, TILE
 from edmsim.plant.workpiece.height_steps import LowerRegion, Relief
+
+if TYPE_CHECKING:
+    import shapely
 
 FULL = 32768
 """Parts in a full cell."""
@@ -115,6 +119,8 @@ class KerfField:
         The tile's place in `tiles`, -1 where none is allocated yet (there the stock is untouched).
     relief : Relief or None
         Which slices of a stepped stock have metal where; None if all have it everywhere.
+    gone : tuple of Polygon
+        Pieces that fell out of the stock, in um: `take_out`.
     levels : float32 array (capacity, TILE, TILE)
         Of a stepped stock, its height over a slice's before the cut, ``[tile, ix, iy]``; otherwise it has no tiles.
 
@@ -137,6 +143,7 @@ class KerfField:
         self.count = 0
         self._stock_parts = 0
         self._stock_beyond = 0.0
+        self.gone: tuple[shapely.Polygon, ...] = ()
         self.relief: Relief | None = None
         if stock.steps and stock.height_mm is not None:
             self.relief = Relief(stock.steps, stock.height_mm, n_slices)
@@ -203,6 +210,12 @@ class KerfField:
 
     def stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
         """Parts of metal in a tile before the cut: (n_slices, TILE, TILE), not to be written to."""
+        parts = self._blank_tile(tx, ty)
+        gone = self._gone_in(tx, ty, self.gone)
+        return parts if gone is None else np.where(gone, np.uint16(0), parts)
+
+    def _blank_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
+        """Parts of metal in a tile of the blank: (n_slices, TILE, TILE)."""
         side, cell = self.cell_um * TILE, self.cell_um
         x0, y0 = tx * side, ty * side
         if self.relief is None and self.stock.is_whole(x0 - cell, y0 - cell, x0 + side + cell, y0 + side + cell):
@@ -212,6 +225,51 @@ class KerfField:
         metal = None if self.relief is None else self.relief.metal(x, y, self.cell_um)
         parts = np.round((share if metal is None else share * metal) * FULL).astype(np.uint16)
         return np.broadcast_to(parts, (self.n_slices, TILE, TILE))
+
+    def _gone_in(self, tx: int, ty: int, pieces: tuple[shapely.Polygon, ...]) -> NDArray[np.bool_] | None:
+        """Say which cells (TILE, TILE) of a tile have their middles in some pieces; None if no piece is near."""
+        if not pieces:
+            return None
+        import shapely
+
+        side = self.cell_um * TILE
+        box = shapely.box(tx * side, ty * side, (tx + 1) * side, (ty + 1) * side)
+        near = [piece for piece in pieces if piece.intersects(box)]
+        if not near:
+            return None
+        x, y = self._centres_um(tx, ty)
+        return np.asarray(shapely.contains_xy(shapely.union_all(near), x[:, None], y[None, :]), np.bool_)
+
+    def take_out(self, piece: shapely.Polygon) -> float:
+        """Take a piece out of the stock, as one that fell: in every slice, also where no tile is allocated yet.
+
+        It counts neither as removed metal nor as stock any more. Cells go whose middles lie in it, so a polygon that
+        ends in what was cut leaves no rim.
+
+        Parameters
+        ----------
+        piece : shapely.Polygon
+            In um.
+
+        Returns
+        -------
+        float
+            How much of the allocated tiles' metal it was: volume over the height of a slice, in um2.
+        """
+        taken = 0
+        for tx, ty, place in self.tile_places():
+            gone = self._gone_in(tx, ty, (piece,))
+            if gone is not None:
+                metal = self.tiles[place][:, gone]
+                taken += int(metal.sum(dtype=np.int64))
+                if self.relief is not None:
+                    self._stock_beyond -= _beyond(self.tiles[[place]], self.levels[[place]])
+                self.tiles[place][:, gone] = 0
+                if self.relief is not None:
+                    self._stock_beyond += _beyond(self.tiles[[place]], self.levels[[place]])
+        self._stock_parts -= taken
+        self.gone = (*self.gone, piece)
+        return taken * self.part_area_um2
 
     @property
     def removed_parts(self) -> int:
@@ -253,6 +311,7 @@ class KerfField:
             "index": self.index.copy(),
             "stock_parts": np.array(self._stock_parts),
             "stock_beyond": np.array(self._stock_beyond),
+            "gone": _rings(self.gone),
         }
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
@@ -264,10 +323,34 @@ class KerfField:
         self.index = np.array(state["index"], np.int32)
         self._stock_parts = int(state["stock_parts"])
         self._stock_beyond = float(state["stock_beyond"])
+        self.gone = _pieces(state["gone"])
         if self.relief is not None:
             self.levels = np.empty((len(self.tiles), TILE, TILE), np.float32)
             for tx, ty, place in self.tile_places():
                 self.levels[place] = self.relief.levels(*self._centres_um(tx, ty))
+
+
+def _rings(pieces: tuple[shapely.Polygon, ...]) -> NDArray[np.float64]:
+    """Return the outlines of pieces as rows (piece, x, y)."""
+    if not pieces:
+        return np.empty((0, 3))
+    import shapely
+
+    rows = [
+        np.column_stack([np.full(len(ring), float(k)), ring])
+        for k, ring in enumerate(shapely.get_coordinates(piece.exterior) for piece in pieces)
+    ]
+    return np.concatenate(rows)
+
+
+def _pieces(rows: NDArray[np.generic]) -> tuple[shapely.Polygon, ...]:
+    """Return the pieces of `_rings`."""
+    table = np.asarray(rows, np.float64)
+    if not len(table):
+        return ()
+    import shapely
+
+    return tuple(shapely.Polygon(table[table[:, 0] == k, 1:]) for k in np.unique(table[:, 0]))
 
 
 def _beyond(tiles: NDArray[np.uint16], levels: NDArray[np.float32]) -> float:

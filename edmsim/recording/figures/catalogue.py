@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, shares_figure
+from edmsim.recording.figures.passes import face_figure, passes_figure
 from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
 from edmsim.recording.figures.wire import spectrum_figure
 from edmsim.recording.scene import Scene
@@ -29,6 +30,8 @@ OF_CUT: dict[str, Callable[[Mapping[str, Any], pa.Table, Scene], Figure]] = {
     "error-shares": lambda report, windows, scene: shares_figure(scene),
     "corner": lambda report, windows, scene: corner_figure(scene, windows),
     "kerf-section": lambda report, windows, scene: kerf_figure(report),
+    "face": lambda report, windows, scene: face_figure(scene),
+    "passes": lambda report, windows, scene: passes_figure(report),
     "pulses": lambda report, windows, scene: pulses_figure(windows),
     "short-open": lambda report, windows, scene: plane_figure(windows),
 }
@@ -44,6 +47,8 @@ _CAPTIONS = {
         "The profile error, and what path, planner, drive, wire and gap have of it, along the edge.",
     "corner": "The corner with the largest error: paths and metal to scale, deviations below.",
     "kerf-section": "Cross-section of the kerf over the workpiece's height.",
+    "face": "The cut face unrolled: profile error over path and height.",
+    "passes": "Passes: the wall each left over the height, time, metal left and roughness.",
     "pulses": "What became of the pulses, and the share of the wire's front under gas, over machine time.",
     "short-open": "Short and open pulses, and the controller's path among them.",
     "ignition-delay": "Ignition delays: {made}.",
@@ -76,7 +81,7 @@ def pictures(
     Picture
     """
     for name, draw in OF_CUT.items():
-        if name != "corner" or scene.corners:
+        if (name != "corner" or scene.corners) and (name != "passes" or report.get("passes")):
             yield Picture(name, _CAPTIONS[name], draw(report, windows, scene))
     if isinstance(sample, str):
         leave_out(f"ignition delays and the wire's spectrum are not drawn: {sample}")

@@ -9,6 +9,7 @@ import shapely
 
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED, VERMILION
+from edmsim.recording.figures.passes import pass_colour
 from edmsim.recording.figures.profile import quiet
 
 if TYPE_CHECKING:
@@ -92,6 +93,26 @@ def _draw_wires(axes: Axes, below: np.ndarray, above: np.ndarray) -> None:
     axes.add_collection(wires)
 
 
+def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, labelled: bool) -> None:
+    """Draw the wire's centre, of every pass in its colour; a tab's passes are dashed."""
+    if not contour.passes:
+        way = contour.points_um / 1e3 - path.origin_mm
+        axes.plot(*way.T, color=BLUE, linewidth=0.9, zorder=3, label="wire's centre" if labelled else None)
+        return
+    for one in contour.passes:
+        name = f"pass {one.number}, {one.offset_um / 1e3:.3f} mm" if one.piece == "profile" else None
+        style = "-" if one.piece == "profile" else (0, (3, 1.5))
+        way = one.points_um / 1e3 - path.origin_mm
+        axes.plot(
+            *way.T,
+            color=pass_colour(one.number),
+            linewidth=0.8,
+            linestyle=style,
+            zorder=3,
+            label=name if labelled else None,
+        )
+
+
 def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
     """Draw the blank with its holes and the kerf in it."""
     from matplotlib.patches import Circle, PathPatch, Rectangle
@@ -101,8 +122,8 @@ def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
     blank = Rectangle((x0 - dx, y0 - dy), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
     axes.add_patch(blank)
     ways = [
-        shapely.LineString(face.points_um / 1e3 - path.origin_mm)
-        for contour in path.contours for _, _, face in _faces(contour)
+        shapely.LineString(way / 1e3 - path.origin_mm)
+        for contour in path.contours for _, _, face in _faces(contour) for way in face.ways_um
     ]
     kerf = shapely.union_all([way.buffer(kerf_um / 2e3) for way in ways])
     for number, polygon in enumerate(shapely.get_parts(kerf)):
@@ -111,8 +132,14 @@ def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
             MplPath.make_compound_path(*rings), facecolor="#cfe3f1", edgecolor="none", zorder=1,
             label="kerf" if number == 0 else None,
         ))  # fmt: skip
-    for way in ways:
-        hole = Circle(way.coords[0], path.start_hole_radius_mm, facecolor="white", edgecolor=MUTED, zorder=2)
+    for contour in path.contours:
+        hole = Circle(
+            contour.points_um[0] / 1e3 - path.origin_mm,
+            path.start_hole_radius_mm,
+            facecolor="white",
+            edgecolor=MUTED,
+            zorder=2,
+        )
         axes.add_patch(hole)
 
 

@@ -533,7 +533,23 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], t
     series = outer[1].subgridspec(len(PANELS), 1, hspace=0.16)
     axes = [figure.add_subplot(series[row]) for row in range(len(PANELS))]
     draw_series(axes, windows)
+    mark_passes(axes, windows, report)
     return figure
+
+
+def mark_passes(panels: list[Axes], windows: pa.Table, report: Mapping[str, Any]) -> None:
+    """Draw where passes begin, with their numbers over the uppermost of panels over machine time."""
+    t_s = column(windows, "t_s")
+    _, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
+    for row in report.get("passes") or []:
+        for axes in panels:
+            axes.axvline(row["begin_s"] / seconds, color=MUTED, linewidth=0.7, linestyle=(0, (4, 3)))
+        name = f"{row['number']}" + ("t" if row["piece"] == "tab" else "")
+        middle = (row["begin_s"] + row["end_s"]) / 2 / seconds
+        panels[0].annotate(
+            name, (middle, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2), textcoords="offset points",
+            ha="center", fontsize=7.5, color=MUTED, annotation_clip=True,
+        )  # fmt: skip
 
 
 def write_figure(figure: Figure, file: str | Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -79,6 +79,7 @@ def events(windows: pa.Table, scene: Scene, report: Mapping[str, Any]) -> list[E
     found += _retracts(windows, place)
     found += _threadings(t_s, place)
     found += _settings(windows)
+    found += _passes(t_s, report.get("passes") or [])
     found += _corners(scene, place)
     kind = "alarm: " if report["outcome"] == _ALARM else ""
     found.append(Event(last, _LEVELS[report["outcome"]], f"{kind}{report['outcome']}{reason}"))
@@ -122,6 +123,16 @@ def _settings(windows: pa.Table) -> list[Event]:
     return _thinned(
         [Event(int(i), "INFO", f"generator set to {on[i]:g} µs of {period[i]:g} µs") for i in changed]
     )
+
+
+def _passes(t_s: NDArray[np.float64], passes: Sequence[Mapping[str, Any]]) -> list[Event]:
+    return [
+        Event(
+            min(int(np.searchsorted(t_s, row["begin_s"])), len(t_s) - 1), "INFO",
+            f"pass {row['number']} of the {row['piece']} begins, offset {row['offset_um'] / 1e3:.3f} mm",
+        )
+        for row in passes
+    ]  # fmt: skip
 
 
 def _corners(scene: Scene, place: NDArray[np.float64]) -> list[Event]:
@@ -192,7 +203,8 @@ def write_recording(
         log_gas.log_bubbles(recording, scene, shapes, log_gas.travel_at(windows, shapes.t_s), factor)
         log_gas.log_top_bubbles(recording, scene, above)
         told = events(windows, scene, report)
-        group = _log_series(recording, windows, np.array([event.row for event in told], np.int64))
+        rows = np.array([event.row for event in told], np.int64)
+        group = _log_series(recording, windows, rows, report.get("passes") or [])
         _log_events(recording, windows, told)
         if steps is not None:
             _log_steps(recording, steps)
@@ -298,8 +310,16 @@ def _log_events(recording: rr.RecordingStream, windows: pa.Table, told: list[Eve
         )
 
 
-def _log_series(recording: rr.RecordingStream, windows: pa.Table, event_rows: NDArray[np.int64]) -> int:
-    """Log every series; return how many windows each of its points is the mean of, away from events."""
+def _log_series(
+    recording: rr.RecordingStream,
+    windows: pa.Table,
+    event_rows: NDArray[np.int64],
+    passes: Sequence[Mapping[str, Any]],
+) -> int:
+    """Log every series; return how many windows each of its points is the mean of, away from events.
+
+    Each pass has a timeline of its own besides, from its begin on.
+    """
     rows = len(windows)
     group = max(1, -(-rows // MAX_ROWS))
     if rows == 0:
@@ -314,8 +334,27 @@ def _log_series(recording: rr.RecordingStream, windows: pa.Table, event_rows: ND
             values = grouped(_values(windows, series.entity), starts)
             entity = f"{plot.origin}/{series.entity}"
             _log_curve(recording, entity, series, (t_s, path_um, values))
+            _log_by_pass(recording, entity, passes, (t_s, values))
             _log_breaks(recording, entity, column(windows, "t_s"), column(windows, "path_um"))
     return group
+
+
+def _log_by_pass(
+    recording: rr.RecordingStream,
+    entity: str,
+    passes: Sequence[Mapping[str, Any]],
+    rows: tuple[NDArray[np.float64], ...],
+) -> None:
+    """Log a curve on the timeline of each pass, ``pass_1`` and so on; a tab's follow, as ``tab_1``."""
+    import rerun as rr
+
+    for row in passes:
+        mine = (rows[0] > row["begin_s"]) & (rows[0] <= row["end_s"]) & np.isfinite(rows[1])
+        contour = "" if row["contour"] == 1 else f"_of_contour_{row['contour']}"
+        name = f"{'tab' if row['piece'] == 'tab' else 'pass'}_{row['number']}{contour}"
+        if mine.any():
+            when = [rr.TimeColumn(name, duration=rows[0][mine] - row["begin_s"])]
+            recording.send_columns(entity, when, rr.Scalars.columns(scalars=rows[1][mine]))
 
 
 def _log_breaks(

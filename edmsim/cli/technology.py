@@ -1,0 +1,55 @@
+"""``edmsim technology``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from edmsim.cli.console import INTERRUPTED, OUT, Height, Resolution, Seed, say
+
+
+def technology(
+    material: Annotated[str, typer.Argument(help="Workpiece material, a name or an own file.", show_default=False)],
+    height: Height = 20.0,
+    passes: Annotated[int, typer.Option(help="How many, rough and trims: 1 to 7.")] = 4,
+    wire: Annotated[str, typer.Option(help="Wire with its diameter in um.")] = "brass-254",
+    machine: Annotated[str, typer.Option(help="Machine, a name or an own file.")] = "production",
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File .toml; one that is there gets another height. Default MATERIAL-WIRE.toml."),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the interrupted search of that file.")] = False,
+    resolution: Resolution = "fast",
+    seed: Seed = 0,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Search offsets and settings of passes by simulated cuts, and write them as a technology."""
+    from edmsim.evaluation.technology import Job, Search, merged, technology_text
+    from edmsim.files import make_writable, replacing
+    from edmsim.machine.technology import read_technology
+
+    file = Path(f"{Path(material).stem}-{Path(wire).stem}.toml") if out is None else out
+    job = Job(material, machine, wire, height, passes, resolution, seed)
+    job.check()
+    make_writable(file.parent)
+    known = read_technology(str(file)) if file.exists() else None
+    if known is not None:
+        job.check_like(known, file)
+    journal = file.with_suffix(".journal.json")
+    try:
+        found = Search(job, (lambda text: None) if quiet else _tell, journal).run(resume)
+    except KeyboardInterrupt:
+        say(f"interrupted; the same command with --resume goes on behind the passes in {journal}")
+        raise typer.Exit(INTERRUPTED) from None
+    source = f"found by simulation: edmsim technology {material} --height {height:g} --passes {passes}"
+    with replacing(file) as partial:
+        partial.write_text(technology_text(job, merged(known, job, found), source), encoding="utf-8")
+    journal.unlink(missing_ok=True)
+    OUT.print(f"Written: {file}; cut with it: edmsim cut PROGRAM --passes {passes} --technology {file}",
+              highlight=False, soft_wrap=True, markup=False)  # fmt: skip
+
+
+def _tell(text: str) -> None:
+    OUT.print(text, highlight=False, soft_wrap=True, markup=False)

@@ -1,0 +1,181 @@
+"""Passes of a cut under way: their settings, what each took and left, and pieces that come loose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, NamedTuple
+
+import shapely
+
+from edmsim.controllers import FeedController
+from edmsim.cosim.legs import Leg
+from edmsim.cosim.sums import Sums
+from edmsim.machine.machine import Machine
+from edmsim.metrology.loose import lever_mm, loose_pieces
+from edmsim.metrology.passes import WallError, wall_error
+from edmsim.plant.plant import Plant
+from edmsim.program.passes import CutPass, Piece
+from edmsim.program.path import CutPath, WireContour
+
+LEAST_PIECE_MM2 = 0.02
+"""Smaller pieces of metal are crumbs: less than half of a wire's cross-section (ours)."""
+
+
+class PassSetup(NamedTuple):
+    """Setting of a pass: a machine that differs from the first one only in what an operator sets, and who feeds."""
+
+    machine: Machine
+    controller: FeedController
+
+
+@dataclass
+class PassRecord:
+    """What became of a pass.
+
+    Attributes
+    ----------
+    contour : int
+        Number of the contour, from 1.
+    number : int
+        Of the pass, from 1.
+    piece : {"profile", "tab"}
+    reversed : bool
+    offset_um : float
+    begin_s, end_s : float
+        Machine time, from when it begins to cut: a lead-in comes before.
+    begin_um, end_um : float
+        Length of wire path, over all passes.
+    sums : Sums
+        Pulses, energy and craters of the pass.
+    wall : WallError or None
+        The wall that it left; None while it is not finished.
+    """
+
+    contour: int
+    number: int
+    piece: Piece
+    reversed: bool
+    offset_um: float
+    begin_s: float
+    end_s: float
+    begin_um: float
+    end_um: float
+    sums: Sums = field(default_factory=Sums)
+    wall: WallError | None = None
+
+
+class PassLog:
+    """Keeps what every pass of a cut did, and looks after loose pieces.
+
+    Parameters
+    ----------
+    path : CutPath
+    legs : sequence of Leg
+        Of the whole cut.
+
+    Attributes
+    ----------
+    records : list of PassRecord
+        One per pass begun, in order.
+    notices : list of str
+        What a user should know of pieces that came loose.
+    """
+
+    def __init__(self, path: CutPath, legs: Sequence[Leg]) -> None:
+        self.records: list[PassRecord] = []
+        self.notices: list[str] = []
+        self._before, self._open = Sums(), False
+        passes = [(number, one) for number, contour in enumerate(path.contours, 1) for one in contour.passes]
+        self._contours = path.contours
+        self._number_of = {id(one): number for number, one in passes}
+        self._last_leg = {id(leg.cut_pass): k for k, leg in enumerate(legs) if leg.cut_pass is not None}
+
+    def begin_leg(self, leg: Leg, time_s: float, path_um: float, sums: Sums) -> None:
+        """Begin a record with the leg of a pass, behind its lead-in."""
+        one = leg.cut_pass
+        self._open = one is not None and not leg.leads_in
+        if one is None or leg.leads_in:
+            return
+        number = self._number_of[id(one)]
+        self._before = Sums(**asdict(sums))
+        self.records.append(
+            PassRecord(number, one.number, one.piece, one.reversed, one.offset_um, time_s, time_s, path_um, path_um)
+        )
+
+    def follow(self, time_s: float, path_um: float, sums: Sums) -> None:
+        """Take in how far the cut is."""
+        if self._open:
+            last = self.records[-1]
+            last.end_s, last.end_um = time_s, path_um
+            last.sums = _less(sums, self._before)
+
+    def end_leg(self, number: int, leg: Leg, plant: Plant) -> None:
+        """Measure the wall at the end of a pass, and see what has come loose."""
+        one = leg.cut_pass
+        if one is None or self._last_leg[id(one)] != number:
+            return
+        self._open = False
+        contour = self._contours[self.records[-1].contour - 1]
+        self.records[-1].wall = wall_error(plant.field, one, contour.part_side, plant.machine.wire_diameter_um)
+        if one.frees:
+            for piece in loose_pieces(plant.field, LEAST_PIECE_MM2):
+                self._loosen(piece, one, contour, plant)
+
+    def _loosen(self, piece: shapely.Polygon, one: CutPass, contour: WireContour, plant: Plant) -> None:
+        x, y = one.points_um[-1].tolist()
+        what = "slug" if not _is_part(piece, contour) else "part"
+        far_mm = lever_mm(piece, (x, y))
+        if not one.falls:
+            self.notices.append(
+                f"the {what} is loose after the cut at X {x / 1e3:.3f} Y {y / 1e3:.3f} mm on the table "
+                "and is taken to be held: glued, or by a magnet"
+            )
+            return
+        if far_mm > plant.machine.wire_diameter_um * 1e-3:
+            self.notices.append(
+                f"the {what} would tip onto the wire: nothing holds it when the cut ends {far_mm:.2f} mm from its "
+                "centre; hold it with after_tab stop, or place the tab nearer to its centre"
+            )
+        if what == "part":
+            self.notices.append(
+                "the part comes loose before its last pass and is taken to lie still: after_tab stop "
+                "lets the machine stop for it to be held"
+            )
+            return
+        taken_mm3 = plant.take_out(piece)
+        self.notices.append(
+            f"the slug falls at X {x / 1e3:.3f} Y {y / 1e3:.3f} mm on the table and is taken out of "
+            f"the workpiece, {piece.area * 1e-6:.2f} mm² of it"
+            + (f", {taken_mm3:.2f} mm³ of them near the wire's path" if taken_mm3 else "")
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return everything that changes, fit for JSON."""
+        return {
+            "records": [asdict(record) for record in self.records], "notices": list(self.notices),
+            "before": asdict(self._before), "open": self._open,
+        }  # fmt: skip
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take back a `snapshot`."""
+        self.records = [
+            PassRecord(**{**row, "sums": Sums(**row["sums"]), "wall": row["wall"] and _wall(row["wall"])})
+            for row in state["records"]
+        ]
+        self.notices, self._before = list(state["notices"]), Sums(**state["before"])
+        self._open = bool(state["open"])
+
+
+def _wall(row: Mapping[str, Any]) -> WallError:
+    return WallError(**{**row, "slices_um": tuple(row["slices_um"])})
+
+
+def _less(now: Sums, before: Sums) -> Sums:
+    return Sums(**{one.name: getattr(now, one.name) - getattr(before, one.name) for one in fields(Sums)})
+
+
+def _is_part(piece: shapely.Polygon, contour: WireContour) -> bool:
+    """Say whether a loose piece is the part, and not the slug, of a contour."""
+    inside = shapely.LinearRing(contour.nominal_mm).is_ccw == (contour.part_side == "left")
+    return inside and bool(piece.contains(shapely.Point(contour.nominal_mm.mean(axis=0) * 1e3)))

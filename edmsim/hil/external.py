@@ -1,0 +1,171 @@
+"""A cut whose motion another program makes: it says where the axes are to be, and sees what the gap shows.
+
+`ExternalMotion` is a feed controller that makes the steps itself, so `edmsim.cut` cuts with it as with any, and
+leaves the same report, tables and recording. The program file says what the workpiece is and what the contour is
+measured by; the other program reads the same file by itself.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.planner.protocol import PlannerState
+from edmsim.controllers.protocols import ControllerState, FeedCommand, Step, WindowObservation
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+
+_FEED_WINDOWS = 40
+"""The feed that is noted is the mean over so many windows (ours: in a single one there is a motor step, or none)."""
+_NEAR_UM = 1000.0
+"""The place along the path is looked for this near to where it was (ours: paths come back to where they were)."""
+
+
+class Link(Protocol):
+    """The other program, as the cut sees it."""
+
+    def place_um(self) -> tuple[float, float]:
+        """Where it wants x and y now, in um of its own coordinates."""
+
+    def finished(self) -> bool:
+        """Whether it has come to the end."""
+
+    def show(self, seen: WindowObservation) -> None:
+        """Take in what a machine shows of a window."""
+
+
+class ExternalMotion:
+    """Follows another program in real time, or a multiple of it.
+
+    Parameters
+    ----------
+    link : Link
+    time_scale : float
+        Machine seconds per second of the other program's clock: with 10 its feeds count a tenth.
+    """
+
+    name: ClassVar[str] = "external"
+
+    def __init__(self, link: Link, time_scale: float = 1.0) -> None:
+        if not 0 < time_scale < math.inf:
+            raise InputError(f"time_scale is above 0, in machine seconds per second, not {time_scale!r}")
+        self._link, self._time_scale = link, time_scale
+        self._run: _Followed | None = None
+        self._points: NDArray[np.float64] = np.zeros((0, 2))
+        self._step_um = self._rapid_um_s = 1.0
+        self._before = deque([(0.0, 0.0)], _FEED_WINDOWS)
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the path; the other program stands at its start then."""
+        if self._run is not None:
+            raise InputError("another program moves the axes along one contour without dwells: cut the others apart")
+        table = machine.base.table
+        self._points, self._step_um = points_um, table.step_um.value
+        self._rapid_um_s = table.rapid_um_s.value
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin where the other program stands."""
+        self._run = _Followed(self._link, self._points, self._step_um, self._rapid_um_s, self._time_scale)
+        return FeedCommand(0.0)
+
+    def path_run(self, planner: str) -> _Followed | None:
+        """Return what follows the other program."""
+        return self._run
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        """Show the window; the feed is what the axes have made of it."""
+        self._link.show(window)
+        time_s, path_um = self._before[0]
+        self._before.append((window.time_s, window.path_um))
+        return FeedCommand((window.path_um - path_um) / max(window.time_s - time_s, window.duration_s))
+
+    def snapshot(self) -> ControllerState:
+        """Nothing: where the other program is cannot be written down."""
+        return {}
+
+    def restore(self, state: ControllerState) -> None:
+        """Refuse: the other program is not where it was."""
+        raise InputError("a cut that another program moves cannot be resumed: cut it again")
+
+
+class _Followed:
+    """What takes a planner's place: steps to where the other program wants the axes."""
+
+    speed_unit_nm_s = 1.0
+    max_feed_um_s = math.inf
+
+    def __init__(
+        self, link: Link, points_um: NDArray[np.float64], step_um: float, rapid_um_s: float, time_scale: float
+    ) -> None:
+        self._link, self._points, self._step_um, self._scale = link, points_um, step_um, time_scale
+        self._between_ns = int(step_um / rapid_um_s * 1e9)
+        self._origin = link.place_um()
+        self._counted = [float(v) for v in points_um[0]]
+        self._wanted = (-1, self.position_um)
+        self._clock: tuple[float, int] | None = None
+        self.path_um = 0.0
+        ways = np.diff(points_um, axis=0)
+        self._lengths = np.hypot(*ways.T)
+        self._stations = np.concatenate([[0.0], np.cumsum(self._lengths)])
+
+    @property
+    def position_um(self) -> tuple[float, float]:
+        """Position counters."""
+        return self._counted[0], self._counted[1]
+
+    @property
+    def done(self) -> bool:
+        """Whether the other program has come to its end."""
+        return self._link.finished()
+
+    def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
+        """Wait until the window is due, and step to where the axes are wanted then."""
+        if self._wanted[0] != start_ns:  # else the same window once more, which turned out to be shorter
+            self._wait(start_ns)
+            x, y = self._link.place_um()
+            start = self._points[0]
+            self._wanted = start_ns, (start[0] + x - self._origin[0], start[1] + y - self._origin[1])
+        steps = []
+        for axis in (0, 1):
+            way = self._wanted[1][axis] - self._counted[axis]
+            direction = 1 if way > 0 else -1
+            for k in range(int(abs(way) / self._step_um + 1e-9)):
+                at_ns = start_ns + k * self._between_ns
+                if at_ns >= end_ns:
+                    break
+                steps.append(Step(at_ns, axis, direction))
+                self._counted[axis] += direction * self._step_um
+        self.path_um = self._station()
+        return sorted(steps)
+
+    def snapshot(self) -> PlannerState:
+        """Everything that changes within a window."""
+        return {"counted": list(self._counted), "path_um": self.path_um}
+
+    def restore(self, state: PlannerState) -> None:
+        """Go back to where `snapshot` was taken in this window."""
+        self._counted, self.path_um = list(state["counted"]), state["path_um"]
+
+    def _wait(self, start_ns: int) -> None:
+        now = time.monotonic()
+        if self._clock is None:
+            self._clock = now, start_ns
+        due = self._clock[0] + (start_ns - self._clock[1]) * 1e-9 / self._scale
+        if due > now:
+            time.sleep(due - now)
+
+    def _station(self) -> float:
+        """Place along the path that is nearest to the counters, near the one before."""
+        place, begins = np.array(self._counted), self._points[:-1]
+        ways = np.diff(self._points, axis=0)
+        along = ((place - begins) * ways).sum(axis=1) / np.maximum(self._lengths, 1e-9)
+        along = np.clip(along, 0.0, self._lengths)
+        feet = begins + ways * (along / np.maximum(self._lengths, 1e-9))[:, None]
+        far = np.abs(self._stations[:-1] + along - self.path_um) > _NEAR_UM
+        nearest = int(np.where(far, np.inf, np.hypot(*(place - feet).T)).argmin())
+        return float(self._stations[nearest] + along[nearest])

@@ -1,0 +1,153 @@
+"""A cut in passes: what a technology says, put in place of the options that it decides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from edmsim.controllers import from_text
+from edmsim.cosim.passes import PassSetup
+from edmsim.errors import InputError
+from edmsim.job.settings import CutSettings
+from edmsim.machine.machine import Machine
+from edmsim.machine.overrides import with_overrides
+from edmsim.machine.technology import (
+    PassSetting,
+    PassTable,
+    Technology,
+    machine_of,
+    read_technology,
+    technology_for,
+)
+from edmsim.program.passes import PassPlan
+from edmsim.program.path import CutPath
+
+_OF_PASS = {
+    "generator": "generator", "tension": "tension_N", "t_on_us": "t_on_us", "t_period_us": "t_period_us",
+    "open_voltage_V": "open_voltage_V", "peak_current_A": "peak_current_A", "ignition_wait_us": "ignition_wait_us",
+    "wire_speed_m_s": "wire_speed_m_s", "flushing_lower_Pa": "flushing_lower_Pa",
+    "flushing_upper_Pa": "flushing_upper_Pa",
+}  # fmt: skip
+"""Options of a cut that a pass has of its own, and what the technology calls them."""
+
+_Plan = Callable[[str | Path, CutSettings, Machine, PassPlan | None], CutPath]
+
+
+class Passes(NamedTuple):
+    """What a technology makes of a cut.
+
+    Attributes
+    ----------
+    settings : CutSettings
+        With the technology's machine, wire, planner and the setting of the rough pass.
+    path : CutPath
+    setups : tuple of PassSetup
+        One per pass; none for a cut in one pass.
+    approach : PassSetup or None
+    table : PassTable or None
+        What the technology says.
+    """
+
+    settings: CutSettings
+    path: CutPath
+    setups: tuple[PassSetup, ...] = ()
+    approach: PassSetup | None = None
+    table: PassTable | None = None
+
+
+def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Passes:
+    """Plan a cut, in passes where the settings ask for some or the program has some.
+
+    Parameters
+    ----------
+    program : path
+    settings : CutSettings
+    plan : callable
+        Plans the path of a program, settings and machine, and of the passes that a contour is to have.
+
+    Raises
+    ------
+    InputError
+        There is no technology, or an option contradicts it.
+    """
+    if settings.passes is None:
+        path = plan(program, settings, settings.load_machine(), None)
+        if path.passes == 1:
+            if settings.technology is not None:
+                raise InputError("a technology is for passes: say how many, as --passes 4")
+            return Passes(settings, path)
+        technology = _technology(settings)
+        table = technology.table(settings.workpiece.greatest_mm, path.passes)
+        settings = in_force(settings, technology, table)
+        path = plan(program, settings, settings.load_machine(), None)
+        told = f"the program cuts an edge {path.passes} times: these are passes, with the settings of the technology "
+        return _made(settings, technology, table, path, (f"{told}'{technology.title}'", *table.notices))
+    if settings.offset == "none":
+        raise InputError("passes run beside an edge at their offsets: offset none leaves nothing to trim")
+    technology = _technology(settings)
+    table = technology.table(settings.workpiece.greatest_mm, settings.passes)
+    shift_mm = 0.0 if settings.offset == "auto" else float(settings.offset) - table.offsets_mm[-1]
+    offsets_mm = tuple(round(mm + shift_mm, 6) for mm in table.offsets_mm)
+    after_tab: Any = settings.after_tab
+    wanted = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, after_tab)
+    settings = in_force(settings, technology, table)
+    path = plan(program, settings, settings.load_machine(), wanted)
+    return _made(settings, technology, table, path, table.notices)
+
+
+def in_force(settings: CutSettings, technology: Technology, table: PassTable) -> CutSettings:
+    """Return settings with what the technology decides, that of its rough pass; refuse what contradicts it."""
+    rough = table.settings[0]
+    decided: dict[str, Any] = {
+        "machine": technology.machine, "wire": technology.wire, "planner": technology.planner,
+        "controller": rough.controller(), **{name: getattr(rough, own) for name, own in _OF_PASS.items()},
+    }  # fmt: skip
+    for name, value in decided.items():
+        given, usual = getattr(settings, name), CutSettings.model_fields[name].default
+        if given not in (usual, value):
+            raise InputError(
+                f"the technology '{technology.title}' decides {name}, {value!r}, and it is given as {given!r}: leave "
+                "it out, or give a technology that has it"
+            )
+    return settings.model_copy(update=decided)
+
+
+def _technology(settings: CutSettings) -> Technology:
+    if settings.technology is not None:
+        found = read_technology(settings.technology)
+        if found.material != settings.material:
+            raise InputError(f"the technology '{found.title}' is for {found.material}, not for {settings.material}")
+        return found
+    usual = CutSettings.model_fields
+    machine, wire = (
+        None if getattr(settings, name) == usual[name].default else getattr(settings, name)
+        for name in ("machine", "wire")
+    )
+    return technology_for(settings.material, machine, wire)
+
+
+def _made(
+    settings: CutSettings, technology: Technology, table: PassTable, path: CutPath, notices: tuple[str, ...]
+) -> Passes:
+    """Make the set-ups of the passes; the first is the machine of the settings."""
+    machines = [_machine(settings, technology, one) for one in table.settings]
+    setups = tuple(
+        PassSetup(machine, from_text(one.controller())) for machine, one in zip(machines, table.settings, strict=True)
+    )
+    approach = PassSetup(machines[0], from_text(table.settings[0].controller(table.approach_share)))
+    path = CutPath(
+        path.contours,
+        path.stock_mm,
+        path.start_hole_radius_mm,
+        path.origin_mm,
+        (*path.notices, *notices),
+        path.source,
+    )
+    return Passes(settings, path, setups, approach, table)
+
+
+def _machine(settings: CutSettings, technology: Technology, one: PassSetting) -> Machine:
+    height_mm = settings.workpiece.greatest_mm
+    machine = machine_of(one, technology.machine, settings.material, technology.wire, height_mm)
+    return with_overrides(machine, settings.constants) if settings.constants else machine

@@ -1,0 +1,295 @@
+"""Technologies: offsets and settings of every pass by workpiece height, as files of `models/technologies` hold them.
+
+A technology is found by simulation (``edmsim technology``). Its passes form a chain: a pass has the same setting
+however many follow, and offsets are counted from the last pass, the one that meets the drawing.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from importlib import resources
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import Field, ValidationError, model_validator
+
+from edmsim.errors import InputError, one_of
+from edmsim.machine.machine import Machine
+from edmsim.machine.parts import Part
+from edmsim.numeric import Number
+
+_MOST_BYTES = 1_000_000
+_BEYOND = 1.6
+"""How many times lower or higher than any of its heights a technology is used (ours)."""
+
+_Above = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
+_Any = Annotated[Number, Field(allow_inf_nan=False)]
+
+
+class FoundPass(Part):
+    """What a pass did when the technology was found: feed, stock taken, roughness and bow of a straight cut."""
+
+    feed_mm_min: _Any
+    stock_um: _Any
+    ra_um: _Any
+    bow_um: _Any
+
+
+class PassSetting(Part):
+    """Setting of a pass at one height.
+
+    Attributes
+    ----------
+    generator : str
+    t_on_us, t_period_us : float
+    peak_current_A, open_voltage_V, ignition_wait_us : float, optional
+        By default the generator's own.
+    tension_N, wire_speed_m_s, flushing_lower_Pa, flushing_upper_Pa : float, optional
+        By default the wire's and the machine's own.
+    feed : {"adaptive", "constant"}
+        Whether the feed follows the gap, or is constant and slowed by shorts.
+    open_target_share : float
+        Share of open pulses that an adaptive feed holds.
+    stop_share : float
+        Share of shorts at which a constant feed has come to a stand.
+    feed_mm_min : float
+        The constant feed; of an adaptive one that to begin with.
+    last_offset_um : float
+        Offset with which the pass meets the drawing if it is the last.
+    step_um : float
+        By how much the offset of the pass behind it is less.
+    found : FoundPass
+    """
+
+    generator: str
+    t_on_us: _Above
+    t_period_us: _Above
+    peak_current_A: _Above | None = None
+    open_voltage_V: _Above | None = None
+    ignition_wait_us: _Above | None = None
+    tension_N: _Above | None = None
+    wire_speed_m_s: _Above | None = None
+    flushing_lower_Pa: _Any | None = None
+    flushing_upper_Pa: _Any | None = None
+    feed: Literal["adaptive", "constant"]
+    open_target_share: Annotated[Number, Field(ge=0, le=1)] = 0.06
+    stop_share: Annotated[Number, Field(gt=0, le=1)] = 0.5
+    feed_mm_min: _Above
+    last_offset_um: _Above
+    step_um: _Any = 0.0
+    found: FoundPass
+
+    def controller(self, scale: float = 1.0) -> str:
+        """Return the feed controller, as a command line names it.
+
+        Parameters
+        ----------
+        scale : float
+            Of the feed: a lead-in is cut slower.
+        """
+        feed_um_s = self.feed_mm_min / 0.06 * scale
+        if self.feed == "constant" or scale != 1.0:
+            return f"trim:feed_um_s={feed_um_s:.6g},stop_share={self.stop_share:.6g}"
+        return f"counts:open_target_share={self.open_target_share:.6g},start_feed_um_s={feed_um_s / 2:.6g}"
+
+
+def machine_of(one: PassSetting, machine: str, material: str, wire: str, height_mm: float) -> Machine:
+    """Return a machine with the setting of a pass; raises `InputError` as `Machine.load`."""
+    return Machine.load(
+        machine,
+        material=material,
+        wire=wire,
+        generator=one.generator,
+        height_mm=height_mm,
+        tension=one.tension_N,
+        t_on_us=one.t_on_us,
+        t_period_us=one.t_period_us,
+        peak_current_A=one.peak_current_A,
+        open_voltage_V=one.open_voltage_V,
+        ignition_wait_us=one.ignition_wait_us,
+        wire_speed_m_s=one.wire_speed_m_s,
+        flushing_lower_Pa=one.flushing_lower_Pa,
+        flushing_upper_Pa=one.flushing_upper_Pa,
+    )
+
+
+class AtHeight(Part):
+    """The passes of a technology at one height, from rough to last, and how much slower a lead-in is cut."""
+
+    height_mm: _Above
+    approach_share: Annotated[Number, Field(gt=0, le=1)] = 0.25
+    passes: Annotated[tuple[PassSetting, ...], Field(alias="pass", min_length=1)]
+
+    @model_validator(mode="after")
+    def _offsets_fall(self) -> AtHeight:
+        if any(one.step_um < 0 for one in self.passes):
+            raise ValueError("step_um is below 0: the offset would grow from a pass to the next")
+        return self
+
+
+class PassTable(NamedTuple):
+    """What a technology says of a cut: offsets and settings of its passes, from rough to last.
+
+    Attributes
+    ----------
+    offsets_mm : tuple of float
+    settings : tuple of PassSetting
+    approach_share : float
+        Feed of a lead-in over that of the rough pass.
+    notices : tuple of str
+    """
+
+    offsets_mm: tuple[float, ...]
+    settings: tuple[PassSetting, ...]
+    approach_share: float
+    notices: tuple[str, ...]
+
+
+class Technology(Part):
+    """Settings of passes for a machine, a material and a wire.
+
+    Attributes
+    ----------
+    title, source : str
+    machine, material, wire, planner : str
+        Names as a cut's options have them; the wire with its diameter.
+    heights : tuple of AtHeight
+        In rising order.
+    """
+
+    title: str
+    source: Annotated[str, Field(min_length=3)]
+    machine: str
+    material: str
+    wire: str
+    planner: str = "exact"
+    heights: Annotated[tuple[AtHeight, ...], Field(alias="height", min_length=1)]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Technology:
+        if any(b.height_mm <= a.height_mm for a, b in pairwise(self.heights)):
+            raise ValueError("heights must rise")
+        return self
+
+    def table(self, height_mm: float, passes: int) -> PassTable:
+        """Return offsets and settings for a height and a number of passes, interpolated between heights.
+
+        Raises
+        ------
+        InputError
+            More passes than it has, or a height far beyond its own.
+        """
+        at, notices = self._at(height_mm)
+        if not 1 <= passes <= len(at.passes):
+            raise InputError(
+                f"the technology for {self.material} and the wire {self.wire} has 1 to {len(at.passes)} passes for "
+                f"{height_mm:g} mm, not {passes}: take so many, or find others with edmsim technology"
+            )
+        settings = at.passes[:passes]
+        offset_um = settings[-1].last_offset_um
+        offsets = [offset_um]
+        for one in settings[-2::-1]:
+            offset_um += one.step_um
+            offsets.append(offset_um)
+        return PassTable(tuple(round(um) / 1e3 for um in offsets[::-1]), settings, at.approach_share, notices)
+
+    def _at(self, height_mm: float) -> tuple[AtHeight, tuple[str, ...]]:
+        known = [one.height_mm for one in self.heights]
+        for one in self.heights:
+            if math.isclose(one.height_mm, height_mm, rel_tol=1e-3):
+                return one, ()
+        listed = " and ".join(f"{mm:g}" for mm in known)
+        if not known[0] / _BEYOND <= height_mm <= known[-1] * _BEYOND:
+            raise InputError(
+                f"the technology for {self.material} and the wire {self.wire} has settings for heights of {listed} "
+                f"mm, too far from {height_mm:g} mm: find some with edmsim technology {self.material} --height "
+                f"{height_mm:g}"
+            )
+        between = known[0] < height_mm < known[-1]
+        how = "interpolated between" if between else "extrapolated from"
+        notice = (
+            f"the settings of the passes are {how} those for {listed} mm; this workpiece is {height_mm:g} mm high"
+        )
+        if len(known) == 1:
+            return self.heights[0], (notice,)
+        pair = next((p for p in pairwise(self.heights) if height_mm <= p[1].height_mm), self.heights[-2:])
+        low, high = pair
+        share = math.log(height_mm / low.height_mm) / math.log(high.height_mm / low.height_mm)
+        return _between(low, high, share, height_mm), (notice,)
+
+
+def _between(low: AtHeight, high: AtHeight, share: float, height_mm: float) -> AtHeight:
+    """Return the settings at a share of the way, in the logarithm of the height, from one to the other."""
+    passes = [_mixed(a, b, share) for a, b in zip(low.passes, high.passes, strict=False)]
+    return AtHeight.model_construct(height_mm=height_mm, approach_share=low.approach_share, passes=tuple(passes))
+
+
+def _mixed(a: PassSetting, b: PassSetting, share: float) -> PassSetting:
+    values: dict[str, Any] = {}
+    for name in PassSetting.model_fields:
+        one, other = getattr(a, name), getattr(b, name)
+        if isinstance(one, float) and isinstance(other, float):
+            positive = one > 0 and other > 0
+            mixed = one * (other / one) ** share if positive else one + share * (other - one)
+            values[name] = max(mixed, 0.0)
+        else:
+            values[name] = one if share < 0.5 else other
+    return PassSetting.model_construct(**values)
+
+
+def read_technology(file: str | Path) -> Technology:
+    """Read a technology from a name under ``models/technologies`` or the path of an own TOML file.
+
+    Raises
+    ------
+    InputError
+        There is none of that name, or the file cannot be used; with the key that is wrong.
+    """
+    name = str(file)
+    try:
+        text, where = (Path(name).read_text(encoding="utf-8-sig"), name) if name.endswith(".toml") else _ours(name)
+        if len(text) > _MOST_BYTES:
+            raise InputError(f"this is no technology: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
+        return Technology.model_validate(tomllib.loads(text))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "file"
+        raise InputError(f"key '{key}': {first['msg'].removeprefix('Value error, ')}", where) from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"this is no technology that can be read: {error}", name) from None
+
+
+def available_technologies() -> list[str]:
+    """Names under ``models/technologies``."""
+    folder = resources.files("edmsim.models") / "technologies"
+    return sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml"))
+
+
+def _ours(name: str) -> tuple[str, str]:
+    names = available_technologies()
+    if name not in names:
+        raise InputError(f"there is no technology '{name}'; there are: {one_of(name, names)}, or give a file .toml")
+    file = resources.files("edmsim.models") / "technologies" / f"{name}.toml"
+    return file.read_text(encoding="utf-8"), f"models/technologies/{name}.toml"
+
+
+def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
+    """Return the one of ours for a material, and for a machine and a wire if those are said.
+
+    Raises
+    ------
+    InputError
+        There is none; it says how to find one.
+    """
+    known = [read_technology(name) for name in available_technologies()]
+    for one in known:
+        if one.material == material and machine in (None, one.machine) and wire in (None, one.wire):
+            return one
+    wanted = ", ".join(f"{what} {name}" for what, name in (("machine", machine), ("wire", wire)) if name is not None)
+    ours = "; ".join(f"{one.material}, machine {one.machine}, wire {one.wire}" for one in known)
+    raise InputError(
+        f"there is no technology for {material}{', ' if wanted else ''}{wanted}; there are: {ours}. Find one with: "
+        f"edmsim technology {material}"
+    )

@@ -1,0 +1,120 @@
+"""The wall after a pass: how far from the drawing it is, how straight over the height, and its ripples."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.geometry import Polyline, left_of
+from edmsim.metrology.kerf import MAX_KERF_OVER_WIRE, wall_distance_um
+from edmsim.metrology.profile import BLANK_EDGE_MM, clear_of_steps, depth_in_blank, finite_mean
+from edmsim.plant.workpiece.kerf_field import KerfField
+from edmsim.program.outline import Side
+from edmsim.program.passes import CutPass
+
+Floats = NDArray[np.float64]
+
+STEP_MM = 0.05
+CLEARANCE_MM = 0.4
+"""Nearer than this to a corner, or to either end of a pass, the wall is not looked at."""
+FEWEST_WAVES = 3
+"""A wavelength is only told where so many of its waves were cut (ours)."""
+
+
+@dataclass(frozen=True)
+class WallError:
+    """What of a wall a pass left, over the drawing: positive is metal left on the part.
+
+    Attributes
+    ----------
+    places : int
+        Places along the pass that were measured.
+    mean_um : float
+        Over all places and heights; NaN where there are none, as all others then.
+    rms_um : float
+        Scatter about that mean.
+    slices_um : tuple of float
+        Mean at every height, from the lowest slice.
+    bow_um : float
+        Mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle.
+    straightness_um : float
+        From the lowest to the highest of the heights.
+    ripple_um : float
+        Scatter along the path of the mean over the height.
+    ripple_mm : float
+        Wavelength with the most of it; NaN where the pass is too short to tell.
+    """
+
+    places: int
+    mean_um: float
+    rms_um: float
+    slices_um: tuple[float, ...]
+    bow_um: float
+    straightness_um: float
+    ripple_um: float
+    ripple_mm: float
+
+
+def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diameter_um: float) -> WallError:
+    """Measure the wall on the part's side of a pass, across its path.
+
+    Parameters
+    ----------
+    field : KerfField
+    cut_pass : CutPass
+    part_side : {"left", "right"}
+        Of the contour, looking along it.
+    wire_diameter_um : float
+    """
+    line = Polyline(np.asarray(cut_pass.points_um[cut_pass.approach_moves :] * 1e-3, np.float64), closed=False)
+    s_mm = np.arange(STEP_MM / 2, line.length, STEP_MM)
+    points = line.at(s_mm)
+    marks = np.concatenate(
+        [[0.0, line.length], line.s[line.corners(15.0)], s_mm[line.bend_deg(s_mm, STEP_MM) > 10.0]]
+    )
+    clear = line.distance_along(s_mm, marks) >= CLEARANCE_MM
+    clear &= depth_in_blank(field.stock, points) >= BLANK_EDGE_MM
+    left = (part_side == "left") != cut_pass.reversed
+    across = left_of(line.tangent(s_mm, STEP_MM)) * (1.0 if left else -1.0)
+    s_mm, points, across = s_mm[clear], points[clear], across[clear]
+    if not len(points):
+        return _unknown((math.nan,) * field.n_slices)
+    away_um = wall_distance_um(field, points * 1000, across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
+    solid = clear_of_steps(field, points) >= BLANK_EDGE_MM
+    return _summed(s_mm, np.where(solid, cut_pass.offset_um - away_um, np.nan))
+
+
+def _unknown(slices_um: tuple[float, ...]) -> WallError:
+    return WallError(0, math.nan, math.nan, slices_um, math.nan, math.nan, math.nan, math.nan)
+
+
+def _summed(s_mm: Floats, error_um: Floats) -> WallError:
+    slices = finite_mean(error_um, axis=1)
+    known = error_um[np.isfinite(error_um)]
+    if not len(known):
+        return _unknown(tuple(slices.tolist()))
+    heights = slices[np.isfinite(slices)]
+    along = finite_mean(error_um - slices[:, None], axis=0)
+    ends = (heights[0] + heights[-1]) / 2
+    quarter = max(len(heights) // 4, 1)
+    middle = heights[quarter:-quarter] if len(heights) > 2 * quarter else heights
+    return WallError(
+        places=int(np.isfinite(error_um).any(axis=0).sum()), mean_um=float(known.mean()), rms_um=float(known.std()),
+        slices_um=tuple(slices.tolist()), bow_um=float(middle.mean() - ends), straightness_um=float(np.ptp(heights)),
+        ripple_um=float(np.nanstd(along)), ripple_mm=_wavelength_mm(s_mm, along),
+    )  # fmt: skip
+
+
+def _wavelength_mm(s_mm: Floats, along_um: Floats) -> float:
+    """Return the wavelength with the greatest amplitude of the longest unbroken stretch; NaN if it is too short."""
+    ends = np.flatnonzero(np.diff(s_mm) > 1.5 * STEP_MM) + 1
+    longest = max(np.split(np.arange(len(s_mm)), ends), key=len)
+    values = along_um[longest]
+    if len(values) < 4 * FEWEST_WAVES or not np.isfinite(values).all():
+        return math.nan
+    spread = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values))))
+    spread[:FEWEST_WAVES] = 0.0
+    return len(values) * STEP_MM / int(spread.argmax())

@@ -1,0 +1,117 @@
+"""Figures of passes: the wall after each over the height, what each took, and the face of the part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from edmsim.recording.figures.palette import BLUE, ERROR_STOPS, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
+from edmsim.recording.figures.style import (
+    LABEL_PT,
+    TICK_PT,
+    colour_bar,
+    column_figure,
+    dress,
+    legend,
+    nothing_to_show,
+)
+from edmsim.recording.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PASS_COLOURS = (INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)
+"""Colours of the passes, from rough on."""
+
+
+def pass_colour(number: int) -> str:
+    """Return the colour of a pass."""
+    return PASS_COLOURS[(number - 1) % len(PASS_COLOURS)]
+
+
+def passes_figure(report: Mapping[str, Any]) -> Figure:
+    """Draw what each pass left: its wall over the height, time, stock and roughness.
+
+    Parameters
+    ----------
+    report : mapping
+        As ``report.json`` holds it.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One column wide, with an Agg canvas.
+    """
+    rows = [row for row in report.get("passes") or [] if row["piece"] == "profile" and row["left_um"] is not None]
+    if not rows:
+        return nothing_to_show(column_figure(2.0), "no passes: the cut was made in one, or none was finished")
+    rows = [row for row in rows if row["contour"] == rows[0]["contour"]]
+    figure = column_figure(4.4, top_in=0.3)
+    grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1.0], hspace=0.42, wspace=0.62)
+    wall = figure.add_subplot(grid[0, :])
+    heights = np.array([row["height_mm"] for row in report["heights"]])
+    for row in rows:
+        own = np.array(row["slices_um"], float) - row["left_um"]
+        wall.plot(own, heights, "o-", color=pass_colour(row["number"]), markersize=2.5, linewidth=1.0,
+                  label=f"{row['number']}")  # fmt: skip
+    dress(wall, "wall over its mean, µm (+ metal left)", "height, mm")
+    legend(wall, above=True, columns=len(rows), title="wall after pass")
+    numbers = [row["number"] for row in rows]
+    panels = (
+        ("time, min", [(row["end_s"] - row["begin_s"]) / 60 for row in rows]),
+        ("metal left, µm", [row["left_um"] for row in rows]),
+        ("Ra, µm", [row["ra_um"] or np.nan for row in rows]),
+    )
+    for k, (name, values) in enumerate(panels):
+        axes = figure.add_subplot(grid[1, k])
+        axes.bar(numbers, values, color=[pass_colour(number) for number in numbers], width=0.7)
+        dress(axes, "pass", "")
+        axes.set_title(name, fontsize=TICK_PT, color=INK, loc="left", pad=2)
+        axes.set_xticks(numbers)
+    return figure
+
+
+def face_figure(scene: Scene) -> Figure:
+    """Draw the cut face unrolled: the profile error over the way along the edge and the height.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of a cut: ``result.scene``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One column wide, with an Agg canvas: one panel per contour, of up to four.
+    """
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+    faces = [edge for edge in scene.maps if edge.face_um is not None and np.isfinite(edge.face_um).any()]
+    if not faces:
+        return nothing_to_show(column_figure(2.0), "no face: no edge of the part was measured")
+    shown = faces[:4]
+    figure = column_figure(0.95 + 1.05 * len(shown), top_in=0.55)
+    known = np.concatenate(
+        [np.abs(edge.face_um[np.isfinite(edge.face_um)]) for edge in shown if edge.face_um is not None]
+    )
+    limit = max(float(np.percentile(known, 97)), 0.1)
+    colours = LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
+    colours.set_bad("#ffffff")
+    panels = np.atleast_1d(figure.subplots(len(shown), 1, gridspec_kw={"hspace": 0.35}))
+    for axes, edge in zip(panels, shown, strict=True):
+        assert edge.face_um is not None
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(edge.points_mm, axis=0).T))])
+        heights = np.linspace(0.0, scene.height_mm, len(edge.face_um) + 1)
+        ends = (
+            np.concatenate([way, way[-1:] + max(way[-1] - way[-2], 1e-3)]) if len(way) > 1 else np.array([0.0, 1.0])
+        )
+        axes.pcolormesh(
+            ends, heights, edge.face_um, cmap=colours, norm=Normalize(-limit, limit), rasterized=True, shading="flat"
+        )
+        dress(axes, "", "height, mm")
+        axes.grid(visible=False)
+    panels[-1].set_xlabel("along the nominal edge, mm", fontsize=LABEL_PT, color=MUTED)
+    colour_bar(figure, panels[0].collections[0], "profile error, µm: − undercut, + metal left")
+    return figure

@@ -1,0 +1,221 @@
+"""Search of the settings of a user's own controller: what ``edmsim tune --own FILE.py:CLASS`` does.
+
+A firmware has dozens of settings that are tuned by trial on the machine. Here they are tried on machines drawn within
+the ranges of what is not known of a gap; what is chosen does well on the worst of them, and is tried once more on
+others, which it has not been chosen by.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from edmsim.controllers.own import from_file
+from edmsim.envs.episode import Task
+from edmsim.errors import InputError
+from edmsim.evaluation.search import training_seeds
+from edmsim.files import make_writable
+from edmsim.numeric import real
+from edmsim.sweep.engine import Engine, LostJob, Processes
+from edmsim.sweep.tune import (
+    OWN_ENV,
+    WORST_SHARE,
+    Bound,
+    Trial,
+    Worth,
+    judge_trial,
+    made_in,
+    open_study,
+    run_study,
+    write_found,
+)
+from edmsim.user_code import named, run
+
+FINALISTS = 8
+"""Trials that are tried once more, besides the settings in use (ours: the best has been lucky, too)."""
+FRESH = 2
+"""Times as many machines as a trial has had, the same for all (ours)."""
+_RULE = 'BOUNDS = {"gain": (0.1, 10.0), "window_s": (0.01, 1.0, "log")}'
+
+
+class Spread(NamedTuple):
+    """What settings return on drawn machines: the mean of the worst quarter, the mean, and 10 and 90 % of them."""
+
+    worst: float
+    mean: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, worth: Worth) -> Spread:
+        """Return that of a trial."""
+        returns = np.asarray(worth.returns)
+        low, high = np.quantile(returns, (0.1, 0.9)).tolist()
+        return cls(worth.value, float(returns.mean()), low, high)
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return (
+            f"worst {100 * WORST_SHARE:.0f} % {self.worst:.4g}, mean {self.mean:.4g}, "
+            f"10 to 90 % {self.low:.4g} to {self.high:.4g}"
+        )
+
+
+class TunedOwn(NamedTuple):
+    """What a search has found.
+
+    Attributes
+    ----------
+    values : dict
+        The robust choice.
+    spread, first_spread : Spread
+        Of it, and of the settings in use, on the same machines, which neither was chosen by.
+    trials, failed : int
+        Made in all, and those that failed.
+    machines : int
+        That the spreads are of.
+    """
+
+    values: dict[str, float]
+    spread: Spread
+    first_spread: Spread
+    trials: int
+    failed: int
+    machines: int
+
+
+def tune_own(
+    own: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 8, engine: Engine | None = None,
+    watch: Callable[[int, float], None] | None = None, **options: Any,
+) -> TunedOwn:
+    """Search the settings of a user's own controller on drawn machines.
+
+    Parameters
+    ----------
+    own : str
+        ``FILE.py:CLASS``. The class says in `BOUNDS` what is searched, and where.
+    out : path
+        Folder for the study, which goes on if it is there, and for ``best.toml``.
+    trials : int
+        In all; the first is of the settings in use.
+    seed : int
+        First training seed, and seed of the search.
+    seeds : int
+        Drawn machines a trial is judged by, others for every trial.
+    engine : Engine, optional
+        All processors of this computer by default.
+    watch : callable, optional
+        Called with the number of trials made and the best worth.
+    **options
+        Arguments of the environment GapFeed in which it cuts: ``machine``, ``height_mm``, ``randomise``.
+
+    Raises
+    ------
+    InputError
+        The file has no such controller, it says not what to search, or an argument cannot be used.
+    """
+    given = named(own)
+    if given is None or not given.name:
+        raise InputError(f"'{own}' names no controller of your own: give FILE.py:CLASS")
+    text = f"{Path(given.file).absolute()}:{given.name}"
+    law = from_file(given, {})
+    space = bounds_of(own)
+    if trials < 1:
+        raise InputError(f"{trials} trials find nothing: give 1 or more")
+    fresh = tuple(training_seeds(seed, FRESH * seeds))
+    first_of_trials = seed + FRESH * seeds
+    training_seeds(first_of_trials, (trials + 1) * seeds)
+    options = {"resolution": "fast", **options}
+    Task(OWN_ENV, **options)  # refused here, in one line, and not in every trial
+    folder = Path(out)
+    make_writable(folder)
+    study = open_study(folder, f"own {given.name}", seed)
+    if not study.trials:
+        study.enqueue_trial({name: min(max(_in_use(law, name), b.low), b.high) for name, b in space.items()})
+    machines = engine or Processes()
+
+    def made(number: int, values: dict[str, float]) -> Trial:
+        # machines of its own: on the same ones a search finds what these bear, and not what most do
+        judged_by = training_seeds(first_of_trials + max(number, 0) * seeds, seeds)
+        return Trial(number, "own", text, values, tuple(judged_by), options=options)
+
+    def ended(trial: Trial, worth: Worth) -> None:
+        if watch is not None and made_in(study, "COMPLETE"):
+            watch(made_in(study), float(study.best_value))
+
+    run_study(study, space, trials, machines, made, ended)
+    first = made(-1, {name: _in_use(law, name) for name in space})
+    spreads = _judged_again([first, *_finalists(study, made)], fresh, machines)
+    chosen = max(spreads, key=lambda number: spreads[number][1].worst)
+    values, spread = spreads[chosen]
+    found = TunedOwn(values, spread, spreads[-1][1], made_in(study), made_in(study, "FAIL"), len(fresh))
+    what = f"{given.name}, {spread} on {len(fresh)} drawn machines; in use before: {found.first_spread}"
+    write_found(folder, what, spread.worst, fresh, "parameters", values, {})
+    return found
+
+
+def bounds_of(own: str) -> dict[str, Bound]:
+    """Return what a user's class says is searched of it, and where.
+
+    Raises
+    ------
+    InputError
+        It says nothing, or something else than parameters with their bounds.
+    """
+    given = named(own)
+    assert given is not None
+    kind = vars(run(given.file))[given.name]
+    declared = getattr(kind, "BOUNDS", None)
+    if not isinstance(declared, Mapping) or not declared:
+        raise InputError(f"{given.name} does not say what is searched: give it {_RULE}", given.file)
+    known = inspect.signature(kind).parameters
+    found = {}
+    for name, ends in declared.items():
+        if name not in known:
+            has = ", ".join(known)
+            raise InputError(f"BOUNDS of {given.name} name {name!r}; its parameters are {has}", given.file)
+        found[name] = _bound(name, ends, given.file)
+    return found
+
+
+def _bound(name: str, ends: Any, file: str) -> Bound:
+    low, high, scale = (*ends, "linear")[:3] if isinstance(ends, tuple | list) and len(ends) in (2, 3) else (0, 0, "")
+    numbers = real(low), real(high)
+    if None not in numbers and scale in ("linear", "log"):
+        bound = Bound(float(low), float(high), scale)
+        if math.isfinite(bound.high - bound.low) and bound.low < bound.high and (scale == "linear" or bound.low > 0):
+            return bound
+    raise InputError(f"{name} is searched from a number to a greater one, not {ends!r}: {_RULE}", file)
+
+
+def _in_use(law: object, name: str) -> float:
+    value = real(getattr(law, name, None))
+    if value is None:
+        raise InputError(f"{name} of your controller has no value to begin with: give the parameter a default")
+    return value
+
+
+def _finalists(study: Any, made: Callable[[int, dict[str, float]], Trial]) -> list[Trial]:
+    """Return the best trials of a study."""
+    whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
+    best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
+    return [made(trial.number, {name: float(f"{v:.3g}") for name, v in trial.params.items()}) for trial in best]
+
+
+def _judged_again(
+    trials: list[Trial], fresh: tuple[int, ...], engine: Engine
+) -> dict[int, tuple[dict[str, float], Spread]]:
+    """Return values and spread of trials by number, on machines that they were not chosen by."""
+    found = {}
+    for trial, answer in engine.done(judge_trial, iter([replace(trial, seeds=fresh) for trial in trials])):
+        worth = Worth(math.nan, answer.why) if isinstance(answer, LostJob) else answer
+        if worth.error is not None:
+            raise InputError(f"the settings of trial {trial.number} could not be tried again: {worth.error}")
+        found[trial.number] = dict(trial.values), Spread.of(worth)
+    return found

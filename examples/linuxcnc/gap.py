@@ -1,0 +1,145 @@
+#!/usr/bin/env python3
+"""HAL component (userspace): the gap of edmsim behind LinuxCNC's axes.
+
+    loadusr -W python3 gap.py part.ngc --out out/linuxcnc
+
+While ``enable`` is high, one cut is simulated: the axes go where ``x`` and ``y`` say, in mm, and the pins show what
+the gap shows. When ``enable`` falls, the cut ends, and its folder has what ``edmsim cut`` leaves: report, windows,
+recording.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import re
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import edmsim
+from edmsim.controllers.protocols import WindowObservation
+from edmsim.errors import EdmsimError
+from edmsim.hil.external import ExternalMotion
+
+DEBIAN = "/usr/lib/python3/dist-packages"
+"""Where Debian's package has the module hal; a virtual environment does not look there."""
+WORDS = re.compile(r"\bM(5[0-3]|6[2-8])\s*([PELQ]\s*[-+.\d]+\s*)*", re.IGNORECASE)
+"""Words of a program that are LinuxCNC's affair, with their P: adaptive feed, digital and analogue outputs."""
+PINS_IN = {"x": "FLOAT", "y": "FLOAT", "u": "FLOAT", "v": "FLOAT", "enable": "BIT"}
+PINS_OUT = {
+    "gap-voltage": "FLOAT", "gap-current": "FLOAT", "short-ratio": "FLOAT", "open-ratio": "FLOAT",
+    "spark-ratio": "FLOAT", "wire-broken": "BIT", "cutting": "BIT", "path": "FLOAT",
+}  # fmt: skip
+POLL_S = 0.005
+
+
+class Pins:
+    """The component's pins as the cut wants them."""
+
+    def __init__(self, component: Any) -> None:
+        self.component = component
+
+    def place_um(self) -> tuple[float, float]:
+        """Return where LinuxCNC wants the axes; from the first time on it may move them."""
+        place = 1e3 * self.component["x"], 1e3 * self.component["y"]
+        self.component["cutting"] = True
+        return place
+
+    def finished(self) -> bool:
+        """Return whether the program has switched the gap off."""
+        return not self.component["enable"]
+
+    def show(self, seen: WindowObservation) -> None:
+        """Set the pins to what a window shows."""
+        pins = self.component
+        pins["short-ratio"], pins["open-ratio"] = seen.short / 255, seen.open / 255
+        pins["spark-ratio"] = 1.0 - (seen.short + seen.open) / 255
+        pins["gap-voltage"], pins["gap-current"] = seen.mean_voltage_V, seen.mean_current_A
+        pins["path"] = seen.path_um * 1e-3
+
+    def rest(self, broken: bool) -> None:
+        """Set the pins to those of a gap that is not cut: all open, so that nothing holds the axes back."""
+        pins = self.component
+        pins["short-ratio"], pins["spark-ratio"], pins["open-ratio"] = 0.0, 0.0, 1.0
+        pins["gap-voltage"] = pins["gap-current"] = 0.0
+        pins["cutting"], pins["wire-broken"] = False, broken
+
+
+def make_component(hal: Any, name: str) -> Any:
+    """Make the HAL component with its pins."""
+    component = hal.component(name)
+    for pins, direction in ((PINS_IN, hal.HAL_IN), (PINS_OUT, hal.HAL_OUT)):
+        for pin, kind in pins.items():
+            component.newpin(pin, getattr(hal, f"HAL_{kind}"), direction)
+    component.newparam("time-scale", hal.HAL_FLOAT, hal.HAL_RW)
+    component["time-scale"] = 1.0
+    return component
+
+
+def without_words(program: str, folder: str) -> Path:
+    """Write a program without LinuxCNC's own words, for edmsim to read the contour of; return where."""
+    file = Path(folder) / Path(program).name
+    file.write_text(WORDS.sub("", Path(program).read_text(encoding="utf-8")), encoding="utf-8")
+    return file
+
+
+def serve(component: Any, chosen: argparse.Namespace, folder: str, cuts: int | None = None) -> None:
+    """Cut whenever ``enable`` rises, until the component is unloaded, or so many times."""
+    pins, made = Pins(component), 0
+    program = without_words(chosen.program, folder)
+    pins.rest(False)
+    while cuts is None or made < cuts:
+        if not component["enable"]:
+            time.sleep(POLL_S)
+            continue
+        component["wire-broken"] = broken = False
+        try:
+            result = edmsim.cut(
+                program, out=chosen.out, overwrite=True, resolution="fast",
+                machine=chosen.machine, material=chosen.material, height_mm=chosen.height, generator=chosen.generator,
+                controller=ExternalMotion(pins, component["time-scale"]), seed=chosen.seed,
+            )  # fmt: skip
+            print(f"edmsim: {result.report['outcome']}; {chosen.out}", file=sys.stderr)
+            broken = result.report["outcome"] == "wire-break"
+        except EdmsimError as error:
+            print(f"edmsim: {error}", file=sys.stderr)
+        made += 1
+        pins.rest(broken)
+        while component["enable"]:
+            time.sleep(POLL_S)
+
+
+def arguments(words: list[str] | None = None) -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description="The gap of edmsim as a HAL component.")
+    parser.add_argument("program", help="the program that LinuxCNC runs, for the workpiece and the measurements")
+    parser.add_argument("--out", default="out/linuxcnc", help="folder for the cut")
+    parser.add_argument("--name", default="edm-gap", help="of the component")
+    parser.add_argument("--machine", default="agiecut-dem15")
+    parser.add_argument("--material", default="tool-steel")
+    parser.add_argument("--generator", default="iso-pulse")
+    parser.add_argument("--height", type=float, default=10.0, help="of the workpiece in mm")
+    parser.add_argument("--seed", type=int, default=0)
+    return parser.parse_args(words)
+
+
+def main() -> None:
+    """Load as ``loadusr -W`` wants it: compile, make the pins, say ready, serve."""
+    chosen = arguments()
+    sys.path.append(DEBIAN)
+    hal = importlib.import_module("hal")
+    edmsim.Plant(edmsim.Machine.load(), resolution="fast").advance()  # whatever has to be compiled is compiled here
+    component = make_component(hal, chosen.name)
+    component.ready()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            serve(component, chosen, folder)
+    except KeyboardInterrupt:
+        return
+
+
+if __name__ == "__main__":
+    main()

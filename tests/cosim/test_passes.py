@@ -1,0 +1,129 @@
+"""Passes in a cut: one kerf field under several settings, resumed to the bit; pieces that come loose."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import edmsim
+from edmsim.controllers import from_text
+from edmsim.cosim.passes import PassSetup
+from edmsim.cosim.simulation import Simulation
+from edmsim.errors import InputError
+from edmsim.evaluation.technology import straight_path
+from edmsim.machine.technology import machine_of, technology_for
+from edmsim.metrology.edges import metal_at
+from edmsim.metrology.loose import loose_pieces
+from edmsim.metrology.roughness import face_roughness_um, roughness_um
+from edmsim.plant.workpiece.kerf_field import KerfField, Stock
+
+TABLE = technology_for("tool-steel").table(25.4, 2)
+
+
+def setups() -> list[PassSetup]:
+    machines = [machine_of(one, "production", "tool-steel", "brass-254", 25.4) for one in TABLE.settings]
+    return [PassSetup(m, from_text(one.controller())) for m, one in zip(machines, TABLE.settings, strict=True)]
+
+
+def begun(length_mm: float = 0.5) -> Simulation:
+    both = setups()
+    path = straight_path(TABLE.offsets_mm, length_mm, both[0].machine)
+    return Simulation(both[0].machine, path, both[0].controller, planner="exact", resolution="fast", setups=both)
+
+
+def state_of(simulation: Simulation) -> tuple[dict[str, bytes], str]:
+    arrays, values = simulation.snapshot()
+    return {name: array.tobytes() for name, array in arrays.items()}, json.dumps(values)
+
+
+@cache
+def cut_with_a_snapshot_in_each_pass() -> tuple[Simulation, list[tuple[Any, Any]]]:
+    simulation, kept, windows = begun(), [], 0
+    while simulation.outcome is None:
+        simulation.step()
+        windows += 1
+        if windows % 150 == 100:
+            arrays, values = simulation.snapshot()
+            kept.append((arrays, json.loads(json.dumps(values))))
+    return simulation, kept
+
+
+def test_a_cut_resumed_in_any_pass_is_equal_to_the_bit() -> None:
+    simulation, kept = cut_with_a_snapshot_in_each_pass()
+    assert {values["at"]["leg"] for _, values in kept} >= {1, 2}  # in the rough pass, and in its trim
+    for arrays, values in kept[:: max(len(kept) - 1, 1)]:
+        again = begun()
+        again.restore(arrays, values)
+        again.run()
+        assert state_of(again) == state_of(simulation)
+
+
+def test_a_trim_takes_from_one_side_what_the_rough_pass_left() -> None:
+    simulation, _ = cut_with_a_snapshot_in_each_pass()
+    rough, trim = simulation.passes.records
+    assert (rough.number, trim.number, trim.reversed) == (1, 2, True)
+    assert trim.sums.crater_um3 < 0.5 * rough.sums.crater_um3
+    assert rough.sums.pulses + trim.sums.pulses < simulation.sums.pulses  # the lead-in is neither's
+    assert trim.begin_s >= rough.end_s
+
+
+def test_a_plant_goes_on_under_another_setting() -> None:
+    rough, trim = setups()
+    plant = edmsim.Plant(rough.machine, 3, resolution="fast")
+    for _ in range(20):
+        plant.advance()
+    metal, time_ns, pulses = plant.removed_mm3, plant.time_ns, plant.pulses
+    plant.change_setup(trim.machine)
+    assert plant.machine is trim.machine
+    assert (plant.removed_mm3, plant.time_ns, plant.pulses) == (metal, time_ns, pulses)
+    kept = plant.snapshot()
+    windows = [plant.advance() for _ in range(3)]
+    plant.restore(kept)
+    assert [plant.advance() for _ in range(3)] == windows
+    with pytest.raises(InputError, match="another height_mm cannot go on with this cut"):
+        plant.change_setup(trim.machine.with_(height_mm=30.0))
+
+
+def ring_of_holes(gap: int = 0) -> Stock:
+    """Return a block with a circle of holes that meet, but for the last `gap` of them."""
+    angles = np.linspace(0, 2 * np.pi, 80, endpoint=False)[: 80 - gap]
+    holes = tuple((1000 + 500 * np.cos(a), 1000 + 500 * np.sin(a), 60.0) for a in angles)
+    return Stock((0.0, 0.0, 2000.0, 2000.0), holes)
+
+
+def test_a_piece_that_nothing_holds_is_found_and_taken_out() -> None:
+    field = KerfField(3, ring_of_holes(), 4.0, 4000.0)
+    field.allocate(1000.0, 1000.0, 200.0)  # only its middle
+    (piece,) = loose_pieces(field, 0.02)
+    assert piece.area * 1e-6 == pytest.approx(np.pi * 0.44**2, rel=0.05)
+    before = field.removed_parts
+    assert field.take_out(piece) > 0
+    assert field.removed_parts == before  # it was not removed by discharges
+    field.allocate(1000.0, 1000.0, 600.0)  # the rest of it, and what is around
+    inside, outside = np.array([[1000.0, 1000.0], [1000.0, 1380.0]]), np.array([[1000.0, 1620.0]])
+    assert not metal_at(field, inside).any()
+    assert metal_at(field, outside).all()
+    assert loose_pieces(field, 0.02) == []
+    again = KerfField(3, ring_of_holes(), 4.0, 4000.0)
+    again.restore(field.snapshot())
+    assert shapely.equals_exact(again.gone[0], field.gone[0])
+
+
+def test_a_piece_on_its_tab_is_held() -> None:
+    field = KerfField(3, ring_of_holes(gap=6), 4.0, 4000.0)
+    field.allocate(1000.0, 1000.0, 700.0)
+    assert loose_pieces(field, 0.02) == []
+
+
+def test_a_fine_pass_needs_stock_to_make_the_face_its_own() -> None:
+    coarse, fine = 5000.0, 60.0
+    alone = face_roughness_um([fine], [0.0])[0]
+    enough, little, nothing = (face_roughness_um([coarse, fine], [0.0, um])[1] for um in (8.0, 1.0, 0.0))
+    assert enough == pytest.approx(alone, rel=0.15)
+    assert enough < little < nothing
+    assert nothing == pytest.approx(roughness_um(coarse), rel=0.15)

@@ -1,0 +1,95 @@
+"""The search of a technology: what it does with what cuts answer. The cuts themselves are replaced by a formula."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from edmsim.cli import app as cli
+from edmsim.cosim.passes import PassRecord
+from edmsim.cosim.sums import Sums
+from edmsim.errors import InputError
+from edmsim.evaluation import technology
+from edmsim.evaluation.technology import ASKED, Cut, Job, Search
+from edmsim.machine.technology import PassSetting, read_technology
+from edmsim.metrology.passes import WallError
+
+BREAKS_BELOW_US = 40.0
+GAPS_UM = {1: 36.0, 2: 22.0, 3: 20.0}
+
+
+def answer(job: Job, one: PassSetting, number: int, offset_mm: float, metal: Any) -> Cut:
+    """Answer as a plant might: the wire breaks below a period, each pass leaves its gap, trims keep their feed."""
+    breaks = number == 1 and one.t_period_us < BREAKS_BELOW_US
+    feed_um_s = 1500.0 / one.t_period_us if number == 1 else one.feed_mm_min / 0.06
+    left_um = offset_mm * 1e3 - 127.0 - GAPS_UM[number]
+    wall = None if breaks else WallError(9, left_um, 1.0, (left_um,) * 5, 0.5, 1.0, 0.5, 0.3)
+    record = PassRecord(
+        1, number, "profile", number % 2 == 0, offset_mm * 1e3, 0.0, 1500.0 / feed_um_s, 0.0, 1500.0, Sums(), wall
+    )
+    return Cut(record, metal, ASKED[number - 1].ra_um, "wire-break" if breaks else "finished")
+
+
+@pytest.fixture(autouse=True)
+def no_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(technology, "cut_pass", lambda job, one, number, mm, _: answer(job, one, number, mm, number))
+
+
+def test_the_rough_pass_stays_off_the_period_that_breaks_the_wire() -> None:
+    told: list[str] = []
+    found = Search(Job("tool-steel", passes=1), told.append).run()
+    assert found.passes[0].t_period_us >= BREAKS_BELOW_US
+    assert found.passes[0].t_period_us <= 1.3 * BREAKS_BELOW_US
+    assert "wire-break" in "".join(told)
+
+
+def test_offsets_let_every_pass_take_its_stock() -> None:
+    rough, trim, last = Search(Job("tool-steel", passes=3), lambda text: None).run().passes
+    assert [one.last_offset_um for one in (rough, trim, last)] == [163.0, 149.0, 147.0]
+    assert rough.step_um == pytest.approx(ASKED[1].stock_um + 36.0 - 22.0, abs=6.0)
+    assert trim.step_um == pytest.approx(ASKED[2].stock_um + 22.0 - 20.0, abs=8.0)
+    assert last.found.stock_um == pytest.approx(ASKED[2].stock_um, abs=7.0)
+    assert rough.feed == "adaptive"
+    assert trim.feed == last.feed == "constant"
+
+
+def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path: Path) -> None:
+    journal, told = tmp_path / "steel.journal.json", []
+    whole = Search(Job("tool-steel", passes=3), lambda text: None).run()
+    Search(Job("tool-steel", passes=2), lambda text: None, journal).run()
+    resumed = Search(Job("tool-steel", passes=3), told.append, journal).run(resume=True)
+    assert resumed == whole
+    assert sum(text.startswith("pass 1") for text in told) == 1  # cut once more, for its metal
+    with pytest.raises(InputError, match=r"the interrupted search was for height_mm 25\.4, not 30"):
+        Search(Job("tool-steel", height_mm=30.0, passes=3), told.append, journal).run(resume=True)
+    journal.write_text("{")
+    with pytest.raises(InputError, match="the journal of the search is damaged"):
+        Search(Job("tool-steel", passes=3), told.append, journal).run(resume=True)
+
+
+def test_the_command_writes_a_technology_and_adds_heights(tmp_path: Path) -> None:
+    file, runner = tmp_path / "steel.toml", CliRunner()
+    for height in ("30", "20"):
+        done = runner.invoke(
+            cli.app, ["technology", "tool-steel", "--height", height, "--passes", "2", "--out", str(file)]
+        )
+        assert done.exit_code == 0, done.output
+    found = read_technology(file)
+    assert [at.height_mm for at in found.heights] == [20.0, 30.0]
+    assert found.table(25.0, 2).offsets_mm[-1] == pytest.approx(0.149)
+    assert not file.with_suffix(".journal.json").exists()
+    assert json.dumps(found.source)
+    other = runner.invoke(cli.app, ["technology", "copper", "--passes", "1", "--out", str(file)])
+    assert isinstance(other.exception, InputError)
+    assert "holds a technology for material tool-steel, not copper" in str(other.exception)
+
+
+def test_what_cannot_be_searched_is_refused() -> None:
+    with pytest.raises(InputError, match="a technology has 1 to 7 passes, not 8"):
+        Search(Job("tool-steel", passes=8), lambda text: None)
+    with pytest.raises(InputError, match="unknown material 'steel'"):
+        Search(Job("steel"), lambda text: None)

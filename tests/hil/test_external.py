@@ -1,0 +1,189 @@
+"""Cuts whose motion another program makes; the HAL component with a stand-in of LinuxCNC's module, and LinuxCNC."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import edmsim
+from edmsim.errors import InputError
+from edmsim.hil.external import ExternalMotion
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "linuxcnc"
+LINE = "G21 G90\nG0 X0 Y0\nM64 P0\nM66 P0 L3 Q60\nM52 P1\nF60\nG1 X0.8\nM52 P0\nM65 P0\nM2\n"
+
+
+class Other:
+    """A program that runs along x at a feed, and back a little on the way, as the clock of the cut goes."""
+
+    def __init__(self, feed_um_s: float, way_um: float) -> None:
+        self.feed_um_s, self.way_um = feed_um_s, way_um
+        self.seen: list[Any] = []
+
+    def place_um(self) -> tuple[float, float]:
+        time_s = self.seen[-1].time_s if self.seen else 0.0
+        place = self.feed_um_s * time_s - 20.0 * (time_s > 2.0)
+        return 1000.0 + min(place, self.way_um), -500.0
+
+    def finished(self) -> bool:
+        return self.place_um()[0] >= 1000.0 + self.way_um
+
+    def show(self, seen: Any) -> None:
+        self.seen.append(seen)
+
+
+def program(folder: Path, text: str = LINE) -> Path:
+    file = folder / "line.ngc"
+    file.write_text(text)
+    return file
+
+
+@pytest.fixture(scope="module")
+def gap(load_script) -> Any:
+    return load_script(EXAMPLE / "gap.py")
+
+
+def cut(file: Path, controller: ExternalMotion, **options: Any) -> Any:
+    return edmsim.cut(file, controller=controller, resolution="fast", height_mm=10.0, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("generator", ["iso-pulse", "iso-energetic"])
+def test_the_axes_go_where_the_other_program_is_and_the_cut_is_one_as_any(tmp_path, gap, generator):
+    other = Other(60.0, 300.0)
+    file = gap.without_words(str(program(tmp_path)), str(tmp_path))
+    result = cut(file, ExternalMotion(other, 1e9), generator=generator)
+    assert result.report["outcome"] == "finished"
+    windows = result.windows
+    x, path = (windows.column(name).to_numpy() for name in ("x_um", "path_um"))
+    assert x[-1] - x[0] == pytest.approx(300.0, abs=4.0)
+    assert path[-1] == pytest.approx(300.0, abs=4.0)
+    assert np.diff(path).min() < -5.0  # it went back where the other program did
+    assert windows.column("feed_um_s").to_numpy()[-20:].mean() == pytest.approx(30.0, abs=5.0)
+    assert len(other.seen) == windows.num_rows
+
+
+def test_a_cut_in_real_time_takes_its_time(tmp_path, gap):
+    file = gap.without_words(str(program(tmp_path)), str(tmp_path))
+    other = Other(1000.0, 100.0)
+    began = time.monotonic()
+    cut(file, ExternalMotion(other, 0.5))
+    assert time.monotonic() - began >= 0.9 * other.seen[-2].time_s / 0.5
+
+
+def test_a_second_contour_a_bad_scale_and_a_resumed_cut_are_refused(tmp_path):
+    with pytest.raises(InputError, match="time_scale is above 0"):
+        ExternalMotion(Other(1.0, 1.0), math.nan)
+    motion = ExternalMotion(Other(1.0, 1.0))
+    with pytest.raises(InputError, match="cannot be resumed"):
+        motion.restore(motion.snapshot())
+    machine, points = edmsim.Machine.load(), np.array([[0.0, 0.0], [100.0, 0.0]])
+    motion.set_up(machine, points, 0.0)
+    motion.reset(30.0)
+    with pytest.raises(InputError, match="one contour without dwells"):
+        motion.set_up(machine, points, 100.0)
+
+
+class Component(dict):
+    """A HAL component of the stand-in."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self.name, self.made = name, {}
+
+    def newpin(self, name: str, kind: str, direction: str) -> None:
+        self.made[name] = (kind, direction)
+        self[name] = False if kind == "bit" else 0.0
+
+    newparam = newpin
+
+
+HAL = SimpleNamespace(component=Component, HAL_FLOAT="float", HAL_BIT="bit", HAL_IN="in", HAL_OUT="out", HAL_RW="rw")
+
+
+def test_the_component_has_the_pins_of_its_page(gap):
+    made = gap.make_component(HAL, "edm-gap").made
+    assert [name for name, pin in made.items() if pin == ("float", "in")] == ["x", "y", "u", "v"]
+    assert made["enable"] == ("bit", "in")
+    assert made["time-scale"] == ("float", "rw")
+    for name in ("gap-voltage", "short-ratio", "open-ratio", "spark-ratio"):
+        assert made[name] == ("float", "out")
+    assert made["wire-broken"] == ("bit", "out")
+
+
+def test_words_of_linuxcnc_are_left_out_with_their_numbers(tmp_path, gap):
+    file = program(tmp_path, "G1 X1 m52 p1\nM64 P0\nM66 P0 L3 Q60\nM62P3\nM68 E0 Q1.5\nM2\nM30\n")
+    (tmp_path / "out").mkdir()
+    text = gap.without_words(str(file), str(tmp_path / "out")).read_text()
+    assert text.split() == ["G1", "X1", "M2", "M30"]
+
+
+@pytest.mark.slow
+def test_the_component_cuts_while_enable_is_high(tmp_path, gap):
+    component = gap.make_component(HAL, "edm-gap")
+    component["time-scale"] = 200.0
+    chosen = gap.arguments([str(program(tmp_path)), "--out", str(tmp_path / "out"), "--height", "10"])
+    (tmp_path / "words").mkdir()
+    thread = threading.Thread(target=gap.serve, args=(component, chosen, str(tmp_path / "words"), 1))
+    thread.start()
+    component["x"], component["enable"] = 5.0, True
+    until = time.monotonic() + 60.0
+    while not component["cutting"]:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    while component["x"] < 5.1:  # 10 um/s in the gap, and 200 times as fast here
+        component["x"] += 0.002
+        time.sleep(0.001)
+    assert component["gap-voltage"] > 0.0
+    assert sum(component[f"{kind}-ratio"] for kind in ("short", "open", "spark")) == pytest.approx(1.0, abs=0.1)
+    component["enable"] = False
+    thread.join(60.0)
+    assert not component["cutting"]
+    windows = pq.read_table(tmp_path / "out" / "windows.parquet")
+    x = windows.column("x_um").to_numpy()
+    assert x[-1] - x[0] == pytest.approx(100.0, abs=6.0)
+    assert (tmp_path / "out" / "cut.rrd").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("linuxcnc") is None, reason="LinuxCNC (Debian: linuxcnc-uspace) is not here")
+def test_linuxcnc_cuts_through_the_gap_and_it_is_recorded_as_any_cut(tmp_path):
+    config = tmp_path / "config"
+    shutil.copytree(EXAMPLE, config)
+    python = f"env PYTHONPATH={ROOT} {sys.executable}"
+    changes = {
+        "DISPLAY = axis": "DISPLAY = ./run_once.py", "PYVCP = panel.xml": "", "POSTGUI_HALFILE = panel.hal": "",
+        "PYTHON = python3": f"PYTHON = {python}", "TIME_SCALE = 20": "TIME_SCALE = 50",
+    }  # fmt: skip
+    text = (config / "edm.ini").read_text()
+    for was, is_now in changes.items():
+        assert was in text
+        text = text.replace(was, is_now)
+    (config / "edm.ini").write_text(text)
+    (config / "part.ngc").write_text(LINE)
+    with tempfile.TemporaryDirectory() as fifo:
+        Path(fifo).chmod(0o777)
+        own = {"HOME": str(tmp_path), "RTAPI_FIFO_PATH": f"{fifo}/fifo"}
+        if os.getuid() == 0:
+            own["RTAPI_UID"] = "65534"  # its real-time part does not run as root
+        subprocess.run(["linuxcnc", "edm.ini"], cwd=config, env={**os.environ, **own}, timeout=100, check=False)
+    out = config / "out" / "linuxcnc"
+    windows = pq.read_table(out / "windows.parquet")
+    x, spark = windows.column("x_um").to_numpy(), windows.column("spark").to_numpy()
+    assert x[-1] - x[0] == pytest.approx(800.0, abs=6.0)
+    assert spark.sum() > 1000
+    assert {file.name for file in out.iterdir()} >= {"report.html", "cut.rrd", "profile.png"}

@@ -1,0 +1,84 @@
+"""Technologies: what their files hold, offsets by number of passes, settings between heights, and bad ones."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from edmsim.errors import InputError
+from edmsim.machine.technology import available_technologies, machine_of, read_technology, technology_for
+
+SHOP_MM = {
+    1: (0.1727,), 2: (0.2057, 0.1397), 3: (0.2515, 0.1854, 0.1397), 4: (0.2692, 0.2032, 0.1575, 0.1397),
+    5: (0.2769, 0.2108, 0.1651, 0.1473, 0.1321), 6: (0.2781, 0.2121, 0.1664, 0.1486, 0.1334, 0.1308),
+    7: (0.2794, 0.2134, 0.1676, 0.1499, 0.1346, 0.1321, 0.1308),
+}  # fmt: skip
+"""Offsets of a shop by number of passes, brass 0.254 mm on 25.4 mm of steel."""
+OURS = technology_for("tool-steel")
+
+
+@pytest.mark.parametrize("passes", SHOP_MM)
+def test_offsets_are_those_of_a_shop_within_15_percent(passes: int) -> None:
+    found = OURS.table(25.4, passes)
+    assert found.offsets_mm == pytest.approx(SHOP_MM[passes], rel=0.15)
+    assert list(found.offsets_mm) == sorted(found.offsets_mm, reverse=True)
+    assert found.notices == ()
+
+
+def test_between_heights_it_interpolates_and_says_so() -> None:
+    low, between, high = (OURS.table(mm, 4) for mm in (25.4, 44.0, 76.2))
+    assert "interpolated between those for 25.4 and 76.2 mm" in between.notices[0]
+    for name in ("t_period_us", "feed_mm_min", "last_offset_um"):
+        ends = sorted(getattr(table.settings[0], name) for table in (low, high))
+        assert ends[0] <= getattr(between.settings[0], name) <= ends[1]
+    assert "extrapolated from" in OURS.table(20.0, 4).notices[0]
+
+
+def test_every_setting_of_every_file_runs() -> None:
+    for name in available_technologies():
+        found = read_technology(name)
+        for at in found.heights:
+            for one in at.passes:
+                machine_of(one, found.machine, found.material, found.wire, at.height_mm).check()
+                assert one.controller().partition(":")[0] in ("counts", "trim")
+
+
+def test_what_it_has_no_settings_for_is_refused_with_what_to_do() -> None:
+    with pytest.raises(InputError, match=r"has 1 to 7 passes for 25\.4 mm, not 8: take so many, or find others"):
+        OURS.table(25.4, 8)
+    with pytest.raises(InputError, match="too far from 5 mm: find some with edmsim technology tool-steel --height 5"):
+        OURS.table(5.0, 2)
+    with pytest.raises(InputError, match="there is no technology for copper; there are: tool-steel"):
+        technology_for("copper")
+    with pytest.raises(InputError, match="there is no technology 'steel'"):
+        read_technology("steel")
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "named"),
+    [
+        ("step_um = 38.1", "step_um = -1", "step_um is below 0: the offset would grow"),
+        ("height_mm = 76.2", "height_mm = 20", "heights must rise"),
+        ("t_on_us = 1.1", "t_on_us = 0", "t_on_us"),
+        ("t_on_us = 1.1", "on_us = 1.1", "on_us"),
+        ("machine = ", "machine ", "this is no technology that can be read"),
+    ],
+)
+def test_a_damaged_file_is_refused_with_its_key(tmp_path: Path, before: str, now: str, named: str) -> None:
+    text = (resources.files("edmsim.models") / "technologies" / "tool-steel-brass-254.toml").read_text()
+    assert before in text
+    file = tmp_path / "own.toml"
+    file.write_text(text.replace(before, now, 1))
+    with pytest.raises(InputError) as refused:
+        read_technology(file)
+    assert named in str(refused.value)
+    assert str(file) in str(refused.value)
+
+
+def test_files_say_where_they_come_from() -> None:
+    for name in available_technologies():
+        text = (resources.files("edmsim.models") / "technologies" / f"{name}.toml").read_text()
+        assert "edmsim technology" in tomllib.loads(text)["source"]

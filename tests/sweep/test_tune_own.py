@@ -1,0 +1,149 @@
+"""Search of a user's own controller: what it declares, the robust choice and its spread, refusals."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from edmsim.cli import app as cli
+from edmsim.errors import InputError
+from edmsim.sweep.engine import LostJob
+from edmsim.sweep.own import FINALISTS, FRESH, bounds_of, tune_own
+from edmsim.sweep.tune import Bound, Trial, Worth, judge_trial, worst_share_mean
+
+FIRMWARE = """\
+from dataclasses import dataclass
+from typing import ClassVar
+
+from edmsim.controllers import FeedCommand
+
+
+@dataclass
+class Firmware:
+    name: ClassVar[str] = "firmware"
+    BOUNDS: ClassVar = {BOUNDS}
+
+    feed_um_s: float = 5.0
+    window_s: float = 0.1
+
+    def reset(self, max_feed_um_s):
+        return FeedCommand(self.feed_um_s)
+
+    def update(self, window):
+        return FeedCommand(self.feed_um_s)
+
+    def snapshot(self):
+        return {}
+
+    def restore(self, state):
+        pass
+"""
+USUAL = '{"feed_um_s": (1.0, 30.0), "window_s": (0.01, 1.0, "log")}'
+
+
+def written(folder: Path, bounds: str = USUAL) -> str:
+    file = folder / "firmware.py"
+    file.write_text(FIRMWARE.replace("{BOUNDS}", bounds))
+    return f"{file}:Firmware"
+
+
+class Machines:
+    """An engine whose machines differ by their seed: 10 um/s do well on most of them, 6 on all."""
+
+    def __init__(self, lost: int = -9) -> None:
+        self.seen = list[Trial]()
+        self.lost = lost
+
+    def done(self, function: Any, jobs: Any) -> Iterator[Any]:
+        assert function is judge_trial
+        for job in jobs:
+            self.seen.append(job)
+            feed = job.values["feed_um_s"]
+            returns = tuple(-100.0 if feed > 6.5 and seed % 4 == 0 else feed for seed in job.seeds)
+            lost = job.number == self.lost
+            worth = Worth(worst_share_mean(returns), None, {}, returns)
+            yield job, LostJob("the computer was lost") if lost else worth
+
+
+def test_the_choice_is_robust_and_its_spread_is_of_other_machines(tmp_path):
+    engine, seen = Machines(), list[tuple[int, float]]()
+    own = written(tmp_path)
+    found = tune_own(own, tmp_path / "study", trials=25, seeds=4, engine=engine, watch=lambda *a: seen.append(a))
+    assert 5.5 < found.values["feed_um_s"] <= 6.5
+    assert found.spread.worst == found.spread.low == found.values["feed_um_s"]
+    assert found.first_spread.worst == 5.0
+    assert (found.trials, found.failed, found.machines) == (25, 0, 4 * FRESH)
+    again = [trial for trial in engine.seen if trial.seeds == tuple(range(8))]
+    assert len(again) == 1 + FINALISTS
+    tried = [seed for trial in engine.seen[:25] for seed in trial.seeds]
+    assert tried == list(range(8, 8 + 25 * 4))  # every trial has machines of its own, and none of these
+    assert engine.seen[0].values == {"feed_um_s": 5.0, "window_s": 0.1}  # what is in use comes first
+    assert seen[-1][0] == 25
+    best = tomllib.loads((tmp_path / "study" / "best.toml").read_text())["parameters"]
+    assert best == found.values
+    more = Machines()
+    tune_own(own, tmp_path / "study", trials=27, seeds=4, engine=more)
+    assert [trial.number for trial in more.seen if len(trial.seeds) == 4] == [25, 26]  # the study goes on
+
+
+@pytest.mark.slow
+def test_a_trial_cuts_on_drawn_machines(tmp_path):
+    own = written(tmp_path)
+    options = {"resolution": "fast", "episode_s": 1.0, "height_mm": 10.0}
+    worths = [
+        judge_trial(Trial(0, "own", own, {"feed_um_s": 6.0}, seeds, options=options)) for seeds in ((1, 2), (2, 1))
+    ]
+    assert worths[0].error is None
+    assert worths[0].returns == worths[1].returns[::-1]
+    assert worths[0].returns[0] != worths[0].returns[1]
+    assert worths[0].value == min(worths[0].returns)
+    failed = judge_trial(Trial(0, "own", own, {"feed_um_s": 6.0, "gain": 1.0}, (1,), options=options))
+    assert "no parameter 'gain'" in str(failed.error)
+
+
+def test_bounds_are_read_as_declared(tmp_path):
+    assert bounds_of(written(tmp_path)) == {"feed_um_s": Bound(1.0, 30.0), "window_s": Bound(0.01, 1.0, "log")}
+
+
+@pytest.mark.parametrize(
+    ("bounds", "said"),
+    [
+        ("{}", "does not say what is searched"), ("3", "does not say what is searched"),
+        ('{"gain": (1, 2)}', "its parameters are feed_um_s, window_s"),
+        ('{"feed_um_s": (2, 1)}', "from a number to a greater one"),
+        ('{"feed_um_s": (0, 1, "log")}', "from a number to a greater one"),
+        ('{"feed_um_s": (0, float("inf"))}', "from a number to a greater one"), ('{"feed_um_s": 4}', "not 4"),
+        ('{"feed_um_s": (0, 1, "cubic")}', "from a number to a greater one"),
+    ],
+)  # fmt: skip
+def test_bounds_that_say_nothing_are_refused(tmp_path, bounds, said):
+    with pytest.raises(InputError, match=said):
+        tune_own(written(tmp_path, bounds), tmp_path / "study", engine=Machines())
+    assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["counts", "--own", "a.py:A", "--out", "s"], "leave out the name"), (["counts"], "give --out DIR"),
+        (["--out", "s"], "give --own FILE.py:CLASS"), (["counts", "--height", "5", "--out", "s"], "without --own"),
+        (["--own", "firmware", "--out", "s"], "names no controller of your own"),
+        (["--own", "none.py:A", "--out", "s"], "cannot be read"),
+    ],
+)  # fmt: skip
+def test_the_command_refuses_in_one_line(arguments, said, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["edmsim", "tune", *arguments])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_finalist_that_is_lost_is_said(tmp_path):
+    with pytest.raises(InputError, match="trial -1 could not be tried again: the computer was lost"):
+        tune_own(written(tmp_path), tmp_path / "study", trials=2, seeds=2, engine=Machines(lost=-1))
