@@ -48,10 +48,10 @@ TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
           for seconds, share in ((2.5, 0.13), (5, 0.25))),
     )),
     "MaxRate": (range(1, 25), (
-        *(f"fixed-period:period_us={period}" for period in (30, 35, 40, 45)),
+        *(f"fixed-period:period_us={period}" for period in (35, 40, 45, 50, 60)),
         *(f"heat-flux:hold_share={share:g}" for share in (0.3, 0.4, 0.5)),
         *(f"heat-oracle:hold_share={share:g}" for share in (0.2, 0.4)),
-        *(f"sato:normal_at_10mm={pulses}" for pulses in (300, 600)),
+        *(f"sato:normal_at_10mm={pulses}" for pulses in (150, 300, 600)),
     )),
 }  # fmt: skip
 """Seeds and candidates by task."""
