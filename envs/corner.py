@@ -81,11 +81,11 @@ class CornerEnv(EdmEnv):
 
     Description
     -----------
-    Discharges and jets push a slack wire back, and the field pulls it ahead: on most machines it lags by some um, up
-    to 16. Where the path turns, it leaves the path. Distance from the path costs within 100 um of the corner, and
-    time costs everywhere. Guides that go beside the path bring the wire back on it, if they know by how much it is
-    bent; and pauses there weaken the forces. More energy in a discharge makes a rougher face: beyond the bound it
-    costs more than it gains.
+    Discharges and jets push a slack wire back, and the field pulls it ahead: on most machines it lags by some um.
+    Where the path turns, it leaves the path. Distance from the path costs within 100 um of the corner, and time
+    costs everywhere. Guides that go beside the path bring the wire back on it, if they know by how much it is bent;
+    and pauses there weaken the forces. More energy in a discharge makes a rougher face: beyond the bound it costs
+    more than it gains.
 
     Action space
     ------------

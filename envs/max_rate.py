@@ -40,7 +40,6 @@ class MaxRate(HeightStep):
 
     length_mm: float = 8.0
     band_mm: tuple[float, float] = (0.15, 0.5)
-    planner: str = "exact"
     height_mm: Range | None = (30.0, 80.0)
     tension: Range | None = (18.0, 26.0)
     flushing_Pa: Range | None = argument(

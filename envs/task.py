@@ -90,7 +90,7 @@ class Family(ABC):
 
     resolution: str = argument("fast", "", "of the plant: fast, default, fine")
     mechanics: str = argument("modal", "", "modal, or mujoco: friction and backlash count")
-    planner: str = argument("poscal", "", "makes motor steps; exact has no greatest feed")
+    planner: str = argument("exact", "", "makes motor steps; exact has no greatest feed")
     machine: Machine | None = argument(None, "", "`Machine`, name, file, mapping; None: the task's own")
     materials: Sequence[str] = argument((), "", "names, one is drawn; the machine's own if none")
     # ours: sheet to die plate, and what wires of 0.25 mm bear

@@ -32,7 +32,7 @@ class ThinWire(GapFeed):
     wires: int = 4
 
     knows_wires: ClassVar[bool] = True
-    own_weights: ClassVar[Weights] = Weights(short=0.0, open=0.0, wire_break=0.4, limit=0.4)  # area alone; 12 mm2/min
+    own_weights: ClassVar[Weights] = Weights(short=0.0, open=0.0)  # area alone
 
     @staticmethod
     def own_machine() -> Machine:

@@ -20,8 +20,8 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import wavy_wall
 from edmsim.plant.workpiece.wall import WallLine
 
-GAP_UM = 20.0
-"""Gap beside the wire for which the path is laid out (ours: what the standard set-up leaves)."""
+GAP_UM = 28.0
+"""Gap beside the wire for which the path is laid out (ours: what the standard set-up leaves at 100 um/s)."""
 ROOM_UM = 1.0
 """Least gap that the highest ridge must leave at first (ours)."""
 
@@ -42,7 +42,6 @@ class Trim(GapFeed):
     )
     wave_mm: tuple[float, float] = argument((0.2, 0.6), "mm", "(low, high) of their length")
     allowance_um: tuple[float, float] = argument((4.0, 12.0), "um", "(low, high) of the metal that is to go")
-    planner: str = "exact"
     height_mm: Range | None = (10.0, 40.0)
     action: Literal["change", "speed", "servo"] = "speed"
     knobs: Sequence[str] = ("on_time", "duty_factor")
@@ -115,7 +114,7 @@ class TrimEnv(EdmEnv):
 
     Starting state
     --------------
-    The wire stands on the middle of the table, beside the wall, which is to end 20 um from the wire's edge: so the
+    The wire stands on the middle of the table, beside the wall, which is to end 28 um from the wire's edge: so the
     path is laid out. The metal to be taken off, from there to the middle of the waves, the height of the waves from
     ridge to bottom, and their length are drawn uniformly from ``allowance_um``, ``wave_um`` and ``wave_mm``. The
     waves are arcs with ridges between, as a row of wide holes leaves them.

@@ -257,8 +257,11 @@ print(f"{twice[0].num_rows} windows, all equal")
 # %%
 def terminal(script: str, *options: str) -> None:
     """Type a script at the terminal and show what comes back."""
-    command = [sys.executable, "-m", "edmsim", "terminal", "--height", "30", "--resolution", "fast", "--seed", "1"]
-    done = subprocess.run([*command, *options], input=script, capture_output=True, text=True, errors="replace")
+    command = [sys.executable, "-m", "edmsim", "console", "1982"]
+    setting = ["--height", "30", "--resolution", "fast", "--seed", "1"]
+    done = subprocess.run(
+        [*command, *setting, *options], input=script, capture_output=True, text=True, errors="replace"
+    )
     shown = "".join(c if c == "\n" or (c.isascii() and c.isprintable()) else "·" for c in done.stdout)
     print(shown, f"(exit status {done.returncode})", sep="\n")
 

@@ -105,15 +105,15 @@ for axes in panels[1]:
 figure.tight_layout(rect=(0, 0, 1, 0.96))
 
 # %% [markdown]
-# The lag has either sign. The discharges push the wire back and the field between wire and workpiece pulls it
-# forward, and within the ranges of the constants either may be the larger (notebook 03). The size of the lag
-# follows the law of the taut string in both cases: it grows with the height and falls with the tension. A wire that
-# lags cuts the corner short, and one that leads runs beyond it. The corner error is how far its path then is from
-# that of the guides.
+# The wire lags: at the feed of the count law the discharges and the jets push it back by more than the field
+# between wire and workpiece pulls it forward (notebook 03 has slower cuts, where it leads). As the law of the taut
+# string has it, the lag falls with the tension. From 15 to 40 mm it hardly grows, because field and film grow with
+# the height as well. A wire that lags cuts the corner short; the corner error is how far its path then is from that
+# of the guides.
 #
-# A tauter wire bends and vibrates less, so that it touches the metal less often. The bands still overlap, because the
-# machines differ from each other by more than the tension changes. On *one* machine the effect is clear, as the
-# comparison of each machine with itself shows:
+# A tauter wire also vibrates less, so that its kerf is narrower, by some 3 µm. The rate does not depend on the
+# tension. The bands overlap, because the machines differ from each other by more than the tension changes. On *one*
+# machine the effect is clear, as the comparison of each machine with itself shows:
 
 # %%
 print(f"tension {tensions[0]:g} to {tensions[-1]:g} N, each machine compared with itself:")
@@ -194,7 +194,6 @@ figure.tight_layout()
 #
 # - The bands come from the published ranges of the constants, drawn independently of each other. They contain neither
 #   the errors of the model itself (notebook 08) nor constants without a range.
-# - The shares of shorts, and with them the rate, depend on the resolution; all cuts here are at `fast` (page
-#   "convergence").
+# - All cuts here are at the resolution `fast`; what a finer one changes is on the page "convergence".
 # - The corner error here concerns the wire's path. The edge of a part also depends on the offset, and on which side
 #   of the path the part is (notebook 03).

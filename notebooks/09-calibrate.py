@@ -30,7 +30,7 @@
 # %% tags=["parameters"]
 feeds_um_s = [14.0, 19.0]  # of the log's cuts, um/s
 seconds = 40.0  # machine time of each of them
-constants = ["gap.critical_um", "material.removal_mm3_J", "material.burning_voltage_V"]  # to be fitted
+constants = ["gap.particle_share", "material.removal_mm3_J", "material.burning_voltage_V"]  # to be fitted
 others = ["wire.strength_MPa"]  # to be tried besides: the machine has these as the files say
 counts_seconds = 46.0  # machine time of a log under the count law of 1982
 
@@ -62,8 +62,8 @@ os.chdir(folder.name)  # all files go where they are thrown away
 # The machine has other values than the files for the constants that are to be fitted. The log does not contain them.
 
 # %%
-HEIGHT_MM = 20.0
-TRUTH = {"gap.critical_um": 9.4, "material.removal_mm3_J": 7.4e-3, "material.burning_voltage_V": 23.5}
+HEIGHT_MM = 30.0  # so high that the law stays below the greatest feed of the planner, 33.3 µm/s
+TRUTH = {"gap.particle_share": 0.065, "material.removal_mm3_J": 7.4e-3, "material.burning_voltage_V": 23.5}
 known = edmsim.Machine.load(height_mm=HEIGHT_MM)  # what the files say
 own = with_values(known, {name: TRUTH[name] for name in constants})
 Path("own.toml").write_text(as_toml(own.base))
@@ -184,9 +184,9 @@ assert not set(constants) & set(fit.undetermined)
 # ## A log under a gap controller
 #
 # Machines do not cut at fixed feeds. In the next log the law of 1982 holds the counts by changing the feed. There
-# is only one operating point, but one with many shorts, and the shorts depend on the critical gap. The controller
-# keeps the counts steadier than a fixed feed would, so that the noise of the comparison is taken from simulated
-# cuts at that point and not from the log.
+# is only one operating point, but one with many shorts, and the shorts depend on the size of the debris. The
+# controller keeps the counts steadier than a fixed feed would, so that the noise of the comparison is taken from
+# simulated cuts at that point and not from the log.
 
 # %%
 pq.write_table(log_of("counts", 21, counts_seconds), "counts.parquet")
@@ -195,9 +195,8 @@ held = calibrate(steered, known, constants, seed=5)
 show(held)
 
 # %% [markdown]
-# The log has one operating point, and the three constants move along with each other: two of the intervals miss the
-# truth, although the fitted machine cuts as the machine did. So vary the feed or the setting in a log that you want
-# to fit.
+# The log has one operating point, and the three constants move along with each other. A log of several feeds or
+# settings says more, so vary them in a log that you want to fit.
 #
 # ## Cutting with the fitted machine
 #

@@ -141,9 +141,10 @@ right.legend(fontsize=8);
 # %% [markdown]
 # - With the tuned drive the following error is about a step. The drive adds next to nothing to the profile error, and
 #   corners and shorts are those of the steppers.
-# - The soft drive also finishes the part, but friction keeps it some 6 µm behind. That is its share of the profile
-#   error. The inner corners have 3 µm more than the 70 µm that a round wire cannot reach. The drive causes no more
-#   shorts, because the gap controller does not notice the error.
+# - The soft drive cuts the part, too, but friction keeps it some 6 µm behind; at the end of the path it comes no
+#   nearer, and the control stops it there. That is its share of the profile error, and its corners have 4 µm more
+#   than those of the steppers. The drive causes no more shorts, because the gap controller does not notice the
+#   error.
 # - The restless drive oscillates before the first spark and trips at its error limit. With a much wider limit it
 #   would go on oscillating, and break the wire.
 #

@@ -15,11 +15,11 @@
 # %% [markdown]
 # # A sweep of settings
 #
-# **Question.** Which of on-time, period, tension and critical gap matters for the rate, roughness and error of a
+# **Question.** Which of on-time, period, tension and size of debris matters for the rate, roughness and error of a
 # small punch? Which settings are the best compromises?
 #
 # **What is done.** `edmsim.sweep` cuts a whole punch of 1 x 1 mm at every point of a Sobol sample of the four. The
-# critical gap is drawn within its published range: it is not an operator's setting, but it may hide the effect of the
+# size of the debris is drawn within its range: it is not an operator's setting, but it may hide the effect of the
 # others. The results are read back as a table, like those of `edmsim sweep`.
 
 # %% tags=["parameters"]
@@ -47,10 +47,10 @@ folder = Path(tempfile.mkdtemp())
 (folder / "punch.ngc").write_text(PUNCH)
 specification = Specification(
     program=str(folder / "punch.ngc"),
-    settings={"resolution": "fast", "height_mm": 10.0, "max_time_s": seconds},
+    settings={"resolution": "fast", "height_mm": 30.0, "max_time_s": seconds},
     sobol={
         "samples": samples,
-        "ranges": {"t_on_us": [10, 30], "t_period_us": [100, 300], "tension": [8, 16], "gap.critical_um": "range"},
+        "ranges": {"t_on_us": [10, 30], "t_period_us": [100, 300], "tension": [8, 16], "gap.particle_share": "range"},
     },
 )
 done = sweep(specification, folder / "results")

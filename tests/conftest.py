@@ -93,7 +93,7 @@ def hot_machine(own_file: Callable[..., str]) -> str:
         ("convection_W_m2K = { value = 14000.0, range = [5000.0, 30000.0],", "convection_W_m2K = { value = 300.0,"),
         ("critical_W_m2 = { value = 4.0e6, range = [1.0e6, 1.0e7],", "critical_W_m2 = { value = 1.0e3,"),
         ("critical_stream = { value = 7.19e4, range = [5.0e4, 9.0e4],", "critical_stream = { value = 0.0,"),
-        ("wire_heat_share = { value = 0.1,", "wire_heat_share = { value = 0.3,"),
+        ("wire_heat_share = { value = 0.1, range = [0.05, 0.2],", "wire_heat_share = { value = 0.3,"),
     )  # fmt: skip
 
 

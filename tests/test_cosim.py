@@ -275,7 +275,7 @@ def test_short_that_never_clears_ends_with_the_alarm_of_counts(own_file: Callabl
     """In metal on every side, with nothing removed, every pulse is a short."""
     steel = own_file(
         "materials", "tool-steel",
-        ("removal_mm3_J = { value = 9.3e-3, range = [2.0e-3, 1.0e-2],", "removal_mm3_J = { value = 1.0e-12,"),
+        ("removal_mm3_J = { value = 9.3e-3, range = [5.6e-3, 1.13e-2],", "removal_mm3_J = { value = 1.0e-12,"),
     )  # fmt: skip
     machine = Machine.load(height_mm=5, material=steel)
     sim = simulation(contour([(0, 0), (2000, 0)]), machine=machine, controller=make("counts"), hole_mm=0.126)

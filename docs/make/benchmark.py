@@ -54,15 +54,17 @@ what the oracle earns, which sees the true gap. Values in parentheses are 95 % b
 
 Four environments have other references. In Corner a score of 0 is the constant setting that earned most on 12
 training machines, in Trim the constant feed and offset that did on 12, and in ThinWire the fastest constant setting
-that broke no wire of 24. The oracle of the latter two makes each cut several times and keeps the best: in Trim with
-twelve pairs of feed and offset, in ThinWire with five periods. A controller that finds out more within the cut may
-earn more than that. In Corner 1 is `lead-oracle`, which leads the guides by the wire's true bend. In MaxRate
-`fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the wire's true temperature.
+that broke no wire of 24 (`python docs/make/lines.py` makes these cuts). The oracle of the latter two makes each
+cut several times and keeps the best: in Trim with twelve pairs of feed and offset, in ThinWire with six periods. A
+controller that finds out more within the cut may earn more than that. In Corner 1 is `lead-oracle`, which leads the
+guides by the wire's true bend. In MaxRate `fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the
+wire's true temperature.
 
 The gains of the classic controllers were found by `edmsim search-gains` on other seeds of GapFeed and HeightStep, for
-the return; each file in `models/gains/` names its command. `counts` keeps its documented
-constants. A search finds others that earn more, but with them the feed oscillates where windows last 0.25 s or the
-removal halves, and a machine's default must not do that (`tests/controllers/test_feed_controllers.py`).
+the return, the feed of `fixed` by `python docs/make/lines.py`; each file in `models/gains/` names its command.
+`counts` keeps its documented constants. A search finds others that earn more, but with them the feed oscillates where
+windows last 0.25 s or the removal halves, and a machine's default must not do that
+(`tests/controllers/test_feed_controllers.py`).
 """
 CLOSING = """\
 ---
@@ -77,18 +79,41 @@ NEARLY_ALL = 0.95
 def page(comparisons: Sequence[Comparison]) -> str:
     """Return the page of the documentation."""
     gaps = ", ".join(f"{gap:g}" for gap in ORACLE_GAPS_UM)
-    parts = [INTRODUCTION.format(gaps=gaps)]
+    parts = [INTRODUCTION.format(gaps=gaps), *headroom(comparisons), ""]
     for comparison in comparisons:
         parts += [f"## {comparison.env_id}", "", *markdown_table(comparison), ""]
         parts += [line for text in verdicts(comparison) for line in (text, "")]
     return "\n".join([*parts, CLOSING])
 
 
+def headroom(comparisons: Sequence[Comparison]) -> list[str]:
+    """Return a table of what a constant, the best law and the reference earn in every environment."""
+    heads = "environment", "constant, score 0", "best law", "its score", "reference, score 1", "wires lost, jams"
+    rows = ["## What is left to be learned", "", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for comparison in comparisons:
+        lines, best = lines_of(comparison.env_id), _best_law(comparison)
+        compared = (lines.blind, best or lines.blind, lines.reference)
+        earned = [shown("total_return", comparison.figures[name]["total_return"]) for name in compared]
+        lost = "; ".join(
+            f"{sum(cut.wires_lost for cut in comparison.results[name])}, "
+            f"{sum(cut.jammed for cut in comparison.results[name])}"
+            for name in compared
+        )
+        score = shown("score", comparison.figures[compared[1]]["score"])
+        rows.append(f"| {comparison.env_id} | {earned[0]} | {earned[1]} | {score} | {earned[2]} | {lost} |")
+    return [*rows, "", "Mean returns; wires lost and jams of the three, in this order."]
+
+
+def _best_law(comparison: Comparison) -> str | None:
+    """Return the classic controller of the best score, apart from the lines."""
+    lines = lines_of(comparison.env_id)
+    ends = lines.blind, lines.reference
+    return next((name for name in ranked(comparison) if name not in ends and not _is_policy(name)), None)
+
+
 def verdicts(comparison: Comparison) -> list[str]:
     """Return a paragraph on the best classic controller, and one for every policy."""
-    figures, lines = comparison.figures, lines_of(comparison.env_id)
-    ends = lines.blind, lines.reference
-    best = next((name for name in ranked(comparison) if name not in ends and not _is_policy(name)), None)
+    figures, best = comparison.figures, _best_law(comparison)
     if best is None:
         return []
     score = figures[best]["score"]

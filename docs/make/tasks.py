@@ -29,7 +29,7 @@ PAGES = {
     "MaxRate": "max-rate", "ThinWire": "thin-wire", "Trim": "trim",
 }  # fmt: skip
 TAKEN_S = {
-    "GapFeed": 20.0, "HeightStep": 20.0, "Corner": 45.0, "Contour": 60.0, "MaxRate": 15.0, "ThinWire": 30.0,
+    "GapFeed": 20.0, "HeightStep": 20.0, "Corner": 15.0, "Contour": 25.0, "MaxRate": 15.0, "ThinWire": 30.0,
     "Trim": 8.0,
 }  # fmt: skip
 """Machine time at which a picture is taken, at the latest."""

@@ -19,36 +19,35 @@ from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import FeedController, make
-from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.envs.episode import Task
 from edmsim.errors import InputError, one_of
 from edmsim.evaluation.episode import HELD_BACK, ORACLE, Episode, Result
 
 Ranges = dict[str, tuple[float, float]]
 BOUNDS: dict[str, Ranges] = {
-    "fixed": {"feed_um_s": (1.0, MAX_FEED_UM_S)},
+    "fixed": {"feed_um_s": (1.0, 60.0)},
     "counts": {
         "open_target_share": (0.0, 0.2), "short_weight": (0.25, 1.5), "proportional_um_s": (1.0, 15.0),
         "integral_um_s2": (5.0, 40.0),
     },
     "voltage": {
-        "reference_V": (5.0, 20.0), "proportional_um_s_V": (0.1, 4.0), "integral_um_s2_V": (0.1, 10.0),
+        "reference_V": (5.0, 20.0), "proportional_um_s_V": (0.1, 8.0), "integral_um_s2_V": (0.1, 20.0),
         "filter_s": (0.02, 0.3),
     },
     "delay": {
-        "reference_us": (1.0, 10.0), "proportional_um_s_us": (0.1, 10.0), "integral_um_s2_us": (0.1, 30.0),
+        "reference_us": (1.0, 10.0), "proportional_um_s_us": (0.1, 20.0), "integral_um_s2_us": (0.1, 60.0),
         "filter_s": (0.02, 0.3),
     },
     "fuzzy": {
         "open_target_share": (0.02, 0.3), "open_width_share": (0.02, 0.3), "short_high_share": (0.3, 0.9),
-        "rate_um_s2": (3.0, 100.0),
+        "rate_um_s2": (3.0, 300.0),
     },
     "adaptive-off-time": {
         "open_target_share": (0.0, 0.2), "short_weight": (0.25, 1.5), "integral_um_s2": (5.0, 200.0),
         "normal_at_10mm": (300.0, 1000.0),
     },
     "oracle": {
-        "gap_target_um": (5.0, 35.0), "proportional_um_s_um": (0.3, 6.0), "integral_um_s2_um": (0.5, 20.0),
+        "gap_target_um": (5.0, 35.0), "proportional_um_s_um": (0.3, 12.0), "integral_um_s2_um": (0.5, 40.0),
         "short_um": (0.0, 30.0),
     },
 }  # fmt: skip

@@ -48,7 +48,7 @@ def steered() -> SimpleNamespace:
     With the files' constants a cut at the feed of that log stands mostly open; with a little less removal it jams.
     The controller holds a steady feed after 80 s; stretches of it follow.
     """
-    machine = edmsim.Machine.load(height_mm=10.0)
-    truth = {"gap.particle_share": 0.04, "material.removal_mm3_J": 3.3e-3}
+    machine = edmsim.Machine.load(height_mm=18.0)
+    truth = {"gap.particle_share": 0.04, "material.removal_mm3_J": 5.9e-3}
     table = simulated_log(with_values(machine, truth), [make("counts")], 300, 4000)
     return SimpleNamespace(machine=machine, truth=truth, table=table)

@@ -59,7 +59,7 @@ def test_feed_is_held_to_the_planners_greatest_and_shown_as_commanded(make_env, 
 
 
 def test_changes_of_feed_do_not_pile_up_beyond_the_greatest(make_env):
-    env = make_env("GapFeed", start_feed_um_s=32.0, max_change_um_s=2.0)
+    env = make_env("GapFeed", planner="poscal", start_feed_um_s=32.0, max_change_um_s=2.0)
     env.reset(seed=1)
     feeds = [env.step(np.array([a], np.float32))[4]["feed_um_s"] for a in (1.0, 1.0, 1.0, -1.0)]
     assert feeds == pytest.approx([33.3375, 33.3375, 33.3375, 31.2375])
@@ -81,7 +81,7 @@ def test_a_machine_whose_steps_the_planner_cannot_count_is_refused(tmp_path, mak
     (tmp_path / "own.toml").write_text(text.replace("step_um = { value = 2.0", "step_um = { value = 2.5"))
     machine = edmsim.Machine.load(str(tmp_path / "own.toml"))
     with pytest.raises(InputError, match=r"table.step_um is 2.5"):
-        make_task("GapFeed", machine=machine)
+        make_task("GapFeed", planner="poscal", machine=machine)
     task = make_task("GapFeed", machine=machine, planner="exact")
     task.reset(seed=1)
     for _ in range(40):

@@ -115,7 +115,7 @@ def test_an_episode_can_be_watched_window_by_window() -> None:
         assert watched.step() is None
         assert watched.last is not None
         feeds.append(watched.last.observation.feed_um_s)
-    assert feeds == pytest.approx([46 * 0.2625] * 5)  # in the planner's units
+    assert feeds == pytest.approx([12.0] * 5)
     assert watched.last.observation.time_s == pytest.approx(5 * 255e-4)
 
 

@@ -218,14 +218,17 @@ def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, pol
 def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp_path):
     from edmsim.learning.train import train
 
-    asked = TrainOptions(start="policy:Corner-imitation")
+    lanes = VecNormalize(make_sb3_vec_env("edmsim/Corner-v2", 1, seed=1))
+    layers = {"net_arch": [24, 24], "activation_fn": torch.nn.ReLU}
+    export_sb3(learner("ppo", lanes, 0, **layers), lanes, tmp_path / "policy.json")
+    asked = TrainOptions(start=f"policy:{tmp_path / 'policy.json'}")
     given = asked.hyperparameters("Corner", "ppo")
-    assert (given.network.widths, given.network.activation) == ([128, 128], "relu")
+    assert (given.network.widths, given.network.activation) == ([24, 24], "relu")
     assert TrainOptions().hyperparameters("Corner", "ppo").network.widths == [64, 64]
     settings = tmp_path / "settings.toml"
     settings.write_text("[network]\nwidths = [32, 32]\n", encoding="utf-8")
     given = asked._replace(settings=settings).hyperparameters("Corner", "ppo").model_copy(update={"num_envs": 1})
-    with pytest.raises(InputError, match=r"layers \[128, 128\] with relu.*the learner has hidden layers \[32, 32\]"):
+    with pytest.raises(InputError, match=r"layers \[24, 24\] with relu.*the learner has hidden layers \[32, 32\]"):
         train("Corner", "ppo", tmp_path, parameters=given, steps=64, begin_from=asked.policy())
 
 

@@ -81,9 +81,9 @@ def test_unknown_name_says_which_exist(kind: Any) -> None:
 
 
 def test_own_file_is_read_by_its_path(own_file: OwnFile) -> None:
-    file = own_file("materials", "tool-steel", ("value = 9.3e-3", "value = 5.0e-3"))
+    file = own_file("materials", "tool-steel", ("value = 9.3e-3", "value = 6.0e-3"))
     machine = Machine.load(material=file)
-    assert machine.material.removal_mm3_J.value == 5.0e-3
+    assert machine.material.removal_mm3_J.value == 6.0e-3
     assert machine.material_name == file
 
 

@@ -15,7 +15,7 @@ import edmsim
 from edmsim.errors import InputError
 from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
-from edmsim.machine.ranges import LOG_FROM_RATIO, MOST_DRAWS, value_at
+from edmsim.machine.ranges import LOG_FROM_RATIO, MOST_DRAWS, share_of, value_at
 from edmsim.machine.setting import discharge_current_A, flushing_Pa, wire_speed_m_s
 
 MACHINE = Machine.load()
@@ -167,3 +167,19 @@ def test_drawn_machines_keep_the_operator_s_choices() -> None:
     assert wire_speed_m_s(drawn) == 0.2
     assert discharge_current_A(drawn) == pytest.approx(4.0)  # whatever burning voltage was drawn
     assert flushing_Pa(drawn) == (0.0, drawn.base.dielectric.flushing_pressure_Pa.value)
+
+
+BOUNDED = {
+    "table.backlash_um": "a nut has no less than none",
+    "gas.shielding": "gas shields all of the pull at most",
+    "cooling.dry_share": "the front is half of the girth",
+    "wire.density_kg_m3": "its range is 1 % wide, and its source has that end",
+}
+"""Constants whose value stands at an end of its range, and why it may."""
+
+
+@pytest.mark.parametrize("name", sorted(set(UNCERTAIN) - set(BOUNDED)))
+def test_the_standard_machine_is_within_what_is_drawn_and_not_at_its_edge(name: str) -> None:
+    constant = UNCERTAIN[name]
+    assert constant.range is not None
+    assert 0.15 <= share_of(constant.range, constant.value) <= 0.86

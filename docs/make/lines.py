@@ -1,0 +1,85 @@
+"""Candidates for the reference lines of tasks, on training machines: what `edmsim.evaluation.lines` was chosen from.
+
+python docs/make/lines.py Corner Trim    # prints a table for each task; all by default
+
+None of these machines is one of the comparisons.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import numpy as np
+
+from edmsim.envs.registry import env_id_of
+from edmsim.evaluation.episode import Result, cut
+
+SET_POINT = "set-point:open_target_share="
+PACE = "open_target_share=0.05"
+CORNER_SHARES = (0.05, 0.1, 0.2, 0.3)
+AT_CORNERS = tuple(
+    f"before_um={before},behind_um={behind},corner_factor={factor}"
+    for before, behind in ((20, 100), (50, 150)) for factor in (1, 2, 4)
+)
+FEEDS = (range(100, 124), tuple(f"fixed:feed_um_s={feed}" for feed in (12, 16, 20, 24, 28)))
+TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
+    "GapFeed": FEEDS,
+    "HeightStep": FEEDS,
+    "Corner": (range(200, 212), (
+        *(f"{SET_POINT}0.05,on_factor={on:g},period_factor={period:g}" for on in (1.0, 0.75)
+          for period in (0.7, 1.0, 1.4, 2.0)),
+        *(f"{SET_POINT}{share:g},on_factor=1,period_factor=0.7" for share in CORNER_SHARES[1:]),
+        *(f"lead-oracle:{PACE},on_factor=1,period_factor=0.7,{corner}" for corner in AT_CORNERS),
+        *(f"{SET_POINT}0.05,on_factor=1,period_factor=0.7,before_um=20,behind_um=100,corner_factor=2,pull_N_m={pull:g},"
+          "fade_um=150" for pull in (0.0, -0.05, -0.1)),
+    )),
+    "Trim": (range(100, 112), (
+        *(f"fixed:feed_um_s={feed},offset_um={off}" for feed in (50, 100, 200) for off in (-8, -5, -2, 1, 4, 7)),
+        *(f"{SET_POINT}{share:g},proportional_um_s=200,integral_um_s2=400,offset_um={off}"
+          for share in (0.4, 0.5, 0.6, 0.7) for off in (-4, -2, 0)),
+    )),
+    "ThinWire": (range(100, 124), (
+        *(f"{SET_POINT}0.05,period_factor={factor:g}" for factor in (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)),
+        *(f"climb:{PACE},period_factor={factor:g}" for factor in (0.7, 1.0, 2.0)),
+        *(f"climb:{PACE},climb_s={seconds:g},step_share={share:g}"
+          for seconds, share in ((2.5, 0.13), (5, 0.25))),
+    )),
+    "MaxRate": (range(1, 25), (
+        *(f"fixed-period:period_us={period}" for period in (35, 40, 45, 50, 60)),
+        *(f"heat-flux:hold_share={share:g}" for share in (0.3, 0.4, 0.5)),
+        *(f"heat-oracle:hold_share={share:g}" for share in (0.2, 0.4)),
+        *(f"sato:normal_at_10mm={pulses}" for pulses in (150, 300, 600)),
+    )),
+}  # fmt: skip
+"""Seeds and candidates by task."""
+
+
+def table(task: str) -> list[str]:
+    """Return what every candidate of a task earned and lost in the mean, as rows of Markdown."""
+    seeds, candidates = TASKS[task]
+    rows = ["| candidate | return | net rate, mm2/min | wires lost | jams |", "|---|---|---|---|---|"]
+    with ThreadPoolExecutor() as pool:
+        for name in candidates:
+            rows.append(_row(name, list(pool.map(partial(cut, env_id_of(task), controller=name), seeds))))
+            sys.stderr.write(f"{rows[-1]}\n")
+    return rows
+
+
+def _row(name: str, cuts: Sequence[Result]) -> str:
+    earned, rate = (float(np.mean([getattr(c, what) for c in cuts])) for what in ("total_return", "rate_mm2_min"))
+    lost, jams = sum(c.wires_lost for c in cuts), sum(c.jammed for c in cuts)
+    return f"| `{name}` | {earned:.0f} | {rate:.1f} | {lost} | {jams} |"
+
+
+def main() -> None:
+    """Print the tables of the tasks asked for."""
+    for task in sys.argv[1:] or TASKS:
+        seeds = TASKS[task][0]
+        print(f"{task}, seeds {seeds[0]} to {seeds[-1]}:", "", *table(task), "", sep="\n")
+
+
+if __name__ == "__main__":
+    main()
