@@ -22,7 +22,7 @@ from edmsim.cli import console, evaluate, learn
 from edmsim.cli import cut as cutting
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
-from edmsim.job.check import check, greatest_feed_um_s
+from edmsim.job.check import check, greatest_feed_um_s, lines_of
 from edmsim.job.cut import make_controller
 from edmsim.job.settings import CutSettings
 from edmsim.machine.files import available
@@ -273,3 +273,14 @@ def test_the_dialect_and_the_conditions_are_options_of_check(edmsim: Run) -> Non
         "check", dialects / "cone-fanuc.nc", "--dialect", "fanuc", "--conditions", dialects / "conditions.toml"
     )
     assert "the condition S1 is not in the table of conditions: there are C0, C1, C2, C3" in leans.err
+
+
+def test_passes_are_estimated_by_their_technology() -> None:
+    found = check(EXAMPLES / "punch.ngc", CutSettings(passes=3, height_mm=25.4))
+    assert [one.number for one in found.passes] == [1, 2, 3]
+    assert [one.offset_mm for one in found.passes] == sorted((one.offset_mm for one in found.passes), reverse=True)
+    assert found.passes[0].seconds > found.passes[1].seconds  # the rough pass is the slowest
+    assert found.expected_s == pytest.approx(sum(one.seconds for one in found.passes))
+    told = dict(lines_of(found))
+    assert told["pass 3"].startswith(f"offset {found.passes[2].offset_mm:.3f} mm, ")
+    assert "time" not in told  # the least time is that of one pass at the rough setting

@@ -216,6 +216,7 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
         *rows,
         ("offset", f"{offsets} mm"),
         ("path", f"{found.path_length_mm:.2f} mm"),
-        *_pass_lines(found),
-        ("time", f"at least {duration_text(found.least_s)}: {limit[found.limited_by]}, {feed}{waiting}"),
-    ]
+        *(_pass_lines(found) or [
+            ("time", f"at least {duration_text(found.least_s)}: {limit[found.limited_by]}, {feed}{waiting}")
+        ]),
+    ]  # fmt: skip
