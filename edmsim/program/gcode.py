@@ -527,11 +527,9 @@ def _reads(text: str, ignored: Ignored, dialect: Dialect) -> bool:
 
 
 def _condition_notices(called: Mapping[str, int], settings: Mapping[str, object]) -> list[str]:
-    names = ", ".join(called)
-    if settings:
-        return [f"the settings of {names} are read, not applied: those of the cut are used"]
-    if not called:
+    if settings or not called:
         return []
+    names = ", ".join(called)
     return [f"no settings for the conditions {names}: those of the cut are used; --conditions gives a table"]
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -345,6 +345,27 @@ class WireContour:
         )
 
 
+class Conditions(NamedTuple):
+    """Machining conditions of a program's passes, and what the user's table says of them.
+
+    Attributes
+    ----------
+    names : tuple of str or None
+        By pass, from the rough one; None where the program calls none.
+    approach : str, optional
+        Condition of the way from the start hole.
+    settings : mapping of str to mapping of str to float
+        By condition and setting; empty without a table.
+    """
+
+    names: tuple[str | None, ...] = ()
+    approach: str | None = None
+    settings: Mapping[str, Mapping[str, float]] = {}
+
+
+NO_CONDITIONS = Conditions()
+
+
 @dataclass(frozen=True)
 class CutPath:
     """Everything the machine is to do, contour by contour, with the wire cut and threaded in between.
@@ -362,6 +383,8 @@ class CutPath:
         What a user should know about how the program was read.
     source : str
         The file it came from.
+    conditions : Conditions
+        What the program says of the setting of each pass.
     """
 
     contours: tuple[WireContour, ...]
@@ -370,6 +393,7 @@ class CutPath:
     origin_mm: tuple[float, float]
     notices: tuple[str, ...]
     source: str
+    conditions: Conditions = NO_CONDITIONS
 
     @property
     def passes(self) -> int:
@@ -511,7 +535,25 @@ def plan_path(
     shift = _shift_um(contours, table_um, grid_um, program.source)
     placed = tuple(_placed(contour, shift) for contour in contours)
     origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
-    return CutPath(placed, _stock(placed, table_um), start_hole_radius_mm, origin, tuple(notices), program.source)
+    return CutPath(
+        placed, _stock(placed, table_um), start_hole_radius_mm, origin, tuple(notices), program.source,
+        _conditions(program, groups),
+    )
+
+
+def _conditions(program: Program, groups: Sequence[Sequence[Outline]]) -> Conditions:
+    """Return the conditions of the passes; refuse a table where a pass has two, as it has one setting."""
+    names: list[str | None] = []
+    for number in range(max(map(len, groups), default=0)):
+        outlines = [group[number] for group in groups if number < len(group)]
+        first = outlines[0]
+        other = next((outline for outline in outlines if outline.condition != first.condition), None)
+        if other is not None and program.settings:
+            what = f"pass {number + 1} is cut with {first.condition} and with {other.condition}"
+            raise InputError(f"{what}: give all its contours one condition", program.source, other.line)
+        names.append(first.condition)
+    approach = groups[0][0].approach_condition if groups else None
+    return Conditions(tuple(names), approach, program.settings)
 
 
 def _legs(
