@@ -308,7 +308,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
             for number, edge in enumerate(scene.maps) if edge.unreachable_um is not None
         },
         **{
-            f"face.{number}": edge.face_um.astype(np.float32)
+            f"face.{number}": edge.face_um
             for number, edge in enumerate(scene.maps)
             if edge.face_um is not None
         },
