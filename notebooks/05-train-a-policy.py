@@ -177,7 +177,7 @@ figure.tight_layout()
 # The policy trained here stands still before the metal until its time is over. The others finish the part. Where
 # the wire enters and leaves the metal, their feed is the greatest of the planner, 33.3 µm/s. `voltage` is the
 # fastest; it holds the narrowest gap, hunts a little, and has most shorts. The shipped policy cuts as evenly as
-# `counts`, closer to the metal and so a twelfth faster, with the smallest profile error, although the reward does
+# `counts`, closer to the metal and so 7 % faster, with the smallest profile error, although the reward does
 # not contain it.
 #
 # ## What this does not say

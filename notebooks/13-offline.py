@@ -158,7 +158,9 @@ def keep(name: str, net: torch.nn.Sequential) -> str:
     entries = zip(entries_of(family), mean, variance, strict=True)
     card = policy_file.Card(
         format=policy_file.FORMAT, env_id=ENV, environment=SETTING,
-        observation=[policy_file.Seen(name=e.name, meaning=e.meaning, mean=m, variance=v) for e, m, v in entries],
+        observation=[
+            policy_file.ObservedEntry(name=e.name, meaning=e.meaning, mean=m, variance=v) for e, m, v in entries
+        ],
         epsilon=EPSILON, clip=CLIP, action=policy_file.meanings(family), widths=WIDTHS, activation="tanh",
         output="clip", arrays_sha256=policy_file.digest(packed), algorithm=name, command="notebooks/13-offline",
         seed=seed, steps=len(inputs), versions={"python": platform.python_version(), "torch": version("torch")},
