@@ -18,13 +18,14 @@
 # **Question.** What do trims make of a punch: of its error, its corners, its roughness, and of the time it takes?
 #
 # **What is done.** A small punch in 25.4 mm of tool steel is cut with 0.254 mm brass wire in one, two and four
-# passes, by the technology that is shipped. Beside them are the numbers of a job shop: offsets and Ra for the same
-# wire, material and height, and what a trade page says of accuracy by number of passes.
+# passes, by the technology that is shipped. The same numbers of a job shop are shown with them: offsets and Ra for
+# the same wire, material and height, and what a trade page says of accuracy by number of passes.
 
 # %% tags=["parameters"]
-width_mm, height_of_punch_mm = 3.0, 2.0
+width_mm = 3.0
+height_of_punch_mm = 2.0
 numbers = [1, 2, 4]  # of passes in all
-tab_mm = 1.0
+tab_mm = 0.7  # it ends before the corner
 seed = 0
 
 # %%
@@ -65,7 +66,7 @@ folder.cleanup()
 # ## What each pass did
 #
 # `offset` is what the pass ran at; `as last` the offset with which its wall would have met the drawing. `left` is
-# what stands over the drawing behind it, `taken` what it took of that.
+# the metal over the drawing behind it, `taken` what it took of that.
 
 # %%
 for number, cut in cuts.items():

@@ -22,7 +22,7 @@ from edmsim.cli import console, evaluate, learn
 from edmsim.cli import cut as cutting
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
-from edmsim.job.check import check, greatest_feed_um_s
+from edmsim.job.check import check, greatest_feed_um_s, lines_of
 from edmsim.job.cut import make_controller
 from edmsim.job.settings import CutSettings
 from edmsim.machine.files import available
@@ -251,3 +251,36 @@ def test_a_tall_workpiece_is_limited_by_the_generator() -> None:
     removed_mm3 = 6.61 * 0.3 * machine.material.burning_voltage_V.value * machine.material.removal_mm3_J.value
     assert feed_um_s * 1e-3 * 400.0 * 2 * machine.auto_offset_mm == pytest.approx(removed_mm3, rel=1e-3)
     assert greatest_feed_um_s(machine, 200.0)[0] == pytest.approx(2 * feed_um_s)
+
+
+def test_passes_are_listed_as_the_program_has_them(edmsim: Run) -> None:
+    found = edmsim("check", EXAMPLES / "dialects" / "punch-sodick.nc")
+    assert (found.status, found.err) == (0, "")
+    rows = found.out.splitlines()
+    assert rows[0] == "pass 1      line 33: open, 29.141 mm, wire on the left by 0.195 mm, C001 after C000"
+    assert rows[2].endswith("C003 after C002, on the same wire, then a stop")
+    assert rows[6].startswith("contour 1")
+
+
+def test_the_dialect_and_the_conditions_are_options_of_check(edmsim: Run) -> None:
+    dialects = EXAMPLES / "dialects"
+    found = edmsim("check", dialects / "punch-freecad.nc", "--dialect", "iso")
+    assert found.status == 0
+    assert "note: dialect iso" in found.out
+    found = edmsim("check", dialects / "punch-freecad.nc", "--dialect", "sodic")
+    assert "did you mean 'sodick'" in found.err
+    leans = edmsim(
+        "check", dialects / "cone-fanuc.nc", "--dialect", "fanuc", "--conditions", dialects / "conditions.toml"
+    )
+    assert "the condition S1 is not in the table of conditions: there are C0, C1, C2, C3" in leans.err
+
+
+def test_passes_are_estimated_by_their_technology() -> None:
+    found = check(EXAMPLES / "punch.ngc", CutSettings(passes=3, height_mm=25.4))
+    assert [one.number for one in found.passes] == [1, 2, 3]
+    assert [one.offset_mm for one in found.passes] == sorted((one.offset_mm for one in found.passes), reverse=True)
+    assert found.passes[0].seconds > found.passes[1].seconds  # the rough pass is the slowest
+    assert found.expected_s == pytest.approx(sum(one.seconds for one in found.passes))
+    told = dict(lines_of(found))
+    assert told["pass 3"].startswith(f"offset {found.passes[2].offset_mm:.3f} mm, ")
+    assert "time" not in told  # the least time is that of one pass at the rough setting

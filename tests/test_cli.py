@@ -68,6 +68,8 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("validate", "Compare the model with what was published, row by row."),
                              ("bench", "Measure the speed of this computer, by processor time."),
                              ("console", "Operate the 1982 controller, a servo drive or a positioner"),
+                             ("gap", "Give a real controller the gap: serial ports, samples, delays."),
+                             ("export", "Write the gap for another simulator."),
                              ("sweep", "Make many cuts from one specification."),
                              ("tune", "Search gains or training settings (needs the extra tune).")):  # fmt: skip
         assert any(command in line and purpose in line for line in told.out.splitlines())

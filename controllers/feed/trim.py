@@ -22,7 +22,7 @@ class TrimController(ServoController):
     feed_um_s : float
         The feed where nothing shorts.
     stop_share : float
-        Share of shorts at which the wire stands still; between none and that many the feed falls evenly (ours).
+        Share of shorts at which the wire stops; between none and that many the feed falls evenly (ours).
     """
 
     name: ClassVar[str] = "trim"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,8 @@ import typer
 from edmsim.cli.console import (
     OUT,
     AfterTab,
+    Conditions,
+    Dialect,
     Generator,
     GuideErrors,
     Height,
@@ -51,6 +54,8 @@ def check(
     offset: Offset = "auto",
     ignore: Ignore = "",
     offsets: Offsets = None,
+    dialect: Dialect = "auto",
+    conditions: Conditions = None,
     layers: Layers = "",
     upper_layer: Upper = None,
     taper_deg: TaperDeg = 0.0,
@@ -66,9 +71,10 @@ def check(
     """Look at a program before the cut: path, notices, time."""
     from edmsim.files import make_writable, replacing
     from edmsim.job.check import check as look_at
-    from edmsim.job.check import lines_of
+    from edmsim.job.check import lines_of, pass_rows
     from edmsim.job.settings import CutSettings
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
+    from edmsim.program.path import load_program
     from edmsim.recording.figures.path import path_figure
 
     picture = default_folder(program) / "path.png" if out is None else out
@@ -77,12 +83,22 @@ def check(
     options = {
         "machine": machine, "material": material, "height_mm": height, "wire": wire, "generator": generator,
         "offset": offset, "offsets": path_text(offsets), "layers": named(layers), "unit": unit,
+        "dialect": dialect, "conditions": path_text(conditions),
         "upper_layer": upper_layer, "taper_deg": taper_deg, "taper_corners": taper_corners,
         "guide_errors_mm": parse_guide_errors(guide_errors),
         "passes": passes, "technology": technology, "tab_mm": tab, "overlap_mm": overlap, "after_tab": after_tab,
     }
     unknown: dict[str, list[int]] = {}
+
+    def rows(found: Sequence[tuple[str, str]]) -> None:
+        for name, text in found:
+            OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)
+
     try:
+        rows(pass_rows(load_program(
+            program, ignore=named(ignore), layers=named(layers), unit=unit, offsets=offsets, dialect=dialect,
+            conditions=conditions,
+        )))  # fmt: skip
         found = look_at(program, CutSettings.model_validate({**options, "ignore": named(ignore)}))
     except UnknownWordsError as error:
         unknown = error.words
@@ -96,8 +112,7 @@ def check(
             raise typer.Exit(BAD_INPUT) from None
         say("what follows leaves them out, as --ignore " + ",".join(unknown))
         found = look_at(program, CutSettings.model_validate({**options, "ignore": [*named(ignore), *unknown]}))
-    for name, text in lines_of(found):
-        OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)
+    rows(lines_of(found))
     for notice in found.path.notices:
         OUT.print(f"note: {notice}", highlight=False, soft_wrap=True, markup=False)
     make_writable(picture.parent)

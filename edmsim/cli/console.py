@@ -50,6 +50,15 @@ Offset = Annotated[str, typer.Option(help="Wire offset: auto, none, or mm.")]
 Offsets = Annotated[
     Path | None, typer.Option(help="File with offset registers, lines as D1 = 0.155; by default the program's own.")
 ]
+Dialect = Annotated[
+    str,
+    typer.Option(
+        help="Dialect of the program: auto, sodick, mitsubishi, skd2, charmilles, fanuc, linuxcnc, freecad, iso."
+    ),
+]
+Conditions = Annotated[
+    Path | None, typer.Option(help="Settings of the program's conditions: TOML file with a section [C001] for each.")
+]
 Ignore = Annotated[
     str, typer.Option(metavar="WORDS", help="Words of the program to leave out: M77,U", show_default=False)
 ]

@@ -51,7 +51,7 @@ def gap(
     log_rate: Annotated[float, typer.Option(help="Rows of --log per second, 2 to 100.")] = 10.0,
     seed: Seed = 0,
 ) -> None:
-    """Give a real controller the gap: serial ports of a board, samples of voltage and current, delays."""
+    """Give a real controller the gap: serial ports, samples, delays."""
     from edmsim.files import make_writable
     from edmsim.hil.ratio_log import RatioLog
     from edmsim.hil.rig import make_board

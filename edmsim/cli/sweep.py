@@ -105,7 +105,10 @@ def tune(
     ray: Ray = None,
     processes: ProcessCount = None,
 ) -> None:
-    """Search gains, training settings, or the settings of your own controller (needs the extra tune)."""
+    """Search gains or training settings (needs the extra tune).
+
+    With --own it searches the settings of a controller of your own, on drawn machines.
+    """
     if out is None:
         raise InputError("a search needs a folder for its study: give --out DIR")
     set_up = {"name": machine, "generator": generator, "material": material, "wire": wire}
@@ -158,7 +161,9 @@ def _tune_own(
 
         found = tune_own(own, out, trials=trials, seed=seed, seeds=seeds, engine=engine, watch=watch, **options)
     listed = ",".join(f"{key}={value:g}" for key, value in found.values.items())
+    tried = sorted(found.tried_again.items(), key=lambda item: item[1][1].worst)
     lines = [
+        *(f"{'in use' if number < 0 else f'trial {number}'}: {spread}" for number, (_, spread) in tried),
         f"{own}:{listed}", f"on {found.machines} other machines: {found.spread}",
         f"settings in use:      {found.first_spread}",
         f"{found.trials} trials, {found.failed} failed. Written: {out / BEST}",

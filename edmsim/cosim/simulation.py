@@ -189,6 +189,7 @@ class Simulation:
             observer.begin(self.plant)
         self._at = ProgramPlace(from_um=(x, y), lead_um=self._lead_of(0))
         self._motion = self._begin_leg()
+        self._check_later_passes()
         self.passes.begin_leg(self.legs[0], 0.0, 0.0, self.sums)
         self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
 
@@ -200,6 +201,13 @@ class Simulation:
     def machine_of(self, number: int) -> Machine:
         """Return the set-up of a pass, by its number from 1."""
         return self._setups[min(number, len(self._setups)) - 1].machine
+
+    def _check_later_passes(self) -> None:
+        """Let the controllers of later passes refuse, before anything is cut, a feed that the machine cannot run."""
+        for machine, controller in self._setups:
+            if controller is not self._setup.controller:
+                tell(controller, machine, self.legs[-1].points_um, 0.0)
+                check_command(controller.name, controller.reset(self.max_feed_um_s))
 
     @property
     def setups_told(self) -> list[tuple[str, str]]:

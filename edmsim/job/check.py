@@ -19,6 +19,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import mean_current_A
 from edmsim.plant.gap.generator import timing
 from edmsim.program.arcs import extent_mm
+from edmsim.program.outline import Outline, Program
 from edmsim.program.path import CutPath
 
 
@@ -161,6 +162,35 @@ def _pass_lines(found: Check) -> list[tuple[str, str]]:
     return [*rows, ("expected", f"{duration_text(found.expected_s)} by the technology")] if rows else []
 
 
+def pass_rows(program: Program) -> Sequence[tuple[str, str]]:
+    """Return names and texts for a terminal's table of what a program says of its passes; none if it has nothing."""
+    noted = [o for o in program.outlines if o.condition or o.continues or o.taper or o.adaptive is not None]
+    if not noted:
+        return []
+    return [(f"pass {number}", _pass_text(outline)) for number, outline in enumerate(program.outlines, 1)]
+
+
+def _pass_text(outline: Outline) -> str:
+    length_mm = float(np.hypot(*np.diff(outline.points_mm, axis=0).T).sum())
+    told = [f"line {outline.line}: {'closed' if outline.closed else 'open'}, {length_mm:.3f} mm"]
+    if outline.wire_side is not None:
+        offset = "" if outline.offset_mm is None else f" by {outline.offset_mm:g} mm"
+        told.append(f"wire on the {outline.wire_side}{offset}")
+    if outline.condition is not None:
+        approach = outline.approach_condition
+        told.append(outline.condition + (f" after {approach}" if approach not in (None, outline.condition) else ""))
+    if outline.adaptive is not None:
+        told.append("adaptive feed" if outline.adaptive else "constant feed")
+    if outline.taper is not None:
+        angles = sorted({abs(angle) for angle in outline.taper.angle_deg or ()})
+        told.append(f"leans by {angles[-1]:g} deg" if angles else "leans along a second contour")
+    if outline.continues:
+        told.append("on the same wire")
+    if outline.stops_after:
+        told.append("then a stop")
+    return ", ".join(told)
+
+
 def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     """Return names and texts for a terminal's table."""
     from edmsim.recording.report import duration_text
@@ -186,6 +216,7 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
         *rows,
         ("offset", f"{offsets} mm"),
         ("path", f"{found.path_length_mm:.2f} mm"),
-        *_pass_lines(found),
-        ("time", f"at least {duration_text(found.least_s)}: {limit[found.limited_by]}, {feed}{waiting}"),
-    ]
+        *(_pass_lines(found) or [
+            ("time", f"at least {duration_text(found.least_s)}: {limit[found.limited_by]}, {feed}{waiting}")
+        ]),
+    ]  # fmt: skip

@@ -195,7 +195,8 @@ def planned(
     return plan_path(
         program, settings.offset if passes is None else "auto", auto_offset_mm=machine.auto_offset_mm,
         table_um=travel_um, grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers,
-        unit=settings.unit, offsets=settings.offsets, upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
+        unit=settings.unit, offsets=settings.offsets, dialect=settings.dialect, conditions=settings.conditions,
+        upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
         corners=cast(Corners, settings.taper_corners),
         guides=guides_of(machine, settings.guide_errors_mm or (0.0, 0.0)), passes=passes,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ from edmsim.machine.technology import (
     technology_for,
 )
 from edmsim.program.passes import PassPlan
-from edmsim.program.path import CutPath
+from edmsim.program.path import Conditions, CutPath
 
 _OF_PASS = {
     "generator": "generator", "tension": "tension_N", "t_on_us": "t_on_us", "t_period_us": "t_period_us",
@@ -73,6 +74,8 @@ def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Pass
     """
     if settings.passes is None:
         path = plan(program, settings, settings.load_machine(), None)
+        if path.conditions.settings:
+            return _by_conditions(settings, path)
         if path.passes == 1:
             if settings.technology is not None:
                 raise InputError("a technology is for passes: say how many, as --passes 4")
@@ -94,6 +97,43 @@ def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Pass
     settings = in_force(settings, technology, table)
     path = plan(program, settings, settings.load_machine(), wanted)
     return _made(settings, technology, table, path, table.notices)
+
+
+def _by_conditions(settings: CutSettings, path: CutPath) -> Passes:
+    """Give every pass the settings that the user's table has for the program's condition."""
+    if settings.technology is not None:
+        raise InputError("a technology and a table of conditions both decide the passes: give one of them")
+    of_passes = [_with_condition(settings, path.conditions, name) for name in path.conditions.names]
+    setups = tuple(_setup(one) for one in of_passes)
+    if path.passes == 1:
+        return Passes(of_passes[0], path)
+    approach = path.conditions.approach
+    lead_in = None if approach is None else _setup(_with_condition(settings, path.conditions, approach))
+    return Passes(of_passes[0], path, setups, lead_in)
+
+
+def _with_condition(settings: CutSettings, conditions: Conditions, name: str | None) -> CutSettings:
+    """Return the settings of a cut with what the table says of a condition."""
+    if name is None:
+        return settings
+    found = dict(conditions.settings[name])
+    decided: dict[str, Any] = {}
+    if "feed_um_s" in found:
+        decided["controller"] = f"trim:feed_um_s={found.pop('feed_um_s'):g}"
+    if "open_target_share" in found:
+        decided["controller"] = f"counts:open_target_share={found.pop('open_target_share'):g}"
+    if "tension_N" in found:
+        decided["tension"] = found.pop("tension_N")
+    for option, value in {**decided, **found}.items():
+        usual = CutSettings.model_fields[option].default
+        if getattr(settings, option) not in (usual, value):
+            raise InputError(f"the table of conditions decides {option} of {name}: leave the option out")
+    return settings.model_copy(update={**decided, **found})
+
+
+def _setup(settings: CutSettings) -> PassSetup:
+    controller = settings.controller
+    return PassSetup(settings.load_machine(), from_text(controller) if isinstance(controller, str) else controller)
 
 
 def in_force(settings: CutSettings, technology: Technology, table: PassTable) -> CutSettings:
@@ -136,14 +176,7 @@ def _made(
         PassSetup(machine, from_text(one.controller())) for machine, one in zip(machines, table.settings, strict=True)
     )
     approach = PassSetup(machines[0], from_text(table.settings[0].controller(table.approach_share)))
-    path = CutPath(
-        path.contours,
-        path.stock_mm,
-        path.start_hole_radius_mm,
-        path.origin_mm,
-        (*path.notices, *notices),
-        path.source,
-    )
+    path = replace(path, notices=(*path.notices, *notices))
     return Passes(settings, path, setups, approach, table)
 
 

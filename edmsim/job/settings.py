@@ -30,6 +30,7 @@ from edmsim.numeric import Number, WholeNumber
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution as check_resolution
+from edmsim.program.dialects import AUTO, check_dialect
 from edmsim.program.heights import Area, Height, Heights, checked_areas, checked_changes
 from edmsim.program.outline import Corners
 
@@ -126,6 +127,11 @@ class CutSettings(BaseModel):
     """Layers of a drawing to cut; by default all that are shown."""
     offsets: str | None = None
     """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto."""
+    dialect: str = AUTO
+    """Dialect of a G-code program: sodick, mitsubishi, skd2, charmilles, fanuc, linuxcnc, freecad, or iso for
+    none; auto: recognised by its words (``docs/dialects/index.md``)."""
+    conditions: str | None = None
+    """File that says what the machining conditions are that a G-code program calls: a table ``[C001]`` for each."""
     upper_layer: str | None = None
     """Layer of a drawing with the contours of the workpiece's upper face, one for each of the lower face, with as
     many lines and arcs: the wall between them is ruled."""
@@ -209,6 +215,11 @@ class CutSettings(BaseModel):
     @field_serializer("controller")
     def _text(self, controller: str | FeedController) -> str:
         return controller if isinstance(controller, str) else text_of(controller)
+
+    @field_validator("dialect")
+    @classmethod
+    def _check_dialect(cls, name: str) -> str:
+        return check_dialect(name)
 
     @field_validator("drive")
     @classmethod
@@ -335,6 +346,8 @@ class CutOptions(TypedDict, total=False):
     ignore: Sequence[str]
     layers: Sequence[str]
     offsets: str | None
+    dialect: str
+    conditions: str | None
     upper_layer: str | None
     taper_deg: float
     taper_corners: str

@@ -53,18 +53,25 @@ def error_shares(profile: ProfileError, contour: WireContour, ways_um: Sequence[
         ``profile.mean_um``, and are NaN where that is, and everywhere for a contour that was not begun.
     """
     points = profile.points_mm * 1000
-    away = np.stack([_distance(points, way) for way in (contour.points_um.astype(np.float64), *ways_um)])
+    planned_um = contour.points_um.astype(np.float64)
+    away = np.stack([_distance(points, _chords(planned_um)), *(_distance(points, _joined(way)) for way in ways_um)])
     last = profile.mean_um + contour.offset_um - away[-1]
     shares = np.concatenate([np.diff(away, axis=0, prepend=contour.offset_um), [last]])
     return np.where(np.isfinite(shares[-1]), shares, np.nan)
 
 
-def _distance(points: Floats, way: Floats) -> Floats:
-    """Distance of every point (n, 2) to the nearest place of a way (m, 2); NaN if there is none."""
-    if len(way) < 2:
-        return np.full(len(points), np.nan)
-    chords = np.stack([way[:-1], way[1:]], axis=1)
-    chords = chords[np.hypot(*(way[1:] - way[:-1]).T) < _JUMP_UM]  # between passes the wire went elsewhere
+def _joined(way: Floats) -> Floats:
+    """Return the chords (m, 2, 2) of a measured way; between its passes the wire went elsewhere."""
+    chords = _chords(way)
+    return np.asarray(chords[np.hypot(*(chords[:, 1] - chords[:, 0]).T) < _JUMP_UM])
+
+
+def _chords(way: Floats) -> Floats:
+    return np.stack([way[:-1], way[1:]], axis=1)
+
+
+def _distance(points: Floats, chords: Floats) -> Floats:
+    """Distance of every point (n, 2) to the nearest place of chords (m, 2, 2); NaN without any."""
     if not len(chords):
         return np.full(len(points), np.nan)
     tree = shapely.STRtree(shapely.linestrings(chords))

@@ -384,7 +384,7 @@ class Plant(PlantReadings):
             rows = np.array(steps, np.int64, order="C")
             if rows.ndim != 2 or rows.shape[1] != 3:
                 raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
-            place = ctypes.addressof(ctypes.c_char.from_buffer(rows))  # numpy takes 1 % of a window to say where
+            place = ctypes.addressof(ctypes.c_char.from_buffer(rows.data))  # numpy takes 1 % of a window to say where
         status = self._fire_once(place, len(rows), pulses)
         if status == BROKEN and self._state["broken"][0] == BARE:
             pass_window(

@@ -102,7 +102,9 @@ def centre_from_radius(
     return start + chord / 2 + side * height * 1j * chord / abs(chord)
 
 
-def arc_points(start: complex, end: complex, centre: complex, turn: int, full: bool) -> list[complex]:
+def arc_points(
+    start: complex, end: complex, centre: complex, turn: int, full: bool, chords: int = 1
+) -> list[complex]:
     """Return the points of an arc after its start, up to and with its end, as chords within the tolerance.
 
     Parameters
@@ -115,6 +117,8 @@ def arc_points(start: complex, end: complex, centre: complex, turn: int, full: b
         +1 counter-clockwise, -1 clockwise.
     full : bool
         Whether it is a full circle, whose ends need not be equal to the last bit.
+    chords : int
+        As many chords at least.
 
     Raises
     ------
@@ -126,11 +130,16 @@ def arc_points(start: complex, end: complex, centre: complex, turn: int, full: b
     radius = max(abs(first), abs(last))
     if radius > FARTHEST_MM:
         raise InputError(f"the arc's radius of {radius:.3g} mm is beyond {FARTHEST_MM:g} mm: draw a line")
-    count = max(math.ceil(sweep / _chord_angle(radius)), 8 if full else 1)
+    count = max(math.ceil(sweep / _chord_angle(radius)), 8 if full else 1, chords)
     begin, growth, angle = abs(first), abs(last) - abs(first), cmath.phase(first)
     shares = [i / count for i in range(1, count)]
     points = [centre + cmath.rect(begin + share * growth, angle + turn * share * sweep) for share in shares]
     return [*points, end]
+
+
+def line_points(start: complex, end: complex, chords: int) -> list[complex]:
+    """Return the points of a line after its start, up to and with its end, in so many equal chords."""
+    return [*(start + (end - start) * i / chords for i in range(1, chords)), end]
 
 
 def _chord_angle(radius: float) -> float:

@@ -1,7 +1,7 @@
 """RS-274 text split into blocks of words: which words there may be, in which unit, and subprograms taken apart.
 
-What the words do is not known here. Some cannot change a contour, some a user leaves out. M98 P1000 L2 runs twice
-what stands between O1000 and M99 behind the end of the program.
+What the words do is not known here. Some cannot change a contour, some a user leaves out; a dialect adds its own. M98
+P1000 L2 runs twice what stands between O1000 and M99 behind the end of the program.
 """
 
 from __future__ import annotations
@@ -9,10 +9,14 @@ from __future__ import annotations
 import codecs
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from edmsim.errors import InputError
+from edmsim.program.dialects.condition_tables import ConditionTable
+from edmsim.program.dialects.dialect import ISO, Dialect
+from edmsim.program.dialects.freecad import FREECAD, without_line_ends
 from edmsim.program.limits import GREATEST_NUMBER, check_count, check_size
 from edmsim.program.registers import register
 
@@ -92,6 +96,8 @@ class UnknownWordsError(InputError):
     found : sequence of (str, int)
         Every one, with its line.
     file : path
+    hint : str
+        Who knows them, to end the message with.
 
     Attributes
     ----------
@@ -99,7 +105,7 @@ class UnknownWordsError(InputError):
         Each word with its lines.
     """
 
-    def __init__(self, found: Sequence[tuple[str, int]], file: str | Path) -> None:
+    def __init__(self, found: Sequence[tuple[str, int]], file: str | Path, hint: str = "") -> None:
         self.words: dict[str, list[int]] = {}
         for word, line in found:
             self.words.setdefault(word, []).append(line)
@@ -113,15 +119,19 @@ class UnknownWordsError(InputError):
         idle = offered_to_ignore(self.words)
         if idle:
             reason += f", or leave out what you know to be without effect: --ignore {','.join(idle[:_MOST_NAMED])}"
-        super().__init__(reason, file, found[0][1])
+        super().__init__(reason + hint, file, found[0][1])
 
 
-def code_of(letter: str, number: str) -> float | None:
-    """Return the number of a G or M code, as 41 or 90.1; None if no such code is known."""
+_KNOWN = {"G": KNOWN_G, "M": KNOWN_M}
+
+
+def code_of(letter: str, number: str, dialect: Dialect = ISO) -> float | None:
+    """Return the number of a code, as 41 of G41 or 90.1; None if no such code is known."""
     if not _CODE.fullmatch(number):
         return None
     code = float(number) if number.rstrip("0").partition(".")[2] else int(float(number))
-    return code if code in (KNOWN_G if letter == "G" else KNOWN_M) else None
+    known = code in _KNOWN.get(letter, ()) or dialect.action_of((letter, code)) is not None
+    return code if known else None
 
 
 _BYTE_ORDER_MARKS = {  # that of UTF-32 begins with that of UTF-16
@@ -139,16 +149,39 @@ _NOT_READ = {
 """What cannot be a word, by its first characters, and what would be right."""
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
-_OFFSET = re.compile(r"([DH])(\d{1,4})=([+-]?(?:\d+\.?\d*|\.\d+))")
+_TERM = r"(?:(?:\d+\.?\d*|\.\d+)|[DH]\d{1,4})"
+_OFFSET = re.compile(rf"([DH])(\d{{1,4}})=([+-]?{_TERM}(?:[+-]{_TERM})*)")
+_ADDED = re.compile(rf"([+-]?)({_TERM})")
+_PLANE = re.compile(r"(T[PN])=?([+-]?(?:\d+\.?\d*|\.\d+))")
+_WORDS = re.compile(r"(?:[A-Z]=?[+-]?[\d.]+(?:=[-+\dDH.]+)?)+")
+_CONDITION = {"C": r"\d{1,4}", "E": r"\d{3,4}", "S": r"\d{1,4}"}
+"""Numbers of conditions by letter. E has three digits or four, for ``X1E2`` may be meant as a number."""
+_ABOVE = frozenset("XYIJ")
 _LONGEST_TOLD = 12
 _NESTED = re.compile(r"\([^)]*\(")
 _CALL = ("M", 98)
 _END_CODES = frozenset({("M", 2), ("M", 30)})
 
 
+class OffsetValue(NamedTuple):
+    """What a program says of an offset register: a number as written, and registers added to it or taken off."""
+
+    register: str
+    number: float
+    added: tuple[tuple[int, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class UpperWords:
+    """What stands behind a colon: the move of the second plane, its code, None where that is the first plane's."""
+
+    code: float | None
+    values: dict[str, float]
+
+
 @dataclass(frozen=True)
 class Block:
-    """One line of a program.
+    """One block of a program, as a rule a line.
 
     Attributes
     ----------
@@ -168,8 +201,14 @@ class Block:
         Words that cannot change a contour, as they stand.
     ignored : tuple of str
         Words the user leaves out.
-    offsets : tuple of (str, float)
-        Registers that the block gives a value, ``D1=0.155``, as written.
+    offsets : tuple of OffsetValue
+        Registers that the block gives a value, ``D1=0.155``.
+    condition : str or None
+        The machining condition that it calls, as written.
+    upper : UpperWords or None
+        The move of the second plane.
+    label : int or None
+        Its N number, where a subprogram may begin at one.
     """
 
     line: int
@@ -180,7 +219,10 @@ class Block:
     deletable: bool
     idle: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
-    offsets: tuple[tuple[str, float], ...] = ()
+    offsets: tuple[OffsetValue, ...] = ()
+    condition: str | None = None
+    upper: UpperWords | None = None
+    label: int | None = None
 
     @property
     def ends_program(self) -> bool:
@@ -216,7 +258,48 @@ def read_text(file: Path) -> str:
         raise InputError(f"{byte}: the text is not {encoding.upper()}, save it as UTF-8", file) from None
 
 
-def read_blocks(text: str, file: str, ignored: Ignored) -> tuple[list[Block], list[Block], list[str]]:
+class ProgramBlocks(NamedTuple):
+    """A program split into blocks.
+
+    Attributes
+    ----------
+    main, behind : list of Block
+        Every block that holds a word; those of subprograms, behind the end of the program.
+    notices : list of str
+        What was left out.
+    conditions : dict of str to dict of str to float
+        Its tables of machining conditions, by condition and column.
+    """
+
+    main: list[Block]
+    behind: list[Block]
+    notices: list[str]
+    conditions: dict[str, dict[str, float]]
+
+
+@dataclass
+class _Reader:
+    """What blocks are read with, and all words found that are not known."""
+
+    file: str
+    ignored: Ignored
+    dialect: Dialect
+    table: ConditionTable
+    unknown: list[tuple[str, int]] = field(default_factory=list)
+
+    def blocks_of(self, raw: str, line: int, labelled: bool = False) -> list[Block]:
+        """Return the blocks of a line: one, none, or more where ``;`` ends blocks."""
+        if self.table.read_line(raw, line):
+            return []
+        parts = [raw]
+        if self.dialect.ends_blocks:
+            first, *others = re.sub(r"\([^()]*\)", "", raw).split(";")
+            parts = [first, *(part for part in others if _WORDS.fullmatch("".join(part.split()).upper()))]
+        found = [_read_block(part, line, self, labelled) for part in parts]
+        return [block for block in found if block is not None]
+
+
+def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) -> ProgramBlocks:
     """Split a program into blocks.
 
     Comments, N words, lower case, blanks and empty lines leave no trace. The program ends at M2 or M30, at a
@@ -230,26 +313,18 @@ def read_blocks(text: str, file: str, ignored: Ignored) -> tuple[list[Block], li
         Name for error messages.
     ignored : Ignored
         Words to leave out.
-
-    Returns
-    -------
-    blocks : list of Block
-        Every line that holds a word.
-    behind : list of Block
-        Those of subprograms.
-    notices : list of str
-        What was left out.
+    dialect : Dialect
 
     Raises
     ------
     UnknownWordsError
         Words that are not known, all of them.
     InputError
-        A number beyond reason, a word twice in a block, or no block at all.
+        A number beyond reason, a word twice in a block, a table of conditions with values missing, or no block.
     """
     blocks: list[Block] = []
-    unknown: list[tuple[str, int]] = []
-    lines = re.split(r"\r\n|\r|\n", text)
+    reader = _Reader(file, ignored, dialect, ConditionTable(dialect, file))
+    lines = without_line_ends(re.split(r"\r\n|\r|\n", text))
     last = len(lines)
     for number, raw in enumerate(lines, 1):
         if raw.lstrip().startswith("%"):
@@ -257,23 +332,20 @@ def read_blocks(text: str, file: str, ignored: Ignored) -> tuple[list[Block], li
                 last = number
                 break
             continue
-        block = _read_block(raw, number, file, ignored, unknown)
-        if block is not None:
-            blocks.append(block)
-            if block.ends_program:
-                last = number
-                break
+        blocks += reader.blocks_of(raw, number)
+        if blocks and blocks[-1].ends_program:
+            last = number
+            break
     behind: list[Block] = []
     if any(_CALL in block.codes for block in blocks):
         while last < len(lines) and not lines[last].lstrip().startswith("%"):
-            block = _read_block(lines[last], last + 1, file, ignored, unknown)
-            behind += [] if block is None else [block]
+            behind += reader.blocks_of(lines[last], last + 1, labelled=dialect.numbered)
             last += 1
-    if unknown:
-        raise UnknownWordsError(unknown, file)
+    if reader.unknown:
+        raise UnknownWordsError(reader.unknown, file)
     if not blocks:
         raise InputError("the program is empty: no word of G-code in it", file)
-    return blocks, behind, _left_out(lines, last)
+    return ProgramBlocks(blocks, behind, _left_out(lines, last), reader.table.values)
 
 
 def _left_out(lines: list[str], last: int) -> list[str]:
@@ -283,52 +355,129 @@ def _left_out(lines: list[str], last: int) -> list[str]:
     return []
 
 
-def _read_block(
-    raw: str, line: int, file: str, ignored: Ignored, unknown: list[tuple[str, int]]
-) -> Block | None:
+def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block | None:
     """Return what a line holds, None if nothing; unknown words are added to those of the file."""
+    file, dialect = reader.file, reader.dialect
     bare = "".join(_COMMENT.sub("", raw).split()).upper()
+    above: str | None = None
+    if dialect.upper == "colon" and ":" in bare:
+        bare, _, above = bare.partition(":")
     deletable = bare.startswith("/")
-    codes: list[tuple[str, float]] = []
-    values: dict[str, float] = {}
-    idle: list[str] = []
-    dropped: list[str] = []
-    offsets: list[tuple[str, float]] = []
-    pointed, decimals = False, -1
+    words = _Words()
     at = int(deletable)
-    while at < len(bare) and not (codes and codes[-1] in _END_CODES):
+    while at < len(bare) and not (words.codes and words.codes[-1] in _END_CODES):
         given = _OFFSET.match(bare, at)
+        plane = _PLANE.match(bare, at) if dialect.planes else None
         if given is not None:
             at = given.end()
-            offsets.append((register(given[1], given[2]), _value(given[1], given[3], file, line)))
-            pointed |= "." in given[3]
+            words.offsets.append(_offset_value(given, file, line))
+            words.pointed |= "." in given[3]
+            continue
+        if plane is not None:
+            at = plane.end()
+            words.add(plane[1], plane[2], file, line)
             continue
         word = _WORD.match(bare, at)
         if word is None:
             _refuse_no_word(bare[at:], raw, file, line)
-            unknown.append((bare[at : at + _LONGEST_TOLD], line))
+            reader.unknown.append((bare[at : at + _LONGEST_TOLD], line))
             break
         at, letter, number = word.end(), word[1], word[2]
-        if ignored.has(letter, number):
-            dropped.append(word[0])
-        elif letter in IDLE and (letter != "O" or not values):  # X1O5 has a letter in place of a zero
-            idle.append(word[0])
-        elif letter in "GM" and (code := code_of(letter, number)) is not None:
-            codes.append((letter, code))
-        elif letter not in VALUES:
-            unknown.append((word[0][:_LONGEST_TOLD], line))
-        elif letter != "N":
-            if letter in values:
-                raise InputError(f"the word {letter} occurs twice in one block: write it once", file, line)
-            values[letter] = _value(letter, number, file, line)
-            if letter in "XYIJR":
-                pointed |= "." in number
-                decimals = max(decimals, len(number.partition(".")[2]))
+        if reader.ignored.has(letter, number):
+            words.dropped.append(word[0])
+        elif letter == dialect.condition and re.fullmatch(_CONDITION[letter], number):
+            if words.condition is not None:
+                reason = f"{words.condition} and {word[0]} are both conditions: call one in a block"
+                raise InputError(reason, file, line)
+            words.condition = word[0]
+        elif letter in "GMT" and (code := code_of(letter, number, dialect)) is not None:
+            # whatever ends a program elsewhere ends it as M2 does
+            words.codes.append(("M", 2) if dialect.action_of((letter, code)) == "end" else (letter, code))
+        elif letter in IDLE and letter not in dialect.letters and (letter != "O" or not words.values):
+            words.idle.append(word[0])  # X1O5 has a letter in place of a zero
+        elif letter not in VALUES and letter not in dialect.letters:
+            reader.unknown.append((word[0][:_LONGEST_TOLD], line))
+        elif letter == "N":
+            words.label = int(number) if labelled and number.isdigit() else None
+        else:
+            words.add(letter, number, file, line)
+    upper = None if above is None else _upper_words(above, line, reader, words)
     block = Block(
-        line, tuple(codes), values, pointed, None if decimals < 0 else decimals, deletable, tuple(idle),
-        tuple(dropped), tuple(offsets),
+        line, tuple(words.codes), words.values, words.pointed, None if words.decimals < 0 else words.decimals,
+        deletable, tuple(words.idle), tuple(words.dropped), tuple(words.offsets), words.condition, upper, words.label,
     )  # fmt: skip
-    return block if codes or values or idle or dropped or offsets else None
+    return block if words.any_word or upper is not None else None
+
+
+@dataclass
+class _Words:
+    """The words of a block while it is read."""
+
+    codes: list[tuple[str, float]] = field(default_factory=list)
+    values: dict[str, float] = field(default_factory=dict)
+    idle: list[str] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
+    offsets: list[OffsetValue] = field(default_factory=list)
+    condition: str | None = None
+    label: int | None = None
+    pointed: bool = False
+    decimals: int = -1
+
+    def add(self, letter: str, number: str, file: str, line: int) -> None:
+        """Take a letter's number, and note how finely a coordinate is written."""
+        if letter in self.values:
+            raise InputError(f"the word {letter} occurs twice in one block: write it once", file, line)
+        self.values[letter] = _value(letter, number, file, line)
+        self.measure(letter, number)
+
+    def measure(self, letter: str, number: str) -> None:
+        """Note whether a coordinate has a point, and its decimal places."""
+        if letter in "XYIJRUV":
+            self.pointed |= "." in number
+            self.decimals = max(self.decimals, len(number.partition(".")[2]))
+
+    @property
+    def any_word(self) -> bool:
+        """Whether there is a word that leaves a trace."""
+        return bool(self.codes or self.values or self.idle or self.dropped or self.offsets or self.condition) or (
+            self.label is not None
+        )
+
+
+def _offset_value(given: re.Match[str], file: str, line: int) -> OffsetValue:
+    """Return what ``H1=.0085+H175`` says of H1."""
+    number, added = 0.0, []
+    for sign, term in _ADDED.findall(given[3]):
+        factor = -1 if sign == "-" else 1
+        if term[0] in "DH":
+            added.append((factor, register(term[0], term[1:])))
+        else:
+            number += factor * _value(given[1], term, file, line)
+    return OffsetValue(register(given[1], given[2]), number, tuple(added))
+
+
+def _upper_words(above: str, line: int, reader: _Reader, words: _Words) -> UpperWords:
+    """Read the move behind a colon: X Y I J and G1, G2 or G3."""
+    code: float | None = None
+    values: dict[str, float] = {}
+    at = 0
+    while at < len(above):
+        word = _WORD.match(above, at)
+        letter, number = (word[1], word[2]) if word is not None else ("", "")
+        if word is None or (letter not in _ABOVE and code_of(letter, number) not in (1, 2, 3)):
+            reader.unknown.append((above[at : word.end() if word is not None else at + _LONGEST_TOLD], line))
+            if word is None:
+                break
+        elif letter in _ABOVE:
+            if letter in values:
+                reason = f"the word {letter} occurs twice behind the colon: write it once"
+                raise InputError(reason, reader.file, line)
+            values[letter] = _value(letter, number, reader.file, line)
+            words.measure(letter, number)
+        else:
+            code = code_of(letter, number)
+        at = word.end()
+    return UpperWords(code, values)
 
 
 def _refuse_no_word(rest: str, raw: str, file: str, line: int) -> None:
@@ -369,10 +518,16 @@ class Units:
         What G21 means, in mm: 1, or 0.001 in a program in whole um.
     stated : frozenset of float
         Which of G20 and G21 the program has.
+    inch_mm : float
+        What G20 means, in mm: 25.4, or 0.0254 in a program in thousandths.
+    scaled : bool
+        Whether coordinates are in thousandths of the unit that feeds are in.
     """
 
     metric_mm: float
     stated: frozenset[float]
+    inch_mm: float = INCH_MM
+    scaled: bool = False
 
     @property
     def only_inches(self) -> bool:
@@ -382,19 +537,52 @@ class Units:
     @property
     def at_start_mm(self) -> float:
         """The unit before any is stated, in mm: the program's only one, else millimetres."""
-        return INCH_MM if self.only_inches else self.metric_mm
+        return self.inch_mm if self.only_inches else self.metric_mm
 
     def of_code_mm(self, code: float) -> float | None:
         """Return the unit in mm that a G code sets, None if it sets none."""
-        by_code: dict[float, float] = {_INCH: INCH_MM, 21: self.metric_mm}
+        by_code: dict[float, float] = {_INCH: self.inch_mm, 21: self.metric_mm}
         return by_code.get(UNITS.get(code, code))
 
 
-def units_of(blocks: Sequence[Block], file: str) -> tuple[Units, list[str]]:
-    """Return the units of a program and notices of what was decided; raises `InputError` where nothing fits."""
-    stated = {UNITS.get(number, number) for block in blocks for letter, number in block.codes if letter == "G"}
+def units_of(
+    blocks: Sequence[Block], file: str, dialect: Dialect = ISO, inches: bool = False
+) -> tuple[Units, list[str]]:
+    """Return the units of a program and notices of what was decided.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+    file : str
+        Name for error messages.
+    dialect : Dialect
+        FreeCAD scales coordinates with a decimal point, and inches, as well.
+    inches : bool
+        Whether inches are the unit where the program states none.
+
+    Raises
+    ------
+    InputError
+        No unit fits.
+    """
+    codes = {UNITS.get(number, number) for block in blocks for letter, number in block.codes if letter == "G"}
+    stated = codes & {_INCH, 21} or ({_INCH} if inches else set())
+    if dialect is FREECAD:
+        scale, notices = _scale(blocks, file, INCH_MM if _INCH in stated else 1.0)
+        return Units(scale, frozenset(stated), INCH_MM * scale, scaled=scale != 1), notices
     metric_mm, notices = _metric_unit(blocks, file, _INCH in stated)
-    return Units(metric_mm, frozenset(stated & {_INCH, 21})), notices
+    return Units(metric_mm, frozenset(stated)), notices
+
+
+def _scale(blocks: Sequence[Block], file: str, unit_mm: float) -> tuple[float, list[str]]:
+    """Decide whether coordinates are in the unit or in thousandths of it, by what the table has room for."""
+    extent = _extent(blocks)
+    span, unit = f"the coordinates span {extent:g}", "mm" if unit_mm == 1 else "inch"
+    if extent * unit_mm <= TABLE_MM:
+        return 1.0, []
+    if extent * unit_mm < LEAST_WHOLE_UM:
+        raise InputError(f"{span}: too much in {unit}, too little in thousandths of it; write another scale", file)
+    return 0.001, [f"{span}: they are read in thousandths of {'a mm' if unit == 'mm' else 'an inch'}"]
 
 
 def _metric_unit(blocks: Sequence[Block], file: str, has_inches: bool) -> tuple[float, list[str]]:
@@ -468,12 +656,16 @@ def _sections(behind: Sequence[Block], file: str) -> dict[int, list[Block]]:
     for block in behind:
         names = [word for word in block.idle if word.startswith("O")]
         if number is None:
+            if block.ends_program:
+                continue
+            if not names and block.label is not None:
+                names = [f"N{block.label}"]
             if not names:
                 raise InputError("behind the end of the program only subprograms may stand: begin them with their "
                                  "O number", file, block.line)
             number = int(float(names[0][1:]))
             if number in found:
-                raise InputError(f"subprogram O{number} stands twice", file, block.line)
+                raise InputError(f"subprogram {names[0][0]}{number} stands twice", file, block.line)
             found[number] = []
         elif names:
             raise InputError(f"subprogram O{number} has no M99 before {names[0]} begins", file, block.line)
@@ -507,7 +699,8 @@ def _run(
             reason = f"subprogram O{number} calls itself, or calls lie over {_DEEPEST} deep"
             raise InputError(reason, file, block.line)
         called.add(number)
-        rest = replace(block, codes=tuple(code for code in block.codes if code != CALL), values={})
+        values = {letter: value for letter, value in block.values.items() if letter in "DH"}
+        rest = replace(block, codes=tuple(code for code in block.codes if code != CALL), values=values)
         out.append(rest)
         for _ in range(times):
             _run(subprograms[number], subprograms, file, out, called, depth + 1)
@@ -516,7 +709,7 @@ def _run(
 def _call(block: Block, file: str) -> tuple[int, int]:
     """Return which subprogram is called, and how often."""
     number, times = block.values.get("P"), block.values.get("L", 1.0)
-    if number is None or not block.values.keys() <= {"P", "L"} or number != int(number) or number < 0:
+    if number is None or not block.values.keys() <= {"P", "L", "D", "H"} or number != int(number) or number < 0:
         raise InputError("M98 wants the number of a subprogram as P, its repetitions as L, and nothing else",
                          file, block.line)
     if times != int(times) or times < 1:

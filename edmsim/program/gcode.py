@@ -1,10 +1,10 @@
-"""G-code (RS-274 and the Robofil dialect) read into outlines.
+"""G-code (RS-274, and what dialects add to it) read into outlines.
 
 The words understood are G0 to G4, G10, G20, G21, G40 to G42, G90 to G92, G90.1, G91.1, M0, M1, M2, M30, M50, M60, F,
 D, H, N, X, Y, I, J, R and P. Those that cannot change a contour in two axes (`edmsim.program.blocks`) are read with a
 notice. Dwells (G4 with P or X) are in seconds. A ``/`` at the head of a line does not delete it. A G92 before any
 move says where the wire is; later ones shift the coordinates. What is cut between two rapids is taken apart into
-approach, edge, overlap and lead-out.
+passes, and each of them into approach, edge, overlap and lead-out.
 """
 
 from __future__ import annotations
@@ -21,28 +21,44 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.program.arcs import rounding_of
-from edmsim.program.blocks import Ignored, expanded, read_blocks, read_text, units_of
+from edmsim.program.blocks import (
+    Ignored,
+    ProgramBlocks,
+    Units,
+    UnknownWordsError,
+    expanded,
+    read_blocks,
+    read_text,
+    units_of,
+)
+from edmsim.program.dialects import AUTO, DIALECTS, comments_of, dialect_of
+from edmsim.program.dialects.condition_tables import settings_for
+from edmsim.program.dialects.dialect import ISO, Dialect
+from edmsim.program.dialects.freecad import FREECAD, has_inch_comment
+from edmsim.program.dialects.linuxcnc import LINUXCNC, plane_heights
 from edmsim.program.interpreter import Interpreter, Motions, Reading, prefer_absolute, reading_of, registers_set
 from edmsim.program.limits import check_contours, check_count, check_points
-from edmsim.program.outline import CutMove, Outline, Program, Run, Side, refuse_self_crossing, signed_area
+from edmsim.program.outline import (
+    CutMove,
+    InForce,
+    Outline,
+    Program,
+    Run,
+    Side,
+    Taper,
+    array_of,
+    refuse_self_crossing,
+    signed_area,
+    vertices_of,
+)
 from edmsim.program.registers import OffsetRegisters
+from edmsim.program.sections import parts_by_condition, passes_of
 
 _LEAST_AREA_MM2 = 1e-4
 _SAME = 1e-9
 _MOVES_AT_ONCE = 10_000
 _MOST_PASSES = 1_000_000
 """Places passed within a move that are looked at (ours): a program that has more is not cut with a wire."""
-
-
-def vertices_of(run: Run) -> list[complex]:
-    """Return the start and the end of every move."""
-    return [run.start, *(move.points[-1] for move in run.moves)]
-
-
-def array_of(points: Sequence[complex]) -> NDArray[np.float64]:
-    """Return places ``x + 1j * y`` as an array (n, 2)."""
-    values = np.asarray(points, np.complex128)
-    return np.column_stack([values.real, values.imag])
 
 
 def length_of(start: complex, moves: Sequence[CutMove]) -> float:
@@ -88,15 +104,39 @@ def closed_run(run: Run, first: int, last: int) -> tuple[Run, tuple[int, int] | 
     for k, number in _passes(vertices, run.moves, first, last if loop is None else loop[1], join_mm):
         at, move = vertices[number], run.moves[k]
         chord = _chord_at(vertices[k], move, at, join_mm)
-        before, after = (*move.points[:chord], at), move.points[chord:]
+        before = (*move.points[:chord], at)
         ahead = _swept(vertices[k], [replace(move, points=before)])[-1]
         origin = vertices[k] - vertices[first]
         area = abs(swept[k - first] - swept[number - first] + ahead + _cross(origin, at - vertices[k])) / 2
         if area > _LEAST_AREA_MM2:
-            parts = (replace(move, points=before), replace(move, points=after))
+            parts = _split(run, k, chord, at)
             dwells = tuple((done + (done > k), seconds) for done, seconds in run.dwells)
-            return replace(run, moves=(*run.moves[:k], *parts, *run.moves[k + 1 :]), dwells=dwells), (number, k + 1)
+            stops = tuple(done + (done > k) for done in run.stops)
+            moves = (*run.moves[:k], *parts, *run.moves[k + 1 :])
+            return replace(run, moves=moves, dwells=dwells, stops=stops), (number, k + 1)
     return run, loop
+
+
+def _split(run: Run, k: int, chord: int, at: complex) -> tuple[CutMove, CutMove]:
+    """Split a move in one of its chords at a place."""
+    move = run.moves[k]
+    parts = replace(move, points=(*move.points[:chord], at)), replace(move, points=move.points[chord:])
+    if not move.upper:
+        return parts
+    points, above = (vertices_of(run)[k], *move.points), (_upper_start(run, k), *move.upper)
+    share = abs(at - points[chord]) / abs(points[chord + 1] - points[chord])
+    there = above[chord] + share * (above[chord + 1] - above[chord])
+    return (
+        replace(parts[0], upper=(*move.upper[:chord], there)), replace(parts[1], upper=move.upper[chord:]),
+    )  # fmt: skip
+
+
+def _upper_start(run: Run, k: int) -> complex:
+    """Return where the second plane's point is when a move begins; below it if the move before has none."""
+    before = run.moves[k - 1] if k else None
+    if before is None:
+        return run.upper_start
+    return before.upper[-1] if before.upper else before.points[-1]
 
 
 def _passes(
@@ -191,12 +231,22 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     lead_out = end + (0 if loop is None else _overlap(run, begin, end))
     if lead_out < len(run.moves):
         _refuse_more_than_a_lead_out(run, first, (begin, end), lead_out, closed=loop is not None and end < last)
-    notices = []
+    notices = _condition_change_notices(run.moves[begin:end])
     if lead_out > end:
         notices.append(f"line {run.moves[end].line}: the overlap after the contour is left out")
     if lead_out < len(run.moves):
         notices.append(f"line {run.moves[lead_out].line}: the lead-out after the contour is left out")
     return _assemble(run, first, begin, end, loop is not None), notices
+
+
+def _condition_change_notices(moves: Sequence[CutMove]) -> list[str]:
+    """Say that an edge is cut under several conditions, of which one is kept."""
+    called = [move.state.condition for move in moves]
+    line = next((move.line for move in moves if move.state.condition != called[0]), None)
+    if line is None:
+        return []
+    names = ", ".join(dict.fromkeys(name or "none" for name in called))
+    return [f"line {line}: the condition changes within a contour, {names}: that of its longest part is taken"]
 
 
 def closes_on_itself(moves: Sequence[CutMove], start: complex, join_mm: float) -> bool:
@@ -233,7 +283,9 @@ def _refuse_more_than_a_lead_out(
     places = [*(vertices[k] for k in before), *vertices[lead_out:]]
     loop = first_loop(places, moves, 0, len(moves), run.join_mm)
     length_mm = length_of(vertices[lead_out], run.moves[lead_out:])
-    if loop is None and length_mm <= length_of(vertices[begin], run.moves[begin:end]):
+    # the way back from a tab may be longer than the tab
+    short = run.one_of_several or length_mm <= length_of(vertices[begin], run.moves[begin:end])
+    if loop is None and short:
         return
     count = len(run.moves) - lead_out
     what = "with a closed loop" if loop is not None else f"{length_mm:.3f} mm and so longer than the contour,"
@@ -269,7 +321,7 @@ def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
     if end <= begin:
         reason = "after the approach no move is left to cut: program one more"
         raise InputError(reason, line=run.moves[end - 1].line)
-    if run.moves[begin].side is None or end - begin < 3:
+    if run.moves[begin].side is None or end - begin < 3 or run.one_of_several:  # a tab is left there
         return
     vertices = vertices_of(run)
     stop = vertices[end]
@@ -297,6 +349,9 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
         points[-1] = points[0]
     refuse_self_crossing(array_of(points), lines)
     side, offset, edge = moves[begin].side, moves[begin].offset, array_of(points)
+    leading = _longest([run.start, *(move.points[-1] for move in moves)], moves, 0, begin)
+    cutting = _longest(vertices, moves, begin, end)
+    assert cutting is not None
     ramp_end = sum(len(move.points) for move in moves[: first + 1]) if begin > first else len(approach) - 1
     return Outline(
         points_mm=edge,
@@ -308,10 +363,61 @@ def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outli
         approach_lines=tuple(approach_lines),
         compensated_from=len(approach) - 1 if side is None else ramp_end,
         dwells=_dwells(run, end),
-        needs_lead_in=len(approach) == 1 and (closed or side is not None),
+        needs_lead_in=len(approach) == 1 and (closed or side is not None) and not run.continues,
         elements=tuple(k for k, move in enumerate(moves[begin:end], 1) for _ in move.points),
         offset_mm=offset and offset.mm,
+        condition=cutting.condition,
+        approach_condition=None if leading is None else leading.condition,
+        adaptive=cutting.adaptive,
+        continues=run.continues,
+        stops_after=any(done >= end for done in run.stops),
+        taper=_taper(run, begin, end, closed),
     )
+
+
+def _longest(vertices: Sequence[complex], moves: Sequence[CutMove], begin: int, end: int) -> InForce | None:
+    """Return what is in force on the longest part of some moves; None if there are none."""
+    lengths: dict[InForce, float] = {}
+    for k in range(begin, end):
+        length_mm = length_of(vertices[k], moves[k : k + 1])
+        lengths[moves[k].state] = lengths.get(moves[k].state, 0.0) + length_mm
+    by_condition: dict[str | None, float] = {}
+    for state, length_mm in lengths.items():
+        by_condition[state.condition] = by_condition.get(state.condition, 0.0) + length_mm
+    if not by_condition:
+        return None
+    condition = max(by_condition, key=lambda name: by_condition[name])
+    return max((state for state in lengths if state.condition == condition), key=lambda state: lengths[state])
+
+
+def _taper(run: Run, begin: int, end: int, closed: bool) -> Taper | None:
+    """Return how the wire leans along the moves of an edge, None if it is vertical."""
+    moves = run.moves[begin:end]
+    above = [move for move in moves if move.upper]
+    state = moves[0].state
+    plane_mm, second_mm = state.planes_mm
+    if above and len(above) < len(moves):
+        line = next(move.line for move in moves if not move.upper)
+        reason = f"the contour has {len(moves)} elements below and {len(above)} above"
+        raise InputError(f"{reason}: give this block a move behind a colon as well, lower : upper", line=line)
+    if above:
+        start = _upper_start(run, begin)
+        upper = [start, *(point for move in moves for point in move.upper)]
+        lower = [vertices_of(run)[begin], *(point for move in moves for point in move.points)]
+        if all(abs(a - b) <= _SAME for a, b in zip(upper, lower, strict=True)):
+            return None
+        if any(move.state.tilt_deg for move in moves):
+            line = next(move.line for move in moves if move.state.tilt_deg)
+            raise InputError("the wire leans by an angle and by a second contour: use one of them", line=line)
+        if closed:
+            gap = abs(upper[-1] - start)
+            if gap > run.join_mm:
+                reason = f"the contour of the second plane ends {gap:.3f} mm from where it began"
+                raise InputError(f"{reason}: close it as the one below is closed", line=moves[-1].line)
+            upper[-1] = start
+        return Taper(None, array_of(upper), state.corners, plane_mm, second_mm)
+    angles = tuple(move.state.tilt_deg for move in moves for _ in move.points)
+    return Taper(angles, None, state.corners, plane_mm) if any(angles) else None
 
 
 def _part_side(edge: NDArray[np.float64], closed: bool, side: Side | None, approach: list[complex]) -> Side:
@@ -329,7 +435,11 @@ def _dwells(run: Run, end: int) -> tuple[tuple[int, float], ...]:
 
 
 def read_gcode(
-    file: str | Path, ignore: Sequence[str] = (), offsets: Mapping[str, float] | None = None
+    file: str | Path,
+    ignore: Sequence[str] = (),
+    offsets: Mapping[str, float] | None = None,
+    dialect: str = AUTO,
+    conditions: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Program:
     """Read a G-code program.
 
@@ -341,35 +451,95 @@ def read_gcode(
         Words to leave out, as ``M77``, or letters, as ``U``.
     offsets : mapping of str to float, optional
         Offsets in mm by register, ``{"D1": 0.155}``; what the program says of one comes before it.
+    dialect : str
+        Name of `edmsim.program.dialects.DIALECTS`; ``auto``: recognised by words that only one machine has.
+    conditions : mapping of str to mapping of str to float, optional
+        What the conditions are that it calls: `edmsim.program.dialects.condition_tables.read_conditions`.
 
     Returns
     -------
     Program
-        An outline per run between rapids, in mm. Its notices say whatever had to be decided: coordinates in
-        whole um, absolute arc centres, words without effect, a lead-out left out.
+        An outline per run between rapids, and per pass of it, in mm. Its notices say whatever had to be decided:
+        dialect, coordinates in whole um, absolute arc centres, words without effect, a lead-out left out.
 
     Raises
     ------
     UnknownWordsError
         All words of the file that are not known.
     InputError
-        With file and line: an arc that fits neither way, a contour that makes no sense.
+        With file and line: an arc that fits neither way, a contour that makes no sense, no such dialect.
     """
     path = Path(file)
-    blocks, behind, notices = read_blocks(read_text(path), str(path), Ignored.of(ignore))
-    blocks, told = expanded(blocks, behind, str(path))
-    notices += told
-    units, unit_notices = units_of(blocks, str(path))
-    registers = OffsetRegisters(offsets or {}, registers_set(blocks), str(path))
-    control = Interpreter(units, rounding_of(blocks, units), registers, str(path))
+    text = read_text(path)
+    found, told = dialect_of(text, dialect)
+    read = _read(text, path, Ignored.of(ignore), found)
+    blocks, unused = expanded(read.main, read.behind, str(path))
+    notices = [*read.notices, *unused]
+    units, unit_notices = units_of(blocks, str(path), found, found is FREECAD and has_inch_comment(text))
+    registers = OffsetRegisters(offsets or {}, registers_set(blocks), str(path), zero=found is not ISO)
+    two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in blocks)
+    control = Interpreter(units, rounding_of(blocks, units), registers, str(path), found, two_planes)
+    if found is LINUXCNC:
+        control.state = replace(control.state, planes_mm=_planes_mm(text, units, str(path)))
     for block in blocks:
         control.run_block(block)
     try:
         outlines = _outlines(control, notices)
     except InputError as error:
         raise InputError(error.reason, path, error.line) from None
-    notices = sorted([*unit_notices, *control.notices.texts(), *notices], key=_line_of)
-    return Program(tuple(outlines), tuple(notices), str(path))
+    settings = settings_for(control.called, conditions or {}, read.conditions, str(path))
+    told += _condition_notices(control.called, settings)
+    told += _plane_notices(outlines, control)
+    notices = sorted([*told, *unit_notices, *control.notices.texts(), *notices], key=_line_of)
+    name = None if found is ISO else found.name
+    return Program(tuple(outlines), tuple(notices), str(path), name, read.conditions, settings)
+
+
+def _planes_mm(text: str, units: Units, file: str) -> tuple[float, float | None]:
+    """Return the heights of the planes of X Y and of U V that comments name; the workpiece's faces if they do not."""
+    heights = plane_heights(comments_of(text))
+    if not {"XY", "UV"} <= heights.keys():
+        return 0.0, None
+    if heights["XY"] == heights["UV"]:
+        raise InputError("the comments give the planes of X Y and of U V one height: two planes have two", file)
+    return heights["XY"] * units.at_start_mm, heights["UV"] * units.at_start_mm
+
+
+def _read(text: str, path: Path, ignored: Ignored, dialect: Dialect) -> ProgramBlocks:
+    """Split a program into blocks; where words are unknown, say which dialects know them all."""
+    try:
+        return read_blocks(text, str(path), ignored, dialect)
+    except UnknownWordsError as error:
+        knowing = [other.name for other in DIALECTS.values() if other is not dialect and _reads(text, ignored, other)]
+        if not knowing:
+            raise
+        found = [(word, line) for word, lines in error.words.items() for line in lines]
+        hint = f"; known to --dialect {' or '.join(knowing)}"
+        raise UnknownWordsError(sorted(found, key=lambda item: item[1]), str(path), hint) from None
+
+
+def _reads(text: str, ignored: Ignored, dialect: Dialect) -> bool:
+    try:
+        read_blocks(text, "", ignored, dialect)
+    except InputError:
+        return False
+    return True
+
+
+def _condition_notices(called: Mapping[str, int], settings: Mapping[str, object]) -> list[str]:
+    if settings or not called:
+        return []
+    names = ", ".join(called)
+    return [f"no settings for the conditions {names}: those of the cut are used; --conditions gives a table"]
+
+
+def _plane_notices(outlines: Sequence[Outline], control: Interpreter) -> list[str]:
+    leaning = [outline.taper for outline in outlines if outline.taper is not None]
+    if not leaning or control.state.planes_mm != (0.0, None):
+        return []
+    if any(taper.upper_mm is not None for taper in leaning):
+        return ["the heights of the two planes are not in the program: they are the workpiece's lower and upper face"]
+    return ["the height of the program's plane is not in the program: it is the workpiece's lower face"]
 
 
 def _line_of(notice: str) -> int:
@@ -381,18 +551,34 @@ def _line_of(notice: str) -> int:
 def _outlines(control: Interpreter, notices: list[str]) -> list[Outline]:
     absolute = prefer_absolute([motion for run in control.runs for motion in run.motions], control.rounding)
     check_contours(sum(bool(run.motions) for run in control.runs))
-    outlines, count = [], 0
+    outlines: list[Outline] = []
+    count = 0
     for motions in control.runs:
         run = _run_of(motions, absolute, control) if motions.motions else None
         if run is not None:
             count += sum(len(move.points) for move in run.moves)
             check_count(count)
-            outline, new = outline_of(run)
-            outlines.append(outline)
-            notices.extend(new)
+            for outline, new in _outlines_of(run):
+                outlines.append(outline)
+                notices.extend(new)
+            check_contours(len(outlines))
     if not outlines:
         raise InputError("the program cuts nothing: no G1, G2 or G3 with coordinates in it")
     return outlines
+
+
+def _outlines_of(run: Run) -> list[tuple[Outline, list[str]]]:
+    """Return the outlines of a run, one for each pass."""
+    passes = passes_of(run)
+    if len(passes) > 1:
+        return [outline_of(one) for one in passes]
+    try:
+        return [outline_of(passes[0])]
+    except InputError:
+        parts = parts_by_condition(passes[0])
+        if len(parts) < 2:
+            raise
+        return [outline_of(part) for part in parts]
 
 
 def _run_of(motions: Motions, absolute: bool | None, control: Interpreter) -> Run | None:
@@ -407,8 +593,12 @@ def _run_of(motions: Motions, absolute: bool | None, control: Interpreter) -> Ru
             control.notices.add(notice, reading.motion.line)
     done = np.cumsum([0, *(reading.moves for reading in readings)])
     dwells = tuple((int(done[count]), seconds) for count, seconds in motions.dwells)
+    stops = tuple(int(done[count]) for count in motions.stops)
     moves = tuple(_cut_move(reading) for reading in readings if reading.moves)
-    return Run(motions.motions[0].start, motions.side_at_start is not None, moves, dwells, join_mm) if moves else None
+    first = motions.motions[0]
+    above = first.start if first.upper is None else first.upper.start
+    on_contour = motions.side_at_start is not None
+    return Run(first.start, on_contour, moves, dwells, join_mm, stops, above) if moves else None
 
 
 def _cut_move(reading: Reading) -> CutMove:
@@ -416,12 +606,13 @@ def _cut_move(reading: Reading) -> CutMove:
     motion = reading.motion
     try:
         check_points(_array((motion.start, motion.end)), "the move")
-        points = reading.points
+        points, above = reading.planes
         if len(points) > 1:
             check_points(_array((motion.start, *points)), "the arc")
+        check_points(_array(above), "the move in the second plane")
     except InputError as error:
         raise InputError(error.reason, line=motion.line) from None
-    return CutMove(points, motion.side, motion.line, motion.offset)
+    return CutMove(points, motion.side, motion.line, motion.offset, motion.state, above)
 
 
 def _array(points: tuple[complex, ...]) -> NDArray[np.float64]:

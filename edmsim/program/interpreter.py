@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from edmsim.errors import InputError
 from edmsim.program.arcs import (
@@ -16,12 +16,14 @@ from edmsim.program.arcs import (
     Rounding,
     arc_points,
     centre_from_radius,
+    line_points,
     radii,
     sweep_of,
 )
-from edmsim.program.blocks import BELONGS, IDLE_CODES, INCH_MM, UNITS, Block, Units
+from edmsim.program.blocks import BELONGS, IDLE_CODES, INCH_MM, UNITS, Block, OffsetValue, Units
+from edmsim.program.dialects.dialect import ISO, Action, Dialect
 from edmsim.program.limits import LONGEST_DWELL_S
-from edmsim.program.outline import Side
+from edmsim.program.outline import InForce, Side
 from edmsim.program.registers import Offset, OffsetRegisters, register
 
 
@@ -51,6 +53,50 @@ class Arc:
 
 
 @dataclass(frozen=True)
+class UpperMotion:
+    """The motion of the second plane that goes with a cutting motion.
+
+    Attributes
+    ----------
+    start, end : complex
+        ``x + 1j * y`` in mm.
+    turn : int
+        +1 counter-clockwise, -1 clockwise, 0 straight.
+    centre : complex or None
+        Centre of its arc; None if it counts from the centre below.
+    from_lower : complex
+        From the centre below to its own.
+    """
+
+    start: complex
+    end: complex
+    turn: int = 0
+    centre: complex | None = None
+    from_lower: complex = 0j
+
+    def points(self, chords: int, lower_centre: complex | None, full: bool) -> list[complex]:
+        """Return its points after the start in at least so many chords.
+
+        Raises
+        ------
+        InputError
+            Start and end of its arc are not equally far from the centre.
+        """
+        centre = self.centre
+        if centre is None and lower_centre is not None:
+            centre = lower_centre + self.from_lower
+        if self.turn == 0 or centre is None:
+            return line_points(self.start, self.end, chords)
+        first, last = radii(self.start, self.end, centre)
+        if abs(first - last) > RADIUS_TOLERANCE_MM:
+            reason = f"start radius {first:.4f} and end radius {last:.4f} mm"
+            raise InputError(f"the arc's radii disagree in the second plane: {reason}; correct its centre or its end")
+        if min(first, last) <= SAME_PLACE_MM:  # the tip of a cone
+            return line_points(self.start, self.end, chords)
+        return arc_points(self.start, self.end, centre, self.turn, full, chords)
+
+
+@dataclass(frozen=True)
 class CuttingMotion:
     """One cutting motion from ``start`` to ``end`` (``x + 1j * y`` in mm); straight if ``arc`` is None."""
 
@@ -60,6 +106,8 @@ class CuttingMotion:
     line: int
     arc: Arc | None
     offset: Offset | None = None
+    state: InForce = field(default_factory=InForce)
+    upper: UpperMotion | None = None
 
     def ends_meet(self, rounding: Rounding) -> bool:
         """Whether start and end are one place, so that any far centre is as far from both."""
@@ -105,16 +153,30 @@ class Reading:
     @property
     def moves(self) -> bool:
         """Whether anything is cut: an arc without a radius whose ends are equal does not move."""
-        motion = self.motion
+        motion, upper = self.motion, self.motion.upper
+        if upper is not None and abs(upper.end - upper.start) > SAME_PLACE_MM:
+            return True
         return self.centre is not None or motion.arc is None or abs(motion.end - motion.start) > SAME_PLACE_MM
 
     @property
     def points(self) -> tuple[complex, ...]:
         """Points after the start, arcs as chords."""
+        return tuple(self._lower(1))
+
+    def _lower(self, chords: int) -> list[complex]:
         motion = self.motion
         if motion.arc is None or self.centre is None:
-            return (motion.end,)
-        return tuple(arc_points(motion.start, motion.end, self.centre, motion.arc.turn, bool(self.full)))
+            return line_points(motion.start, motion.end, chords)
+        return arc_points(motion.start, motion.end, self.centre, motion.arc.turn, bool(self.full), chords)
+
+    @property
+    def planes(self) -> tuple[tuple[complex, ...], tuple[complex, ...]]:
+        """Points after the start in both planes, as many in the second as in the first, or none if it has no move."""
+        upper, points = self.motion.upper, self.points
+        if upper is None:
+            return points, ()
+        above = upper.points(len(points), self.centre, bool(self.full))
+        return tuple(self._lower(len(above))), tuple(above)
 
     def decided(self, full: bool) -> Reading:
         """Take one of two readings, and say so."""
@@ -231,11 +293,16 @@ _STOPS = frozenset({("M", 0), ("M", 1)})
 _GROUPS = (
     ({0, 1, 2, 3}, "G0 G1 G2 G3"), ({20, 21, *UNITS}, "G20 G21 G70 G71"), ({40, 41, 42}, "G40 G41 G42"),
     ({90, 91}, "G90 G91"), ({90.1, 91.1}, "G90.1 G91.1"), ({4, 10, 92}, "G4 G10 G92"),
+    ({50, 51, 52}, "G50 G51 G52"), ({40, 41, 42, 140, 141, 142}, "G140 G141 G142"),
 )
 _WORK_OFFSETS = frozenset({*range(54, 60), 59.1, 59.2, 59.3})
 _SAID_OTHERWISE = frozenset({("G", 17), ("M", 50), ("M", 60), *(("G", code) for code in _WORK_OFFSETS)})
-_SIDES: dict[float, Side | None] = {40: None, 41: "left", 42: "right"}
-_LENGTHS = frozenset("XYIJR")
+_SIDES: dict[float, Side | None] = {40: None, 41: "left", 42: "right", 140: None, 141: "left", 142: "right"}
+_LEANS: dict[Action, int] = {"no taper": 0, "taper left": 1, "taper right": -1}
+_BOTH_SIDES: dict[Action, int | None] = {"two planes off": None, "two planes left": 141, "two planes right": 142}
+_STEEPEST_DEG = 60.0
+"""Angle of a taper (ours: no guides let a wire lean so far)."""
+_LENGTHS = frozenset("XYIJRUVK")
 _BESIDE = frozenset("FDH")
 _G10_REGISTERS = {None: "DH", 10.0: "H", 12.0: "D"}
 _TAKEN_BY = {"P": "G4, G10, G64 or M98", "L": "G10 or M98", "Q": "G64"}
@@ -260,18 +327,30 @@ class Notices:
 
 @dataclass
 class Motions:
-    """What is cut without a break, dwells as ``(motions done, seconds)``, and the side in force at its start."""
+    """What is cut without a break, dwells ``(motions done, seconds)``, stops, and the side in force at its start."""
 
     side_at_start: Side | None
     motions: list[CuttingMotion]
     dwells: list[tuple[int, float]]
+    stops: list[int] = field(default_factory=list)
 
 
 class Interpreter:
     """The modal state of a control, and the runs it leaves behind."""
 
-    def __init__(self, units: Units, rounding: Rounding, registers: OffsetRegisters, file: str) -> None:
+    def __init__(
+        self, units: Units, rounding: Rounding, registers: OffsetRegisters, file: str, dialect: Dialect = ISO,
+        two_planes: bool = False,
+    ) -> None:
         self.file = file
+        self.dialect = dialect
+        self.two_planes = two_planes
+        self.both_sides: int | None = None
+        self.state = InForce()
+        self.lean = 0
+        self.angle_deg = 0.0
+        self.upper = 0j
+        self.called: dict[str, int] = {}
         self.registers = registers
         self.units = units
         self.unit_mm = units.at_start_mm
@@ -306,6 +385,7 @@ class Interpreter:
             self.notices.add("'/' (block delete) is switched off: the block is carried out", block.line)
         g_codes = self._checked_codes(block)
         block = replace(block, values=_without_words_of_codes(block.values, g_codes))
+        block = self._take_dialect(block)
         for code in g_codes:
             if code in UNITS:
                 self.notices.add(f"G{code} is read as G{UNITS[code]} ({_UNIT_NAMES[code]})", block.line)
@@ -320,13 +400,76 @@ class Interpreter:
             self._set_position(block)
         else:
             self._move(block, rapid=0 in g_codes)
-        if ("M", 50) in block.codes:  # at the end of its block, as M0 and M2
+        if not _STOPS.isdisjoint(block.codes):
+            self._note_stop()
+        if self._cuts_off(block):  # at the end of its block, as M0 and M2
             self.cut_off = block.line
             self._begin_contour()
 
+    def _note_stop(self) -> None:
+        """Let what was cut last be followed by a stop."""
+        run = self.runs[-1]
+        if not run.motions and len(self.runs) > 1:
+            run = self.runs[-2]
+        run.stops.append(len(run.motions))
+
+    def _cuts_off(self, block: Block) -> bool:
+        return any(code == ("M", 50) or self.dialect.action_of(code) == "cut off" for code in block.codes)
+
+    def _take_dialect(self, block: Block) -> Block:
+        """Take condition, feed, taper and planes of a block; return it without the words of the last two."""
+        for code in block.codes:
+            does = self.dialect.action_of(code)
+            if does in _LEANS:
+                self.lean = _LEANS[does]
+            elif does in _BOTH_SIDES:
+                self.both_sides = _BOTH_SIDES[does]
+            elif does == "conical" or does == "cylindrical":
+                self.state = replace(self.state, corners=does)
+            elif does == "adaptive" or does == "constant":
+                self.state = replace(self.state, adaptive=does == "adaptive")
+            elif does == "idle":
+                self.notices.add(f"{code[0]}{code[1]} has no effect on the contour", block.line)
+        if block.condition is not None:
+            self.called.setdefault(block.condition, block.line)
+            self.state = replace(self.state, condition=block.condition)
+        values = block.values
+        if "TP" in values or "TN" in values:
+            lower, upper = self.state.planes_mm
+            planes = values.get("TP", lower / self.unit_mm) * self.unit_mm, (
+                values["TN"] * self.unit_mm if "TN" in values else upper
+            )
+            if planes[0] == planes[1]:
+                raise self.error(f"TP and TN are both {planes[0]:g} mm: two planes have two heights", block)
+            self.state = replace(self.state, planes_mm=planes)
+        self._take_angle(block)
+        taken = {"TP", "TN", self.dialect.angle}
+        return replace(block, values={word: value for word, value in values.items() if word not in taken})
+
+    def _take_angle(self, block: Block) -> None:
+        letter = self.dialect.angle
+        angle = block.values.get(letter) if letter else None
+        if angle is not None and self.lean == 0 and not self.dialect.signed_angle:
+            if letter == "T" and angle != 0:  # of a tank or a tool, elsewhere
+                self.notices.add("the word T has no effect on the contour", block.line)
+                angle = None
+            elif angle != 0:
+                raise self.error(f"{letter}{angle:g} is given without G51 or G52: they say to which side", block)
+        if angle is not None:
+            if abs(angle) > _STEEPEST_DEG or (angle < 0 and self.lean != 0):
+                least = f"{-_STEEPEST_DEG:g}" if self.lean == 0 else "0"
+                between = f"{least} to {_STEEPEST_DEG:g} degrees"
+                reason = f"the taper angle {letter}{angle:g} is out of range: give {between}"
+                raise self.error(reason, block)
+            self.angle_deg = angle
+        if any(self.dialect.action_of(code) == "no taper" for code in block.codes):
+            self.angle_deg = 0.0
+        leans = self.lean or (1 if self.dialect.signed_angle else 0)
+        self.state = replace(self.state, tilt_deg=leans * self.angle_deg + 0.0)  # no -0
+
     def _checked_codes(self, block: Block) -> set[float]:
         for letter, number in block.codes:
-            if (letter, number) in IDLE_CODES - _SAID_OTHERWISE:
+            if (letter, number) in IDLE_CODES - _SAID_OTHERWISE and self.dialect.action_of((letter, number)) is None:
                 self.notices.add(f"{letter}{number} has no effect on the contour", block.line)
             elif (letter, number) in _STOPS:
                 self.notices.add(f"M{number} (stop) is not waited for", block.line)
@@ -341,12 +484,13 @@ class Interpreter:
 
     def _thread(self, block: Block) -> None:
         """Note M50 and M60: a wire that is cut off cuts nothing until it is threaded."""
-        for code, done in ((50, "cuts the wire off"), (60, "threads the wire")):
-            if ("M", code) in block.codes:
-                self.notices.add(f"M{code} ({done}) is not waited for: G0 does both", block.line)
-        if ("M", 60) in block.codes:
-            self.cut_off = None
-            self._begin_contour()
+        for code, action, done in ((50, "cut off", "cuts the wire off"), (60, "thread", "threads the wire")):
+            for letter, number in block.codes:
+                if (letter, number) == ("M", code) or self.dialect.action_of((letter, number)) == action:
+                    self.notices.add(f"{letter}{number} ({done}) is not waited for: G0 does both", block.line)
+                    if action == "thread":
+                        self.cut_off = None
+                        self._begin_contour()
 
     def _take_work_offset(self, code: float, block: Block) -> None:
         if self.work_offset not in (None, code):
@@ -387,14 +531,22 @@ class Interpreter:
         for word in block.idle:
             self.notices.add(f"the word {word[0]} has no effect on the contour", block.line)
         if "F" in block.values:
-            unit = f" {_FEED_UNITS[self.unit_mm]}" if self.feed_per_minute else ""
+            unit_mm = self.unit_mm * (1000 if self.units.scaled else 1)
+            unit = f" {_FEED_UNITS[round(unit_mm, 9)]}" if self.feed_per_minute else ""
             feed = f"feed F{block.values['F']:g}{unit}"
             self.notices.add(f"{feed} is not used: the gap controller sets the speed", block.line)
-        for name, value in block.offsets:
-            self.registers.define(name, value * self.unit_mm, block.line)
+        for value in block.offsets:
+            self._define(value, block)
         called = [register(letter, block.values[letter]) for letter in "DH" if letter in block.values]
         for told in self.registers.call(called, block.line):
             self.notices.add(told, block.line)
+
+    def _define(self, value: OffsetValue, block: Block) -> None:
+        """Take over ``H1=.0085+H175``."""
+        offset_mm = value.number * (1e-3 if self.dialect.registers_in_um else self.unit_mm)
+        for factor, name in value.added:
+            offset_mm += factor * self.registers.value_of(name, value.register, block.line)
+        self.registers.define(value.register, offset_mm, block.line)
 
     def _dwell(self, block: Block) -> None:
         times = [block.values[letter] for letter in "PX" if letter in block.values]
@@ -417,9 +569,11 @@ class Interpreter:
             self.registers.define(register(letter, values["P"]), values["R"] * self.unit_mm, block.line)
 
     def _set_position(self, block: Block) -> None:
-        if not block.values.keys() <= {"X", "Y", *_BESIDE}:
-            raise self.error("G92 takes X and Y only", block)
+        four = self.dialect.upper in ("relative", "absolute")
+        if not block.values.keys() <= {"X", "Y", *("UV" if four else ""), *_BESIDE}:
+            raise self.error(f"G92 takes X {'Y U and V' if four else 'and Y'} only", block)
         bare = not block.values.keys() & {"X", "Y"}
+        between = self.upper - self.position
         programmed = 0j if bare else self._target(block.values, self.position - self.shift, absolute=True)
         if self.moved:
             self.shift = self.position - programmed
@@ -428,6 +582,18 @@ class Interpreter:
         else:
             self.position = programmed
             self.start_known = True
+        self._set_upper_position(block, between)
+
+    def _set_upper_position(self, block: Block, between: complex) -> None:
+        """Take over what G92 says of U and V; `between` leads to the second plane's point as it was."""
+        words = {axis: block.values[other] for axis, other in (("X", "U"), ("Y", "V")) if other in block.values}
+        if self.moved and self.two_planes and self.dialect.upper != "colon":
+            raise self.error("G92 after the first move is not read in a program with U and V: write coordinates that "
+                             "count from one place", block)
+        if self.dialect.upper == "absolute":
+            self.upper = self._target(words, self.upper, absolute=True)
+        else:
+            self.upper = self.position + self._target(words, between, absolute=True)
 
     def _target(self, values: dict[str, float], here: complex, absolute: bool) -> complex:
         x, y = (values[axis] * self.unit_mm if axis in values else None for axis in "XY")
@@ -435,7 +601,7 @@ class Interpreter:
         return complex(here.real if x is None else base.real + x, here.imag if y is None else base.imag + y)
 
     def _move(self, block: Block, rapid: bool) -> None:
-        axes = block.values.keys() & _LENGTHS
+        axes = block.values.keys() & _LENGTHS or block.upper is not None
         self._refuse_stray_words(block)
         if self.motion == 0 and (axes or rapid):
             self.start_known = True
@@ -447,30 +613,74 @@ class Interpreter:
         if self.motion is None:
             raise self.error("coordinates come before any of G0 G1 G2 G3: say how to move", block)
         end = self._target(block.values, self.position - self.shift, self.absolute) + self.shift
-        if self.motion in (2, 3) or (self.motion == 1 and abs(end - self.position) > SAME_PLACE_MM):
-            self._cut(block, end)
-        self.position = end
+        above = self._upper_target(block, end) if self.two_planes else end
+        moves = abs(end - self.position) > SAME_PLACE_MM or abs(above - self.upper) > SAME_PLACE_MM
+        if self.motion in (2, 3) or (self.motion == 1 and moves):
+            self._cut(block, end, above)
+        self.position, self.upper = end, above
         self.moved = True
+
+    def _upper_target(self, block: Block, end: complex) -> complex:
+        """Return where a block leads the second plane's point, given that of the first."""
+        kind = self.dialect.upper
+        if kind == "colon":
+            words = None if block.upper is None else block.upper.values
+            return end if words is None else self._target(words, self.upper - self.shift, self.absolute) + self.shift
+        words = {axis: block.values[other] for axis, other in (("X", "U"), ("Y", "V")) if other in block.values}
+        if kind == "absolute":
+            return self._target(words, self.upper - self.shift, self.absolute) + self.shift
+        return end + self._target(words, self.upper - self.position, self.absolute)
 
     def _refuse_stray_words(self, block: Block) -> None:
         words = block.values.keys()
         for letter, codes in _TAKEN_BY.items():
-            if letter in words:
+            if letter in words and not (letter == "L" and "K" in self.dialect.letters and self.motion in (2, 3)):
                 word = f"{letter}{block.values[letter]:g}"
                 raise self.error(f"{word} is given without {codes}: nothing else takes it", block)
+        if self.motion not in (2, 3) and "K" in words:
+            raise self.error("K is given without G2 or G3: only an arc takes it", block)
         if self.motion not in (2, 3) and words & {"I", "J", "R"}:
             raise self.error("I, J or R is given without G2 or G3: only an arc takes them", block)
 
-    def _cut(self, block: Block, end: complex) -> None:
+    def _cut(self, block: Block, end: complex, above: complex) -> None:
         if self.cut_off is not None:
             reason = f"the wire is cut off since M50 on line {self.cut_off}: go on with G0, or thread it with M60"
             raise self.error(reason, block)
+        if self.both_sides is not None and block.upper is None:
+            raise self.error(f"G{self.both_sides} leads the wire in two planes, and this block has an element below "
+                             "and none above: write both, lower : upper", block)
         if not self.start_known:
             self.notices.add("neither G92 nor G0 before the first cut: the wire starts at X0 Y0", block.line)
             self.start_known = True
         arc = self._arc(block, end) if self.motion in (2, 3) else None
         offset = None if self.side is None else self.registers.in_force
-        self.runs[-1].motions.append(CuttingMotion(self.position, end, self.side, block.line, arc, offset))
+        upper = self._upper_motion(block, arc, above)
+        self.runs[-1].motions.append(
+            CuttingMotion(self.position, end, self.side, block.line, arc, offset, self.state, upper)
+        )
+
+    def _upper_motion(self, block: Block, arc: Arc | None, above: complex) -> UpperMotion | None:
+        """Return the motion of the second plane; None if the block has none there."""
+        if not self.two_planes or (self.dialect.upper == "colon" and block.upper is None):
+            return None
+        if self.dialect.upper == "colon" and block.upper is not None:
+            code = self.motion if block.upper.code is None else block.upper.code
+            words = block.upper.values
+            if code not in (2, 3):
+                return UpperMotion(self.upper, above)
+            if not words.keys() & {"I", "J"}:
+                raise self.error("the arc behind the colon wants its centre as I and J: give them", block)
+            centre = self.upper + complex(words.get("I", 0.0), words.get("J", 0.0)) * self.unit_mm
+            return UpperMotion(self.upper, above, -1 if code == 2 else 1, centre)
+        if arc is None:
+            return UpperMotion(self.upper, above)
+        if self.dialect.upper == "absolute":
+            if block.values.keys() & {"U", "V"}:
+                reason = "an arc with U or V is not read: LinuxCNC makes arcs in X and Y only, write G1"
+                raise self.error(reason, block)
+            return UpperMotion(self.upper, above)
+        between = complex(block.values.get("K", 0.0), block.values.get("L", 0.0)) * self.unit_mm
+        return UpperMotion(self.upper, above, arc.turn, None, between)
 
     def _arc(self, block: Block, end: complex) -> Arc:
         turn = -1 if self.motion == 2 else 1
@@ -503,7 +713,7 @@ def _without_words_of_codes(values: dict[str, float], codes: set[float]) -> dict
 
 def registers_set(blocks: Sequence[Block]) -> set[str]:
     """Return the registers that a program gives a value, by D1=0.155 or by G10."""
-    names = {name for block in blocks for name, _ in block.offsets}
+    names = {value.register for block in blocks for value in block.offsets}
     for block in blocks:
         letters = _G10_REGISTERS.get(block.values.get("L"), "") if ("G", 10) in block.codes else ""
         names |= {register(letter, block.values["P"]) for letter in letters if "P" in block.values}

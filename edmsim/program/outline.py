@@ -66,7 +66,8 @@ class Outline:
     part_side : {"left", "right"}
         The side the part stays on.
     approach_mm : float64 array (k, 2)
-        The program's own way from the thread point to ``points_mm[0]`` (not in it); empty if it has none.
+        The program's own way from the thread point to ``points_mm[0]`` (not in it); empty if it has none. Where the
+        wire stays threaded (``continues``), from the end of what was cut before.
     approach_lines : tuple of int
         For each of the ``k`` approach moves the line of the program.
     compensated_from : int
@@ -81,6 +82,8 @@ class Outline:
         Offset of the program's register for it, in mm; None if it has none.
     condition : str, optional
         Name of the machining condition in force, as the program writes it: ``C001``, ``E1221``, ``S2``.
+    approach_condition : str, optional
+        The one on the approach.
     adaptive : bool, optional
         Whether the program asks for adaptive feed; None where it does not say.
     continues : bool
@@ -104,6 +107,7 @@ class Outline:
     elements: tuple[int, ...] = ()
     offset_mm: float | None = None
     condition: str | None = None
+    approach_condition: str | None = None
     adaptive: bool | None = None
     continues: bool = False
     stops_after: bool = False
@@ -136,6 +140,9 @@ class Program:
         Whose words a G-code program speaks: ``sodick``, ``fanuc``; None where nothing in it tells.
     conditions : mapping of str to mapping of str to float
         Tables of machining conditions in the program, by condition and column as written.
+    settings : mapping of str to mapping of str to float
+        What a user's table says of the conditions that the program calls: by condition as the program writes it, and
+        `edmsim.program.dialects.condition_tables.SETTINGS`. Empty without such a table.
     """
 
     outlines: tuple[Outline, ...]
@@ -143,26 +150,68 @@ class Program:
     source: str
     dialect: str | None = None
     conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    settings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class InForce:
+    """What is in force while a move is cut, besides side and offset.
+
+    Attributes
+    ----------
+    condition : str or None
+        The machining condition called last.
+    adaptive : bool or None
+        Whether the feed is to be adaptive; None if the program does not say.
+    tilt_deg : float
+        Angle between wire and vertical; positive where its upper end leans to the left.
+    corners : Corners
+        What a tapered corner becomes.
+    planes_mm : (float, float or None)
+        Heights of the program's plane and of the second plane, as in `Taper`.
+    """
+
+    condition: str | None = None
+    adaptive: bool | None = None
+    tilt_deg: float = 0.0
+    corners: Corners = "conical"
+    planes_mm: tuple[float, float | None] = (0.0, None)
 
 
 @dataclass(frozen=True)
 class CutMove:
-    """A cutting move of a G-code run: its points after the start, the compensated side, its line, its register."""
+    """A cutting move of a G-code run.
+
+    Attributes
+    ----------
+    points : tuple of complex
+        Its points after the start, ``x + 1j * y`` in mm.
+    side : {"left", "right", None}
+        The compensated side.
+    line : int
+    offset : Offset, optional
+        The register in force.
+    state : InForce
+    upper : tuple of complex
+        For each point that of the second plane; empty if the wire is not led along two contours.
+    """
 
     points: tuple[complex, ...]
     side: Side | None
     line: int
     offset: Offset | None = None
+    state: InForce = field(default_factory=InForce)
+    upper: tuple[complex, ...] = ()
 
 
 @dataclass(frozen=True)
 class Run:
-    """What G-code cuts between two rapids.
+    """What G-code cuts between two rapids, or a pass of it.
 
     Attributes
     ----------
     start : complex
-        Where the wire is threaded, ``x + 1j * y`` in mm.
+        Where the wire is threaded, ``x + 1j * y`` in mm; of a later pass, where the one before it ended.
     on_contour : bool
         Compensation was on already when the wire was brought there: the point lies on the contour (Robofil).
     moves : tuple of CutMove
@@ -170,6 +219,14 @@ class Run:
         ``(moves done, seconds)``.
     join_mm : float
         Places closer than this are one.
+    stops : tuple of int
+        Moves done at each stop (M0, M1).
+    upper_start : complex
+        Of the second plane, where the wire is threaded.
+    continues : bool
+        Whether the wire stays threaded from the pass before.
+    one_of_several : bool
+        Whether other passes follow, or were before, on the same wire.
     """
 
     start: complex
@@ -177,6 +234,21 @@ class Run:
     moves: tuple[CutMove, ...]
     dwells: tuple[tuple[int, float], ...]
     join_mm: float
+    stops: tuple[int, ...] = ()
+    upper_start: complex = 0j
+    continues: bool = False
+    one_of_several: bool = False
+
+
+def vertices_of(run: Run) -> list[complex]:
+    """Return the start and the end of every move."""
+    return [run.start, *(move.points[-1] for move in run.moves)]
+
+
+def array_of(points: Sequence[complex]) -> NDArray[np.float64]:
+    """Return places ``x + 1j * y`` as an array (n, 2)."""
+    values = np.asarray(points, np.complex128)
+    return np.column_stack([values.real, values.imag])
 
 
 def signed_area(points: NDArray[np.float64]) -> float:
@@ -203,6 +275,12 @@ def refuse_self_crossing(points: NDArray[np.float64], line_numbers: Sequence[int
     InputError
         With the place and the lines of the two moves that meet.
     """
+    moves = (np.diff(points, axis=0) != 0).any(axis=1)
+    if not moves.all():  # the wire turns about a point here, while it moves in the second plane
+        points = points[np.append(True, moves)]
+        line_numbers = [number for number, moved in zip(line_numbers, moves, strict=True) if moved]
+    if len(points) < 2:
+        raise InputError("the contour is a single point in the program's plane: exchange the two planes")
     line = shapely.LineString(points)
     if line.is_simple:
         return

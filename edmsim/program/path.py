@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -15,6 +15,8 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.program.dialects import AUTO
+from edmsim.program.lead_in import check_approach, clears, own_lead_in
 from edmsim.program.limits import check_fits
 from edmsim.program.offset import (
     OffsetOutline,
@@ -39,7 +41,8 @@ GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
 
 def load_program(
     file: str | Path, *, ignore: Sequence[str] = (), layers: Sequence[str] = (), unit: str | None = None,
-    offsets: str | Path | None = None, upper_layer: str | None = None,
+    offsets: str | Path | None = None, upper_layer: str | None = None, dialect: str = AUTO,
+    conditions: str | Path | None = None,
 ) -> Program:
     """Read a part program or drawing, by its suffix.
 
@@ -55,6 +58,11 @@ def load_program(
         Of a drawing, the layer of the contours of the upper face: `edmsim.program.two_contours.ruled_between`.
     offsets : path, optional
         Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
+    dialect : str
+        Dialect of G-code: `read_gcode`.
+    conditions : path, optional
+        Table of the machining conditions that G-code calls: `read_conditions` of
+        `edmsim.program.dialects.condition_tables`.
 
     Returns
     -------
@@ -72,6 +80,8 @@ def load_program(
             raise InputError("words are ignored in G-code: a drawing has none", path)
         if offsets is not None:
             raise InputError("offset registers are those of G-code: a drawing has none", path)
+        if conditions is not None or dialect != AUTO:
+            raise InputError("dialect and conditions are those of G-code: a drawing has none", path)
         from edmsim.program.dxf import read_dxf
 
         if upper_layer is None:
@@ -82,10 +92,14 @@ def load_program(
     if suffix in GCODE_SUFFIXES:
         if layers or unit is not None or upper_layer is not None:
             raise InputError("layers and unit are those of a drawing: G-code has none", path)
+        from edmsim.program.dialects.condition_tables import read_conditions
         from edmsim.program.gcode import read_gcode
         from edmsim.program.registers import read_offsets
 
-        return read_gcode(path, ignore, {} if offsets is None else read_offsets(offsets))
+        return read_gcode(
+            path, ignore, {} if offsets is None else read_offsets(offsets), dialect,
+            {} if conditions is None else read_conditions(conditions),
+        )
     known = " ".join(GCODE_SUFFIXES)
     raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)
 
@@ -95,90 +109,6 @@ LEAD_IN_MM = 1.0
 
 START_HOLE_RADIUS_MM = 0.25
 """Usual start-hole radius in mm (ours: a 0.5 mm hole, drilled by a small-hole EDM drill)."""
-
-HOLE_CLEARANCE_MM = 0.05
-"""Least distance in mm between a hole of our choice and any edge (ours)."""
-
-_TOLERANCE_MM = 0.001
-_SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
-_TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
-
-
-def own_lead_in(
-    start: NDArray[np.float64],
-    away: NDArray[np.float64],
-    edges: BaseGeometry,
-    offset_mm: float,
-    length_mm: float,
-    hole_radius_mm: float,
-) -> tuple[NDArray[np.float64], list[str]]:
-    """Choose a thread point off the contour, on the waste side.
-
-    Straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
-    shorter.
-
-    Parameters
-    ----------
-    start : float64 array (2,)
-        Where the wire path begins, in mm.
-    away : float64 array (2,)
-        Unit vector away from the part there.
-    edges : geometry
-        Every nominal edge of the job: the wire keeps the offset from it, the hole its radius and a clearance.
-    offset_mm, length_mm, hole_radius_mm : float
-        In mm.
-
-    Returns
-    -------
-    thread : float64 array (2,)
-    notices : list of str
-
-    Raises
-    ------
-    InputError
-        No room.
-    """
-    for share in _SHARES:
-        for turn in _TURNS_DEG:
-            cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
-            direction = np.array([cos * away[0] - sin * away[1], sin * away[0] + cos * away[1]])
-            thread = start + share * length_mm * direction
-            room = edges.distance(shapely.Point(thread)) >= hole_radius_mm + HOLE_CLEARANCE_MM
-            if room and clears(np.array([thread, start]), edges, offset_mm):
-                short = share * length_mm
-                return thread, [] if share == 1 else [f"a lead-in is {short:.3f} mm long for want of room"]
-    x, y = start
-    raise InputError(f"no room for a start hole of {hole_radius_mm:g} mm radius within {length_mm:g} mm of "
-                     f"X{x:.3f} Y{y:.3f}: take a smaller hole or another lead-in length")
-
-
-def check_approach(
-    approach: NDArray[np.float64], edge: BaseGeometry, offset_mm: float, hole_radius_mm: float
-) -> None:
-    """Check the program's own approach (n, 2) in mm, thread point first, start of the wire path last.
-
-    Raises
-    ------
-    InputError
-        The wire or the start hole would cut into the part.
-    """
-    x, y = approach[0]
-    if not clears(approach, edge, offset_mm):
-        raise InputError(f"the approach from X{x:.3f} Y{y:.3f} cuts into the part: thread the wire on the "
-                         "waste side, or exchange G41 and G42")
-    distance = edge.distance(shapely.Point(approach[0]))
-    if distance < hole_radius_mm - _TOLERANCE_MM:
-        raise InputError(f"the thread point X{x:.3f} Y{y:.3f} is {distance:.3f} mm from the part, the hole's "
-                         f"radius {hole_radius_mm:g} mm: move the point or take a smaller hole")
-
-
-def clears(path: NDArray[np.float64], edges: BaseGeometry, offset_mm: float) -> bool:
-    """Say whether a path (n, 2) to a contour keeps the offset from the edges; at offset 0, meets none."""
-    if offset_mm == 0:
-        before = path[-1] + (path[-2] - path[-1]) * 0.01
-        return bool(shapely.LineString([*path[:-1], before]).distance(edges) > 0)
-    return bool(shapely.LineString(path).distance(edges) >= offset_mm - _TOLERANCE_MM)
-
 
 STOCK_MARGIN_MM = 3.0
 """Blank left around the job in mm, clipped to the table (ours)."""
@@ -332,6 +262,27 @@ class WireContour:
         )
 
 
+class Conditions(NamedTuple):
+    """Machining conditions of a program's passes, and what the user's table says of them.
+
+    Attributes
+    ----------
+    names : tuple of str or None
+        By pass, from the rough one; None where the program calls none.
+    approach : str, optional
+        Condition of the way from the start hole.
+    settings : mapping of str to mapping of str to float
+        By condition and setting; empty without a table.
+    """
+
+    names: tuple[str | None, ...] = ()
+    approach: str | None = None
+    settings: Mapping[str, Mapping[str, float]] = {}
+
+
+NO_CONDITIONS = Conditions()
+
+
 @dataclass(frozen=True)
 class CutPath:
     """Everything the machine is to do, contour by contour, with the wire cut and threaded in between.
@@ -349,6 +300,8 @@ class CutPath:
         What a user should know about how the program was read.
     source : str
         The file it came from.
+    conditions : Conditions
+        What the program says of the setting of each pass.
     """
 
     contours: tuple[WireContour, ...]
@@ -357,6 +310,7 @@ class CutPath:
     origin_mm: tuple[float, float]
     notices: tuple[str, ...]
     source: str
+    conditions: Conditions = NO_CONDITIONS
 
     @property
     def passes(self) -> int:
@@ -402,6 +356,8 @@ def plan_path(
     taper_deg: float = 0.0,
     corners: Corners = "conical",
     guides: GuideHeights | None = None,
+    dialect: str = AUTO,
+    conditions: str | Path | None = None,
     passes: PassPlan | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.
@@ -431,7 +387,7 @@ def plan_path(
         Length of our own lead-ins in mm; shortened, with a notice, where there is no room.
     start_hole_radius_mm : float
         Radius of the hole at every thread point, in mm.
-    ignore, layers, unit, offsets, upper_layer
+    ignore, layers, unit, offsets, upper_layer, dialect, conditions
         See `load_program`.
     taper_deg : float
         Angle between wall and vertical where the program does not say one: the part is smaller above, where that is
@@ -461,7 +417,8 @@ def plan_path(
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
     program = file if isinstance(file, Program) else load_program(
-        file, ignore=ignore, layers=layers, unit=unit, offsets=offsets, upper_layer=upper_layer
+        file, ignore=ignore, layers=layers, unit=unit, offsets=offsets, upper_layer=upper_layer, dialect=dialect,
+        conditions=conditions,
     )
     program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
     _check_fits(program, table_um)
@@ -495,7 +452,25 @@ def plan_path(
     shift = _shift_um(contours, table_um, grid_um, program.source)
     placed = tuple(_placed(contour, shift) for contour in contours)
     origin = (float(shift[0]) / 1000, float(shift[1]) / 1000)
-    return CutPath(placed, _stock(placed, table_um), start_hole_radius_mm, origin, tuple(notices), program.source)
+    return CutPath(
+        placed, _stock(placed, table_um), start_hole_radius_mm, origin, tuple(notices), program.source,
+        _conditions(program, groups),
+    )
+
+
+def _conditions(program: Program, groups: Sequence[Sequence[Outline]]) -> Conditions:
+    """Return the conditions of the passes; refuse a table where a pass has two, as it has one setting."""
+    names: list[str | None] = []
+    for number in range(max(map(len, groups), default=0)):
+        outlines = [group[number] for group in groups if number < len(group)]
+        first = outlines[0]
+        other = next((outline for outline in outlines if outline.condition != first.condition), None)
+        if other is not None and program.settings:
+            what = f"pass {number + 1} is cut with {first.condition} and with {other.condition}"
+            raise InputError(f"{what}: give all its contours one condition", program.source, other.line)
+        names.append(first.condition)
+    approach = groups[0][0].approach_condition if groups else None
+    return Conditions(tuple(names), approach, program.settings)
 
 
 def _legs(
@@ -597,6 +572,8 @@ def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
     """Offset the compensated part of the program's approach, and check that it spares the part."""
     outline, split = leg.outline, leg.outline.compensated_from
     points, lines = outline.approach_mm, outline.approach_lines
+    if outline.continues and len(points) > 1:  # the wire is beside the first point, where the pass before ended
+        points, lines, split = points[1:], lines[1:], split - 1
     if split < len(points) and outline.wire_side is not None:
         drawn = np.concatenate([points[split:], outline.points_mm[:1]])
         tail = offset_open(drawn, outline.wire_side, leg.offset_mm)

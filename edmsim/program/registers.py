@@ -12,6 +12,7 @@ from typing import NamedTuple
 from edmsim.errors import InputError
 from edmsim.numeric import real
 
+_ZERO = frozenset({"D0", "H0"})
 _NAME = re.compile(r"([DH])0*(\d{1,4})")
 GREATEST_MM = 10.0
 """Of an offset (ours: no wire is thicker)."""
@@ -89,10 +90,15 @@ class OffsetRegisters:
         Registers that the program gives a value, anywhere.
     file : str
         The program, for error messages.
+    zero : bool
+        Whether D0 and H0 are 0 where nobody gives them a value.
     """
 
-    def __init__(self, offsets: Mapping[str, float], defined: Collection[str], file: str) -> None:
+    def __init__(
+        self, offsets: Mapping[str, float], defined: Collection[str], file: str, zero: bool = False
+    ) -> None:
         self._table = dict(offsets)
+        self._zero = zero
         self._defined = frozenset(defined)
         self._file = file
         self._called: str | None = None
@@ -103,8 +109,17 @@ class OffsetRegisters:
             raise InputError(f"the offset {name} is {offset_mm:g} mm: give 0 to {GREATEST_MM:g} mm", self._file, line)
         self._table[name] = offset_mm
 
+    def value_of(self, name: str, wanted_by: str, line: int) -> float:
+        """Return a register that another is made of, in mm."""
+        if name not in self._table:
+            reason = f"{wanted_by} is made of {name}, which has no value there: write {name}=0. before it"
+            raise InputError(f"{reason}, or give it by --offsets", self._file, line)
+        return self._table[name]
+
     def call(self, names: list[str], line: int) -> list[str]:
         """Take D and H words of a block, and return what to tell of them."""
+        if self._zero and self._table:
+            self._table |= {name: 0.0 for name in names if name in _ZERO and name not in self._table}
         known = [name for name in names if name in self._table]
         if len(known) > 1:
             raise InputError(f"{' and '.join(known)} are both offsets: call one in a block", self._file, line)

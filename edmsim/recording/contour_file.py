@@ -62,7 +62,7 @@ def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[N
     share = height_mm / scene.height_mm
     walls = [(1 - share) * below + share * above for below, above in scene.walls_mm]
     return {
-        "CUT": [face.at(height_mm) for face in cut_faces(scene)] if scene.cut_edges_mm else [],
+        "CUT": [face.at(height_mm) for face in cut_faces(scene)],
         "NOMINAL": walls or [edge.nominal_mm for edge in scene.maps],
     }
 

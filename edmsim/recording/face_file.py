@@ -56,6 +56,8 @@ def cut_faces(scene: Scene) -> list[Face]:
     from scipy.spatial import cKDTree
 
     count = len(scene.cut_edges_mm)
+    if count == 0:
+        return []
     heights = (np.arange(count) + 0.5) / count * scene.height_mm
     trees = []
     for lines in scene.cut_edges_mm:

@@ -116,7 +116,7 @@ class PassFigures:
     offset_um, offset_to_use_um : float
         Offset it ran at, and that with which its wall would have met the drawing, had it been the last.
     left_um, stock_um : float
-        What its wall stands over the drawing in the mean, and what it took of that; of the first pass NaN.
+        Metal that its wall leaves on the drawing in the mean, and what it took of that; of the first pass NaN.
     straightness_um, bow_um : float
         Of the wall over the height: from the lowest to the highest, and middle over ends.
     ripple_um, ripple_mm : float

@@ -299,7 +299,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
         **_flat("measured", [[_columns(edge)] for edge in scene.maps]),
         **_flat("edges", scene.cut_edges_mm),
         **_flat("walls", scene.walls_mm),
-        **({} if scene.lead is None else {"lead": scene.lead}),
+        "lead": np.zeros((0, 5)) if scene.lead is None else scene.lead,
         **_flat("terraces", [terrace.outlines_mm for terrace in scene.terraces]),
         "corners": np.reshape(np.array(corners, float), (-1, 4)),
         "starts_mm": scene.starts_mm, "holes_mm": scene.holes_mm,
@@ -308,7 +308,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
             for number, edge in enumerate(scene.maps) if edge.unreachable_um is not None
         },
         **{
-            f"face.{number}": edge.face_um.astype(np.float32)
+            f"face.{number}": edge.face_um
             for number, edge in enumerate(scene.maps)
             if edge.face_um is not None
         },
@@ -370,7 +370,7 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
         holes_mm=arrays["holes_mm"].reshape(-1, 3),
         cut=told.get("cut"),
         origin_mm=None if told.get("origin_mm") is None else tuple(told["origin_mm"]),  # earlier files have none
-        lead=arrays.get("lead"),
+        lead=arrays["lead"] if len(arrays.get("lead", ())) else None,
         walls_mm=_groups(arrays, "walls") if "walls.points" in arrays else (),
     )
 

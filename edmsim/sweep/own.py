@@ -80,6 +80,8 @@ class TunedOwn(NamedTuple):
         Made in all, and those that failed.
     machines : int
         That the spreads are of.
+    tried_again : dict
+        By number of the trial, -1 for the settings in use: values and spread of all among which was chosen.
     """
 
     values: dict[str, float]
@@ -88,6 +90,7 @@ class TunedOwn(NamedTuple):
     trials: int
     failed: int
     machines: int
+    tried_again: dict[int, tuple[dict[str, float], Spread]]
 
 
 def tune_own(
@@ -154,7 +157,7 @@ def tune_own(
     spreads = _judged_again([first, *_finalists(study, made)], fresh, machines)
     chosen = max(spreads, key=lambda number: spreads[number][1].worst)
     values, spread = spreads[chosen]
-    found = TunedOwn(values, spread, spreads[-1][1], made_in(study), made_in(study, "FAIL"), len(fresh))
+    found = TunedOwn(values, spread, spreads[-1][1], made_in(study), made_in(study, "FAIL"), len(fresh), spreads)
     what = f"{given.name}, {spread} on {len(fresh)} drawn machines; in use before: {found.first_spread}"
     write_found(folder, what, spread.worst, fresh, "parameters", values, {})
     return found

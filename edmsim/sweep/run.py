@@ -91,7 +91,7 @@ def _said(value: Any) -> str:
 class _Planner:
     """Plans paths, each once: most settings of a cut do not change its path."""
 
-    _OPTIONS = "planner", "offset", "ignore", "layers", "unit", "offsets"
+    _OPTIONS = "planner", "offset", "ignore", "layers", "unit", "offsets", "dialect", "conditions"
 
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], CutPath | EdmsimError] = {}

@@ -16,6 +16,16 @@ if TYPE_CHECKING:
 
 
 REASONS = {
+    ("passes", "feeds-of-fine-passes"):
+        "Shorts slow the finest pass down: the wire shakes as far as its gap is wide.",
+    ("passes", "one-pass-of-a-tall-part"):
+        "The model's cutting rate goes on rising with the height, where shops are fastest at 30 to 60 mm.",
+    ("passes", "accuracy"):
+        "What makes a single pass of a shop inaccurate is perfect in the model, and ripples of some um stay after "
+        "every pass.",
+    ("passes", "outer-corners"):
+        "The wire goes round an outer corner on an arc, and at a constant feed a trim takes more there. The rough "
+        "pass' own error is small, as its lag is.",
     ("ignition", "two-regimes"):
         "Two studies of one group disagree below 12 um. The model follows the later one, in which narrow gaps ignite "
         "much faster.",

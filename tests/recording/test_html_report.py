@@ -20,8 +20,8 @@ from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.html_report import page
 
 NAMES = [
-    "profile", "profile-error", "error-shares", "corner", "kerf-section", "pulses", "short-open", "ignition-delay",
-    "wire-spectrum",
+    "profile", "profile-error", "error-shares", "corner", "kerf-section", "face", "pulses", "short-open",
+    "ignition-delay", "wire-spectrum",
 ]
 
 

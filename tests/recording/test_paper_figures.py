@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from types import SimpleNamespace
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -20,7 +21,9 @@ from edmsim.recording.figures import (
     corner_figure,
     delay_figure,
     error_figure,
+    face_figure,
     kerf_figure,
+    passes_figure,
     plane_figure,
     pulses_figure,
     shares_figure,
@@ -219,3 +222,28 @@ def test_a_corner_without_windows_near_it_is_drawn(cut: SimpleNamespace) -> None
     figure = corner_figure(scene, cut.windows.slice(0, 2), 2)
     figure.canvas.draw()
     assert np.isnan(line(figure, "guides")).all()
+
+
+def pass_row(number: int, left_um: float) -> dict[str, Any]:
+    return {
+        "contour": 1, "number": number, "piece": "profile", "left_um": left_um, "begin_s": 60.0 * number,
+        "end_s": 60.0 * number + 50.0, "ra_um": 1.5 / number, "slices_um": [left_um, left_um + 2.0, left_um],
+    }  # fmt: skip
+
+
+def test_passes_are_drawn_over_the_height(cut: SimpleNamespace) -> None:
+    heights = [{"height_mm": z, "mean_um": 0.0, "rms_um": 1.0} for z in (5.0, 10.0, 15.0)]
+    figure = passes_figure({"passes": [pass_row(1, 90.0), pass_row(2, 0.0)], "heights": heights})
+    wall = figure.axes[0]
+    np.testing.assert_allclose(wall.get_lines()[1].get_data(), [[0.0, 2.0, 0.0], [5.0, 10.0, 15.0]])
+    assert [bar.get_height() for bar in figure.axes[2].patches] == [90.0, 0.0]
+    assert "no passes" in texts(passes_figure(cut.report))
+
+
+def test_the_face_is_drawn_unrolled(cut: SimpleNamespace) -> None:
+    edge = cut.scene.maps[0]
+    face = np.tile(edge.error_um, (4, 1))
+    scene = dataclasses.replace(cut.scene, maps=(dataclasses.replace(edge, face_um=face),))
+    (mesh,) = face_figure(scene).axes[0].collections
+    np.testing.assert_array_equal(np.ma.filled(mesh.get_array(), np.nan), face)
+    assert "no face" in texts(face_figure(cut.scene))

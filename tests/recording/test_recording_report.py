@@ -23,7 +23,7 @@ FIELDS: dict[str, Any] = {
     "cutting_time_s": None, "cutting_rate_mm2_min": None, "overall_rate_mm2_min": None,
     "pulse_share": {"spark", "arc", "short", "open"}, "kerf_um": {"mean", "min", "max"}, "kerf_section": None,
     "profile_error_um": {"max", "rms", "p95", "at", "reachable", "shares"}, "table_error_um": None, "corners": None,
-    "offset": {"applied_mm", "mean_error_um", "to_use_mm"}, "elements": None,
+    "offset": {"applied_mm", "mean_error_um", "to_use_mm"}, "elements": None, "heights": None, "passes": None,
     "origin_mm": {"x", "y"},
     "wire": {"lag_um", "vibration_um_rms", "temperature_K_max"}, "coverage": {"mean", "max"},
     "following_error_um": {"max", "rms"},

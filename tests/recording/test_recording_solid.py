@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -52,7 +53,7 @@ def test_simple_bodies() -> None:
 
 
 def grown(cut: SimpleNamespace, **changed: object):
-    methods = {"middle_slice": cut.scene.middle_slice, "bored": cut.scene.bored}
+    methods = {name: getattr(cut.scene, name) for name in ("middle_slice", "bored", "lead_mm")}
     scene = SimpleNamespace(**{**vars(cut.scene), **methods, **changed})
     places = np.column_stack([column(cut.windows, name) for name in ("x_um", "y_um")])
     return growing_kerf(scene, places, column(cut.windows, "path_um"))
@@ -96,3 +97,16 @@ def test_the_machine_is_drawn_as_its_mjcf_has_it() -> None:
     nozzle = model.geom("upper_nozzle")  # it ends at the upper guide, where the arm holds it
     ends = upper[np.hypot(upper[:, 0], upper[:, 1]) < nozzle.size[0] * 1000 * 1.01]
     assert np.any(np.isclose(ends[:, 2], 30.0 + clearance, atol=1e-3))
+
+
+def test_a_leaning_wire_leaves_a_kerf_that_leans(cut: SimpleNamespace) -> None:
+    count, height_mm = len(cut.scene.cut_edges_mm), 20.0
+    lead = np.array([[0.0, 4.0, 0.0, -10.0, 30.0], [1e6, 4.0, 0.0, -10.0, 30.0]])
+    square = np.array([(20.0, 20.0), (20.4, 20.0), (20.4, 20.4), (20.0, 20.4), (20.0, 20.0)])
+    heights = (np.arange(count) + 0.5) / count * height_mm
+    edges = tuple((np.column_stack([square[:, 0] + (z + 10.0) / 10.0, square[:, 1]]),) for z in heights)
+    scene = replace(cut.scene, lead=lead, cut_edges_mm=edges, terraces=())
+    np.testing.assert_allclose(scene.lead_mm(np.array([0.0]), heights)[0, :, 0], (heights + 10.0) / 10.0)
+    places = np.array([[20_200.0, 20_000.0], [20_200.0, 20_400.0]])
+    solids = growing_kerf(scene, places, np.array([0.0, 400.0])).solids
+    assert volume(solids[0]) - volume(solids[-1]) == pytest.approx(0.4 * 0.4 * height_mm, rel=0.01)

@@ -98,7 +98,6 @@ def face_figure(scene: Scene) -> Figure:
     )
     limit = max(float(np.percentile(known, 97)), 0.1)
     colours = LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
-    colours.set_bad("#ffffff")
     panels = np.atleast_1d(figure.subplots(len(shown), 1, gridspec_kw={"hspace": 0.35}))
     for axes, edge in zip(panels, shown, strict=True):
         assert edge.face_um is not None

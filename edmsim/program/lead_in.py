@@ -1,0 +1,95 @@
+"""The way from a start hole to a contour: one of our choice, and whether a program's own spares the part."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from edmsim.errors import InputError
+
+HOLE_CLEARANCE_MM = 0.05
+"""Least distance in mm between a hole of our choice and any edge (ours)."""
+
+_TOLERANCE_MM = 0.001
+_SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
+_TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
+
+
+def own_lead_in(
+    start: NDArray[np.float64],
+    away: NDArray[np.float64],
+    edges: BaseGeometry,
+    offset_mm: float,
+    length_mm: float,
+    hole_radius_mm: float,
+) -> tuple[NDArray[np.float64], list[str]]:
+    """Choose a thread point off the contour, on the waste side.
+
+    Straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
+    shorter.
+
+    Parameters
+    ----------
+    start : float64 array (2,)
+        Where the wire path begins, in mm.
+    away : float64 array (2,)
+        Unit vector away from the part there.
+    edges : geometry
+        Every nominal edge of the job: the wire keeps the offset from it, the hole its radius and a clearance.
+    offset_mm, length_mm, hole_radius_mm : float
+        In mm.
+
+    Returns
+    -------
+    thread : float64 array (2,)
+    notices : list of str
+
+    Raises
+    ------
+    InputError
+        No room.
+    """
+    for share in _SHARES:
+        for turn in _TURNS_DEG:
+            cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+            direction = np.array([cos * away[0] - sin * away[1], sin * away[0] + cos * away[1]])
+            thread = start + share * length_mm * direction
+            room = edges.distance(shapely.Point(thread)) >= hole_radius_mm + HOLE_CLEARANCE_MM
+            if room and clears(np.array([thread, start]), edges, offset_mm):
+                short = share * length_mm
+                return thread, [] if share == 1 else [f"a lead-in is {short:.3f} mm long for want of room"]
+    x, y = start
+    raise InputError(f"no room for a start hole of {hole_radius_mm:g} mm radius within {length_mm:g} mm of "
+                     f"X{x:.3f} Y{y:.3f}: take a smaller hole or another lead-in length")
+
+
+def check_approach(
+    approach: NDArray[np.float64], edge: BaseGeometry, offset_mm: float, hole_radius_mm: float
+) -> None:
+    """Check the program's own approach (n, 2) in mm, thread point first, start of the wire path last.
+
+    Raises
+    ------
+    InputError
+        The wire or the start hole would cut into the part.
+    """
+    x, y = approach[0]
+    if not clears(approach, edge, offset_mm):
+        raise InputError(f"the approach from X{x:.3f} Y{y:.3f} cuts into the part: thread the wire on the "
+                         "waste side, or exchange G41 and G42")
+    distance = edge.distance(shapely.Point(approach[0]))
+    if distance < hole_radius_mm - _TOLERANCE_MM:
+        raise InputError(f"the thread point X{x:.3f} Y{y:.3f} is {distance:.3f} mm from the part, the hole's "
+                         f"radius {hole_radius_mm:g} mm: move the point or take a smaller hole")
+
+
+def clears(path: NDArray[np.float64], edges: BaseGeometry, offset_mm: float) -> bool:
+    """Say whether a path (n, 2) to a contour keeps the offset from the edges; at offset 0, meets none."""
+    if offset_mm == 0:
+        before = path[-1] + (path[-2] - path[-1]) * 0.01
+        return bool(shapely.LineString([*path[:-1], before]).distance(edges) > 0)
+    return bool(shapely.LineString(path).distance(edges) >= offset_mm - _TOLERANCE_MM)

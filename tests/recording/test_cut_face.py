@@ -1,0 +1,82 @@
+"""The cut face of a wall in closed form, as a mesh, and the contour of a part at any height."""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import numpy as np
+import pytest
+
+from edmsim.errors import InputError
+from edmsim.recording.contour_file import write_contour
+from edmsim.recording.face_file import cut_faces, write_faces
+from edmsim.recording.scene import ErrorMap, Scene
+
+trimesh = pytest.importorskip("trimesh")
+
+HEIGHT_MM, SIDE_MM, SLICES = 5.0, 4.0, 5
+LEAN_MM, LEFT_UM = 0.5, 7.0
+"""How far the wall leans inwards over the height, and what metal is left on it."""
+
+
+def square(half_mm):
+    return half_mm * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], float)
+
+
+@pytest.fixture
+def scene():
+    heights = (np.arange(SLICES) + 0.5) / SLICES
+    halves = SIDE_MM / 2 - LEAN_MM * heights + LEFT_UM * 1e-3
+    middle = square(SIDE_MM / 2 - LEAN_MM / 2)
+    return Scene(
+        maps=(ErrorMap(middle, "left", middle, np.full(5, LEFT_UM)),),
+        cut_edges_mm=tuple((square(half), square(half + 0.34)) for half in halves), corners=(),
+        starts_mm=np.array([[0.0, -3.0]]), stock_mm=(-4.0, -4.0, 4.0, 4.0), height_mm=HEIGHT_MM,
+        guides_z_mm=(-10.0, 15.0), wire_diameter_um=250.0,
+        walls_mm=((square(SIDE_MM / 2), square(SIDE_MM / 2 - LEAN_MM)),),
+    )  # fmt: skip
+
+
+def test_a_face_follows_the_wall_slice_by_slice(scene):
+    (face,) = cut_faces(scene)
+    assert face.points_mm.shape[0] == SLICES + 2
+    assert face.points_mm[0, :, 2].max() == 0.0
+    assert face.points_mm[-1, :, 2].min() == HEIGHT_MM
+    inner = np.abs(np.abs(face.points_mm[3, :, :2]).min(axis=1)) < 1.5  # away from corners
+    np.testing.assert_allclose(face.error_um[3][inner], LEFT_UM, atol=0.1)
+    at = face.at(2.0)  # between two slices
+    assert np.abs(at).max() == pytest.approx(SIDE_MM / 2 - LEAN_MM * 0.4 + LEFT_UM * 1e-3, abs=2e-3)
+
+
+def test_stl_is_in_mm_and_gltf_in_metres_with_y_upwards(scene, tmp_path):
+    write_faces(scene, tmp_path / "face.stl")
+    mesh = trimesh.load(tmp_path / "face.stl")
+    assert mesh.bounds[:, 2].tolist() == [0.0, HEIGHT_MM]
+    slant = math.hypot(1.0, LEAN_MM / HEIGHT_MM)
+    assert mesh.area == pytest.approx(4 * (SIDE_MM - LEAN_MM) * HEIGHT_MM * slant, rel=0.02)
+    write_faces(scene, tmp_path / "face.glb")
+    shown = trimesh.load(tmp_path / "face.glb")
+    np.testing.assert_allclose(np.ptp(shown.bounds, axis=0)[1], HEIGHT_MM * 1e-3)
+    (geometry,) = shown.geometry.values()
+    assert geometry.visual.kind == "vertex"
+
+
+def test_a_contour_at_a_height_lies_on_the_wall(scene, tmp_path):
+    write_contour(scene, tmp_path / "part.csv", 4.0)
+    rows = list(csv.DictReader((tmp_path / "part.csv").read_text(encoding="utf-8").splitlines()))
+    cut = np.array([(float(row["x_mm"]), float(row["y_mm"])) for row in rows if row["layer"] == "CUT"])
+    nominal = np.array([(float(row["x_mm"]), float(row["y_mm"])) for row in rows if row["layer"] == "NOMINAL"])
+    assert np.abs(nominal).max() == pytest.approx(SIDE_MM / 2 - LEAN_MM * 0.8, abs=1e-5)
+    assert np.abs(cut).max() == pytest.approx(SIDE_MM / 2 - LEAN_MM * 0.8 + LEFT_UM * 1e-3, abs=2e-3)
+
+
+def test_what_cannot_be_written_is_one_line(scene, tmp_path):
+    with pytest.raises(InputError, match="5 mm"):
+        write_contour(scene, tmp_path / "part.dxf", 6.0)
+    with pytest.raises(InputError, match=r"written as \.stl \.glb"):
+        write_faces(scene, tmp_path / "face.obj")
+    import dataclasses
+
+    with pytest.raises(InputError, match="no cut face"):
+        write_faces(dataclasses.replace(scene, cut_edges_mm=()), tmp_path / "face.stl")
