@@ -174,7 +174,7 @@ panels[1].set(xlabel="path, mm", ylabel="short, share", ylim=(0, 1))
 figure.tight_layout()
 
 # %% [markdown]
-# The policy trained here stands still before the metal until its time is over. The others finish the part. Where
+# The policy trained here waits before the metal until its time is over. The others finish the part. Where
 # the wire enters and leaves the metal, their feed is the greatest of the planner, 33.3 µm/s. `voltage` is the
 # fastest; it holds the narrowest gap, hunts a little, and has most shorts. The shipped policy cuts as evenly as
 # `counts`, closer to the metal and so 7 % faster, with the smallest profile error, although the reward does

@@ -199,11 +199,11 @@ for label in policies:
           "the best of those that were recorded")
 
 # %% [markdown]
-# The clone cuts about as well as `counts`, from records of which a third are of a feed that knows nothing: the
-# history in the observation shows whose record a window is from, and the clone goes on as the feeds before it did.
-# Weighting makes it worse here. What a window earns depends on the machine at least as much as on the feed, and the
-# observation does not show which machine it is; so what earned more than was expected is, in good part, what an
-# easy machine would have earned with any feed.
+# Both networks fall short of the laws whose records they learned from: they cut half as fast as `voltage`. A third
+# of the records are of a feed that knows nothing, and where the copy is slower than the record it meets windows
+# that nobody showed it. Weighting helps on some machines and harms on others. What a window earns depends on the
+# machine at least as much as on the feed, and the observation does not show which machine it is; so what earned
+# more than was expected is, in good part, what an easy machine would have earned with any feed.
 #
 # ## What this does not say
 #
