@@ -30,7 +30,7 @@ REPORT = {
     "outcome", "reason", "machining_time_s", "wall_time_s", "realtime_factor", "pulses", "path_length_mm",
     "feed_um_s", "cutting_time_s", "cutting_rate_mm2_min", "overall_rate_mm2_min",
     "pulse_share", "kerf_um", "kerf_section", "profile_error_um", "corners",
-    "offset", "elements",
+    "offset", "elements", "passes", "heights",
     "origin_mm", "wire", "following_error_um", "table_error_um", "coverage", "surface", "energy_J", "removed_mm3",
     "mean_current_A", "mean_voltage_V", "equalising", "seed", "settings", "notices", "edmsim_version",
 }  # fmt: skip
