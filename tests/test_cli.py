@@ -59,7 +59,7 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("check", "Look at a program before the cut: path, notices, time."),
                              ("view", "Play a cut back in rerun, or two side by side."),
                              ("render", "Make a film of a cut, or screenshots of its recording"),
-                             ("report", "Make report.html of a cut again, or its figures or contour"),
+                             ("report", "Make report.html of a cut again, or its figures or contour or"),
                              ("train", "Train a feed controller (needs the extra rl)."),
                              ("evaluate", "Compare feed controllers on the same randomised machines."),
                              ("score", "Measure policies again and write the scores into their cards."),
@@ -68,7 +68,7 @@ def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
                              ("validate", "Compare the model with what was published, row by row."),
                              ("bench", "Measure the speed of this computer, by processor time."),
                              ("console", "Operate the 1982 controller, a servo drive or a positioner"),
-                             ("gap", "Give a real controller the gap: serial ports, samples, delays."),
+                             ("gap", "Give a real controller the gap: serial ports, samples,"),
                              ("export", "Write the gap for another simulator."),
                              ("sweep", "Make many cuts from one specification."),
                              ("tune", "Search gains or training settings (needs the extra tune).")):  # fmt: skip
