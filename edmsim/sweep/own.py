@@ -28,7 +28,7 @@ from edmsim.sweep.tune import (
     WORST_SHARE,
     Bound,
     Trial,
-    Worth,
+    TrialResult,
     judge_trial,
     made_in,
     open_study,
@@ -53,7 +53,7 @@ class Spread(NamedTuple):
     high: float
 
     @classmethod
-    def of(cls, worth: Worth) -> Spread:
+    def of(cls, worth: TrialResult) -> Spread:
         """Return that of a trial."""
         returns = np.asarray(worth.returns)
         low, high = np.quantile(returns, (0.1, 0.9)).tolist()
@@ -148,7 +148,7 @@ def tune_own(
         judged_by = training_seeds(first_of_trials + max(number, 0) * seeds, seeds)
         return Trial(number, "own", text, values, tuple(judged_by), options=options)
 
-    def ended(trial: Trial, worth: Worth) -> None:
+    def ended(trial: Trial, worth: TrialResult) -> None:
         if watch is not None and made_in(study, "COMPLETE"):
             watch(made_in(study), float(study.best_value))
 
@@ -217,7 +217,7 @@ def _judged_again(
     """Return values and spread of trials by number, on machines that they were not chosen by."""
     found = {}
     for trial, answer in engine.done(judge_trial, iter([replace(trial, seeds=fresh) for trial in trials])):
-        worth = Worth(math.nan, answer.why) if isinstance(answer, LostJob) else answer
+        worth = TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
         if worth.error is not None:
             raise InputError(f"the settings of trial {trial.number} could not be tried again: {worth.error}")
         found[trial.number] = dict(trial.values), Spread.of(worth)

@@ -90,7 +90,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Worth:
+class TrialResult:
     """What a trial is worth, more is better, NaN with an error; the policy it made; what its cuts returned."""
 
     value: float
@@ -114,19 +114,19 @@ def bounds(kind: str, name: str) -> dict[str, Bound]:
     return {key: Bound(*ends) for key, ends in BOUNDS[name].items()}
 
 
-def judge_trial(trial: Trial) -> Worth:
+def judge_trial(trial: Trial) -> TrialResult:
     """Make a trial; a failure is returned, not raised."""
     try:
         return {"gains": _gains, "training": _training, "own": _own}[trial.kind](trial)
     except Exception as error:  # whatever it is: the search goes on without this trial
-        return Worth(math.nan, said(error))
+        return TrialResult(math.nan, said(error))
 
 
-def _gains(trial: Trial) -> Worth:
-    return Worth(score(run_all(trial.seeds, partial(make, trial.name, **trial.values), 1)))
+def _gains(trial: Trial) -> TrialResult:
+    return TrialResult(score(run_all(trial.seeds, partial(make, trial.name, **trial.values), 1)))
 
 
-def _own(trial: Trial) -> Worth:
+def _own(trial: Trial) -> TrialResult:
     """Cut straight on as many drawn machines as there are seeds, with a user's own controller."""
     own = named(trial.name)
     assert own is not None
@@ -134,7 +134,7 @@ def _own(trial: Trial) -> Worth:
     for seed in trial.seeds:
         law = from_file(own, dict(trial.values))
         returns.append(Episode(Task(OWN_ENV, **trial.options), law, seed, law.name).run().total_return)
-    return Worth(worst_share_mean(returns), None, {}, tuple(returns))
+    return TrialResult(worst_share_mean(returns), None, {}, tuple(returns))
 
 
 OWN_ENV = "edmsim/GapFeed-v2"
@@ -150,7 +150,7 @@ def worst_share_mean(returns: Sequence[float]) -> float:
     return float(ordered[: max(1, round(WORST_SHARE * len(ordered)))].mean())
 
 
-def _training(trial: Trial) -> Worth:
+def _training(trial: Trial) -> TrialResult:
     from edmsim.learning import hyperparameters
     from edmsim.learning.train import train
 
@@ -161,19 +161,19 @@ def _training(trial: Trial) -> Worth:
         trained = train(
             trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], parameters=given
         )
-        told = f"edmsim tune {trial.name} --algo {trial.algo}, trial {trial.number}"
-        value = judge_policy(trained, told, folder, trial.seeds)
+        command = f"edmsim tune {trial.name} --algo {trial.algo}, trial {trial.number}"
+        value = judge_policy(trained, command, folder, trial.seeds)
         files = {file.name: file.read_bytes() for file in sorted(folder.glob("policy.*"))}
-    return Worth(value, None, files)
+    return TrialResult(value, None, files)
 
 
-def judge_policy(trained: Trained, told: str, folder: Path, seeds: Sequence[int]) -> float:
+def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[int]) -> float:
     """Write a training's ``policy.json`` and ``policy.npz``; return the policy's mean return on training seeds."""
     from edmsim.evaluation.episode import cut
     from edmsim.learning import policy_file
     from edmsim.learning.export import export
 
-    card, packed = export(trained, told)
+    card, packed = export(trained, command)
     policy_file.write(card, packed, folder / "policy.json")
     results = [cut(trained.run.env_id, seed, f"policy:{folder / 'policy.json'}", "fast") for seed in seeds]
     return float(np.mean([result.total_return for result in results]))
@@ -253,7 +253,7 @@ def tune(
     def made(number: int, values: dict[str, float]) -> Trial:
         return Trial(number, kind, env_id, values, judged_by, algo if kind == "training" else "", windows)
 
-    def ended(trial: Trial, worth: Worth) -> None:
+    def ended(trial: Trial, worth: TrialResult) -> None:
         if worth.error is None and study.best_trial.number == trial.number:
             _write_best(folder, trial, worth)
         if watch is not None and made_in(study, "COMPLETE"):
@@ -265,7 +265,7 @@ def tune(
 
 def run_study(
     study: Any, space: Mapping[str, Bound], trials: int, engine: Engine,
-    make_trial: Callable[[int, dict[str, float]], Trial], ended: Callable[[Trial, Worth], None],
+    make_trial: Callable[[int, dict[str, float]], Trial], ended: Callable[[Trial, TrialResult], None],
 ) -> None:
     """Make the trials that a study lacks, and tell it what they are worth.
 
@@ -296,7 +296,7 @@ def run_study(
 
     try:
         for trial, answer in engine.done(judge_trial, asked()):
-            worth = Worth(math.nan, answer.why) if isinstance(answer, LostJob) else answer
+            worth = TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
             _tell(study, under_way.pop(trial.number), worth)
             ended(trial, worth)
     finally:
@@ -362,7 +362,7 @@ def made_in(study: Any, *states: str) -> int:
     return sum(trial.state.name in (states or ("COMPLETE", "FAIL")) for trial in study.get_trials(deepcopy=False))
 
 
-def _tell(study: Any, trial: Any, worth: Worth) -> None:
+def _tell(study: Any, trial: Any, worth: TrialResult) -> None:
     if worth.error is None:
         study.tell(trial, worth.value)
     else:
@@ -377,7 +377,7 @@ def _found(study: Any) -> Tuned:
     return Tuned(values, float(best.value), first_value, made_in(study), made_in(study, "FAIL"))
 
 
-def _write_best(folder: Path, trial: Trial, worth: Worth) -> None:
+def _write_best(folder: Path, trial: Trial, worth: TrialResult) -> None:
     """Write the best values, and of a training the policy."""
     what = f"{trial.algo} on {trial.name}, {trial.steps} windows" if trial.kind == "training" else trial.name
     table = "algorithm" if trial.kind == "training" else "gains"
