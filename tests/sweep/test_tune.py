@@ -12,7 +12,7 @@ import pytest
 from edmsim.controllers import from_text
 from edmsim.errors import InputError
 from edmsim.sweep.engine import LostJob
-from edmsim.sweep.tune import Trial, Tuned, Worth, judge_trial, tune
+from edmsim.sweep.tune import Trial, TrialResult, Tuned, judge_trial, tune
 
 
 class Peak:
@@ -32,7 +32,8 @@ class Peak:
                 self.then, then = None, self.then
                 then()
             lost = job.number == 2
-            yield job, LostJob("the computer was lost") if lost else Worth(-(job.values["feed_um_s"] - 20.0) ** 2)
+            result = TrialResult(-((job.values["feed_um_s"] - 20.0) ** 2))
+            yield job, LostJob("the computer was lost") if lost else result
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from edmsim.cli import app as cli
 from edmsim.errors import InputError
 from edmsim.sweep.engine import LostJob
 from edmsim.sweep.own import FINALISTS, FRESH, bounds_of, tune_own
-from edmsim.sweep.tune import Bound, Trial, Worth, judge_trial, worst_share_mean
+from edmsim.sweep.tune import Bound, Trial, TrialResult, judge_trial, worst_share_mean
 
 FIRMWARE = """\
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ class Machines:
             feed = job.values["feed_um_s"]
             returns = tuple(-100.0 if feed > 6.5 and seed % 4 == 0 else feed for seed in job.seeds)
             lost = job.number == self.lost
-            worth = Worth(worst_share_mean(returns), None, {}, returns)
+            worth = TrialResult(worst_share_mean(returns), None, {}, returns)
             yield job, LostJob("the computer was lost") if lost else worth
 
 
