@@ -109,7 +109,8 @@ def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str)
             break
         sim.step()
         assert sim.plant.commanded_um == tuple(wanted) == sim.position_um
-    assert abs(np.array(wanted) - START).max() > 60
+    asked_um = 16.4e-9 * sim.plant.time_ns  # by the feeds in the mean; the windows of a fine generator are short
+    assert abs(np.array(wanted) - START).max() > min(60.0, 0.2 * asked_um)
 
 
 def test_windows_follow_each_other_without_gap_where_the_period_varies() -> None:

@@ -67,7 +67,7 @@ def test_discharges_are_seen_where_the_metal_is():
         assert sum(result.observation.fifths) == result.truth.spark + result.truth.arc
         if task.path_um < 100.0:
             first += result.observation.fifths
-        elif task.path_um > starts[2] - 20.0:
+        elif task.path_um > starts[2] - 10.0:  # walls of the higher band before are out of reach
             second += result.observation.fifths
     assert (first / first.sum()).min() > 0.1
     assert second[4] < 0.05 * second.sum() < 0.3 * second[0]
