@@ -20,6 +20,11 @@ SETTLED_RAD = 1e-6
 """An angle at which the wire is taken to run straight behind the guides (ours)."""
 
 
+def arc_lengths(points: ArrayLike) -> Floats:
+    """Return the length of a polyline (n, 2) up to every point (n,)."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
 class Polyline:
     """A line of straight pieces, open or closed, asked by arc length. All lengths are in mm.
 

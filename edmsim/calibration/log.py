@@ -14,6 +14,7 @@ from edmsim.calibration import ratios
 from edmsim.calibration.log_file import LogTable, read_table
 from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
+from edmsim.geometry import arc_lengths
 from edmsim.job.settings import METADATA_KEY, CutSettings
 
 Array = NDArray[np.float64]
@@ -219,7 +220,7 @@ def _turn_deg(log: Log, first: int, settle_um: float) -> float:
         return 0.0
     end = first + STRETCH_WINDOWS
     places = np.column_stack([log.columns[name][:end] for name in PLACES])
-    travel_um = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))])
+    travel_um = arc_lengths(places)
     begin_um = max(travel_um[first] - settle_um, 0.0)
     chosen = np.searchsorted(travel_um, np.arange(begin_um, travel_um[-1], PLACE_UM))
     ways = np.diff(places[chosen], axis=0)

@@ -30,7 +30,7 @@ _MOST = 1e6
 
 
 def read(file: Path) -> dict[str, Array] | None:
-    """Return the windows of a log of ratios; None for a file that is none, as it has no such column.
+    """Return the windows of a log of ratios; None for a file without their columns.
 
     Raises
     ------

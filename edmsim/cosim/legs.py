@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.geometry import arc_lengths
 from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
 
@@ -95,8 +96,7 @@ def _legs_of_passes(contour: WireContour) -> list[Leg]:
     for number, one in enumerate(contour.passes):
         first = number == 0 and not contour.continues
         lead = one.approach_moves if number == 0 else 0
-        steps_um = np.hypot(*np.diff(one.points_um, axis=0).T)
-        along = np.concatenate([[0.0], np.cumsum(steps_um)])
+        along = arc_lengths(one.points_um)
         if lead:
             way = slice(None, lead + 1)
             legs.append(Leg(one.points_um[way], first, 0.0, 0.0, along[way], cut_pass=one, leads_in=True))

@@ -88,7 +88,7 @@ BOARDS: dict[str, Callable[[], Board]] = {
 
 
 def make_board(name: str) -> Board:
-    """Return a board that has just started; raises `InputError` for a name that is none."""
+    """Return a board that has just started; raises `InputError` for an unknown name."""
     if name not in BOARDS:
         raise InputError(f"there is no board '{name}'; choose one of {one_of(name, BOARDS)}")
     return BOARDS[name]()

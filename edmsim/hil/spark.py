@@ -90,7 +90,7 @@ class Pulser:
         return bytes(found)
 
     def write(self, register: int, value: int) -> None:
-        """Write a register: what is none for it becomes the nearest that is, a polarity that is none OFF."""
+        """Write a register: an invalid value becomes the nearest valid one, an invalid polarity OFF."""
         if register == POLARITY:
             value = value if value <= 4 else 0
         elif register in _RANGES:

@@ -14,7 +14,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.geometry import Polyline, left_of
+from edmsim.geometry import Polyline, arc_lengths, left_of
 from edmsim.metrology.edges import check_slices, edge_segments, metal_at
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import WireContour
@@ -156,7 +156,7 @@ def slice_heights_mm(field: KerfField, height_mm: float) -> Floats:
 
 def _on_wall(wall: Ruled, middle_mm: Floats, s_mm: Floats, height_mm: float) -> Floats:
     """Points (n, 2) at a height of the rulings that pass lengths along a ruled wall's line at another height."""
-    passed = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(middle_mm, axis=0).T))])
+    passed = arc_lengths(middle_mm)
     return np.stack([np.interp(s_mm, passed, column) for column in wall.at(height_mm).T], axis=1)
 
 
@@ -345,7 +345,7 @@ def element_errors(
     """
     if not contour.elements:
         return []
-    begins = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(contour.nominal_mm, axis=0).T))])
+    begins = arc_lengths(contour.nominal_mm)
     chord_of = np.clip(np.searchsorted(begins, profile.s_mm, side="right") - 1, 0, len(contour.elements) - 1)
     elements = np.array([element for element, _ in contour.elements])
     error = profile.error_um - unreachable_um

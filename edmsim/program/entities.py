@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.geometry import arc_lengths
 from edmsim.program.arcs import CHORD_TOLERANCE_UM, arc_points
 from edmsim.program.chains import SAME_MM
 from edmsim.program.limits import FARTHEST_MM, check_count, check_points
@@ -73,7 +74,7 @@ def _through(points: NDArray[np.float64], tolerance: float) -> NDArray[np.float6
 
     ring = points if np.array_equal(points[0], points[-1]) else np.concatenate([points, points[:1]])
     ring[-1] = ring[0]
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ring, axis=0).T))])
+    length = arc_lengths(ring)
     return _chords(CubicSpline(length, ring, bc_type="periodic"), length, tolerance)
 
 

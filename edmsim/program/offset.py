@@ -16,6 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.geometry import arc_lengths
 from edmsim.program.outline import Outline, Program, Side, chords_of, signed_area
 from edmsim.program.taper import GuideHeights, Ruled, wire_beside
 
@@ -124,7 +125,7 @@ def _turned_to(
     on_ring = line.distance(shapely.Point(wanted)) < _ON_RING_MM
     at = line.project(shapely.Point(wanted if on_ring else corner))
     start = shapely.get_coordinates(line.interpolate(at))
-    passed = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ring, axis=0).T))])
+    passed = arc_lengths(ring)
     after = ring[:-1][passed[:-1] > at]
     before = ring[:-1][passed[:-1] < at]
     return np.concatenate([start, after, before, start])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
+from edmsim.geometry import arc_lengths
 from edmsim.machine.machine import Machine
 from edmsim.program.dialects import AUTO
 from edmsim.program.lead_in import check_approach, clears, own_lead_in
@@ -674,7 +675,7 @@ def _with_dwells(leg: OffsetOutline, lead: _Lead) -> tuple[NDArray[np.float64], 
     """Return the path with a point wherever the wire dwells, and the dwells by index into lead and path."""
     path, count = leg.path, len(leg.outline.approach_mm)
     line = shapely.LineString(path)
-    passed = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    passed = arc_lengths(path)
     along = {i: _dwell_place(leg, line, i - count) for i, _ in leg.outline.dwells if i >= count}
     every = np.union1d(passed, list(along.values()))
     denser = np.column_stack([np.interp(every, passed, path[:, k]) for k in (0, 1)])

@@ -7,7 +7,7 @@ import re
 import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from edmsim.errors import InputError
 from edmsim.numeric import real
@@ -37,15 +37,19 @@ def read_offsets(file: str | Path) -> dict[str, float]:
         No such file, or a line that is none of these.
     """
     path = Path(file)
+    return checked_offsets(read_table(path, "a table of offsets with lines as D1 = 0.155"), path)
+
+
+def read_table(path: Path, what: str) -> dict[str, Any]:
+    """Read a user's TOML file; raises `InputError` that says what it is to be."""
     try:
-        told = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise InputError("no such file: give a table of offsets with lines as D1 = 0.155", path) from None
+        raise InputError(f"no such file: give {what}", path) from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read: {error}", path) from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not a table of offsets with lines as D1 = 0.155: {error}", path) from None
-    return checked_offsets(told, path)
+        raise InputError(f"not {what}: {error}", path) from None
 
 
 def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = None) -> dict[str, float]:

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.geometry import arc_lengths
 from edmsim.program.outline import Outline, Program, Taper
 
 Floats = NDArray[np.float64]
@@ -83,6 +84,6 @@ def _spread(points: Floats, chords: int) -> Floats:
     """Return the points of a line with so many chords, evenly along it."""
     if len(points) == chords + 1:
         return points
-    passed = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    passed = arc_lengths(points)
     at = np.linspace(0.0, passed[-1], chords + 1)
     return np.stack([np.interp(at, passed, column) for column in points.T], axis=1)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.files import make_writable, replacing
+from edmsim.geometry import arc_lengths
 from edmsim.recording.figures import palette
 from edmsim.recording.scene import Scene
 
@@ -96,7 +97,7 @@ def _area_mm2(line: NDArray[np.float64]) -> float:
 
 def _dense(line: Floats) -> Floats:
     """Return points along a line, 2 um apart."""
-    passed = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    passed = arc_lengths(line)
     at = np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1)
     return np.stack([np.interp(at, passed, column) for column in line.T], axis=1)
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 from edmsim.errors import InputError, one_of
 from edmsim.numeric import real
 from edmsim.program.dialects.dialect import Dialect
+from edmsim.program.registers import read_table
 
 _COMMENT = re.compile(r"\(([^()]*)\)")
 _FEWEST_COLUMNS = 3
@@ -103,16 +103,9 @@ def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
         No such file, an unknown name, a number out of range, two kinds of feed.
     """
     path = Path(file)
-    try:
-        told = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError("no such file: give a table of conditions, [C001] and t_on_us = 1.2", path) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {error}", path) from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not a table of conditions, [C001] and t_on_us = 1.2: {error}", path) from None
+    sections = read_table(path, "a table of conditions, [C001] and t_on_us = 1.2")
     table: dict[str, dict[str, float]] = {}
-    for name, settings in told.items():
+    for name, settings in sections.items():
         if _CALLED.fullmatch(name.strip().upper()) is None or not isinstance(settings, dict):
             raise InputError(f"invalid condition name {name!r}: write it as in the program, [C001] or [E1221]", path)
         if key_of(name) in table:

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.geometry import arc_lengths
 from edmsim.metrology.shares import SHARES
 from edmsim.recording.figures.palette import BLUE, ERROR_STOPS, GREEN, GRID, INK, METAL, MUTED, ORANGE, PURPLE, SKY
 from edmsim.recording.figures.profile import label_places
@@ -77,7 +78,7 @@ def _joined(split: list[ErrorMap]) -> tuple[Array, Array, Array]:
     ways, errors, shares, begin = [], [], [], 0.0
     for edge in split:
         assert edge.shares_um is not None
-        way = begin + np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(edge.points_mm, axis=0).T))])
+        way = begin + arc_lengths(edge.points_mm)
         begin = float(way[-1])
         ways.append(np.append(way, begin))
         errors.append(np.append(edge.error_um, np.nan))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from edmsim.geometry import arc_lengths
 from edmsim.recording.figures.palette import BLUE, ERROR_STOPS, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.recording.figures.style import (
     LABEL_PT,
@@ -101,7 +102,7 @@ def face_figure(scene: Scene) -> Figure:
     panels = np.atleast_1d(figure.subplots(len(shown), 1, gridspec_kw={"hspace": 0.35}))
     for axes, edge in zip(panels, shown, strict=True):
         assert edge.face_um is not None
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(edge.points_mm, axis=0).T))])
+        way = arc_lengths(edge.points_mm)
         heights = np.linspace(0.0, scene.height_mm, len(edge.face_um) + 1)
         ends = (
             np.concatenate([way, way[-1:] + max(way[-1] - way[-2], 1e-3)]) if len(way) > 1 else np.array([0.0, 1.0])

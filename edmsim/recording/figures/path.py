@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
+from edmsim.geometry import arc_lengths
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED, VERMILION
 from edmsim.recording.figures.passes import pass_colour
@@ -86,7 +87,7 @@ def _draw_wires(axes: Axes, below: np.ndarray, above: np.ndarray) -> None:
     """Draw the wire in some places, from the lower face to the upper one."""
     from matplotlib.collections import LineCollection
 
-    passed = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff((below + above) / 2, axis=0).T))])
+    passed = arc_lengths((below + above) / 2)
     at = np.linspace(0.0, passed[-1], _WIRES)
     ends = [np.stack([np.interp(at, passed, column) for column in way.T], axis=1) for way in (below, above)]
     wires = LineCollection(list(np.stack(ends, axis=1)), color=GREEN, linewidth=0.4, zorder=3, label="wire")

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from edmsim.geometry import arc_lengths
 from edmsim.recording.figures.palette import BLUE, GRID, MUTED, VERMILION
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, Err
     names = [name for name in cuts if name != "perfect table"]
     for colour, name in zip(_COLOURS, names, strict=False):
         cut = cuts[name]
-        along_mm = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(cut.points_mm, axis=0).T))])
+        along_mm = arc_lengths(cut.points_mm)
         axes.plot(along_mm, _smoothed(cut.error_um - perfect), color=colour, lw=1.3, label=name)
     axes.set(title="the part's wall, less that of a perfect table", xlabel="along the edge, mm", ylabel="error, um")
     axes.grid(color=GRID)
