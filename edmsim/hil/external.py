@@ -106,7 +106,8 @@ class _Followed:
         self._between_ns = int(step_um / rapid_um_s * 1e9)
         self._origin = link.place_um()
         self._counted = [float(v) for v in points_um[0]]
-        self._wanted = (-1, self.position_um)
+        self._target = (-1, self.position_um)
+        self._end: tuple[float, float] | None = None
         self._clock: tuple[float, int] | None = None
         self.path_um = 0.0
         ways = np.diff(points_um, axis=0)
@@ -120,19 +121,20 @@ class _Followed:
 
     @property
     def done(self) -> bool:
-        """Whether the other program has come to its end."""
-        return self._link.finished()
+        """Whether the other program has come to its end, and the axes are where it left them."""
+        if not self._link.finished():
+            return False
+        if self._end is None:
+            self._end = self._link_um()  # the axes may still be behind, where the simulation is slower than the clock
+        return max(abs(way) for way in self._ways(self._end)) < self._step_um
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
         """Wait until the window is due, and step to where the axes are wanted then."""
-        if self._wanted[0] != start_ns:  # else the same window once more, which turned out to be shorter
+        if self._target[0] != start_ns:  # else the same window once more, which turned out to be shorter
             self._wait(start_ns)
-            x, y = self._link.place_um()
-            start = self._points[0]
-            self._wanted = start_ns, (start[0] + x - self._origin[0], start[1] + y - self._origin[1])
+            self._target = start_ns, self._end or self._link_um()
         steps = []
-        for axis in (0, 1):
-            way = self._wanted[1][axis] - self._counted[axis]
+        for axis, way in enumerate(self._ways(self._target[1])):
             direction = 1 if way > 0 else -1
             for k in range(int(abs(way) / self._step_um + 1e-9)):
                 at_ns = start_ns + k * self._between_ns
@@ -150,6 +152,15 @@ class _Followed:
     def restore(self, state: PlannerState) -> None:
         """Go back to where `snapshot` was taken in this window."""
         self._counted, self.path_um = list(state["counted"]), state["path_um"]
+
+    def _link_um(self) -> tuple[float, float]:
+        """Where the other program wants the axes, in coordinates of the path."""
+        (x, y), start = self._link.place_um(), self._points[0]
+        return float(start[0] + x - self._origin[0]), float(start[1] + y - self._origin[1])
+
+    def _ways(self, place_um: tuple[float, float]) -> tuple[float, float]:
+        """What both axes have still to go to a place."""
+        return place_um[0] - self._counted[0], place_um[1] - self._counted[1]
 
     def _wait(self, start_ns: int) -> None:
         now = time.monotonic()

@@ -86,18 +86,21 @@ _HELP = (
     "  RESET_DEVICE - Reset the device",
     "  EDM_ISOFREQUENCY_MODE - Enter EDM Isofrequency Mode",
 )
-_NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)", re.ASCII)
+_WHOLE = re.compile(r"\s*([-+]?\d+)", re.ASCII)
+"""Numbers as C reads them: of spaces and digits, only those of ASCII."""
 
 
 def _number(text: str) -> float:
     """Read a number as the board does: what a text begins with, 0 if it begins with none."""
     found = _NUMBER.match(text)
-    return float(found[0]) if found else 0.0
+    return float(found[1]) if found else 0.0
 
 
 def _whole(text: str) -> int:
-    found = re.match(r"\s*[-+]?\d+", text)
-    return max(-(2**31), min(2**31 - 1, int(found[0]))) if found else 0
+    """Read a whole number likewise, clamped to 32 bits."""
+    found = _WHOLE.match(text)
+    return max(-(2**31), min(2**31 - 1, int(found[1]))) if found else 0
 
 
 class PowercoreV3:

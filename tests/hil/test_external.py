@@ -85,6 +85,19 @@ def test_a_cut_in_real_time_takes_its_time(tmp_path, gap):
     assert time.monotonic() - began >= 0.9 * other.seen[-2].time_s / 0.5
 
 
+def test_axes_that_are_behind_when_the_other_program_ends_go_to_its_end(tmp_path, gap):
+    class Ahead(Other):
+        def place_um(self):
+            return 1000.0 + 60.0 * (len(self.seen) > 3), -500.0
+
+    file = gap.without_words(str(program(tmp_path)), str(tmp_path))
+    other = Ahead(0.0, 60.0)
+    path_um = cut(file, ExternalMotion(other, 1e9)).windows.column("path_um").to_numpy()
+    assert path_um[3] == 0.0
+    assert path_um[4] < 55.0  # a window at the rapid feed is not enough
+    assert path_um[-1] == pytest.approx(60.0, abs=3.0)
+
+
 def test_a_second_contour_a_bad_scale_and_a_resumed_cut_are_refused(tmp_path):
     with pytest.raises(InputError, match="time_scale is above 0"):
         ExternalMotion(Other(1.0, 1.0), math.nan)
@@ -167,7 +180,7 @@ def test_linuxcnc_cuts_through_the_gap_and_it_is_recorded_as_any_cut(tmp_path):
     python = f"env PYTHONPATH={ROOT} {sys.executable}"
     changes = {
         "DISPLAY = axis": "DISPLAY = ./run_once.py", "PYVCP = panel.xml": "", "POSTGUI_HALFILE = panel.hal": "",
-        "PYTHON = python3": f"PYTHON = {python}", "TIME_SCALE = 20": "TIME_SCALE = 50",
+        "PYTHON = python3": f"PYTHON = {python}",
     }  # fmt: skip
     text = (config / "edm.ini").read_text()
     for was, is_now in changes.items():
@@ -184,6 +197,7 @@ def test_linuxcnc_cuts_through_the_gap_and_it_is_recorded_as_any_cut(tmp_path):
     out = config / "out" / "linuxcnc"
     windows = pq.read_table(out / "windows.parquet")
     x, spark = windows.column("x_um").to_numpy(), windows.column("spark").to_numpy()
-    assert x[-1] - x[0] == pytest.approx(800.0, abs=6.0)
+    assert windows.column("path_um").to_numpy()[-1] == pytest.approx(800.0, abs=6.0)
+    assert x[-1] - x[0] == pytest.approx(800.0, abs=60.0)  # it may have moved before the first window was cut
     assert spark.sum() > 1000
     assert {file.name for file in out.iterdir()} >= {"report.html", "cut.rrd", "profile.png"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import edmsim
@@ -341,6 +341,8 @@ def test_any_line_to_the_powercore_is_answered_and_changes_no_setting_by_acciden
 
 
 @settings(max_examples=300)
+@example(["0", "0", "0", "\x1f0"])  # a space to Python, not to C
+@example(["0", "0.1", "10000", "\u0668\u0660"])  # digits, likewise
 @given(st.lists(st.one_of(st.integers(-9, 300).map(str), st.floats().map(str), TEXT), min_size=4, max_size=4))
 def test_what_the_powercore_takes_its_generator_fires(words):
     board = PowercoreV3()
