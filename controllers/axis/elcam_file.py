@@ -120,7 +120,7 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     if data:
         raise InputError(f"unknown section {next(iter(data))!r}; there are: [[table]], [[cam]]", file)
     if not found:
-        raise InputError("a compensation file has one section [[table]] or [[cam]] or more; there is none", file)
+        raise InputError("no section: a compensation file has one section [[table]] or [[cam]] or more", file)
     return found
 
 

@@ -22,7 +22,7 @@ class FileTable:
     name : str
         For messages, such as ``table 2``.
     values : mapping
-        What TOML makes of it.
+        The parsed TOML.
     file : path
     """
 

@@ -14,7 +14,7 @@ from rich.text import Text
 from edmsim.controllers.mcu.chips.display import BANK
 from edmsim.controllers.mcu.dialogue.front_panel import FIELDS
 from edmsim.controllers.mcu.dialogue.status import Status
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.terminal.devices import Interrupts, Keyboard
 from edmsim.terminal.operation import LEGEND, Operation
 

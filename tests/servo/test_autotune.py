@@ -15,7 +15,7 @@ from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import CHIPS, tuned
 from edmsim.controllers.axis.drive import axis_row, data_of
 from edmsim.errors import InputError
-from edmsim.servo.autotune import STEP_COUNTS, Tuning, autotune, swing_of
+from edmsim.servo.autotune import STEP_COUNTS, Tuning, autotune, oscillation_of
 from edmsim.servo.operator import AxisTrace, ModuleOperator, UhuOperator
 
 FILES = {"uhu": "uhu", "servo-module": "servo_module"}
@@ -77,7 +77,7 @@ def test_a_drive_that_is_called_tuned_takes_a_jump_and_rests(drive, axis):
 
 @pytest.mark.parametrize("axis", ["bench", "table", "fast"])
 def test_both_drives_make_an_axis_swing_alike(axis):
-    uhu, module = (swing_of(kind(axis_row(axis))) for kind in (UhuOperator, ModuleOperator))
+    uhu, module = (oscillation_of(kind(axis_row(axis))) for kind in (UhuOperator, ModuleOperator))
     assert module.period_s == pytest.approx(uhu.period_s, rel=0.25)
     assert 8 <= uhu.amplitude < 50
     duty = data_of("uhu")["pins"]["duty_high"] - data_of("uhu")["pins"]["duty_low"]
