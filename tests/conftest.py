@@ -19,7 +19,7 @@ from edmsim.learning import hyperparameters
 
 from .worker_stacks import pytest_configure  # noqa: F401, a hook
 
-settings.register_profile("untimed", deadline=None)  # a busy machine is no fault of ours
+settings.register_profile("untimed", deadline=None)  # a busy machine is not a fault of ours
 settings.load_profile("untimed")
 
 PUNCH = """\

@@ -206,7 +206,7 @@ def test_measure_table_writes_what_cut_reads(monkeypatch, tmp_path, capsys):
     assert abs(told["squareness_um_m"]) < 40.0  # of 400
     assert told["x"]["accuracy"] < 4.0  # of 21, most of it the motor's steps
     assert told["circle"]["circular_deviation"] < 6.0  # of 21
-    assert run(monkeypatch, *words, "--out", made / "a.toml") == 2  # a file is no folder
+    assert run(monkeypatch, *words, "--out", made / "a.toml") == 2  # a file is not a folder
     assert run(monkeypatch, "measure-table", "--runs", 1) == 2
     assert "1 runs are not within 2..100: a spread needs two" in capsys.readouterr().err
     assert run(monkeypatch, "measure-table", "--interval", 0.001) == 2

@@ -31,8 +31,7 @@ class Traces(NamedTuple):
 class ControlRig:
     """Axes of a control with their motors, screws and tables on a bench.
 
-    A servo axis is an `AxisLoop`; a stepper's motor takes steps, and the encoder beside it counts what it makes of
-    them.
+    A servo axis is an `AxisLoop`; a stepper's motor takes steps, and its encoder counts how far it really moves.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import typer
 from edmsim.cli.console import OUT, say
 
 _SHOWN = 10
-"""Problems of a text that are told (ours): the manual's example has fewer."""
+"""Problems of a text that are listed (ours): the manual's example has fewer."""
 
 
 def positioner(

@@ -119,6 +119,6 @@ def _shift_um(profile: ProfileError) -> NDArray[np.float64]:
     """Return by how much the leaning walls lie further towards -x than they should, slice by slice."""
     middle = (profile.points_mm.min(axis=0) + profile.points_mm.max(axis=0)) / 2
     x, y = (profile.points_mm - middle).T
-    kept = (np.abs(y) < SIDE_MM / 2 - CORNER_MM) & ~profile.at_lead_in
-    left, right = (np.nanmedian(profile.error_um[:, kept & side], axis=1) for side in (x < 0, x > 0))
+    counted = (np.abs(y) < SIDE_MM / 2 - CORNER_MM) & ~profile.at_lead_in
+    left, right = (np.nanmedian(profile.error_um[:, counted & side], axis=1) for side in (x < 0, x > 0))
     return np.asarray((left - right) / 2)

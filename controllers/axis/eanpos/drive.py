@@ -73,7 +73,7 @@ class Parameters(MutableMapping[str, int]):
     Raises
     ------
     InputError
-        A name is unknown, or a value is no whole number that fits into the parameter's size.
+        A name is unknown, or a value is not a whole number that fits into the parameter's size.
     """
 
     def __init__(self, owner: Eanpos) -> None:
@@ -249,8 +249,8 @@ class Eanpos:
         changes : mapping of str to int
             Parameters that differ.
         screw : Screw, optional
-            Of the machine that it is put on, in place of the axis' own with steps of 2 um: measure is then what its
-            encoder makes of a turn in um, and maxvel what the amplifier makes of 10 V.
+            Of the machine that it is put on, in place of the axis' own with steps of 2 um: measure is then the travel
+            of a turn of its encoder in um, and maxvel the speed at 10 V.
 
         Raises
         ------

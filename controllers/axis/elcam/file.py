@@ -60,7 +60,7 @@ class _Section:
     name : str
         For messages, such as ``table 2``.
     values : mapping
-        What TOML makes of it.
+        The parsed TOML.
     file : path
     """
 
@@ -222,7 +222,7 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     if data:
         raise InputError(f"unknown section {next(iter(data))!r}; there are: [[table]], [[cam]]", file)
     if not found:
-        raise InputError("a compensation file has one section [[table]] or [[cam]] or more; there is none", file)
+        raise InputError("no section: a compensation file has one section [[table]] or [[cam]] or more", file)
     return found
 
 

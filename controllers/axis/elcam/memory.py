@@ -25,7 +25,7 @@ def buffer_bytes_chosen() -> int:
     Raises
     ------
     InputError
-        What SZELCAMPUFFER holds is no number of bytes.
+        What SZELCAMPUFFER holds is not a number of bytes.
     """
     text = os.environ.get(BUFFER_VARIABLE, "").strip()
     if not text:

@@ -1,4 +1,4 @@
-"""ELCAM, the cam tables of the control MCU-G3: its object interface, and what the tables make of the axes' places.
+"""ELCAM, the cam tables of the control MCU-G3: its object interface, and the places that the tables give.
 
 >>> elcam = Elcam([CamPlace(), CamPlace(setpoint=5.0)])
 >>> table = elcam.at(0)
@@ -118,7 +118,7 @@ class Elcam:
     Raises
     ------
     InputError
-        More room than the control has, or SZELCAMPUFFER is no number of bytes.
+        More room than the control has, or SZELCAMPUFFER is not a number of bytes.
     """
 
     def __init__(

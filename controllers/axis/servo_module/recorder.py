@@ -47,7 +47,7 @@ def _triggered(reg: Words, turned: bool) -> bool:
 
 @exactly_compiled
 def note(reg: Words, memory: Words, turned: bool) -> None:
-    """Wait for the trigger, then note every so many cycles until the memory is full; called when the loop has run."""
+    """Wait for the trigger, then record one cycle in `every` until the memory is full; called after the loop."""
     if reg[at.STATUS] & at.RECORDER_BIT == 0:
         return
     if reg[at.STATUS] & at.TRIGGERED_BIT == 0:

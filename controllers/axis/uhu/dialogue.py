@@ -105,11 +105,11 @@ class Dialogue:
         self._editor.spoil()
 
     def _answer(self, chip: UhuActions, line: str) -> bytes:
-        letter_asked, self._pending = self._pending, ""
+        pending, self._pending = self._pending, ""
         if not line:
             return PROMPT
-        if letter_asked:
-            return self._set(chip, letter_asked, number_in(line))
+        if pending:
+            return self._set(chip, pending, number_in(line))
         if line == _COUNTER:
             return _reply(f"{_LAST_LINES[0]:13}{chip.position}")
         command = command_in(line)

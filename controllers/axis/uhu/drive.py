@@ -37,7 +37,7 @@ from edmsim.controllers.axis.uhu import registers as at
 from edmsim.controllers.axis.uhu.dialogue import Dialogue
 from edmsim.errors import InputError
 
-_SWING = 0
+_DUTY_RANGE = 0
 """Place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase."""
 _N_BANKS, _LARGEST = 3, 65535
 _NOT_STORED = "overruns"
@@ -73,7 +73,7 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         sent = loop.stream_byte(reg)
         if sent != 0:
             put_byte(drive, sent)
-    drive.command = drive.real[_SWING] * output / reg[at.CONTROL_FULL]
+    drive.command = drive.real[_DUTY_RANGE] * output / reg[at.CONTROL_FULL]
     if reg[at.LATCHED] == 0:
         drive.lines = LED
     else:
@@ -104,7 +104,7 @@ def _fresh(law: Mapping[str, int]) -> NDArray[np.void]:
     reg[: len(values)] = values
     reg[list(at.SETTINGS)] = list(law.values())[: len(at.SETTINGS)]
     reg[at.RESTART] = at.HARD
-    record["real"][0, _SWING] = pins["duty_high"] - pins["duty_low"]
+    record["real"][0, _DUTY_RANGE] = pins["duty_high"] - pins["duty_low"]
     record["lines"] = FREEWHEEL
     record["watchdog_ns"] = data["clock"]["watchdog_ms"] * 1_000_000
     record["pwm_ns"] = 1_000_000_000 // law["pwm_Hz"]

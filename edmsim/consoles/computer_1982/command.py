@@ -48,7 +48,7 @@ def run(
     if host is not None and not os.access(host, os.R_OK):
         raise InputError("cannot be read; --host takes a file with the host's program", host)
     if tapes is not None and not tapes.is_dir():
-        raise InputError("is no folder; --tapes takes the one in which tapes lie", tapes)
+        raise InputError("is not a folder; --tapes takes the one in which tapes lie", tapes)
     begin = partial(Session, rig, host=host, monitor=monitor, tapes=tapes)
     interrupts = Interrupts()
     with interrupts.caught():

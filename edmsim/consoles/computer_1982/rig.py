@@ -29,11 +29,10 @@ from edmsim.controllers.mcu.path_run import PathRun
 from edmsim.controllers.planner.record import LITERAL
 from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.stops import switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import discharge_current_A, open_V
+from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, open_V
 from edmsim.plant.constants import table_mechanics
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
@@ -86,7 +85,7 @@ class Route(NamedTuple):
 
 
 def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
-    """Lay a program out from a start on, by counters of so many um.
+    """Lay a program out from a start on; `unit_um` is a counter's unit.
 
     Raises
     ------
@@ -172,8 +171,8 @@ STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
 LOW_TENSION = 0.5
 """Share of the wire's tension that is left while its spare line is up (ours: half)."""
 BENT_SHARE = 0.01
-"""A wire bent by more than this share of its free length breaks (ours: the model's wire is a taut string, and that
-far it is none any more; cuts bend it ten times less)."""
+"""A wire bent by more than this share of its free length breaks (ours: the model of a taut string does not hold that
+far; cuts bend it ten times less)."""
 UNKNOWN_CAUSE = "NO SWITCH IS OPEN: CALLED BY A PROGRAM, OR BY A SPARK ON THE SWITCHES' LINE"
 
 
@@ -443,7 +442,7 @@ class Rig:
         return sorted(step._replace(time_ns=max(step.time_ns, start_ns)) for step in made)
 
     def _motion(self, start_ns: int, end_ns: int) -> list[Step]:
-        """What timers and planner make of a window; a new speed counts from when the optimising routine is done."""
+        """Advance timers and planner by a window; a new speed counts from when the optimising routine is done."""
         if self._planner is None:
             return self.computer.run_until(end_ns)
         change_ns = min(max(self._busy_until_ns, start_ns), end_ns)

@@ -91,7 +91,7 @@ def read_host(file: Path, lines: SerialLines) -> list[bytes]:
         try:
             for character in text:
                 if not (SPACE <= character < DELETE or character == TAB):
-                    raise InputError(f"{character:02X}H is no character of a line")
+                    raise InputError(f"{character:02X}H is not a character of a line")
                 line.take(character)
             line.take(LINE_FEED)
         except InputError as error:
@@ -121,7 +121,7 @@ class MonitorBench:
     reset : callable
         Presses the reset button.
     to_main : callable
-        Gives the terminal to MAIN, as it was left or, if told so, from its beginning.
+        Gives the terminal to MAIN, as it was left or, if its argument says so, from its beginning.
     """
 
     def __init__(
@@ -349,7 +349,7 @@ class Session:
             return b""
 
     def _lose(self, error: InputError, character: int) -> None:
-        """A stream leads nowhere: only the reset button helps; what a script's line still has is no command."""
+        """A stream leads nowhere: only the reset button helps; what a script's line still has is not a command."""
         self._press_reset()
         self._passes_line = not self._person and character not in (RETURN, LINE_FEED)
         self._refuse(error.reason)
@@ -410,7 +410,7 @@ class Session:
                 self._prompted = False
                 self._main.obey(self._buffer)
         except InputError as error:
-            # what a script has behind a mistake is no command of its own
+            # what a script has behind a mistake is not a command of its own
             self._passes_line = self._in_monitor and not self._person and character not in (RETURN, LINE_FEED)
             self._prompted = False
             self._refuse(error.reason)

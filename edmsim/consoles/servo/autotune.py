@@ -49,7 +49,7 @@ class Oscillation(NamedTuple):
     amplitude: float
 
 
-def swing_of(operator: Operator) -> Oscillation:
+def oscillation_of(operator: Operator) -> Oscillation:
     """Let an axis swing under a relay whose height is raised or lowered until the swing is well seen.
 
     Raises
@@ -94,7 +94,7 @@ _MORE, _FIRST, _STOPPED, _IN_VAIN, _SWEEPS = 1.4, 50, 0.8, 3, 2
 """Factor between two values of what compensates, the first value, the share of the highest P below which it stops no
 oscillation any more, how many such values end it, and how often each letter is gone through (ours)."""
 _MARGIN = 1.25
-"""All gains may be so many times larger without oscillation (ours): motors warm up and tables are loaded."""
+"""Factor by which all gains may grow without oscillation (ours): motors warm up and tables are loaded."""
 _FINE = 1.6, 0.6, 1.3, 0.75, 1.3, 0.75, 1.1, 0.9, 1.1, 0.9
 """Factors of the fine tuning (ours)."""
 _LARGEST = {"H": 20_000}
@@ -131,7 +131,7 @@ class Recipe:
     ----------
     operator : Operator
     say : callable
-        Told of every step in a line.
+        Called with a line per step.
     """
 
     def __init__(self, operator: Operator, say: Callable[[str], None]) -> None:
@@ -140,7 +140,7 @@ class Recipe:
         delivered = {letter: operator.delivered[letter] for letter in operator.gains}
         self._before = self.tried({**self._fixed, **delivered}, math.inf)
 
-    def run(self, swing: Oscillation) -> dict[str, int]:
+    def run(self, oscillation: Oscillation) -> dict[str, int]:
         """Tune.
 
         Parameters
@@ -158,7 +158,7 @@ class Recipe:
         InputError
             No values bring the axis to rest.
         """
-        values = self._raised_p(self._first(swing))
+        values = self._raised_p(self._first(oscillation))
         for _ in range(_SWEEPS):
             for letter in self._operator.gains[1:-1]:
                 values = self._compensated(values, letter)
@@ -193,15 +193,15 @@ class Recipe:
             figures = figures._replace(rms=0.0)  # V will see to it
         return figures.cost(self._before)
 
-    def _first(self, swing: Oscillation) -> Values:
+    def _first(self, oscillation: Oscillation) -> Values:
         """Return values to begin with: those of delivery without I, or the relay's if they oscillate (step 2)."""
         operator = self._operator
         values = {**self._fixed, **{letter: operator.delivered[letter] for letter in operator.gains}, "I": 0}
         if not self._calm(values, math.inf):
-            gain = _SHARE_OF_ULTIMATE * swing.gain * _FULL
+            gain = _SHARE_OF_ULTIMATE * oscillation.gain * _FULL
             values |= dict.fromkeys(operator.gains, 0)
             values["P"] = max(round(gain), 1)
-            values["D"] = max(round(gain * swing.period_s * _LEAD / operator.interval_s), 1)
+            values["D"] = max(round(gain * oscillation.period_s * _LEAD / operator.interval_s), 1)
         while not self._calm(values):
             if values["P"] <= 1:
                 raise InputError("no values bring this axis to rest: it swings even with P1")
@@ -282,7 +282,7 @@ STEP_COUNTS = 50
 _MEASURED_S, _DRAWN_MS = 0.4, 120.0
 """Time for which an answer is measured, and for which a step's is drawn (ours)."""
 _TRIP = 4
-"""A following error so many times that of the move, or twice the step, trips the drive (ours)."""
+"""Following error that trips the drive, over that of the move; or twice the step (ours)."""
 _OPERATORS: dict[str, type[Operator]] = {kind.chip: kind for kind in (UhuOperator, ModuleOperator)}
 
 
@@ -321,7 +321,7 @@ class Tuning:
 
     lines: tuple[str, ...]
     values: dict[str, int]
-    swing: Oscillation
+    oscillation: Oscillation
     before: AxisResponse
     after: AxisResponse
 
@@ -336,7 +336,7 @@ def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> 
     motor : record array (1,)
         The axis, see `edmsim.controllers.axis.drive.axis_row`.
     say : callable
-        Told what is being done, a line at a time.
+        Called with a line for everything that is done.
 
     Returns
     -------
@@ -351,15 +351,15 @@ def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> 
         raise InputError(f"there is no drive {name!r} with a serial line; choose one of {one_of(name, CHIPS)}")
     kind = _OPERATORS[name]
     operator = kind(motor)
-    swing = swing_of(operator)
-    say(f"a relay makes the axis swing {1 / swing.period_s:.0f} times a second")
-    values = Recipe(operator, say).run(swing)
+    oscillation = oscillation_of(operator)
+    say(f"a relay makes the axis swing {1 / oscillation.period_s:.0f} times a second")
+    values = Recipe(operator, say).run(oscillation)
     before = measured(kind(motor), {"E": kind.no_trip})
     after = measured(kind(motor), values)
     values["E"] = max(2 * STEP_COUNTS, math.ceil(_TRIP * float(np.abs(after.move.error).max())))
     values = {letter: values[letter] for letter in (*kind.gains, "V", "E", *kind.fixed) if letter in values}
     lines = tuple(f"{letter}{value}" for letter, value in values.items())
-    return Tuning((*lines, "R", *kind.saving), values, swing, before, after)
+    return Tuning((*lines, "R", *kind.saving), values, oscillation, before, after)
 
 
 def measured(operator: Operator, values: dict[str, int]) -> AxisResponse:

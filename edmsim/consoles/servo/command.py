@@ -57,7 +57,7 @@ def tune(name: str, axis: str, out: Path | None, say: Callable[[str], None]) -> 
     out : path or None
         Where to draw steps and a move before and after.
     say : callable
-        Told what is being done, a line at a time.
+        Called with a line for everything that is done.
 
     Raises
     ------

@@ -19,9 +19,9 @@ from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis.drive import data_of
 
-_SWING_BACK, _LEAST_COUNTS, _RESTLESS_COUNTS = 0.08, 2.5, 2
+_REBOUND, _LEAST_COUNTS, _RESTLESS_COUNTS = 0.08, 2.5, 2
 """What is no oscillation (ours): a swing back behind the overshoot up to a share of the step, or a few counts, which
-are the encoder's and friction's; and an end that moves by no more than so many counts."""
+are the encoder's and friction's; and the most counts that a settled end may move by."""
 _SETTLED_COUNTS = 1
 """The axis has settled when it stays this near: the encoder tells no more."""
 
@@ -41,7 +41,7 @@ class AxisTrace(NamedTuple):
     error: NDArray[np.int64]
 
     def overshoot(self, counts: int) -> float:
-        """Return how far it went beyond a step of so many counts, as a share of it; 0 if it did not."""
+        """Return how far it went beyond a step of `counts`, as a share of it; 0 if it did not."""
         return max(float(-self.error.min()) / counts, 0.0)
 
     @property
@@ -75,7 +75,7 @@ class AxisTrace(NamedTuple):
         lowest = int(beyond.argmin())
         back = float(beyond[lowest:].max())
         too_far = float(-beyond[lowest]) > max(most_overshoot * counts, _LEAST_COUNTS)
-        return too_far or back > max(_SWING_BACK * counts, _LEAST_COUNTS)
+        return too_far or back > max(_REBOUND * counts, _LEAST_COUNTS)
 
 
 _START_S = 0.05

@@ -83,7 +83,7 @@ def test_a_setting_refused_on_the_way_is_told_and_the_cut_goes_on(operate, host)
         ("NEW 1 70000\nEND\n", "line 1 of the host's program: a number has 16 bits, 0..65535, not 70000"),
         ("START\nEND\n", "line 1 of the host's program: START is not one of NEW, CW, CCW, TI, TP, SPEED, END"),
         ("NEW 1 2" + 60 * " " + "\nEND\n", "line 1 of the host's program: a line has at most 64 characters"),
-        (b"NEW 1 2\x08\nEND\n", "line 1 of the host's program: 08H is no character of a line"),
+        (b"NEW 1 2\x08\nEND\n", "line 1 of the host's program: 08H is not a character of a line"),
         ("NEW 1 2\n" * 501 + "END\n", "line 501 of the host's program is one more than the 500 that fit"),
     ],
 )
@@ -125,7 +125,7 @@ def test_a_whole_job_in_a_pipe(host):
     ("options", "reason"),
     [
         (["--host", "no-such-file"], "no-such-file: cannot be read; --host takes a file with the host's program"),
-        (["--tapes", "no-such"], "no-such: is no folder; --tapes takes the one in which tapes lie"),
+        (["--tapes", "no-such"], "no-such: is not a folder; --tapes takes the one in which tapes lie"),
         (["--speed", "0"], "--speed is above 0, in machine seconds per second, not 0"),
         (["--fault", "rust"], "there is no fault 'rust'; there are serial-noise, drop-out"),
         (["--planner", "spline"], "planner"),

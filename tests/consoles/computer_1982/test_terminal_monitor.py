@@ -129,7 +129,7 @@ def test_a_tape_with_a_mistake_loads_nothing(sit, rig, tmp_path):
     (tmp_path / "ROM.HEX").write_text(punch(b"\x11" * 20, 0x1FF0))
     _, lines = sit("R BAD.HEX", "R ROM.HEX", "D 3400,3402", "D 2000,2003")
     assert after(lines, ". R BAD.HEX") == "? line 1 of the tape: its checksum is 64H where 63H were right"
-    assert after(lines, ". R ROM.HEX") == "? the tape is for 1FF0H, which is no RAM; nothing was loaded"
+    assert after(lines, ". R ROM.HEX") == "? the tape is for 1FF0H, which is not RAM; nothing was loaded"
     assert after(lines, ". D 3400,3402") == "3400  00 00 00"
     assert after(lines, ". D 2000,2003") == "2000  F4 7E 00 00"
 
@@ -148,7 +148,7 @@ def test_machine_code_from_the_host_steps_the_table(sit, rig, tmp_path):  # T-79
 @pytest.mark.parametrize(
     ("code", "reason"),
     [
-        ("08", "08H at 3400H is no instruction of the 8085"),
+        ("08", "08H at 3400H is not an instruction of the 8085"),
         ("C3 00 04", "there is no 8085 code at 0400H: the listings of 1982 are lost"),
         ("C3 00 34", "the program was broken off at 3400H"),
         ("3E C0 32 23 40 C9", "control word C0H: this 8255 has mode 0 and, for input only, mode 1"),
@@ -179,8 +179,8 @@ def test_every_character_is_handled_at_once(rig):  # T-83
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
-        ("K", "K is no command; ? shows them"),
-        ("%", "% is no command; ? shows them"),
+        ("K", "K is not a command; ? shows them"),
+        ("%", "% is not a command; ? shows them"),
         ("D", "an address is wanted"),
         ("D 12345", "a hexadecimal number of up to 4 figures is wanted, not 5"),
         ("D 2010,2000", "the last address, 2000H, lies before the first, 2010H"),
@@ -192,7 +192,7 @@ def test_every_character_is_handled_at_once(rig):  # T-83
         ("S 4003 FF", "control word FFH: the counters of this 8253 take two bytes in binary, in mode 0, 2 or 3"),
         ("P 3400,3410", "a first and a last address are wanted, and a name"),
         ("P 3400,3410,", "a tape's name of up to 32 letters"),
-        ("P 4020,4022,X", "4022H is no memory; 0000H to 3FFFH are punched"),
+        ("P 4020,4022,X", "4022H is not memory; 0000H to 3FFFH are punched"),
         ("R ../X", "a tape's name has letters, figures, points and dashes"),
         ("H", "no host is connected; edmsim console 1982 --host FILE connects one"),
         ("M 1", "RETURN was wanted here"),

@@ -87,7 +87,7 @@ def test_a_person_types_corrects_jogs_and_leaves(sit_down):
     operator.type(b"garbage\x18x 20\x12\r")
     assert "X 20" not in operator.see("READY   X 32520 Y 32500 um")
     operator.type(b"foo\r")
-    operator.see("? FOO is no word of this machine; HELP shows them")
+    operator.see("? FOO is not a word of this machine; HELP shows them")
     operator.type(b"BYE\r")
     assert operator.leave() == 0  # a person's typing errors are part of the work
 

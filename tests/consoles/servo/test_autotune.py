@@ -77,7 +77,7 @@ def test_a_drive_that_is_called_tuned_takes_a_jump_and_rests(drive, axis):
 
 @pytest.mark.parametrize("axis", ["bench", "table", "fast"])
 def test_both_drives_make_an_axis_swing_alike(axis):
-    uhu, module = (swing_of(kind(axis_row(axis))) for kind in (UhuOperator, ModuleOperator))
+    uhu, module = (oscillation_of(kind(axis_row(axis))) for kind in (UhuOperator, ModuleOperator))
     assert module.period_s == pytest.approx(uhu.period_s, rel=0.25)
     assert 8 <= uhu.amplitude < 50
     duty = data_of("uhu")["pins"]["duty_high"] - data_of("uhu")["pins"]["duty_low"]

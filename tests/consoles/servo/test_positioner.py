@@ -155,8 +155,8 @@ def test_the_command_lists_what_cannot_be_read(monkeypatch, capsys, tmp_path):
         cli.main()
     assert left.value.code == 2
     said = capsys.readouterr().err
-    assert "a.mod:2: speed is no variable" in said
-    assert "a.mod:3: 'GO Axis' is no statement" in said
+    assert "a.mod:2: speed is not a variable" in said
+    assert "a.mod:3: 'GO Axis' is not a statement" in said
 
 
 def test_bad_words_are_refused(tmp_path):

@@ -1,4 +1,4 @@
-"""Modes of a machine for one wire after another: the file is linearised once, and wires are strung by formula."""
+"""Modes of a machine with any wire: the file is linearised once, and the modes of other wires follow by formula."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from edmsim.plant.mechanics.model import (
 from edmsim.plant.mechanics.modes import Linear, block_modes
 
 
-def strung(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
+def string_modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
     """Return the modes of ``reduce_model(build_model(wire, model_file), ...)`` without building that model.
 
     The file's machine is linearised once, with the wire that stands in it. Of another wire only the nodes' masses
@@ -52,22 +52,22 @@ def strung(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: Arra
     mass[nodes, nodes] += np.tile(new.mass_kg - known.nodes.mass_kg, 2)
     damping[nodes, nodes] += np.tile(new.damping_N_s_m - known.nodes.damping_N_s_m, 2)
     stiffness[np.ix_(nodes, nodes)] *= new.segment_N_m / known.nodes.segment_N_m
-    strung_linear = Linear(mass, damping, stiffness, linear.input)
-    return reduced(strung_linear, known.blocks, new.heights_m, wire.guide_distance_m, n_modes, slice_heights_m)
+    string_linear = Linear(mass, damping, stiffness, linear.input)
+    return reduced(string_linear, known.blocks, new.heights_m, wire.guide_distance_m, n_modes, slice_heights_m)
 
 
 def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
-    """Return what `strung` returns, to the bit, in a tenth of the time: the table's modes are those of any wire.
+    """Return the bits of `string_modes` in a tenth of the time: the table's modes are those of any wire.
 
     Parameters
     ----------
     wire, model_file, n_modes, slice_heights_m
-        As for `strung`; the heights lie between the guides.
+        As for `string_modes`; the heights lie between the guides.
 
     Raises
     ------
     InputError
-        As `strung`.
+        As `string_modes`.
     """
     version = mjcf_version(model_file)
     table, known = _table(model_file, version, n_modes), _reference(model_file, version)
@@ -83,7 +83,7 @@ def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: 
 
 _REFERENCE_WIRE = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
 """Any wire would do: what depends on it is taken out again."""
-_HELD = 1e-6
+_ANCHORED = 1e-6
 """Share of a node's stiffness that may hold it where its neighbours are not."""
 
 
@@ -105,7 +105,7 @@ class _Reference(NamedTuple):
     nodes: _Nodes
 
 
-def _strung_nodes(wire: WireSetup, heights_m: Array, spacing_m: float) -> _Nodes:
+def _string_nodes(wire: WireSetup, heights_m: Array, spacing_m: float) -> _Nodes:
     mass_kg = node_mass_kg(wire, heights_m, spacing_m)
     return _Nodes(heights_m, mass_kg, node_damping_N_s_m(wire, mass_kg), wire.tension / spacing_m)
 
@@ -114,13 +114,13 @@ def _nodes_of(wire: WireSetup, known: _Reference) -> _Nodes:
     """Return the nodes of another wire, of which there are as many."""
     count = len(known.blocks[0])
     spacing_m = wire.guide_distance_m / (count + 1)
-    return _strung_nodes(wire, np.asarray(spacing_m * np.arange(1, count + 1), np.float64), spacing_m)
+    return _string_nodes(wire, np.asarray(spacing_m * np.arange(1, count + 1), np.float64), spacing_m)
 
 
 @functools.lru_cache(maxsize=16)
 def _table(model_file: str, _version: int, n_modes: int) -> ModalModel:
     """Modes of a file's machine with the reference wire."""
-    return strung(_REFERENCE_WIRE, model_file, n_modes, [_REFERENCE_WIRE.guide_distance_m / 2])
+    return string_modes(_REFERENCE_WIRE, model_file, n_modes, [_REFERENCE_WIRE.guide_distance_m / 2])
 
 
 @functools.lru_cache(maxsize=8)
@@ -130,7 +130,7 @@ def _reference(model_file: str, _version: int) -> _Reference:
     linear, blocks = machine_at_rest(model, len(heights_m))
     inside = np.ix_(blocks[0], blocks[0])
     across = Linear(linear.mass[inside], linear.damping[inside], linear.stiffness[inside], linear.input[blocks[0]])
-    if np.abs(across.stiffness[1:-1].sum(axis=1)).max() > _HELD * across.stiffness.max():
+    if np.abs(across.stiffness[1:-1].sum(axis=1)).max() > _ANCHORED * across.stiffness.max():
         raise InputError("the wire's nodes are held by more than the segments between them", model_file)
-    nodes = _strung_nodes(wire, heights_m, guide_distance_m / (len(heights_m) + 1))
+    nodes = _string_nodes(wire, heights_m, guide_distance_m / (len(heights_m) + 1))
     return _Reference(linear, blocks, across, nodes)
