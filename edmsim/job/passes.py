@@ -183,4 +183,4 @@ def _made(
 def _machine(settings: CutSettings, technology: Technology, one: PassSetting) -> Machine:
     height_mm = settings.workpiece.greatest_mm
     machine = machine_of(one, technology.machine, settings.material, technology.wire, height_mm)
-    return with_overrides(machine, settings.constants) if settings.constants else machine
+    return with_overrides(machine, settings.overrides) if settings.overrides else machine
