@@ -40,7 +40,7 @@ def cut_of(angle_deg=ANGLE_DEG, planner="exact", machine=None, **options):
     machine = machine or Machine.load(height_mm=HEIGHT_MM)
     path = plan_path(
         line_of(angle_deg), auto_offset_mm=machine.auto_offset_mm, start_hole_radius_mm=0.17,
-        guides=guides_of(machine, (0.0, 0.0)),
+        guides=[guides_of(machine, (0.0, 0.0))],
     )  # fmt: skip
     return Simulation(machine, path, from_text("fixed:feed_um_s=33"), planner=planner, resolution="fast", **options)
 

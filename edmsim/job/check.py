@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.job.cut import planned
@@ -115,18 +114,14 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
     for number, one in enumerate(found.table.settings if found.table else (), 1):
         ways = [p for contour in found.path.contours for p in contour.passes if p.number == number]
         slow = sum(
-            _moves_mm(p.points_um[: p.approach_moves + 1]) for p in ways if number == 1 and p.piece == "profile"
+            float(p.way.along_um[p.approach_moves]) * 1e-3 for p in ways if number == 1 and p.piece == "profile"
         )
-        length_mm = sum(_moves_mm(p.points_um) for p in ways)
+        length_mm = sum(float(p.way.along_um[-1]) * 1e-3 for p in ways)
         assert found.table is not None
         seconds = 60 * (length_mm - slow + slow / found.table.approach_share) / one.found.feed_mm_min
         offset_mm = max([p.offset_um for p in ways], default=0.0) * 1e-3
         estimates.append(PassEstimate(number, offset_mm, length_mm, seconds, one.found.ra_um))
     return tuple(estimates)
-
-
-def _moves_mm(points_um: NDArray[np.int64]) -> float:
-    return float(np.hypot(*np.diff(points_um, axis=0).T).sum()) * 1e-3
 
 
 def greatest_feed_um_s(machine: Machine, height_mm: float) -> tuple[float, Literal["machine", "generator"]]:
@@ -145,7 +140,7 @@ def greatest_feed_um_s(machine: Machine, height_mm: float) -> tuple[float, Liter
 
 def _waiting_s(path: CutPath, machine: Machine) -> float:
     """Return the time in which the wire does not cut: dwells, ways to the next contour, threading there."""
-    dwells = sum(seconds for contour in path.contours for _, seconds in contour.dwells)
+    dwells = sum(contour.waiting_s for contour in path.contours)
     table = machine.base.table
     ways_um = (float(np.hypot(*(b.points_um[0] - a.points_um[-1]))) for a, b in pairwise(path.contours))
     return dwells + sum(way / table.rapid_um_s.value + table.threading_s.value for way in ways_um)

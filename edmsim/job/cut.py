@@ -10,7 +10,7 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import FrameType
@@ -186,9 +186,10 @@ def make_controller(given: str | FeedController) -> FeedController:
 
 
 def planned(
-    program: str | Path, settings: CutSettings, machine: Machine, passes: PassPlan | None = None
+    program: str | Path, settings: CutSettings, machines: Sequence[Machine], passes: PassPlan | None = None
 ) -> CutPath:
-    """Plan the wire's path of a cut with these settings on a machine; raises as `plan_path`."""
+    """Plan the wire's path of a cut with these settings on a machine, set up pass by pass; raises as `plan_path`."""
+    machine, errors_mm = machines[0], settings.guide_errors_mm or (0.0, 0.0)
     table = machine.base.table
     step_um, travel_um = table.step_um.value, round(table.travel_mm.value * 1e3)
     unit = position_unit(settings.planner, travel_um, step_um)
@@ -198,7 +199,7 @@ def planned(
         unit=settings.unit, offsets=settings.offsets, dialect=settings.dialect, conditions=settings.conditions,
         upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
         corners=cast(Corners, settings.taper_corners),
-        guides=guides_of(machine, settings.guide_errors_mm or (0.0, 0.0)), passes=passes,
+        guides=[guides_of(one, errors_mm) for one in machines], passes=passes,
     )
 
 
@@ -230,7 +231,7 @@ class Prepared(NamedTuple):
 
 def prepared(
     program: str | Path, settings: CutSettings,
-    plan: Callable[[str | Path, CutSettings, Machine, PassPlan | None], CutPath] = planned,
+    plan: Callable[[str | Path, CutSettings, Sequence[Machine], PassPlan | None], CutPath] = planned,
 ) -> Prepared:
     """Read all that a cut needs, and refuse what it cannot be made with; nothing is simulated.
 
