@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
-from edmsim.job.cut import planned
+from edmsim.job.cut import planned, read_program
 from edmsim.job.passes import Passes, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
@@ -52,6 +52,8 @@ class Check:
         Time of threading, ways between contours and dwells.
     passes : tuple of PassEstimate
         What the technology expects of the passes; none for a cut in one.
+    program : Program
+        What was read.
     """
 
     path: CutPath
@@ -60,7 +62,8 @@ class Check:
     feed_um_s: float
     limited_by: Literal["machine", "generator"]
     waiting_s: float
-    passes: tuple[PassEstimate, ...] = ()
+    passes: tuple[PassEstimate, ...]
+    program: Program
 
     @property
     def expected_s(self) -> float:
@@ -99,13 +102,14 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     InputError
         As `edmsim.cut`.
     """
-    found = with_passes(program, settings, planned)
+    read = read_program(program, settings)
+    found = with_passes(read, settings, planned)
     settings, path = found.settings, found.path
     machine = settings.load_machine()
     feed_um_s, limited_by = greatest_feed_um_s(machine, settings.workpiece.lowest_mm)
     length_um = sum(k.length_um for k in path.contours)
     waiting_s, passes = _waiting_s(path, machine), _estimates(found)
-    return Check(path, machine, length_um / feed_um_s, feed_um_s, limited_by, waiting_s, passes)
+    return Check(path, machine, length_um / feed_um_s, feed_um_s, limited_by, waiting_s, passes, read)
 
 
 def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
@@ -157,17 +161,20 @@ def _pass_lines(found: Check) -> list[tuple[str, str]]:
     return [*rows, ("expected", f"{duration_text(found.expected_s)} by the technology")] if rows else []
 
 
-def pass_rows(program: Program) -> Sequence[tuple[str, str]]:
-    """Return names and texts for a terminal's table of what a program says of its passes; none if it has nothing."""
+def _program_rows(program: Program) -> Sequence[tuple[str, str]]:
+    """Return what a program says of all that it cuts, each by its line; nothing if it has no words for it."""
     noted = [o for o in program.outlines if o.condition or o.continues or o.taper or o.adaptive is not None]
     if not noted:
         return []
-    return [(f"pass {number}", _pass_text(outline)) for number, outline in enumerate(program.outlines, 1)]
+    return [
+        (f"line {outline.line}" if outline.line else f"drawn {number}", _outline_text(outline))
+        for number, outline in enumerate(program.outlines, 1)
+    ]
 
 
-def _pass_text(outline: Outline) -> str:
+def _outline_text(outline: Outline) -> str:
     length_mm = float(np.hypot(*np.diff(outline.points_mm, axis=0).T).sum())
-    told = [f"line {outline.line}: {'closed' if outline.closed else 'open'}, {length_mm:.3f} mm"]
+    told = [f"{'closed' if outline.closed else 'open'}, {length_mm:.3f} mm"]
     if outline.wire_side is not None:
         offset = "" if outline.offset_mm is None else f" by {outline.offset_mm:g} mm"
         told.append(f"wire on the {outline.wire_side}{offset}")
@@ -191,7 +198,7 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     from edmsim.recording.report import duration_text
 
     origin = np.array(found.path.origin_mm)
-    rows = []
+    rows = list(_program_rows(found.program))
     for number, contour in enumerate(found.path.contours, 1):
         x, y = contour.points_um[0] / 1e3 - origin
         across, up = extent_mm(contour.nominal_mm, [number for number, _ in contour.elements])

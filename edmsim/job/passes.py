@@ -21,6 +21,7 @@ from edmsim.machine.technology import (
     read_technology,
     technology_for,
 )
+from edmsim.program.outline import Program
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import Conditions, CutPath
 
@@ -32,7 +33,7 @@ _OF_PASS = {
 }  # fmt: skip
 """Options of a cut that a pass has of its own, and what the technology calls them."""
 
-_Plan = Callable[[str | Path, CutSettings, Sequence[Machine], PassPlan | None], CutPath]
+_Plan = Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath]
 
 
 class Passes(NamedTuple):
@@ -57,12 +58,12 @@ class Passes(NamedTuple):
     table: PassTable | None = None
 
 
-def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Passes:
+def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Plan) -> Passes:
     """Plan a cut, in passes where the settings ask for some or the program has some.
 
     Parameters
     ----------
-    program : path
+    program : path or Program
     settings : CutSettings
     plan : callable
         Plans the path of a program, settings, the machines of the passes, and the passes a contour is to have.
@@ -83,7 +84,8 @@ def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Pass
         technology = _technology(settings)
         table = technology.table(settings.workpiece.greatest_mm, path.passes)
         settings = in_force(settings, technology, table)
-        path = plan(program, settings, _machines(settings, technology, table), None)
+        own = PassPlan(table.offsets_mm, of_program=True)
+        path = plan(program, settings, _machines(settings, technology, table), own)
         told = f"the program cuts an edge {path.passes} times: these are passes, with the settings of the technology "
         return _made(settings, technology, table, path, (f"{told}'{technology.title}'", *table.notices))
     if settings.offset == "none":
@@ -99,7 +101,7 @@ def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Pass
     return _made(settings, technology, table, path, table.notices)
 
 
-def _by_conditions(program: str | Path, settings: CutSettings, path: CutPath, plan: _Plan) -> Passes:
+def _by_conditions(program: str | Path | Program, settings: CutSettings, path: CutPath, plan: _Plan) -> Passes:
     """Give every pass the settings that the user's table has for the program's condition."""
     if settings.technology is not None:
         raise InputError("a technology and a table of conditions both decide the passes: give one of them")

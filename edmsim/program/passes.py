@@ -50,6 +50,8 @@ class PassPlan:
         How far passes go on over what is already cut.
     after_tab : {"stop", "cut"}
         What comes before the tab.
+    of_program : bool
+        Whether the passes are those that the program has: then only its offsets that no register gives are taken.
 
     Raises
     ------
@@ -61,6 +63,7 @@ class PassPlan:
     tab_mm: float = TAB_MM
     overlap_mm: float = OVERLAP_MM
     after_tab: AfterTab = "stop"
+    of_program: bool = False
 
     def __post_init__(self) -> None:
         check_offsets(self.offsets_mm)

@@ -457,7 +457,9 @@ def _legs(
 ) -> list[OffsetOutline]:
     """Return the edge of a group at the offsets of its passes; what the wire cannot reach is that of the last one."""
     once = len(group) == 1
-    planned = passes is not None and asked_mm is None and (once or len(passes.offsets_mm) == len(group))
+    planned = passes is not None and asked_mm is None and (
+        not passes.of_program if once else len(passes.offsets_mm) == len(group)
+    )
     plan_mm: Sequence[float | None] = passes.offsets_mm if passes is not None and planned else [None] * len(group)
     outlines = group * len(plan_mm) if once else group
     if once and len(plan_mm) > 1 and group[0].wire_side is None:
@@ -473,6 +475,11 @@ def _legs(
             else leaning_outline(program, outline, wanted, guides[min(number, len(guides)) - 1] if guides else None)
         )
         notices += told if number == len(outlines) else []
+    if planned and not once and any(outline.offset_mm is None for outline in outlines):
+        notices.append(
+            f"line {group[0].line}: {group[0].name} has passes without offset registers: they take those that belong "
+            f"to their settings, {', '.join(f'{leg.offset_mm:g}' for leg in found)} mm"
+        )
     return found
 
 

@@ -16,6 +16,7 @@ from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose
 from edmsim.machine.setting import guide_bends
+from edmsim.program.outline import Program
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath
 from edmsim.sweep.engine import Engine, LostJob, Processes
@@ -101,7 +102,8 @@ class _Planner:
         self._known: dict[tuple[Any, ...], CutPath | EdmsimError] = {}
 
     def __call__(
-        self, program: str | Path, settings: CutSettings, machines: Sequence[Machine], passes: PassPlan | None = None
+        self, program: str | Path | Program, settings: CutSettings, machines: Sequence[Machine],
+        passes: PassPlan | None = None,
     ) -> CutPath:
         options: Mapping[str, Any] = dict(settings)
         bends = tuple((one.height_mm, *guide_bends(one)) for one in machines)
