@@ -166,7 +166,10 @@ class Tilt(NamedTuple):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of path of one pass in mm, before it is put on the grid; of a leaning wire at half the height."""
+    """A stretch of path of one pass in mm, before it is put on the grid; of a leaning wire at half the height.
+
+    Its first `leads` points bring the wire to where it begins.
+    """
 
     number: int
     piece: Piece
@@ -178,6 +181,7 @@ class Stretch:
     falls: bool = False
     tilt: Tilt | None = None
     dwells: tuple[tuple[int, float], ...] = ()
+    leads: int = 0
 
     def backwards(self) -> Stretch:
         """Return the same cut the other way."""
@@ -185,6 +189,16 @@ class Stretch:
         last = len(self.points) - 1
         dwells = tuple((last - i, seconds) for i, seconds in reversed(self.dwells))
         return replace(self, points=self.points[::-1], reversed=not self.reversed, tilt=tilt, dwells=dwells)
+
+    def behind(self, link: Stretch) -> Stretch:
+        """Return the same with the points of another one before it, which lead to it."""
+        tilt = self.tilt and self.tilt._replace(
+            slope=np.concatenate([link.tilt.slope if link.tilt else np.zeros_like(link.points), self.tilt.slope])
+        )
+        return replace(
+            self, points=np.concatenate([link.points, self.points]), tilt=tilt, leads=len(link.points),
+            dwells=tuple((i + len(link.points), seconds) for i, seconds in self.dwells),
+        )  # fmt: skip
 
 
 def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
@@ -217,15 +231,16 @@ def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
     if last - 2 * short[-1] <= 0:
         raise InputError(f"a tab of {plan.tab_mm:g} mm leaves {last:.3f} mm of the contour to cut: make it shorter")
     ways = [
-        _directed(line.stretch(k + 1, "profile", short[k], last - short[k]), k % 2 == 1)
+        _Leg(line, line.stretch(k + 1, "profile", short[k], last - short[k]), (short[k], last - short[k]), k % 2 == 1)
         for k, line in enumerate(lines)
     ]
     stops = plan.after_tab == "stop"
     for k, line in enumerate(lines):
-        over = plan.overlap_mm + short[k]
-        way = _directed(line.stretch(k + 1, "tab", last - over, length + over), (len(legs) + k) % 2 == 0)
-        ways.append(replace(way, stops_before=stops, frees=True, falls=not stops) if k == 0 else way)
-    return ways
+        ends = last - plan.overlap_mm - short[k], length + plan.overlap_mm + short[k]
+        way = line.stretch(k + 1, "tab", *ends)
+        first = replace(way, stops_before=stops, frees=True, falls=not stops) if k == 0 else way
+        ways.append(_Leg(line, first, ends, (len(legs) + k) % 2 == 0))
+    return _linked(ways)
 
 
 def _whole(lines: Sequence[_Line], plan: PassPlan, closed: bool) -> list[Stretch]:
@@ -235,14 +250,48 @@ def _whole(lines: Sequence[_Line], plan: PassPlan, closed: bool) -> list[Stretch
         short = 0.0 if closed else _short_mm(lines[0].leg.offset_mm, line.leg.offset_mm)
         over = plan.overlap_mm if closed and len(lines) > 1 else 0.0
         back = k % 2 == 1
-        ends = (-over, line.length) if back else (short, line.length - short + over)
-        way = _directed(line.stretch(k + 1, "profile", *(ends if closed else (short, line.length - short))), back)
-        ways.append(replace(way, frees=closed and k == 0, falls=closed and plan.after_tab == "cut"))
+        round_ = (-over, line.length) if back else (short, line.length - short + over)
+        ends = round_ if closed else (short, line.length - short)
+        way = line.stretch(k + 1, "profile", *ends)
+        way = replace(way, frees=closed and k == 0, falls=closed and plan.after_tab == "cut")
+        ways.append(_Leg(line, way, ends, back))
+    return _linked(ways)
+
+
+class _Leg(NamedTuple):
+    """A pass forward along its line between two places of the edge, and whether it is cut backwards."""
+
+    line: _Line
+    way: Stretch
+    ends: tuple[float, float]
+    back: bool
+
+
+LINK_MM = 1e-3
+"""A way from one pass to the next may come so much nearer to the part than both (ours: a um of the grid)."""
+
+
+def _linked(legs: Sequence[_Leg]) -> list[Stretch]:
+    """Return the ways one after the other; where the straight way to the next would cut into the part, along it."""
+    ways: list[Stretch] = []
+    for before, leg in pairwise([None, *legs]):
+        assert leg is not None
+        way = leg.way.backwards() if leg.back else leg.way
+        if before is not None:
+            straight = shapely.LineString([ways[-1].points[-1], way.points[0]])
+            nearest = min(before.line.leg.offset_mm, leg.line.leg.offset_mm)
+            if leg.line.edge.distance(straight) < nearest - LINK_MM:
+                way = way.behind(_link(before, leg))
+        ways.append(way)
     return ways
 
 
-def _directed(way: Stretch, back: bool) -> Stretch:
-    return way.backwards() if back else way
+def _link(before: _Leg, leg: _Leg) -> Stretch:
+    """Return the way from the end of one pass to the begin of the next beside the edge, at the greater offset."""
+    outer = before.line if before.line.leg.offset_mm > leg.line.leg.offset_mm else leg.line
+    start, stop = before.ends[0 if before.back else 1], leg.ends[1 if leg.back else 0]
+    way = replace(outer.stretch(leg.way.number, leg.way.piece, min(start, stop), max(start, stop)), dwells=())
+    return way if start <= stop else way.backwards()
 
 
 def _short_mm(rough_mm: float, offset_mm: float) -> float:
@@ -260,8 +309,8 @@ class _Line:
     def __init__(self, leg: OffsetOutline) -> None:
         self.leg = leg
         middle = leg.at_mid_height()
-        self._edge, self._path = middle.edge, shapely.LineString(middle.path)
-        self.length = float(self._edge.length)
+        self.edge, self._path = middle.edge, shapely.LineString(middle.path)
+        self.length = float(self.edge.length)
         self._closed = leg.outline.closed
 
     def stretch(self, number: int, piece: Piece, from_mm: float, to_mm: float) -> Stretch:
@@ -318,7 +367,7 @@ class _Line:
         turns, rest = divmod(place_mm, self.length) if self._closed else (0.0, place_mm)
         if rest == 0.0 or (not self._closed and rest >= self.length):
             return float(turns * self._path.length if rest == 0.0 else self._path.length)
-        return float(turns * self._path.length) + float(self._path.project(self._edge.interpolate(rest)))
+        return float(turns * self._path.length) + float(self._path.project(self.edge.interpolate(rest)))
 
 
 def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
@@ -400,7 +449,7 @@ def on_grid(
                 way.number,
                 way.piece,
                 joined.points_um[kept],
-                int(moves[: len(before)].sum()),
+                int(moves[: len(before) + way.leads].sum()),
                 way.offset_mm * 1000,
                 way.reversed,
                 way.stops_before,
