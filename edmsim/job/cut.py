@@ -10,7 +10,7 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import FrameType
@@ -41,9 +41,9 @@ from edmsim.machine.setting import guide_bends
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.constants import screws
 from edmsim.plant.workpiece.height_steps import LowerRegion
-from edmsim.program.outline import Corners
+from edmsim.program.outline import Corners, Program
 from edmsim.program.passes import PassPlan
-from edmsim.program.path import CutPath, plan_path
+from edmsim.program.path import CutPath, load_program, plan_path
 from edmsim.program.taper import GuideHeights
 from edmsim.recording.report import outcome_text
 
@@ -185,20 +185,28 @@ def make_controller(choice: str | FeedController) -> FeedController:
     return controller
 
 
+def read_program(program: str | Path, settings: CutSettings) -> Program:
+    """Read the program of a cut with these settings; raises as `load_program`."""
+    return load_program(
+        program, ignore=settings.ignore, layers=settings.layers, unit=settings.unit, offsets=settings.offsets,
+        dialect=settings.dialect, conditions=settings.conditions, upper_layer=settings.upper_layer,
+    )
+
+
 def planned(
-    program: str | Path, settings: CutSettings, machine: Machine, passes: PassPlan | None = None
+    program: str | Path | Program, settings: CutSettings, machines: Sequence[Machine], passes: PassPlan | None = None
 ) -> CutPath:
-    """Plan the wire's path of a cut with these settings on a machine; raises as `plan_path`."""
+    """Plan the wire's path of a cut with these settings on a machine, set up pass by pass; raises as `plan_path`."""
+    machine, errors_mm = machines[0], settings.guide_errors_mm or (0.0, 0.0)
     table = machine.base.table
     step_um, travel_um = table.step_um.value, round(table.travel_mm.value * 1e3)
     unit = position_unit(settings.planner, travel_um, step_um)
+    asked = settings.offset if passes is None or passes.of_program else "auto"
     return plan_path(
-        program, settings.offset if passes is None else "auto", auto_offset_mm=machine.auto_offset_mm,
-        table_um=travel_um, grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers,
-        unit=settings.unit, offsets=settings.offsets, dialect=settings.dialect, conditions=settings.conditions,
-        upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
-        corners=cast(Corners, settings.taper_corners),
-        guides=guides_of(machine, settings.guide_errors_mm or (0.0, 0.0)), passes=passes,
+        program if isinstance(program, Program) else read_program(program, settings), asked,
+        auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, grid_um=unit_um(unit, round(step_um)),
+        taper_deg=settings.taper_deg, corners=cast(Corners, settings.taper_corners),
+        guides=[guides_of(one, errors_mm) for one in machines], passes=passes,
     )
 
 
@@ -230,7 +238,7 @@ class Prepared(NamedTuple):
 
 def prepared(
     program: str | Path, settings: CutSettings,
-    plan: Callable[[str | Path, CutSettings, Machine, PassPlan | None], CutPath] = planned,
+    plan: Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath] = planned,
 ) -> Prepared:
     """Read all that a cut needs, and refuse what it cannot be made with; nothing is simulated.
 
