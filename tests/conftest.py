@@ -27,7 +27,7 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-settings.register_profile("untimed", deadline=None)  # a busy machine is no fault of ours
+settings.register_profile("untimed", deadline=None)  # a busy machine is not a fault of ours
 settings.load_profile("untimed")
 
 PUNCH = """\

@@ -52,7 +52,7 @@ def test_the_command_line_has_every_option_with_its_default() -> None:
 
     options = inspect.signature(cli.cut).parameters
     asked = {option(name): field.default for name, field in CutSettings.model_fields.items()
-             if name != "height_areas"}  # fmt: skip  # a polygon is no option
+             if name != "height_areas"}  # fmt: skip  # a polygon is not an option
     assert options.keys() == asked.keys() | {"program", "out", "resume", "overwrite", "quiet", "traces"}
     assert {name: options[name].default or None for name in asked} == {
         name: default or None for name, default in asked.items()

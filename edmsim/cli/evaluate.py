@@ -62,7 +62,7 @@ def evaluate(
         _move(chosen, seeds)
         return
     if leaderboard is not None:
-        boards.read(leaderboard)  # a file that is none is refused before hours of cuts
+        boards.read(leaderboard)  # an invalid file is refused before hours of cuts
     found = []
     with ScreenProgress(console=ERR, transient=True) as bar:
         for env_id, named in chosen.items():

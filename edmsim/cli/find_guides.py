@@ -28,9 +28,9 @@ def find_guides(
     from json import dumps
 
     from edmsim.cli.progress import ProgressBar
-    from edmsim.job.guides_run import measure_guides as measure
     from edmsim.job.settings import CutSettings
     from edmsim.machine.overrides import parse_constant
+    from edmsim.measure.guides import measure_guides as measure
 
     settings = CutSettings.model_validate({
         "machine": machine, "height_mm": height, "wire": wire, "constants": dict(map(parse_constant, constant or ())),
@@ -52,5 +52,5 @@ def find_guides(
         return
     for name, error, own in (("lower", found.lower_mm, lower_um), ("upper", found.upper_mm, upper_um)):
         OUT.print(f"the {name} guide is {error:+.3f} mm higher than its file says, ±{own:.3f} mm", highlight=False)
-    told = f"Cut with it: edmsim cut PROGRAM --guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}"
-    OUT.print(told, highlight=False, soft_wrap=True)
+    message = f"Cut with it: edmsim cut PROGRAM --guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}"
+    OUT.print(message, highlight=False, soft_wrap=True)

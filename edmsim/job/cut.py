@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, Unpack, cast
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text
 from edmsim.controllers.axis.drive import Drive
-from edmsim.controllers.axis.elcam import Elcam
-from edmsim.controllers.axis.elcam_file import NAMES, PLACES, load_tables, read_tables
+from edmsim.controllers.axis.elcam.file import NAMES, PLACES, load_tables, read_tables
+from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
@@ -54,7 +54,7 @@ _ENDING = {
 
 
 class NotedSignals:
-    """Signals that came: noted first, for whoever is at work to raise where nothing is left half done."""
+    """Deferred signals: recorded by the handler, raised at the next safe point."""
 
     def __init__(self) -> None:
         self._came: int | None = None
@@ -174,9 +174,9 @@ def cut(
     return result
 
 
-def make_controller(given: str | FeedController) -> FeedController:
+def make_controller(choice: str | FeedController) -> FeedController:
     """Make a feed controller that a machine could have, or take one; see `edmsim.controllers.from_text`."""
-    controller = from_text(given, cutting=True) if isinstance(given, str) else check_is_controller(given)
+    controller = from_text(choice, cutting=True) if isinstance(choice, str) else check_is_controller(choice)
     if isinstance(controller, SeesTruth):
         raise InputError(
             f"the {controller.name} controller looks at the true gap, which no machine shows: it can be compared "
@@ -239,7 +239,7 @@ def prepared(
     program : path
     settings : CutSettings
     plan : callable, optional
-        What plans the path, for whoever remembers some.
+        Plans the path; by default every call plans anew.
 
     Raises
     ------
@@ -294,7 +294,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
         **({} if file is None else {"controller_sha256": user_code.digest(file.file)}),
         **({} if tables is None else {"compensation_sha256": _digest(Path(tables).read_bytes())}),
-        **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.setups_told).encode())}),
+        **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.described_setups).encode())}),
         "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
         "t_period_us": machine.t_period_us, "position_unit": unit,
         "offset_um": path.offset_um,

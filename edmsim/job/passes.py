@@ -36,7 +36,7 @@ _Plan = Callable[[str | Path, CutSettings, Machine, PassPlan | None], CutPath]
 
 
 class Passes(NamedTuple):
-    """What a technology makes of a cut.
+    """A cut as a technology sets it.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ STEP_MM = 0.05
 CLEARANCE_MM = 0.4
 """Nearer than this to a corner, or to either end of a pass, the wall is not looked at."""
 FEWEST_WAVES = 3
-"""A wavelength is only told where so many of its waves were cut (ours)."""
+"""Waves that must have been cut before a wavelength is reported (ours)."""
 
 
 @dataclass(frozen=True)

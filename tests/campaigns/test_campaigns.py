@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from edmsim.compiled import specialised
-from edmsim.terminal.session import FINE, STOPPED
+from edmsim.consoles.computer_1982.session import FINE, STOPPED
 from tests.campaigns import devices, guard
 from tests.campaigns.__main__ import nth, run
 from tests.campaigns.guard import judged
