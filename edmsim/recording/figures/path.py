@@ -42,7 +42,8 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
 
     figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
     leans = any(contour.lean is not None for contour in path.contours)
-    axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if leans else 0.82))
+    two_rows = leans or any(contour.passes for contour in path.contours)  # of the legend
+    axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if two_rows else 0.82))
     quiet(axes)
     axes.grid(visible=False)
     axes.set_aspect("equal", adjustable="datalim")
@@ -53,10 +54,13 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
             edge, way = face.nominal_mm - path.origin_mm, face.points_um / 1e3 - path.origin_mm
             labels = (f"edge as drawn{name}", f"wire's centre{name}") if number == 0 else (None, None)
             axes.plot(*edge.T, color=edge_colour, linewidth=0.9, zorder=4, label=labels[0])
-            axes.plot(*way.T, color=way_colour, linewidth=0.9, zorder=3, label=labels[1])
+            if len(faces) == 2 or not contour.passes:
+                axes.plot(*way.T, color=way_colour, linewidth=0.9, zorder=3, label=labels[1])
             _draw_arrows(axes, way)
         if len(faces) == 2:
             _draw_wires(axes, *(face.points_um / 1e3 - path.origin_mm for _, _, face in faces))
+        else:
+            _draw_passes(axes, path, contour, number == 0)
         way = contour.points_um / 1e3 - path.origin_mm
         axes.annotate(
             str(number + 1), way[0], xytext=(8, 8), textcoords="offset points", fontsize=9, color=GREEN, zorder=6
@@ -94,24 +98,16 @@ def _draw_wires(axes: Axes, below: np.ndarray, above: np.ndarray) -> None:
     axes.add_collection(wires)
 
 
-def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, labelled: bool) -> None:
-    """Draw the wire's centre, of every pass in its colour; a tab's passes are dashed."""
-    if not contour.passes:
-        way = contour.points_um / 1e3 - path.origin_mm
-        axes.plot(*way.T, color=BLUE, linewidth=0.9, zorder=3, label="wire's centre" if labelled else None)
-        return
+def _draw_passes(axes: Axes, path: CutPath, contour: WireContour, labelled: bool) -> None:
+    """Draw the wire's centre in every pass, each in its colour; a tab's passes are dashed."""
     for one in contour.passes:
         name = f"pass {one.number}, {one.offset_um / 1e3:.3f} mm" if one.piece == "profile" else None
         style = "-" if one.piece == "profile" else (0, (3, 1.5))
         way = one.points_um / 1e3 - path.origin_mm
         axes.plot(
-            *way.T,
-            color=pass_colour(one.number),
-            linewidth=0.8,
-            linestyle=style,
-            zorder=3,
+            *way.T, color=pass_colour(one.number), linewidth=0.8, linestyle=style, zorder=3,
             label=name if labelled else None,
-        )
+        )  # fmt: skip
 
 
 def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
