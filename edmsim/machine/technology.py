@@ -185,7 +185,7 @@ class Technology(Part):
         if not 1 <= passes <= len(at.passes):
             raise InputError(
                 f"the technology for {self.material} and the wire {self.wire} has 1 to {len(at.passes)} passes for "
-                f"{height_mm:g} mm, not {passes}: take a listed number, or find others with edmsim technology"
+                f"{height_mm:g} mm, not {passes}: choose one of these, or find others with edmsim technology"
             )
         settings = at.passes[:passes]
         offset_um = settings[-1].last_offset_um
