@@ -13,13 +13,13 @@ import pytest
 import edmsim
 from edmsim.cli import app as cli
 from edmsim.controllers import axis, from_text
-from edmsim.controllers.axis.elcam_file import ErrorTable, load_tables, read_tables, text_of
-from edmsim.controllers.axis.step_compensation import StepCompensation
+from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables, read_tables, text_of
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.protocols import Step
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.metrology.table_run import measure_table
+from edmsim.measure.table import measure_table
 from edmsim.program.path import plan_path
 from edmsim.recording.report import summary
 

@@ -24,8 +24,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from edmsim.controllers.axis.eanpos import Resources
-from edmsim.controllers.axis.eanpos_registers import DEVICE
+from edmsim.controllers.axis.eanpos.drive import Resources
+from edmsim.controllers.axis.eanpos.registers import DEVICE
 from edmsim.controllers.qcl.text import Problem, QclError, code_lines, whole_number
 from edmsim.errors import InputError
 

@@ -11,8 +11,8 @@ import re
 from itertools import accumulate
 from typing import NamedTuple
 
-from edmsim.controllers.axis.eanpos import parameter_name, state_name
-from edmsim.controllers.axis.eanpos_registers import COMMANDS
+from edmsim.controllers.axis.eanpos.drive import parameter_name, state_name
+from edmsim.controllers.axis.eanpos.registers import COMMANDS
 from edmsim.controllers.qcl.configuration import Configuration
 from edmsim.controllers.qcl.text import Problem, QclError, code_lines, whole_number, words_of
 from edmsim.errors import InputError

@@ -12,12 +12,12 @@ from rich.console import Console, Group
 from rich.text import Text
 
 import edmsim
+from edmsim.consoles.computer_1982.devices import Interrupts
+from edmsim.consoles.computer_1982.operation import Operation
+from edmsim.consoles.computer_1982.rig import Rig
+from edmsim.consoles.computer_1982.session import Session
+from edmsim.consoles.computer_1982.view import panel
 from edmsim.recording.figures import write_figure
-from edmsim.terminal.devices import Interrupts
-from edmsim.terminal.operation import Operation
-from edmsim.terminal.rig import Rig
-from edmsim.terminal.session import Session
-from edmsim.terminal.view import panel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

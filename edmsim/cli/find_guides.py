@@ -28,9 +28,9 @@ def find_guides(
     from json import dumps
 
     from edmsim.cli.progress import ProgressBar
-    from edmsim.job.guides_run import measure_guides as measure
     from edmsim.job.settings import CutSettings
     from edmsim.machine.overrides import parse_constant
+    from edmsim.measure.guides import measure_guides as measure
 
     settings = CutSettings.model_validate({
         "machine": machine, "height_mm": height, "wire": wire, "constants": dict(map(parse_constant, constant or ())),

@@ -25,13 +25,13 @@ def measure_table(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Measure a machine's table as a laser interferometer does."""
-    from edmsim.controllers.axis.elcam_file import load_tables, read_tables, text_of
+    from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
     from edmsim.errors import InputError
     from edmsim.files import make_writable, replacing
     from edmsim.job.remake import FORMATS
     from edmsim.machine.machine import Machine
-    from edmsim.metrology.table_run import measure_table as measure
-    from edmsim.recording.table_report import as_json, headline, render
+    from edmsim.measure.report import as_json, headline, render
+    from edmsim.measure.table import measure_table as measure
 
     if plot is not None and plot.suffix.removeprefix(".") not in FORMATS:
         raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", plot)
@@ -46,7 +46,7 @@ def measure_table(
         with replacing(out) as partial:
             partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
     if plot is not None:
-        from edmsim.recording.figures.table import table_figure
+        from edmsim.measure.figures import table_figure
 
         with replacing(plot) as partial:
             table_figure({"measured": found}).savefig(partial, format=plot.suffix.removeprefix("."))

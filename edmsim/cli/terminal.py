@@ -34,9 +34,9 @@ def terminal(
     view: Annotated[bool, typer.Option(help="Live view of digits and pulses at a real terminal.")] = True,
 ) -> None:
     """Sit at the 1982 controller's terminal."""
+    from edmsim.consoles.computer_1982.command import choose_faults, run
+    from edmsim.consoles.computer_1982.rig import Rig
     from edmsim.machine.machine import Machine
-    from edmsim.terminal.command import choose_faults, run
-    from edmsim.terminal.rig import Rig
 
     faults = choose_faults(fault or (), seed)
     set_up = Machine.load(machine, material=material, height_mm=height, wire=wire, tension=tension)

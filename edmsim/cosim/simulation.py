@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
-from edmsim.controllers.axis.cam_reach import check_cams
-from edmsim.controllers.axis.elcam import Elcam
+from edmsim.controllers.axis.elcam.cam_reach import check_cams
+from edmsim.controllers.axis.elcam.module import Elcam
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.axis.path_offset import PathOffset
-from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planner
@@ -86,7 +86,7 @@ class Simulation:
     drives : mapping of str to drive, optional
         Drives of the axes by name; see `Plant`.
     compensation : Elcam, optional
-        Tables of the table's errors, and cams, of `edmsim.controllers.axis.elcam_file.load_tables`.
+        Tables of the table's errors, and cams, of `edmsim.controllers.axis.elcam.file.load_tables`.
     stuck_wire_sensor : bool
         Whether the sensor does not see a wire break; the machine then goes on without a wire (`Plant.go_bare`).
     axis_faults : sequence of AxisFault

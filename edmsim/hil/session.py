@@ -12,10 +12,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from edmsim.consoles.computer_1982.devices import Interrupts
+from edmsim.consoles.servo.session import PseudoTerminal
 from edmsim.errors import InputError
 from edmsim.hil.rig import MOST_LINE, Rig
-from edmsim.servo.session import PseudoTerminal
-from edmsim.terminal.devices import Interrupts
 
 _WAITING_LINES, _LINES_A_FRAME = 64, 16
 """Lines that wait at a port before no more are read, and lines taken between two frames (ours)."""

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, Unpack, cast
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text
 from edmsim.controllers.axis.drive import Drive
-from edmsim.controllers.axis.elcam import Elcam
-from edmsim.controllers.axis.elcam_file import NAMES, PLACES, load_tables, read_tables
+from edmsim.controllers.axis.elcam.file import NAMES, PLACES, load_tables, read_tables
+from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from edmsim.terminal.session import FINE, STOPPED
+from edmsim.consoles.computer_1982.session import FINE, STOPPED
 from tests.campaigns import devices
 from tests.campaigns.__main__ import nth, run
 from tests.campaigns.guard import MOST_CPU_S, judged

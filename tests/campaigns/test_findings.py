@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from edmsim import controllers, models
-from edmsim.controllers.axis.elcam_file import read_tables
-from edmsim.controllers.axis.elcam_table import CamTable
+from edmsim.controllers.axis.elcam.file import read_tables
+from edmsim.controllers.axis.elcam.table import CamTable
 from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import LONGEST_REASON, InputError
 from edmsim.files import read_arrays
