@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from edmsim.axis_bench import AxisBench
-from edmsim.consoles.servo.autotune import STEP_COUNTS, Tuning, autotune, swing_of
+from edmsim.consoles.servo.autotune import STEP_COUNTS, Tuning, autotune, oscillation_of
 from edmsim.consoles.servo.operator import AxisTrace, ModuleOperator, UhuOperator
 from edmsim.controllers.axis import CHIPS, tuned
 from edmsim.controllers.axis.drive import axis_row, data_of
