@@ -125,7 +125,6 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
 
     Parameters
     ----------
-    simulation : Simulation
     windows : WindowTable
         What was recorded of every window.
     """

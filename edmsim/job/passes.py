@@ -42,10 +42,8 @@ class Passes(NamedTuple):
     ----------
     settings : CutSettings
         With the technology's machine, wire, planner and the setting of the rough pass.
-    path : CutPath
     setups : tuple of PassSetup
         One per pass; none for a cut in one pass.
-    approach : PassSetup or None
     table : PassTable or None
         What the technology says.
     """
@@ -62,8 +60,6 @@ def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Pass
 
     Parameters
     ----------
-    program : path
-    settings : CutSettings
     plan : callable
         Plans the path of a program, settings and machine, and of the passes that a contour is to have.
 

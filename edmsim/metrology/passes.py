@@ -63,11 +63,8 @@ def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diamet
 
     Parameters
     ----------
-    field : KerfField
-    cut_pass : CutPass
     part_side : {"left", "right"}
         Of the contour, looking along it.
-    wire_diameter_um : float
     """
     line = Polyline(np.asarray(cut_pass.points_um[cut_pass.approach_moves :] * 1e-3, np.float64), closed=False)
     s_mm = np.arange(STEP_MM / 2, line.length, STEP_MM)

@@ -28,8 +28,6 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
 
     Parameters
     ----------
-    path : CutPath
-    title : str
     kerf_um : float
         Expected width of the kerf: wire and twice the gap.
 
