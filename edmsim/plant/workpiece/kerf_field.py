@@ -469,7 +469,7 @@ def _carve_row(
         row, column = ux & _TILE_MASK, uy & _TILE_MASK
         along = int(row) if step_x != 0 else int(column)
         run = min(left, TILE - along if step_x + step_y > 0 else along + 1)  # cells of the row in this tile
-        # a tile that does not exist has no metal left
+        # without a tile the stock is untouched: nothing is taken where the wire cannot be
         if place >= 0:
             tile, level = np.uint64(place), np.uint64(slice_index)
             for k in range(run):
