@@ -118,26 +118,18 @@ class PulseCounters(ABC):
 
 
 class PulseAnalyser(PulseCounters):
-    """The counters, the 8255's two input latches (mode 1) and their flags.
+    """The counters and the 8255's two input latches (mode 1). The result is polled (row T-43).
 
     Attributes
     ----------
     buffer_full : bool
         IBFA and IBFB, which always go together: a result waits to be read.
-    interrupt_enable_a, interrupt_enable_b : bool
-        INTE A and INTE B; 0 after initialisation (row T-43): the result is polled.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.buffer_full = False
-        self.interrupt_enable_a = self.interrupt_enable_b = False
         self._latch = PulseCounts(0, 0)
-
-    @property
-    def interrupt_requests(self) -> tuple[bool, bool]:
-        """INTR A and INTR B: a waiting result asks for attention where its INTE flag is set."""
-        return self.buffer_full and self.interrupt_enable_a, self.buffer_full and self.interrupt_enable_b
 
     def result_waits(self) -> bool:
         """Whether a result waits to be read."""
@@ -160,8 +152,6 @@ class PulseAnalyser(PulseCounters):
             "short": self.short,
             "open": self.open,
             "buffer_full": self.buffer_full,
-            "interrupt_enable_a": self.interrupt_enable_a,
-            "interrupt_enable_b": self.interrupt_enable_b,
             "missed": self.missed,
             "latched_short": self._latch.short,
             "latched_open": self._latch.open,
@@ -171,7 +161,5 @@ class PulseAnalyser(PulseCounters):
         """Continue where `snapshot` was taken."""
         self.pulses, self.short, self.open = state["pulses"], state["short"], state["open"]
         self.buffer_full = bool(state["buffer_full"])
-        self.interrupt_enable_a = bool(state["interrupt_enable_a"])
-        self.interrupt_enable_b = bool(state["interrupt_enable_b"])
         self.missed = state["missed"]
         self._latch = PulseCounts(state["latched_short"], state["latched_open"])

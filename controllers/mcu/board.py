@@ -104,9 +104,6 @@ class Board:
     ----------
     settings : PulseSettings
         Trims of the DACs and what their voltages mean.
-    lines : LineOrder
-    faults : Faults
-    couplers : Optocouplers
 
     Attributes
     ----------

@@ -19,16 +19,8 @@ _STEP_SHARE = 1e-6
 class CutAxes:
     """What a cut asks of its axes, and what befalls them.
 
-    Parameters
-    ----------
-    plant : Plant
-    faults : sequence of AxisFault
-
-    Raises
-    ------
-    InputError
-        By the steps of a drive the table would go another way than the machine's, or an axis with a fault has no
-        drive with a loop.
+    Raises `InputError` if a drive's steps differ from the machine's, or an axis with a fault has no drive with a
+    loop.
     """
 
     def __init__(self, plant: Plant, faults: Sequence[AxisFault]) -> None:

@@ -62,16 +62,12 @@ class Simulation:
 
     Parameters
     ----------
-    machine : Machine
-    path : CutPath
     controller : FeedController
         Fresh; it is reset at the start of every leg.
     planner : str
         ``poscal``, ``poscal-literal``, ``dda`` or ``sine-table``. It counts steps in place of um where the table
         travels further than 16 bits of um (row T-61). A controller that makes the steps of one itself (`RunsPath`)
         takes its place.
-    seed : int
-    resolution : str
     max_time_s : float, optional
         Machine time after which the cut is stopped.
     steps : tuple of LowerRegion

@@ -251,11 +251,5 @@ class PolicyController:
 
 
 def from_name(name: str) -> PolicyController:
-    """Make the controller of a policy: of its file, or of a name under ``models/policies``.
-
-    Raises
-    ------
-    InputError
-        See `edmsim.learning.policy_file.load`.
-    """
+    """Make the controller of a policy: of its file, or of a name under ``models/policies``."""
     return PolicyController(load(name))

@@ -92,10 +92,7 @@ class Thinned:
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Continue where `snapshot` was taken.
 
-        Raises
-        ------
-        ValueError
-            If it holds rows of another type, or more than fit.
+        Raises `ValueError` if it holds rows of another type, or more than fit.
         """
         rows = state["rows"]
         if rows.dtype != self._rows.dtype or len(rows) > len(self._rows):
@@ -119,10 +116,6 @@ class Frames(Observer):
         Slices of the workpiece height, bottom first.
     capacity : int
         Most frames kept, at least 2.
-
-    Attributes
-    ----------
-    n_slices : int
     """
 
     name: ClassVar[str] = "frames"
@@ -414,13 +407,7 @@ class Closeups(Observer):
         return {"last": self._last.copy(), **progress, **stores}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot` of the same leg.
-
-        Raises
-        ------
-        ValueError
-            If it was made with another resolution.
-        """
+        """Take back a `snapshot` of the same leg; raises `ValueError` if it was made with another resolution."""
         if state["last"].dtype != self._last.dtype:
             raise ValueError(f"close-ups of type {state['last'].dtype} do not fit {self._last.dtype}")
         self._last[:] = state["last"]

@@ -60,7 +60,6 @@ class PulseSettings:
 
     Parameters
     ----------
-    t_i, t_p : Dac
     t_i_us_V, t_p_us_V : float
         us per volt in the fine range (ours: with 10, 2 V and 10 V are the 20 us and 100 us of a usual cut, and below
         7 V, where the generator drops out, lie the short periods in which its supply must give most).
@@ -113,10 +112,7 @@ class PulseSettings:
     def code_of_t_i(self, us: float) -> int:
         """Code nearest to a pulse duration, in the finest range that reaches it.
 
-        Raises
-        ------
-        InputError
-            If it lies outside both ranges.
+        Raises `InputError` if it lies outside both ranges.
         """
         return _nearest("t(i)", us, self._t_i_us, min(us, SHORTEST_T_I_US))
 
@@ -161,10 +157,6 @@ class PulseGeneratorLine:
         What a level must last to reach the generator through its optocoupler.
     decay_s : float
         Time constant with which the stored voltage goes (ours: the document gives none, only the warning).
-
-    Attributes
-    ----------
-    running : bool
     """
 
     def __init__(self, response_ns: int = 0, decay_s: float = 5.0) -> None:

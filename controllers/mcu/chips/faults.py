@@ -18,7 +18,6 @@ class SerialNoise:
 
     Parameters
     ----------
-    seed : int
     chance : float
         Of each character (ours).
     """
@@ -61,7 +60,6 @@ class DropOut:
 
     Parameters
     ----------
-    seed : int
     chance : float
         Of each new voltage between (ours).
     """

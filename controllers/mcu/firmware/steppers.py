@@ -37,11 +37,8 @@ class Steppers:
 
     Parameters
     ----------
-    board : Board
     serve : callable
         Serves the interrupts that wait; returns whether interrupts are still enabled.
-    unit, wrap
-        See `Computer`.
 
     Attributes
     ----------
@@ -166,7 +163,6 @@ class Steppers:
 
         Parameters
         ----------
-        end_ns : int
         to_the_end : bool
             False returns as soon as the move under way is over.
         """
