@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 WINDOW_PULSES = 255
 """Pulses per cycle of the analyser (row T-40)."""
@@ -39,7 +40,7 @@ class PulseCounts(NamedTuple):
         return WINDOW_PULSES - self.short - self.open
 
 
-class PulseCounters(ABC):
+class PulseCounters(Snapshots, ABC):
     """The three counters and what happens at 255 pulses; who takes the result over is a subclass's matter.
 
     Attributes
@@ -49,6 +50,8 @@ class PulseCounters(ABC):
     missed : int
         Cycles lost because the one before had not been read (row T-44).
     """
+
+    STATE = ("pulses", "short", "open", "missed")
 
     def __init__(self) -> None:
         self.pulses = self.short = self.open = self.missed = 0
@@ -130,6 +133,8 @@ class PulseAnalyser(PulseCounters):
         INTE A and INTE B; 0 after initialisation (row T-43): the result is polled.
     """
 
+    STATE = ("buffer_full", "interrupt_enable_a", "interrupt_enable_b", "_latch")
+
     def __init__(self) -> None:
         super().__init__()
         self.buffer_full = False
@@ -154,26 +159,3 @@ class PulseAnalyser(PulseCounters):
         """Read both ports: the latched counts, which clears IBF; without a new result the old one again."""
         self.buffer_full = False
         return self._latch
-
-    def snapshot(self) -> dict[str, int | bool]:
-        """Everything that changes while counting."""
-        return {
-            "pulses": self.pulses,
-            "short": self.short,
-            "open": self.open,
-            "buffer_full": self.buffer_full,
-            "interrupt_enable_a": self.interrupt_enable_a,
-            "interrupt_enable_b": self.interrupt_enable_b,
-            "missed": self.missed,
-            "latched_short": self._latch.short,
-            "latched_open": self._latch.open,
-        }
-
-    def restore(self, state: dict[str, int | bool]) -> None:
-        """Continue where `snapshot` was taken."""
-        self.pulses, self.short, self.open = state["pulses"], state["short"], state["open"]
-        self.buffer_full = bool(state["buffer_full"])
-        self.interrupt_enable_a = bool(state["interrupt_enable_a"])
-        self.interrupt_enable_b = bool(state["interrupt_enable_b"])
-        self.missed = state["missed"]
-        self._latch = PulseCounts(state["latched_short"], state["latched_open"])
