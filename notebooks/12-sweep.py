@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {samples: 2}
+#     small: {samples: 2, seconds: 30.0}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all
