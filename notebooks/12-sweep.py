@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {samples: 2, seconds: 30.0}
+#     small: {samples: 2}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all
