@@ -186,7 +186,7 @@ class Simulation:
         self._at = ProgramPlace(from_um=(x, y), lead_um=self._lead_of(0))
         self._motion = self._begin_leg()
         self._check_later_passes()
-        self.passes.begin_leg(self.legs[0], 0.0, 0.0, self.sums)
+        self.passes.begin_leg(0, self.legs[0], 0.0, 0.0, self.sums)
         self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
 
     @property
@@ -439,7 +439,9 @@ class Simulation:
             self.missed_windows,
         )
         self._cycle.motion = self._motion = self._begin_leg()
-        self.passes.begin_leg(self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums)
+        self.passes.begin_leg(
+            at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums
+        )
         return StopCause.RUNNING
 
     def _thread_at(self, point_um: NDArray[np.int64], lead_um: tuple[float, float]) -> float:

@@ -84,7 +84,7 @@ def measure_guides(
     guides = guides_of(machine, errors_mm)
     travel_um = round(machine.base.table.travel_mm.value * 1e3)
     path = plan_path(
-        block(angle_deg), auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, guides=guides,
+        block(angle_deg), auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, guides=[guides],
         lead_in_mm=1.0 + machine.height_mm * math.tan(math.radians(angle_deg)),
     )
     cut = Simulation(machine, path, from_text("counts"), planner="exact", seed=seed, resolution=resolution)

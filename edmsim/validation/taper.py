@@ -50,7 +50,7 @@ def wall_errors_um(
     machine = with_overrides(Machine.load(height_mm=HEIGHT_MM), (("guides.lower_error_mm", guide_error_mm),))
     path = plan_path(
         _wall(angle_deg), "auto" if offset_mm is None else offset_mm, auto_offset_mm=machine.auto_offset_mm,
-        start_hole_radius_mm=0.15, guides=guides_of(machine, (0.0, 0.0)),
+        start_hole_radius_mm=0.15, guides=[guides_of(machine, (0.0, 0.0))],
     )  # fmt: skip
     cut = Simulation(machine, path, make("counts"), planner="exact", seed=seed, resolution="fast")
     cut.run()

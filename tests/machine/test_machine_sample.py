@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.errors import InputError
-from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
+from edmsim.machine.options import available
 from edmsim.machine.ranges import LOG_FROM_RATIO, MOST_DRAWS, share_of, value_at
 from edmsim.machine.setting import discharge_current_A, flushing_Pa, wire_speed_m_s
 

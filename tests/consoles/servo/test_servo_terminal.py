@@ -8,8 +8,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 
@@ -21,12 +22,33 @@ from edmsim.consoles.servo.session import sent_for
 COMMAND = [sys.executable, "-m", "edmsim", "console", "servo"]
 
 
-def piped(script: bytes, *arguments: str) -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run([*COMMAND, *arguments], input=script, capture_output=True, check=False)
+Piped = Callable[..., SimpleNamespace]
 
 
-@pytest.mark.slow
-def test_a_script_gets_the_drive_s_bytes_as_they_are():
+@pytest.fixture
+def piped(monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]) -> Piped:
+    """Run the command in this process with a script in a pipe as its standard input."""
+
+    def run(script: bytes, *arguments: str) -> SimpleNamespace:
+        monkeypatch.setattr(sys, "argv", ["edmsim", "console", "servo", *arguments])
+        before, (reading, writing) = os.dup(0), os.pipe()
+        os.write(writing, script)
+        os.close(writing)
+        os.dup2(reading, 0)
+        try:
+            with pytest.raises(SystemExit) as left:
+                cli.main()
+        finally:
+            os.dup2(before, 0)
+            os.close(before)
+            os.close(reading)
+        out, err = capfdbinary.readouterr()
+        return SimpleNamespace(returncode=left.value.code or 0, stdout=out, stderr=err)
+
+    return run
+
+
+def test_a_script_gets_the_drive_s_bytes_as_they_are(piped: Piped):
     told = piped(b"R\nP\n\nP600\n", "uhu")
     assert told.returncode == 0
     assert told.stdout == (
@@ -35,8 +57,7 @@ def test_a_script_gets_the_drive_s_bytes_as_they_are():
     )
 
 
-@pytest.mark.slow
-def test_the_module_does_not_echo():
+def test_the_module_does_not_echo(piped: Piped):
     told = piped(b"P1234\nGV\n", "servo-module", "--axis", "table", "--tuned")
     assert told.stdout.endswith(b"(P) - Kp: 1234\r\nVelocity: 0\r\n")
     assert b"P1234\r" not in told.stdout
@@ -44,7 +65,7 @@ def test_the_module_does_not_echo():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("drive", ["uhu", "servo-module"])
-def test_garbage_from_a_pipe_and_an_overlong_line_are_answered_and_nothing_moves(drive):
+def test_garbage_from_a_pipe_and_an_overlong_line_are_answered_and_nothing_moves(drive, piped: Piped):
     told = piped(bytes(range(1, 256)) + b"\n" + b"P" * 5000 + b"\n", drive)
     assert (told.returncode, told.stderr) == (0, b"")
     assert told.stdout.count(b"?\r\n") >= 2
