@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
 
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips import bus, pic, ppi
@@ -29,6 +28,7 @@ from edmsim.controllers.mcu.firmware.tstates import CPU_HZ, EMERGENCY_T, INIT_T,
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.snapshots import Snapshots
 
 CALL_T, CHARACTER_T = 18, CPU_HZ * BITS_PER_CHARACTER // BIT_RATE
 """T-states of a call of a routine of ours, and of a character sent or fetched."""
@@ -123,7 +123,7 @@ OFF, STAND_BY, RUNNING, EMERGENCY = "off", "stand-by", "running", "emergency"
 """States of the machine: not initialised yet; safe; timers and interrupts on; stopped until INIT."""
 
 
-class Computer:
+class Computer(Snapshots):
     """The controller's processor, program and board.
 
     Time is the board's (`Board.now_ns`): `run_until` and `drive` move it on.
@@ -164,6 +164,8 @@ class Computer:
     >>> len(computer.run_until(4_000_000_000)), computer.position
     (50, (30100, 30000))
     """
+
+    STATE = ("state", "cause", "keys", "_t_states", "_enabled", "steppers", "board")
 
     def __init__(self, board: Board | None = None, *, unit: Unit = "um", wrap: bool = False) -> None:
         self.board = board or Board()
@@ -422,20 +424,6 @@ class Computer:
         for address, count in ((at.SHORTS, short), (at.OPENS, open), (at.COUNTED, WINDOW_PULSES)):
             self.store(address, count)
         return short, open
-
-    def snapshot(self) -> dict[str, Any]:
-        """Everything that changes, fit for JSON."""
-        return {
-            "state": self.state, "cause": list(self.cause), "keys": list(self.keys), "t_states": self._t_states,
-            "enabled": int(self._enabled), "steppers": self.steppers.snapshot(), "board": self.board.snapshot(),
-        }  # fmt: skip
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `snapshot` was taken; the computer must be made alike."""
-        self.state, self.cause, self.keys = state["state"], tuple(state["cause"]), list(state["keys"])
-        self._t_states, self._enabled = state["t_states"], bool(state["enabled"])
-        self.steppers.restore(state["steppers"])
-        self.board.restore(state["board"])
 
 
 def check_place(x: int, y: int) -> None:

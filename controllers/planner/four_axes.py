@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import bisect
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit
 from edmsim.controllers.planner.exact import FINE_PER_UM
-from edmsim.controllers.planner.protocol import Planner, PlannerState
+from edmsim.controllers.planner.protocol import Planner
 from edmsim.controllers.planner.record import EXACT, LITERAL
 from edmsim.controllers.planner.registry import kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def make_leaning_planner(
     return Following(name, places, along, unit, step_um)
 
 
-class ExactAxes:
+class ExactAxes(Snapshots):
     """An ideal line through points of several axes: all move evenly between two of them.
 
     Parameters
@@ -93,6 +93,7 @@ class ExactAxes:
         Travel of a motor step.
     """
 
+    STATE = ("_behind", "_counts")
     speed_unit_nm_s = 1.0
     max_feed_um_s = math.inf
 
@@ -168,16 +169,8 @@ class ExactAxes:
                 return found
             k += 1 if forward else -1
 
-    def snapshot(self) -> PlannerState:
-        """Everything that changes while running."""
-        return {"behind": self._behind, "counts": list(self._counts)}
 
-    def restore(self, state: PlannerState) -> None:
-        """Continue where `snapshot` was taken."""
-        self._behind, self._counts = int(state["behind"]), [int(count) for count in state["counts"]]
-
-
-class Following:
+class Following(Snapshots):
     """A planner of x and y whose steps u and v follow.
 
     Parameters
@@ -185,6 +178,8 @@ class Following:
     name : str
         Of the planner.
     """
+
+    STATE = ("_planner", "_led")
 
     def __init__(self, name: str, places_um: Floats, along_um: Floats, unit: Unit, step_um: float) -> None:
         ways = np.hypot(*np.diff(places_um[:, :2], axis=0).T)
@@ -259,12 +254,3 @@ class Following:
             Step(since_ns + int(share * (time_ns - since_ns)), axis, direction)
             for share, axis, direction in sorted(moves)
         ]
-
-    def snapshot(self) -> dict[str, Any]:
-        """Everything that changes while running."""
-        return {"planner": self._planner.snapshot(), "led": list(self._led)}
-
-    def restore(self, state: PlannerState) -> None:
-        """Continue where `snapshot` was taken."""
-        self._planner.restore(state["planner"])
-        self._led = [int(steps) for steps in state["led"]]

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 EPROM, RAM = range(0x2000), range(0x2000, 0x4000)
 """8 K each (row T-20); the jump table of 3FE0H..3FFFH is the top of RAM."""
@@ -31,7 +32,7 @@ class Chip(Protocol):
         """Take a byte at an address."""
 
 
-class Bus:
+class Bus(Snapshots):
     """Address decoder and memory.
 
     A write to EPROM or to an address without a chip changes nothing, as on the board.
@@ -41,6 +42,8 @@ class Bus:
     ram : bytearray
         Bytes from 2000H on.
     """
+
+    STATE = ("ram",)
 
     def __init__(self) -> None:
         self.ram = bytearray(len(RAM))

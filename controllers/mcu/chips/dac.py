@@ -17,6 +17,7 @@ from typing import Literal
 
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 T_I_FULL_V, T_P_FULL_V = 5.0, 15.0
 """Voltages of code 255 with untouched trims (row T-32)."""
@@ -148,7 +149,7 @@ def _nearest(name: str, us: float, us_of: Callable[[int], float], least_us: floa
     raise InputError(f"{name} is {us:g} us, but the voltage reaches from 0 to {longest:g} us only")
 
 
-class PulseGeneratorLine:
+class PulseGeneratorLine(Snapshots):
     """OEV: 0 runs the pulse generator, 1 stops it and the high voltage with it, which stays stored (row T-27).
 
     Parameters
@@ -158,6 +159,8 @@ class PulseGeneratorLine:
     decay_s : float
         Time constant with which the stored voltage goes (ours: the document gives none, only the warning).
     """
+
+    STATE = ("running", "_stored_V", "_since_ns", "_before_V", "_began_ns")
 
     def __init__(self, response_ns: int = 0, decay_s: float = 5.0) -> None:
         self.response_ns = response_ns
@@ -185,12 +188,3 @@ class PulseGeneratorLine:
         if self.running or not self._stored_V:
             return self._stored_V
         return self._stored_V * math.exp(-(now_ns - self._since_ns) * 1e-9 / self.decay_s)
-
-    def snapshot(self) -> list[float]:
-        """Everything that changes."""
-        return [float(self.running), self._stored_V, self._since_ns, self._before_V, self._began_ns]
-
-    def restore(self, state: list[float]) -> None:
-        """Continue where `snapshot` was taken."""
-        self.running, self._stored_V, self._since_ns = bool(state[0]), state[1], int(state[2])
-        self._before_V, self._began_ns = state[3], int(state[4])
