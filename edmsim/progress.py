@@ -51,10 +51,10 @@ class ShownProgress:
     def __enter__(self) -> ShownProgress:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: object, *_: object) -> None:
         if self._bars.live.is_started:
             self._bars.stop()
-        elif self._keep and self._line:
+        elif self._keep and self._line and kind is None:
             self._print()
 
     def show(

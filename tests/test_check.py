@@ -247,9 +247,11 @@ def test_passes_are_listed_as_the_program_has_them(edmsim: Run) -> None:
     found = edmsim("check", EXAMPLES / "dialects" / "punch-sodick.nc")
     assert (found.status, found.err) == (0, "")
     rows = found.out.splitlines()
-    assert rows[0] == "pass 1      line 33: open, 29.141 mm, wire on the left by 0.195 mm, C001 after C000"
+    assert rows[0] == "line 33     open, 29.141 mm, wire on the left by 0.195 mm, C001 after C000"
     assert rows[2].endswith("C003 after C002, on the same wire, then a stop")
     assert rows[6].startswith("contour 1")
+    names = [row.split("  ")[0] for row in rows if not row.startswith("note")]
+    assert len(set(names)) == len(names)  # what the program says, and what comes of it, have names of their own
 
 
 def test_the_dialect_and_the_conditions_are_options_of_check(edmsim: Run) -> None:

@@ -148,14 +148,14 @@ def letters() -> list[str]:
 def parameters(name: str) -> list[str]:
     """Parameters of a feed controller: default, value found by the search of gains, meaning.
 
-    ``servo`` are those all servos share; with a servo, only those of them are told again that a search has set.
+    ``servo`` are those all servos share; with a servo, only those of them are repeated that a search has set.
     """
     kind: type[Any] = ServoController if name == "servo" else type(controllers.make(name))
     found = {} if name == "servo" else controllers.found_gains(name)
     defaults = {field.name: field.default for field in fields(kind) if field.init}
-    shared = [] if name == "servo" else [told for told in meanings(ServoController) if told[0][0] in found]
+    shared = [] if name == "servo" else [row for row in meanings(ServoController) if row[0][0] in found]
     inherited = [base for base in reversed(kind.__mro__[1:]) if issubclass(base, ServoController)][1:]
-    own = [told for base in (*inherited, kind) for told in meanings(base)] + shared
+    own = [row for base in (*inherited, kind) for row in meanings(base)] + shared
     return rows(("parameter", "default", "found", "meaning"), (
         (", ".join(f"`{key}`" for key in keys), ", ".join(f"{defaults[key]:g}" for key in keys),
          ", ".join(f"{found[key]:g}" if key in found else "–" for key in keys) if found.keys() & set(keys) else "",

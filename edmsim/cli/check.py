@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,10 +27,9 @@ def check(
     """Look at a program before the cut: path, notices, time."""
     from edmsim.files import make_writable, replacing
     from edmsim.job.check import check as look_at
-    from edmsim.job.check import lines_of, pass_rows
+    from edmsim.job.check import lines_of
     from edmsim.job.settings import CutSettings
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
-    from edmsim.program.path import load_program
     from edmsim.recording.figures.path import path_figure
 
     picture = default_folder(program) / "path.png" if out is None else out
@@ -40,15 +38,7 @@ def check(
     settings = CutSettings.model_validate(options)
     unknown: dict[str, list[int]] = {}
 
-    def rows(found: Sequence[tuple[str, str]]) -> None:
-        for name, text in found:
-            OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)
-
     try:
-        rows(pass_rows(load_program(
-            program, ignore=settings.ignore, layers=settings.layers, unit=settings.unit, offsets=settings.offsets,
-            dialect=settings.dialect, conditions=settings.conditions,
-        )))  # fmt: skip
         found = look_at(program, settings)
     except UnknownWordsError as error:
         unknown = error.words
@@ -62,7 +52,8 @@ def check(
             raise typer.Exit(BAD_INPUT) from None
         say("what follows leaves them out, as --ignore " + ",".join(unknown))
         found = look_at(program, settings.model_copy(update={"ignore": (*settings.ignore, *unknown)}))
-    rows(lines_of(found))
+    for name, text in lines_of(found):
+        OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)
     for notice in found.path.notices:
         OUT.print(f"note: {notice}", highlight=False, soft_wrap=True, markup=False)
     make_writable(picture.parent)

@@ -73,7 +73,7 @@ def evaluate(
     for env_id, laws in chosen.items():
         check(env_id, laws, episodes(env_id) if seeds is None else seeds, resolution)
     if leaderboard is not None:
-        boards.read(leaderboard)  # a file that is none is refused before hours of cuts
+        boards.read(leaderboard)  # an invalid file is refused before hours of cuts
     found, moved, scores = [], {}, {}
     with ShownProgress() as bar:
         for env_id, laws in chosen.items():

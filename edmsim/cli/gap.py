@@ -94,7 +94,7 @@ def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: f
 
         serve(rig, speed=speed, seconds=seconds, say=say)
         return
-    from edmsim.terminal.devices import Interrupts
+    from edmsim.consoles.computer_1982.devices import Interrupts
 
     interrupts = Interrupts()
     with interrupts.caught():

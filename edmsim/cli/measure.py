@@ -26,13 +26,13 @@ def table(
     **options: Any,
 ) -> None:
     """Measure a machine's table as a laser interferometer does."""
-    from edmsim.controllers.axis.elcam_file import load_tables, read_tables, text_of
+    from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
     from edmsim.errors import InputError
     from edmsim.files import make_writable, replacing
     from edmsim.job.remake import FORMATS
     from edmsim.job.settings import CutSettings
-    from edmsim.metrology.table_run import measure_table
-    from edmsim.recording.table_report import as_json, headline, render
+    from edmsim.measure.report import as_json, headline, render
+    from edmsim.measure.table import measure_table
 
     if plot is not None and plot.suffix.removeprefix(".") not in FORMATS:
         raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", plot)
@@ -49,7 +49,7 @@ def table(
         with replacing(out) as partial:
             partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
     if plot is not None:
-        from edmsim.recording.figures.table import table_figure
+        from edmsim.measure.figures import table_figure
 
         with replacing(plot) as partial:
             table_figure({"measured": found}).savefig(partial, format=plot.suffix.removeprefix("."))
@@ -69,9 +69,9 @@ def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
     """Find the heights of the wire guides from a test cut."""
     from json import dumps
 
-    from edmsim.job.guides_run import measure_guides
     from edmsim.job.progress import CutProgress
     from edmsim.job.settings import CutSettings
+    from edmsim.measure.guides import measure_guides
     from edmsim.progress import ShownProgress
 
     settings = CutSettings.model_validate(options)
@@ -89,5 +89,5 @@ def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
         return
     for name, error, own in (("lower", found.lower_mm, lower_um), ("upper", found.upper_mm, upper_um)):
         OUT.print(f"the {name} guide is {error:+.3f} mm higher than its file says, ±{own:.3f} mm", highlight=False)
-    told = f"Cut with it: edmsim cut PROGRAM --guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}"
-    OUT.print(told, highlight=False, soft_wrap=True)
+    message = f"Cut with it: edmsim cut PROGRAM --guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}"
+    OUT.print(message, highlight=False, soft_wrap=True)

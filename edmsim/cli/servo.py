@@ -26,10 +26,10 @@ def servo(
     record: Annotated[Path | None, typer.Option(help="Write these curves as a recording, .rrd.")] = None,
 ) -> None:
     """Sit at a servo drive's serial terminal."""
+    from edmsim.consoles.servo.command import bench_for
+    from edmsim.consoles.servo.scope import Scope
+    from edmsim.consoles.servo.session import serve
     from edmsim.controllers.axis import Uhu
-    from edmsim.servo.command import bench_for
-    from edmsim.servo.scope import Scope
-    from edmsim.servo.session import serve
 
     bench = bench_for(drive, axis, tuned)
     streams = isinstance(bench.drive(), Uhu)

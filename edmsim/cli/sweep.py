@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -58,10 +59,14 @@ def run(
                 text = f"{progress.done} of {progress.total}{failed}"
                 bar.show("runs", progress.done, progress.total, text)
 
+            def checking(done: int, total: int) -> None:
+                if time.monotonic() > slow_s:
+                    bar.show("looked at before the first run", done, total)
+
+            slow_s = time.monotonic() + 2.0
             last = sweep(
-                specification, out, engine=engine, retry_failed=retry_failed, watch=watch,
-                checking=bar.of("looked at before the first run"),
-            )  # fmt: skip
+                specification, out, engine=engine, retry_failed=retry_failed, watch=watch, checking=checking
+            )
     except KeyboardInterrupt:
         say("interrupted; the same command goes on with what is missing")
         raise typer.Exit(INTERRUPTED) from None

@@ -29,9 +29,9 @@ def terminal(
     **options: Any,
 ) -> None:
     """Sit at the 1982 controller's terminal."""
+    from edmsim.consoles.computer_1982.command import choose_faults, run
+    from edmsim.consoles.computer_1982.rig import Rig
     from edmsim.job.settings import CutSettings
-    from edmsim.terminal.command import choose_faults, run
-    from edmsim.terminal.rig import Rig
 
     settings = CutSettings.model_validate(options)
     faults = choose_faults(fault or (), settings.seed)

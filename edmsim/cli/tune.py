@@ -147,7 +147,7 @@ def drive(
     out: Annotated[Path | None, typer.Option(help="Picture of before and after, .png.")] = None,
 ) -> None:
     """Tune a servo drive to its axis, and print what to type."""
-    from edmsim.servo.command import tune
+    from edmsim.consoles.servo.command import tune
 
     OUT.print("\n".join(tune(name, axis, out, say)), highlight=False)
 

@@ -16,8 +16,6 @@ from edmsim.evaluation.lines import lines_of
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from edmsim.evaluation.transfer import TransferRow
-
 WIDE = 170
 """Columns of a terminal from which on the table shows intervals."""
 _SHORT = {
@@ -109,7 +107,7 @@ def _meaning(comparison: Comparison, wide: bool) -> str:
 
 
 def as_json(
-    comparisons: Sequence[Comparison], places: Mapping[str, Sequence[TransferRow]] | None = None,
+    comparisons: Sequence[Comparison], places: Mapping[str, Sequence[Any]] | None = None,
     policies: Mapping[str, Sequence[Any]] | None = None,
 ) -> str:
     """Return everything as JSON: a list of environments, then of policies; what was not measured is null.
@@ -117,7 +115,7 @@ def as_json(
     Parameters
     ----------
     comparisons : sequence of Comparison
-    places : mapping of str to sequence of TransferRow, optional
+    places : mapping of str to sequence of NamedTuple, optional
         By environment, what controllers did elsewhere.
     policies : mapping of str to sequence of NamedTuple, optional
         By policy, its scores.

@@ -10,7 +10,7 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import FrameType
@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, ParamSpec, Protocol, cast
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text
 from edmsim.controllers.axis.drive import Drive
-from edmsim.controllers.axis.elcam import Elcam
-from edmsim.controllers.axis.elcam_file import NAMES, PLACES, load_tables, read_tables
+from edmsim.controllers.axis.elcam.file import NAMES, PLACES, load_tables, read_tables
+from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
@@ -41,9 +41,9 @@ from edmsim.machine.setting import guide_bends
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.constants import screws
 from edmsim.plant.workpiece.height_steps import LowerRegion
-from edmsim.program.outline import Corners
+from edmsim.program.outline import Corners, Program
 from edmsim.program.passes import PassPlan
-from edmsim.program.path import CutPath, plan_path
+from edmsim.program.path import CutPath, load_program, plan_path
 from edmsim.program.taper import GuideHeights
 from edmsim.progress import ShownProgress, in_notebook
 from edmsim.recording.report import outcome_text
@@ -56,7 +56,7 @@ _ENDING = {
 
 
 class NotedSignals:
-    """Signals that came: noted first, for whoever is at work to raise where nothing is left half done."""
+    """Deferred signals: recorded by the handler, raised at the next safe point."""
 
     def __init__(self) -> None:
         self._came: int | None = None
@@ -175,9 +175,9 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     return result
 
 
-def make_controller(given: str | FeedController) -> FeedController:
+def make_controller(choice: str | FeedController) -> FeedController:
     """Make a feed controller that a machine could have, or take one; see `edmsim.controllers.from_text`."""
-    controller = from_text(given, cutting=True) if isinstance(given, str) else check_is_controller(given)
+    controller = from_text(choice, cutting=True) if isinstance(choice, str) else check_is_controller(choice)
     if isinstance(controller, SeesTruth):
         raise InputError(
             f"the {controller.name} controller looks at the true gap, which no machine shows: it can be compared "
@@ -186,20 +186,28 @@ def make_controller(given: str | FeedController) -> FeedController:
     return controller
 
 
+def read_program(program: str | Path, settings: CutSettings) -> Program:
+    """Read the program of a cut with these settings; raises as `load_program`."""
+    return load_program(
+        program, ignore=settings.ignore, layers=settings.layers, unit=settings.unit, offsets=settings.offsets,
+        dialect=settings.dialect, conditions=settings.conditions, upper_layer=settings.upper_layer,
+    )
+
+
 def planned(
-    program: str | Path, settings: CutSettings, machine: Machine, passes: PassPlan | None = None
+    program: str | Path | Program, settings: CutSettings, machines: Sequence[Machine], passes: PassPlan | None = None
 ) -> CutPath:
-    """Plan the wire's path of a cut with these settings on a machine; raises as `plan_path`."""
+    """Plan the wire's path of a cut with these settings on a machine, set up pass by pass; raises as `plan_path`."""
+    machine, errors_mm = machines[0], settings.guide_errors_mm or (0.0, 0.0)
     table = machine.base.table
     step_um, travel_um = table.step_um.value, round(table.travel_mm.value * 1e3)
     unit = position_unit(settings.planner, travel_um, step_um)
+    asked = settings.offset if passes is None or passes.of_program else "auto"
     return plan_path(
-        program, settings.offset if passes is None else "auto", auto_offset_mm=machine.auto_offset_mm,
-        table_um=travel_um, grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers,
-        unit=settings.unit, offsets=settings.offsets, dialect=settings.dialect, conditions=settings.conditions,
-        upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
-        corners=cast(Corners, settings.taper_corners),
-        guides=guides_of(machine, settings.guide_errors_mm or (0.0, 0.0)), passes=passes,
+        program if isinstance(program, Program) else read_program(program, settings), asked,
+        auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, grid_um=unit_um(unit, round(step_um)),
+        taper_deg=settings.taper_deg, corners=cast(Corners, settings.taper_corners),
+        guides=[guides_of(one, errors_mm) for one in machines], passes=passes,
     )
 
 
@@ -231,7 +239,7 @@ class Prepared(NamedTuple):
 
 def prepared(
     program: str | Path, settings: CutSettings,
-    plan: Callable[[str | Path, CutSettings, Machine, PassPlan | None], CutPath] = planned,
+    plan: Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath] = planned,
 ) -> Prepared:
     """Read all that a cut needs, and refuse what it cannot be made with; nothing is simulated.
 
@@ -240,7 +248,7 @@ def prepared(
     program : path
     settings : CutSettings
     plan : callable, optional
-        What plans the path, for whoever remembers some.
+        Plans the path; by default every call plans anew.
 
     Raises
     ------
@@ -295,7 +303,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
         **({} if file is None else {"controller_sha256": user_code.digest(file.file)}),
         **({} if tables is None else {"compensation_sha256": _digest(Path(tables).read_bytes())}),
-        **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.setups_told).encode())}),
+        **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.described_setups).encode())}),
         "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
         "t_period_us": machine.t_period_us, "position_unit": unit,
         "offset_um": path.offset_um,

@@ -98,7 +98,7 @@ def mjcf_version(model_file: str) -> int:
 def _own_file(name: str) -> str:
     try:
         if Path(name).stat().st_size > _MOST_BYTES:
-            raise InputError(f"this is no file of constants: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
+            raise InputError(f"this is not a file of constants: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
         return Path(name).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"byte {error.start} is not UTF-8: save the file as UTF-8", name) from None

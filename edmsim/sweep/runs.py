@@ -67,7 +67,7 @@ def runs_of(specification: Specification) -> Iterator[SweepRun]:
     Raises
     ------
     InputError
-        A name that is no option, or a value that no run can be made with.
+        A name that is not an option, or a value that no run can be made with.
     """
     spec = specification
     for task, bounds in combinations(spec):
@@ -110,7 +110,7 @@ def _published(name: str, chosen: Mapping[str, Any]) -> tuple[float, float]:
     known = Machine.load(chosen.get("machine", USUAL_MACHINE), **parts).uncertain()
     bounds = known[name].range if name in known else None
     if bounds is None:
-        raise InputError(f"'{name}' is no constant with a published range; give one, as [low, high]")
+        raise InputError(f"'{name}' is not a constant with a published range; give one, as [low, high]")
     return bounds
 
 

@@ -110,7 +110,7 @@ def test_only_draws_what_it_names_and_draws_it_alike() -> None:
 
 @pytest.mark.parametrize("name", ["gravity", "generator", "gap.contact_um", "critical_um", "gap."])
 def test_a_name_without_a_range_is_refused_with_those_that_have_one(name: str) -> None:
-    with pytest.raises(InputError, match=f"'{name}' is no section or constant with a range") as caught:
+    with pytest.raises(InputError, match=f"'{name}' is not a section or constant with a range") as caught:
         MACHINE.sample(np.random.default_rng(1), only=["wire", name])
     assert "gap.critical_um" in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -113,15 +113,15 @@ def test_an_evolution_finds_the_best_gains_and_repeats_itself_also_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tune, "run_all", of_reference)
-    search = partial(tune_gains, "voltage", method="evolution", trials=240, seed=3, seeds=1)
+    search = partial(tune_gains, "voltage", method="evolution", trials=120, seed=3, seeds=1)
     seen: list[Tuned] = []
     found = search(tmp_path / "whole", watch=seen.append)
     assert [one.trials for one in seen] == list(range(1, len(seen) + 1))
-    assert 8 < len(seen) <= 240  # it may stop where all gains have become the same
-    assert found.values["reference_V"] == pytest.approx(12.0, abs=0.5)
+    assert 8 < len(seen) <= 120  # it may stop where all gains have become the same
+    assert found.values["reference_V"] == pytest.approx(12.0, abs=1.0)
     assert found.first_value < found.value < 100.0
     text = (tmp_path / "whole" / "best.toml").read_text()
-    assert "edmsim tune gains voltage --method evolution --trials 240 --seed 3" in text
+    assert "edmsim tune gains voltage --method evolution --trials 120 --seed 3" in text
     assert tomllib.loads(text)["gains"] == found.values
 
     def interrupted(seeds: Any, controller: Any) -> list[Result]:
