@@ -25,6 +25,7 @@ from edmsim.job.check import check, greatest_feed_um_s, lines_of
 from edmsim.job.cut import make_controller
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
+from edmsim.recording.figures.path import path_figure
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -276,3 +277,7 @@ def test_passes_are_estimated_by_their_technology() -> None:
     told = dict(lines_of(found))
     assert told["pass 3"].startswith(f"offset {found.passes[2].offset_mm:.3f} mm, ")
     assert "time" not in told  # the least time is that of one pass at the rough setting
+    drawn = path_figure(found.path, "punch", 300.0).axes[0].get_lines()
+    assert [f"pass {one.number}, {one.offset_mm:.3f} mm" for one in found.passes] == [
+        str(line.get_label()) for line in drawn if str(line.get_label()).startswith("pass ")
+    ]

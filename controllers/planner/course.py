@@ -24,7 +24,6 @@ class Course(NamedTuple):
 
     Attributes
     ----------
-    row : (1,) `PLANNER`
     points_um, along_um : (n, 2), (n,)
         Corners of the path, each different from the one before, and the length of path up to each.
     lengths : (n - 1,)
@@ -47,8 +46,6 @@ class Course(NamedTuple):
         ----------
         kind : int
             Of the planner (see `record`).
-        points_um, speed_unit_nm_s, unit, step_um
-            See `make_planner`.
 
         Raises
         ------

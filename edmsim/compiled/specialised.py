@@ -78,8 +78,6 @@ def marked(
 
     Parameters
     ----------
-    function, *constants
-        See `specialised`.
     parts : tuple of tuples of str
         Functions of each part, see `marks.with_marks`.
     """

@@ -245,15 +245,8 @@ def prepared(
 
     Parameters
     ----------
-    program : path
-    settings : CutSettings
     plan : callable, optional
         Plans the path; by default every call plans anew.
-
-    Raises
-    ------
-    InputError
-        As `cut`.
     """
     found = with_passes(program, settings, plan)
     settings, path = found.settings, found.path
@@ -346,12 +339,10 @@ class _Run:
 
     Parameters
     ----------
-    simulation : Simulation
     folder : Path or None
         Where nobody else works.
     made_with : mapping
         What the checkpoint belongs to.
-    signals : NotedSignals
     """
 
     def __init__(

@@ -43,10 +43,8 @@ class Passes(NamedTuple):
     ----------
     settings : CutSettings
         With the technology's machine, wire, planner and the setting of the rough pass.
-    path : CutPath
     setups : tuple of PassSetup
         One per pass; none for a cut in one pass.
-    approach : PassSetup or None
     table : PassTable or None
         What the technology says.
     """

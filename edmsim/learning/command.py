@@ -29,7 +29,6 @@ class TrainOptions(NamedTuple):
         Law that the policy adds to.
     teacher : str or None
         Controller that imitation follows.
-    privileged_critic : bool
     start : str or None
         Policy that the training begins with, as ``policy:NAME`` or a file of it.
     record_every : int or None

@@ -134,11 +134,8 @@ class PassTable(NamedTuple):
 
     Attributes
     ----------
-    offsets_mm : tuple of float
-    settings : tuple of PassSetting
     approach_share : float
         Feed of a lead-in over that of the rough pass.
-    notices : tuple of str
     """
 
     offsets_mm: tuple[float, ...]
@@ -185,7 +182,7 @@ class Technology(Part):
         if not 1 <= passes <= len(at.passes):
             raise InputError(
                 f"the technology for {self.material} and the wire {self.wire} has 1 to {len(at.passes)} passes for "
-                f"{height_mm:g} mm, not {passes}: take a listed number, or find others with edmsim technology"
+                f"{height_mm:g} mm, not {passes}: choose one of these, or find others with edmsim technology"
             )
         settings = at.passes[:passes]
         offset_um = settings[-1].last_offset_um
@@ -278,10 +275,7 @@ def _ours(name: str) -> tuple[str, str]:
 def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
     """Return the one of ours for a material, and for a machine and a wire if those are said.
 
-    Raises
-    ------
-    InputError
-        There is none; it says how to find one.
+    Raises `InputError` if there is none; it says how to find one.
     """
     known = [read_technology(name) for name in available_technologies()]
     for one in known:

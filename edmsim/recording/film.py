@@ -51,7 +51,6 @@ class Film:
 
     Parameters
     ----------
-    play : Playback
     dpi : int
         Resolution of the pictures.
 

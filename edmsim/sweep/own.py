@@ -166,10 +166,7 @@ def tune_own(
 def bounds_of(own: str) -> dict[str, Bound]:
     """Return what a user's class says is searched of it, and where.
 
-    Raises
-    ------
-    InputError
-        It says nothing, or something else than parameters with their bounds.
+    Raises `InputError` if it says nothing, or something else than parameters with their bounds.
     """
     own_class = named(own)
     assert own_class is not None

@@ -37,7 +37,6 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
 
     Parameters
     ----------
-    specification : Specification
     checking : callable, optional
         Called with the combinations looked at and to look at.
 

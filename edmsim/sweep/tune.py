@@ -70,10 +70,8 @@ class Trial:
     ----------
     number : int
         In the study.
-    kind : {"gains", "training", "own"}
     name : str
         Controller, environment, or ``FILE.py:CLASS`` of a user's own controller.
-    values : dict
     seeds : tuple of int
         Training seeds that it is judged by.
     algo : str
@@ -107,10 +105,7 @@ class TrialResult:
 def bounds(kind: str, name: str) -> dict[str, Bound]:
     """Return what is searched of a controller, or of an algorithm.
 
-    Raises
-    ------
-    InputError
-        Nothing of this algorithm is searched.
+    Raises `InputError` if nothing of this algorithm is searched.
     """
     if kind == "training":
         if name not in TRAINING:
@@ -376,11 +371,8 @@ def run_study(
 
     Parameters
     ----------
-    study : optuna.Study
-    space : mapping of str to Bound
     trials : int
         In all, those of former runs counted.
-    engine : Engine
     make_trial : callable
         Makes a trial of its number and values.
     ended : callable

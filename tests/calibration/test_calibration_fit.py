@@ -186,7 +186,7 @@ def test_constants_that_cannot_be_fitted_are_refused(known: SimpleNamespace) -> 
                        (["gap.contact_um"], "'gap.contact_um' is not a section or constant with")):  # fmt: skip
         with pytest.raises(edmsim.InputError, match=said):
             calibrate(log, known.machine, only)
-    with pytest.raises(edmsim.InputError, match=r"\d\d constants cannot be told from 10 statistics"):
+    with pytest.raises(edmsim.InputError, match=r"\d\d constants cannot be determined from 10 statistics"):
         calibrate(log, known.machine, ["gap", "discharge", "dielectric", "guides"])
 
 

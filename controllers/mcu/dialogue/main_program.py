@@ -165,7 +165,6 @@ class ProgramStore:
 
     Parameters
     ----------
-    memory : Bus
     first : int
         Address of the first entry's kind.
     most : int
@@ -184,13 +183,7 @@ class ProgramStore:
             self._memory.write(self._first + offset, byte)
 
     def read(self) -> list[Entry]:
-        """The program as it stands in memory.
-
-        Raises
-        ------
-        InputError
-            If the bytes are not a program.
-        """
+        """The program as it stands in memory; raises `InputError` if the bytes are not a program."""
         entries: list[Entry] = []
         address = self._first
         while kind := self._memory.read(address):
@@ -292,8 +285,6 @@ class MainProgram:
 
     Parameters
     ----------
-    machine : MachinePort
-    desk : Desk
     say : callable
         Prints a text of one or more lines.
     memory : Bus
@@ -346,10 +337,7 @@ class MainProgram:
     def obey(self, buffer: InputBuffer) -> None:
         """Do what a line says.
 
-        Raises
-        ------
-        InputError
-            If the line cannot be understood, or the machine cannot do it now; nothing was done.
+        Raises `InputError` if the line cannot be understood, or the machine cannot do it now; nothing was done.
         """
         waits = skip(buffer)
         if self._question is not None and self._answers(buffer):
