@@ -15,7 +15,7 @@ from edmsim.numeric import keep_plain, real
 
 SIGNED = "offset_um", "pull_N_m"
 """Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""
-ControllerState = dict[str, float | int | str]
+ControllerState = dict[str, Any]
 """A controller's snapshot, fit for JSON."""
 
 
@@ -274,7 +274,7 @@ class HasSwitches(Protocol):
 
 
 def check_parameters(controller: Any) -> None:
-    """Refuse what is no finite number, a negative one but of `SIGNED`, or a ``*_share`` above 1."""
+    """Refuse what is not a finite number, a negative one but of `SIGNED`, or a ``*_share`` above 1."""
     keep_plain(controller)
     for parameter in fields(controller):
         name, value = parameter.name, real(getattr(controller, parameter.name))
@@ -287,7 +287,7 @@ def check_parameters(controller: Any) -> None:
 
 
 def check_command(controller: str, command: object) -> FeedCommand:
-    """Return what a controller answered; refuse what is no command, and a feed or offset that is no finite number."""
+    """Return what a controller answered; refuse what is not a command, and a feed or offset that is not finite."""
     if not isinstance(command, FeedCommand):
         raise InputError(f"the {controller} controller answered {command!r}: it must return a FeedCommand")
     if not math.isfinite(command.feed_um_s):

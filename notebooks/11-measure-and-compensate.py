@@ -29,9 +29,9 @@ import numpy as np
 from IPython.display import display
 
 import edmsim
-from edmsim.controllers.axis.elcam_file import load_tables, text_of
-from edmsim.metrology.table_run import measure_table
-from edmsim.recording.figures.table import part_figure, table_figure
+from edmsim.controllers.axis.elcam.file import load_tables, text_of
+from edmsim.measure.figures import part_figure, table_figure
+from edmsim.measure.table import measure_table
 
 # %% tags=["parameters"]
 runs = 5  # to every target, from either side
@@ -65,7 +65,7 @@ display(table_figure(measured))
 #
 # ## Cutting
 #
-# The next cells do what these commands do: `edmsim measure-table --machine worn-table --out tables.toml` and
+# The next cells do what these commands do: `edmsim measure table --machine worn-table --out tables.toml` and
 # `edmsim cut punch.ngc --machine worn-table --compensation tables.toml`.
 
 # %%

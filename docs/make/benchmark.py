@@ -60,8 +60,9 @@ controller that finds out more within the cut may earn more than that. In Corner
 guides by the wire's true bend. In MaxRate `fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the
 wire's true temperature.
 
-The gains of the classic controllers were found by `edmsim search-gains` on other seeds of GapFeed and HeightStep, for
-the return, the feed of `fixed` by `python docs/make/lines.py`; each file in `models/gains/` names its command.
+The gains of the classic controllers were found by `edmsim tune gains --method evolution` on other seeds of GapFeed
+and HeightStep, for the return, the feed of `fixed` by `python docs/make/lines.py`; each file in `models/gains/` names
+its command.
 `counts` keeps its documented constants. A search finds others that earn more, but with them the feed oscillates where
 windows last 0.25 s or the removal halves, and a machine's default must not do that
 (`tests/controllers/test_feed_controllers.py`).
@@ -93,14 +94,14 @@ def headroom(comparisons: Sequence[Comparison]) -> list[str]:
     for comparison in comparisons:
         lines, best = lines_of(comparison.env_id), _best_law(comparison)
         compared = (lines.blind, best or lines.blind, lines.reference)
-        earned = [shown("total_return", comparison.figures[name]["total_return"]) for name in compared]
+        returns = [shown("total_return", comparison.figures[name]["total_return"]) for name in compared]
         lost = "; ".join(
             f"{sum(cut.wires_lost for cut in comparison.results[name])}, "
             f"{sum(cut.jammed for cut in comparison.results[name])}"
             for name in compared
         )
         score = shown("score", comparison.figures[compared[1]]["score"])
-        rows.append(f"| {comparison.env_id} | {earned[0]} | {earned[1]} | {score} | {earned[2]} | {lost} |")
+        rows.append(f"| {comparison.env_id} | {returns[0]} | {returns[1]} | {score} | {returns[2]} | {lost} |")
     return [*rows, "", "Mean returns; wires lost and jams of the three, in this order."]
 
 
@@ -146,9 +147,9 @@ def main() -> None:
     """Compare, and write the page."""
     parser = argparse.ArgumentParser(description="Write a page of the benchmark.")
     parser.add_argument("env_ids", nargs="*", metavar="ENV_ID", help="environments to cut again, or all")
-    given = parser.parse_args().env_ids
+    requested = parser.parse_args().env_ids
     try:
-        for env_id in env_ids() if given == ["all"] else given:
+        for env_id in env_ids() if requested == ["all"] else requested:
             leaderboard.write(BOARD, [evaluate(env_id)])
         board = leaderboard.read(BOARD)
     except EdmsimError as error:

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
-from edmsim.controllers.axis.cam_reach import check_cams
-from edmsim.controllers.axis.elcam import Elcam
+from edmsim.controllers.axis.elcam.cam_reach import check_cams
+from edmsim.controllers.axis.elcam.module import Elcam
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.axis.path_offset import PathOffset
-from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planner
@@ -43,10 +42,11 @@ from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath
+from edmsim.snapshots import like, state_of, take_state, with_prefix
 
 
 class Progress(NamedTuple):
-    """How far a cut is, for whoever watches; `wall_time_s` is the computer's time that went into it so far."""
+    """How far a cut is, for a progress display; `wall_time_s` is the computer's time that went into it so far."""
 
     path_um: float
     total_um: float
@@ -62,16 +62,12 @@ class Simulation:
 
     Parameters
     ----------
-    machine : Machine
-    path : CutPath
     controller : FeedController
         Fresh; it is reset at the start of every leg.
     planner : str
         ``poscal``, ``poscal-literal``, ``dda`` or ``sine-table``. It counts steps in place of um where the table
         travels further than 16 bits of um (row T-61). A controller that makes the steps of one itself (`RunsPath`)
         takes its place.
-    seed : int
-    resolution : str
     max_time_s : float, optional
         Machine time after which the cut is stopped.
     steps : tuple of LowerRegion
@@ -86,7 +82,7 @@ class Simulation:
     drives : mapping of str to drive, optional
         Drives of the axes by name; see `Plant`.
     compensation : Elcam, optional
-        Tables of the table's errors, and cams, of `edmsim.controllers.axis.elcam_file.load_tables`.
+        Tables of the table's errors, and cams, of `edmsim.controllers.axis.elcam.file.load_tables`.
     stuck_wire_sensor : bool
         Whether the sensor does not see a wire break; the machine then goes on without a wire (`Plant.go_bare`).
     axis_faults : sequence of AxisFault
@@ -122,6 +118,11 @@ class Simulation:
         An unknown planner or resolution, a step that does not fit the machine's height, a table too large for the
         position counters, or a drive by whose steps the table goes another way than the machine's.
     """
+
+    STATE = (
+        "_at", "_motion", "controller", "_compensation", "_offset", "sums", "refused", "cause", "reason", "passes",
+        "_axes",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -210,19 +211,19 @@ class Simulation:
                 check_command(controller.name, controller.reset(self.max_feed_um_s))
 
     @property
-    def setups_told(self) -> list[tuple[str, str]]:
+    def described_setups(self) -> list[tuple[str, str]]:
         """Machine and controller of every pass in words: what a checkpoint belongs to."""
         return [(one.machine.model_dump_json(), repr(one.controller)) for one in self._setups]
 
     def _take_setup(self, leg: Leg) -> Machine:
         """Let the setting of a leg's pass be in force; the plant changes where it is another one."""
         if leg.cut_pass is not None:
-            wanted = self._setups[min(leg.cut_pass.number, len(self._setups)) - 1]
+            setup = self._setups[min(leg.cut_pass.number, len(self._setups)) - 1]
             if leg.leads_in and self._approach is not None:
-                wanted = self._approach
-            if wanted.machine is not self._setup.machine:
-                self.plant.change_setup(wanted.machine)
-            self._setup = wanted
+                setup = self._approach
+            if setup.machine is not self._setup.machine:
+                self.plant.change_setup(setup.machine)
+            self._setup = setup
         return self._setup.machine
 
     def _begin_leg(self) -> PlannerMotion:
@@ -279,8 +280,8 @@ class Simulation:
         """Where the program has come to: what the motors stand at, less their compensation and the path's offset."""
         x, y = self.plant.commanded_um
         off_x, off_y = (0.0, 0.0) if self._compensation is None else self._compensation.offset_um
-        beside_x, beside_y = self._offset.lateral_um
-        return x - off_x - beside_x, y - off_y - beside_y
+        lateral_x, lateral_y = self._offset.lateral_um
+        return x - off_x - lateral_x, y - off_y - lateral_y
 
     @property
     def _lead_um(self) -> tuple[float, float]:
@@ -363,20 +364,20 @@ class Simulation:
             self._say(stopped)
         return stopped is not None
 
-    def _decide(self, seen: WindowObservation) -> None:
+    def _decide(self, observation: WindowObservation) -> None:
         """Let the controller decide on the next window."""
-        command = check_command(self.controller.name, self.controller.update(seen))
+        command = check_command(self.controller.name, self.controller.update(observation))
         self._motion.command = command
         self._set_generator(command.t_on_us, command.t_period_us)
 
     def _set_generator(self, t_on_us: float | None, t_period_us: float | None) -> None:
         """Give the generator the setting wanted; one it refuses changes nothing; `refused` says why."""
         now = self.plant.machine.t_on_us, self.plant.machine.t_period_us
-        wanted = now[0] if t_on_us is None else t_on_us, now[1] if t_period_us is None else t_period_us
-        if wanted == now:
+        setting = now[0] if t_on_us is None else t_on_us, now[1] if t_period_us is None else t_period_us
+        if setting == now:
             return
         try:
-            self.plant.set_generator(*wanted)
+            self.plant.set_generator(*setting)
         except InputError as error:
             self.refused = error.reason
 
@@ -470,32 +471,13 @@ class Simulation:
         arrays = {f"plant.{k}": v for k, v in self.plant.snapshot().items()}
         for observer in self.observers:
             arrays.update({f"{observer.name}.{k}": v for k, v in observer.snapshot().items()})
-        values = {
-            "at": asdict(self._at), "motion": self._motion.snapshot(), "controller": self.controller.snapshot(),
-            "sums": asdict(self.sums), "refused": self.refused, "cause": int(self.cause), "reason": self.reason,
-            "compensation": self._compensation and self._compensation.snapshot(), "offset": self._offset.snapshot(),
-            "axes": self._axes.snapshot(), "passes": self.passes.snapshot(),
-        }
-        return arrays, values
+        return arrays, state_of(self)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
         """Take back a `snapshot` of the same cut, with the same observers; it then continues bit for bit."""
-        places = {name: tuple(values["at"][name]) for name in ("from_um", "lead_um")}
-        self._at = ProgramPlace(**{**values["at"], **places})
+        self._at = like(self._at, values["at"])
         self._cycle.motion = self._motion = self._begin_leg()
-        self._motion.restore(values["motion"])
-        self.controller.restore(values["controller"])
-        if self._compensation is not None:
-            self._compensation.restore(values["compensation"])
-        self._offset.restore(values["offset"])
-        self.sums, self.refused = Sums(**values["sums"]), values["refused"]
-        self.cause, self.reason = StopCause(values["cause"]), values["reason"]
-        self.plant.restore(_part(arrays, "plant."))
-        self.passes.restore(values["passes"])
-        self._axes.restore(values["axes"])
+        self.plant.restore(with_prefix(arrays, "plant."))
+        take_state(self, values)
         for observer in self.observers:
-            observer.restore(_part(arrays, f"{observer.name}."))
-
-
-def _part(arrays: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
-    return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
+            observer.restore(with_prefix(arrays, f"{observer.name}."))

@@ -96,16 +96,7 @@ MARGIN_MM, HOLE_MM, LEAD_MM = 3.0, 0.3, 0.5
 
 @dataclass(frozen=True)
 class Job:
-    """What a technology is wanted for.
-
-    Attributes
-    ----------
-    material, machine, wire : str
-    height_mm : float
-    passes : int
-    resolution : str
-    seed : int
-    """
+    """What a technology is wanted for."""
 
     material: str
     machine: str = "production"
@@ -154,9 +145,6 @@ def straight_path(
 
     Parameters
     ----------
-    offsets_mm : sequence of float
-    length_mm : float
-    machine : Machine
     edge_mm : float64 array (n, 2), optional
         Another open edge, which begins at (0, 0) along +x; the part lies to its right.
     """
@@ -208,7 +196,6 @@ class Search:
 
     Parameters
     ----------
-    job : Job
     tell : callable
         Called with a line of text for every cut.
     journal : path, optional
@@ -401,11 +388,8 @@ def cut_pass(job: Job, one: PassSetting, number: int, offset_mm: float, metal: K
 
     Parameters
     ----------
-    job : Job
-    one : PassSetting
     number : int
         Of the pass; odd ones run forward.
-    offset_mm : float
     metal : KerfField or None
         None for the rough pass.
     """

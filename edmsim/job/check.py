@@ -174,23 +174,23 @@ def _program_rows(program: Program) -> Sequence[tuple[str, str]]:
 
 def _outline_text(outline: Outline) -> str:
     length_mm = float(np.hypot(*np.diff(outline.points_mm, axis=0).T).sum())
-    told = [f"{'closed' if outline.closed else 'open'}, {length_mm:.3f} mm"]
+    parts = [f"{'closed' if outline.closed else 'open'}, {length_mm:.3f} mm"]
     if outline.wire_side is not None:
         offset = "" if outline.offset_mm is None else f" by {outline.offset_mm:g} mm"
-        told.append(f"wire on the {outline.wire_side}{offset}")
+        parts.append(f"wire on the {outline.wire_side}{offset}")
     if outline.condition is not None:
         approach = outline.approach_condition
-        told.append(outline.condition + (f" after {approach}" if approach not in (None, outline.condition) else ""))
+        parts.append(outline.condition + (f" after {approach}" if approach not in (None, outline.condition) else ""))
     if outline.adaptive is not None:
-        told.append("adaptive feed" if outline.adaptive else "constant feed")
+        parts.append("adaptive feed" if outline.adaptive else "constant feed")
     if outline.taper is not None:
         angles = sorted({abs(angle) for angle in outline.taper.angle_deg or ()})
-        told.append(f"leans by {angles[-1]:g} deg" if angles else "leans along a second contour")
+        parts.append(f"leans by {angles[-1]:g} deg" if angles else "leans along a second contour")
     if outline.continues:
-        told.append("on the same wire")
+        parts.append("on the same wire")
     if outline.stops_after:
-        told.append("then a stop")
-    return ", ".join(told)
+        parts.append("then a stop")
+    return ", ".join(parts)
 
 
 def lines_of(found: Check) -> Sequence[tuple[str, str]]:

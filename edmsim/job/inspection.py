@@ -112,7 +112,7 @@ def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
     if relief is None or length <= 0:
         return length * simulation.machine.height_mm * 1e-3
     points = [way.astype(np.float64) for contour in simulation.path.contours for way in contour.ways_um]
-    # a way between contours is no cut: it counts for nothing
+    # a way between contours is not a cut: it counts for nothing
     pieces = [np.append(np.hypot(*np.diff(part, axis=0).T), 0.0) for part in points]
     place = np.concatenate([[0.0], np.cumsum(np.concatenate(pieces))[:-1]])
     count = math.ceil(length / _HEIGHT_STEP_UM)
@@ -126,7 +126,6 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
 
     Parameters
     ----------
-    simulation : Simulation
     windows : WindowTable
         What was recorded of every window.
     """
@@ -196,7 +195,7 @@ def _lead(path: CutPath) -> NDArray[np.float64] | None:
 
 
 def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:
-    """Measure a contour's profile error; what the wire's centre was to follow is no edge, and has none."""
+    """Measure a contour's profile error; what the wire's centre was to follow is not an edge, and has none."""
     found = profile_error(field, contour)
     return found if contour.offset_um else replace(found, error_um=np.full_like(found.error_um, np.nan))
 

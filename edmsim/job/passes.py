@@ -37,16 +37,14 @@ _Plan = Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan
 
 
 class Passes(NamedTuple):
-    """What a technology makes of a cut.
+    """A cut as a technology sets it.
 
     Attributes
     ----------
     settings : CutSettings
         With the technology's machine, wire, planner and the setting of the rough pass.
-    path : CutPath
     setups : tuple of PassSetup
         One per pass; none for a cut in one pass.
-    approach : PassSetup or None
     table : PassTable or None
         What the technology says.
     """
@@ -207,4 +205,4 @@ def _machines(settings: CutSettings, technology: Technology, table: PassTable) -
 def _machine(settings: CutSettings, technology: Technology, one: PassSetting) -> Machine:
     height_mm = settings.workpiece.greatest_mm
     machine = machine_of(one, technology.machine, settings.material, technology.wire, height_mm)
-    return with_overrides(machine, settings.constants) if settings.constants else machine
+    return with_overrides(machine, settings.overrides) if settings.overrides else machine

@@ -21,7 +21,7 @@ STEP_MM = 0.05
 CLEARANCE_MM = 0.4
 """Nearer than this to a corner, or to either end of a pass, the wall is not looked at."""
 FEWEST_WAVES = 3
-"""A wavelength is only told where so many of its waves were cut (ours)."""
+"""Waves that must have been cut before a wavelength is reported (ours)."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +63,8 @@ def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diamet
 
     Parameters
     ----------
-    field : KerfField
-    cut_pass : CutPass
     part_side : {"left", "right"}
         Of the contour, looking along it.
-    wire_diameter_um : float
     """
     reach_um = MAX_KERF_OVER_WIRE * wire_diameter_um / 2
     left = (part_side == "left") != cut_pass.reversed

@@ -35,9 +35,9 @@ SHORTEST_MM = 0.4
 def _wall(angle_deg: float) -> Program:
     """A wall along x that leans towards the part by an angle, cut from a hole before it."""
     points = np.array([[0.0, 0.0], [LENGTH_MM, 0.0]])
-    beside_mm = -0.17 - max(0.0, -HEIGHT_MM * math.tan(math.radians(angle_deg)))
+    start_y_mm = -0.17 - max(0.0, -HEIGHT_MM * math.tan(math.radians(angle_deg)))
     outline = Outline(
-        points, (0,), False, "right", "left", np.array([[-0.6, beside_mm]]), (0,), 1, needs_lead_in=False,
+        points, (0,), False, "right", "left", np.array([[-0.6, start_y_mm]]), (0,), 1, needs_lead_in=False,
         elements=(1,), taper=Taper((angle_deg,), corners="sharp"),
     )  # fmt: skip
     return Program((outline,), (), "wall")

@@ -30,10 +30,8 @@ SHORT: dict[str, tuple[str, ...]] = {
     "cut": ("--resolution", "fast", "--quiet"),
     "check": (),
     "view": (),
-    "render": ("--seconds", "0.5"),
-    "report": (),
+    "report": ("--seconds", "0.5"),
     "train": ("--steps", "64", "--score", "2"),
-    "score": ("--episodes", "2"),
     "dataset": ("--steps", "20"),
     "evaluate": ("--seeds", "2", "--resolution", "fast"),
     "calibrate": ("--json",),
@@ -43,10 +41,13 @@ SHORT: dict[str, tuple[str, ...]] = {
     "console 1982": ("--resolution", "fast"),
     "console servo": (),
     "console positioner": (),
-    "measure-table": ("--runs", "2"),
-    "find-guides": ("--height", "3", "--quiet"),
-    "sweep": ("--processes", "1"),
-    "tune": ("--trials", "1", "--seeds", "1"),
+    "measure table": ("--runs", "2"),
+    "measure guides": ("--height", "3", "--quiet"),
+    "sweep run": ("--processes", "1"),
+    "sweep show": (),
+    "tune gains": ("--trials", "1", "--seeds", "1"),
+    "tune own": ("--trials", "1", "--seeds", "1"),
+    "tune drive": (),
     "gap": ("--seconds", "0.2"),
     "export": (),
 }
@@ -72,7 +73,7 @@ def parse(words: list[str]) -> None:
         assert name in command.commands, f"there is no command {words[1]} {name}"
         command = command.commands[name]
     if any(word in arguments for word in ("ENV_ID", "PROGRAM", "DIR", "FILE", "...", "N")):
-        known = {option for parameter in command.params for option in parameter.opts}
+        known = {option for parameter in command.get_params(typer.Context(command)) for option in parameter.opts}
         assert {word for word in arguments if word.startswith("--")} <= known, words
     elif arguments and "--help" not in arguments:
         command.make_context(name, list(arguments))
@@ -117,7 +118,7 @@ def run(words: list[str], page: str) -> int:
         words, source = words[: words.index("<")], words[words.index("<") + 1]
     arguments = list(words[1:])
     if "--help" not in arguments:
-        arguments += SHORT[" ".join(arguments[: 1 + (arguments[0] == "console")])]
+        arguments += SHORT[" ".join(arguments[: 1 + (arguments[0] in cli.COMMANDS)])]
     if arguments[0] == "cut":
         seconds = CUT_S
         if "--max-time" in arguments:
@@ -150,9 +151,10 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     from edmsim import validation
     from edmsim.bench import figures as bench
     from edmsim.bench import pairs, profile, serial
-    from edmsim.calibration import comparison, fit
+    from edmsim.calibration import comparison, fit, simulate
     from edmsim.envs.episode import Task
     from edmsim.hil import delays
+    from edmsim.recording import html_report
     from edmsim.recording.rerun import viewer
 
     def shown(command: list[str], env: dict[str, str]) -> int:
@@ -162,6 +164,8 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
 
     # tests/recording/test_recording_viewer.py opens recordings
     patch.setattr(viewer, "subprocess", SimpleNamespace(call=shown))
+    # tests/recording and tests/test_cut.py draw them: half of what a cut of 5 s takes
+    patch.setattr(html_report, "pictures", lambda *_: iter(()))
     # tests/bench measures, tests/validation runs all checks
     patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})
     rates = {"pulses_per_s_fast": np.array([1e6, 2e6])}
@@ -174,7 +178,8 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     # tests/calibration finds constants again
     patch.setattr(comparison, "NOISE_CUTS", 8)
     patch.setattr(fit, "MOST_STRETCHES", 2)
-    patch.setattr(fit, "MOST_ROUNDS", 2)
+    patch.setattr(fit, "MOST_ROUNDS", 1)
+    patch.setattr(simulate, "WHOLLY_SETTLED_DIAMETERS", simulate.SETTLED_DIAMETERS)
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
     if find_spec("stable_baselines3"):
