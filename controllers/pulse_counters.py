@@ -8,13 +8,11 @@ reset all counters for the next cycle (rows T-39, T-40).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
-
-WINDOW_PULSES = 255
-"""Pulses per cycle of the analyser (row T-40)."""
 
 
 def percent_of_window(pulses: float) -> float:
@@ -51,7 +49,7 @@ class PulseCounters(Snapshots, ABC):
         Cycles lost because the one before had not been read (row T-44).
     """
 
-    STATE = ("pulses", "short", "open", "missed")
+    STATE: ClassVar[tuple[str, ...]] = ("pulses", "short", "open", "missed")
 
     def __init__(self) -> None:
         self.pulses = self.short = self.open = self.missed = 0
@@ -123,28 +121,20 @@ class PulseCounters(Snapshots, ABC):
 
 
 class PulseAnalyser(PulseCounters):
-    """The counters, the 8255's two input latches (mode 1) and their flags.
+    """The counters and the 8255's two input latches (mode 1). The result is polled (row T-43).
 
     Attributes
     ----------
     buffer_full : bool
         IBFA and IBFB, which always go together: a result waits to be read.
-    interrupt_enable_a, interrupt_enable_b : bool
-        INTE A and INTE B; 0 after initialisation (row T-43): the result is polled.
     """
 
-    STATE = ("buffer_full", "interrupt_enable_a", "interrupt_enable_b", "_latch")
+    STATE: ClassVar[tuple[str, ...]] = ("buffer_full", "_latch")
 
     def __init__(self) -> None:
         super().__init__()
         self.buffer_full = False
-        self.interrupt_enable_a = self.interrupt_enable_b = False
         self._latch = PulseCounts(0, 0)
-
-    @property
-    def interrupt_requests(self) -> tuple[bool, bool]:
-        """INTR A and INTR B: a waiting result asks for attention where its INTE flag is set."""
-        return self.buffer_full and self.interrupt_enable_a, self.buffer_full and self.interrupt_enable_b
 
     def result_waits(self) -> bool:
         """Whether a result waits to be read."""

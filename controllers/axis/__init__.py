@@ -76,7 +76,7 @@ def from_text(text: str, screw: Screw | None = None) -> Drive:
     Raises
     ------
     InputError
-        There is no such drive or parameter, or a parameter is no number or out of range.
+        There is no such drive or parameter, or a parameter is not a number or out of range.
 
     Examples
     --------
@@ -104,8 +104,6 @@ def tuned(
         Motor, screw and table; ``table`` is that of the DEM-15, for ``eanpos`` with its velocity amplifier.
     changes : mapping of str to int
         Parameters that differ, by their names in Python or the manual's letters and names.
-    screw : Screw, optional
-        See `from_text`.
 
     Raises
     ------

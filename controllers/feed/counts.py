@@ -17,8 +17,9 @@ from edmsim.controllers.mcu.firmware.optimise import ALARM, ERROR, SHARE, TICK_N
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.mcu.firmware.tstates import CPU_HZ
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, check_feed, check_parameters
-from edmsim.controllers.pulse_counters import WINDOW_PULSES, PulseAnalyser
+from edmsim.controllers.pulse_counters import PulseAnalyser
 from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
 
 PERSISTENT_SHORT = "persistent short"

@@ -30,8 +30,8 @@ from edmsim.controllers.protocols import (
     check_feed,
     check_parameters,
 )
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
 
 PERSISTENT_SHORT = "persistent short"

@@ -30,8 +30,8 @@ from typing import ClassVar
 
 from edmsim.controllers.feed.law import Gains, GapServo, Measure
 from edmsim.controllers.protocols import GapWindow, WindowObservation
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
 
 _RULES = ((-1.0, -0.5, 0.5), (-1.0, 0.0, 1.0), (-0.5, 0.5, 1.0))
 """Change of feed by the open ratio's change (falling, steady, rising) and by the ratio (low, right, high)."""

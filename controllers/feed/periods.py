@@ -28,9 +28,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw
 from edmsim.controllers.protocols import GapWindow, WindowObservation
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import discharge_current_A, least_period_us, pulse_form
+from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, least_period_us, pulse_form
 
 COUNT_S = 0.1
 """Time over which normal pulses are counted: 100 ms (Sato et al.)."""

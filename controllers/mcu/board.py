@@ -105,9 +105,6 @@ class Board(Snapshots):
     ----------
     settings : PulseSettings
         Trims of the DACs and what their voltages mean.
-    lines : LineOrder
-    faults : Faults
-    couplers : Optocouplers
 
     Attributes
     ----------

@@ -69,19 +69,10 @@ def make_leaning_planner(
 
     Parameters
     ----------
-    name : str
-        See `make_planner`.
     points_um, lead_um : arrays (n, 2)
         Corners of the path of the lower guide, and u and v there.
     along_um : array (n,)
         Length of path up to every corner, rising.
-    unit, step_um
-        See `make_planner`.
-
-    Raises
-    ------
-    InputError
-        As `make_planner` and `check_lead`.
     """
     check_lead(name, points_um, lead_um)
     places = np.concatenate([np.asarray(points_um, np.float64), np.asarray(lead_um, np.float64)], axis=1)
@@ -96,7 +87,6 @@ class ExactAxes(Snapshots):
 
     Parameters
     ----------
-    places_um : float64 array (n, axes)
     along_um : float64 array (n,)
         Length of path up to every point.
     step_um : float
@@ -187,10 +177,6 @@ class Following(Snapshots):
     ----------
     name : str
         Of the planner.
-    places_um : float64 array (n, 4)
-    along_um : float64 array (n,)
-    unit, step_um
-        See `make_planner`.
     """
 
     STATE = ("_planner", "_led")

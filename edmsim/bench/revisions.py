@@ -22,10 +22,7 @@ ROOT = Path(edmsim.__file__).resolve().parents[1]
 def commit_of(revision: str) -> str:
     """Return the whole name of the commit that a revision is.
 
-    Raises
-    ------
-    InputError
-        There is no git, edmsim does not run from a checkout, or it has no such revision.
+    Raises `InputError` if there is no git, edmsim does not run from a checkout, or it has no such revision.
     """
     if shutil.which("git") is None:
         raise InputError("--against looks a revision up with git, which is not on the path: install git")
@@ -50,10 +47,10 @@ def checkout(commit: str) -> Iterator[Path]:
     InputError
         Another comparison with the same commit is under way, or the user's cache cannot be written to.
     """
-    kept = (user_folder() / "revisions" / commit).resolve()
-    with ExitStack() as last, locked(kept, "comparison"):
-        last.callback(_remove_empty, kept)
-        folder = kept / "files"
+    cached = (user_folder() / "revisions" / commit).resolve()
+    with ExitStack() as last, locked(cached, "comparison"):
+        last.callback(_remove_empty, cached)
+        folder = cached / "files"
         try:
             shutil.rmtree(folder, ignore_errors=True)  # of a comparison that was killed
             with tarfile.open(fileobj=io.BytesIO(_git("archive", commit))) as files:

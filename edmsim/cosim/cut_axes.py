@@ -20,16 +20,8 @@ _STEP_SHARE = 1e-6
 class CutAxes(Snapshots):
     """What a cut asks of its axes, and what befalls them.
 
-    Parameters
-    ----------
-    plant : Plant
-    faults : sequence of AxisFault
-
-    Raises
-    ------
-    InputError
-        By the steps of a drive the table would go another way than the machine's, or an axis with a fault has no
-        drive with a loop.
+    Raises `InputError` if a drive's steps differ from the machine's, or an axis with a fault has no drive with a
+    loop.
     """
 
     STATE = ("_since_ns", "_before_um")
@@ -41,7 +33,7 @@ class CutAxes(Snapshots):
         own = plant.own_step_um
         for fault in self._faults:
             if fault.axis not in own:
-                raise InputError(f"{fault.axis} has no drive with a loop, so that {fault.fault} is no fault of it")
+                raise InputError(f"{fault.axis} has no drive with a loop, so that {fault.fault} is not a fault of it")
         step_um = plant.machine.base.table.step_um.value
         for name, own_um in own.items():
             if not abs(own_um / step_um - 1) <= _STEP_SHARE:

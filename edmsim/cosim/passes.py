@@ -93,18 +93,19 @@ class PassLog(Snapshots):
         passes = [(number, one) for number, contour in enumerate(path.contours, 1) for one in contour.passes]
         self._contours = path.contours
         self._number_of = {id(one): number for number, one in passes}
-        self._last_leg = {id(leg.cut_pass): k for k, leg in enumerate(legs) if leg.cut_pass is not None}
+        cutting = [(id(leg.cut_pass), k) for k, leg in enumerate(legs) if leg.cut_pass and not leg.leads_in]
+        self._last_leg, self._first_leg = dict(cutting), dict(reversed(cutting))
 
-    def begin_leg(self, leg: Leg, time_s: float, path_um: float, sums: Sums) -> None:
-        """Begin a record with the leg of a pass, behind its lead-in."""
+    def begin_leg(self, number: int, leg: Leg, time_s: float, path_um: float, sums: Sums) -> None:
+        """Begin a record with the first leg of a pass, behind its lead-in."""
         one = leg.cut_pass
         self._open = one is not None and not leg.leads_in
-        if one is None or leg.leads_in:
+        if one is None or self._first_leg[id(one)] != number:
             return
-        number = self._number_of[id(one)]
+        contour = self._number_of[id(one)]
         self._before = Sums(**asdict(sums))
         self.records.append(
-            PassRecord(number, one.number, one.piece, one.reversed, one.offset_um, time_s, time_s, path_um, path_um)
+            PassRecord(contour, one.number, one.piece, one.reversed, one.offset_um, time_s, time_s, path_um, path_um)
         )
 
     def follow(self, time_s: float, path_um: float, sums: Sums) -> None:
@@ -127,7 +128,7 @@ class PassLog(Snapshots):
                 self._loosen(piece, one, contour, plant)
 
     def _loosen(self, piece: shapely.Polygon, one: CutPass, contour: WireContour, plant: Plant) -> None:
-        x, y = one.points_um[-1].tolist()
+        x, y = one.way.at_mid_height()[-1].tolist()
         what = "slug" if not _is_part(piece, contour) else "part"
         far_mm = lever_mm(piece, (x, y))
         if not one.falls:

@@ -31,7 +31,7 @@ FASTEST_UM_S = 400.0
 """Feed a controller may command here (ours: above the cutting rate of every set-up measured)."""
 _STEP_UM = 2.0
 """Spacing of the places at which the kerf is measured."""
-_BESIDE_UM = 200.0
+_MARGIN_UM = 200.0
 """How far beyond the wire's surface its kerf is looked for."""
 
 
@@ -123,17 +123,14 @@ class Cut:
     def kerf_um(self) -> NDArray[np.float64]:
         """Width of the kerf, one per slice from the bottom: cut area over length, up to where the wire has passed.
 
-        Raises
-        ------
-        InputError
-            If the measured travel is shorter than the wire's own half.
+        Raises `InputError` if the measured travel is shorter than the wire's own half.
         """
         radius = self.plant.machine.wire_diameter_um / 2
         x = np.arange(self.from_um, self.from_um + self.travel_um - radius - SLOT_GAP_UM, 2 * _STEP_UM)
         if not len(x):
             raise InputError(f"a travel of {self.travel_um:g} um leaves no kerf behind the wire to measure")
         centre_um = self.plant.machine.base.table.centre_um
-        y = centre_um[1] + np.arange(-radius - _BESIDE_UM, radius + _BESIDE_UM, _STEP_UM)
+        y = centre_um[1] + np.arange(-radius - _MARGIN_UM, radius + _MARGIN_UM, _STEP_UM)
         places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
         cut = 1.0 - metal_at(self.plant.field, places).reshape(-1, len(x), len(y))
         return np.asarray(cut.sum(axis=2).mean(axis=1) * _STEP_UM)
@@ -153,11 +150,8 @@ class Traverse(EvenSteps):
 
     Parameters
     ----------
-    plant : Plant
     feed : float or FeedController
         In um/s, 0 to `FASTEST_UM_S`, or who decides it, up to that speed either way.
-
-    Axis and feed, attributes of `EvenSteps`, may be changed between windows.
 
     Attributes
     ----------
@@ -185,8 +179,8 @@ class Traverse(EvenSteps):
         """Run one window."""
         return self._cycle.turn().window
 
-    def _decide(self, seen: WindowObservation) -> None:
-        self.feed_um_s, self.alarm = self._controller.update(seen)[:2]
+    def _decide(self, observation: WindowObservation) -> None:
+        self.feed_um_s, self.alarm = self._controller.update(observation)[:2]
 
 
 def begin(
@@ -211,13 +205,8 @@ def cut_straight(
 
     Parameters
     ----------
-    machine : Machine
-    feed : float or FeedController
-        See `Traverse`.
-    seed : int
     settle_s, seconds : float
         Machine time that is not measured, and time that is; shorter if the wire breaks.
-    resolution : str or Resolution
 
     Returns
     -------

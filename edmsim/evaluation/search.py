@@ -71,10 +71,7 @@ class SearchResult(NamedTuple):
 def training_seeds(seed: int, seeds: int = SEEDS) -> range:
     """Return the seeds that gains are tried on in each environment, the first of which is `seed`.
 
-    Raises
-    ------
-    InputError
-        If there are none, or they reach the seeds that are held back.
+    Raises `InputError` if there are none, or they reach the seeds that are held back.
     """
     if seeds < 1:
         raise InputError(f"{seeds} training seeds judge nothing: give 1 or more")

@@ -17,12 +17,10 @@ COLUMNS = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_per
 class RatioLog:
     """Writes a row some times a second: shares of short and open pulses since the row before, and where the axes are.
 
-    Moments in which the board had the generator off are no pulses.
+    Moments in which the board had the generator off are not pulses.
 
     Parameters
     ----------
-    file : path
-    rig : Rig
     rate_Hz : float
         Rows per second, 2 to 100; a frame has at least one.
     """

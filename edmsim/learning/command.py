@@ -31,11 +31,10 @@ class TrainOptions(NamedTuple):
         Law that the policy adds to.
     teacher : str or None
         Controller that imitation follows.
-    privileged_critic : bool
     start : str or None
         Policy that the training begins with, as ``policy:NAME`` or a file of it.
     record_every : int or None
-        Every so many of the first lane's episodes one is recorded into the folder ``episodes``.
+        One in `record_every` of the first lane's episodes is recorded into the folder ``episodes``.
     live : bool
         Whether these are shown in rerun's viewer as they end.
     """

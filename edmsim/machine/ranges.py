@@ -77,10 +77,7 @@ def share_of(bounds: tuple[float, float], value: float) -> float:
 def choose(machine: SetUp, only: Iterable[str]) -> dict[str, Constant]:
     """Return the constants with a range that sections and names mean, in the order of the files.
 
-    Raises
-    ------
-    InputError
-        An unknown name, or a constant without a range.
+    Raises `InputError` for an unknown name, or a constant without a range.
     """
     known = uncertain(machine)
     names = _chosen(known, only)
@@ -116,7 +113,7 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     for name in only:
         if name not in known and name not in sections:
             raise InputError(
-                f"'{name}' is no section or constant with a range to draw from; there are the sections "
+                f"'{name}' is not a section or constant with a range to draw from; there are the sections "
                 f"{', '.join(sections)} and the constants {', '.join(known)}"
             )
         chosen |= sections.get(name, {name})

@@ -17,9 +17,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.controllers.axis.elcam import Elcam
-from edmsim.controllers.axis.elcam_file import PATH, PLACES
-from edmsim.controllers.axis.step_compensation import StepCompensation
+from edmsim.controllers.axis.elcam.file import PATH, PLACES
+from edmsim.controllers.axis.elcam.module import Elcam
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.geometry import Polyline, left_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import ProfileError
@@ -40,8 +40,6 @@ def error_shares(profile: ProfileError, contour: WireContour, ways_um: Sequence[
 
     Parameters
     ----------
-    profile : ProfileError
-    contour : WireContour
     ways_um : three arrays (n, 2)
         Ways of commanded position, guides and wire along the contour in order of time, at most some um between two
         places; in um on the table.

@@ -27,11 +27,8 @@ def pass_window(
     ----------
     state, window : record arrays (1,)
         A plant's scalars (`STATE`), whose time goes on, and its window (`WINDOW`), which is filled.
-    drives : Drives
     timing : Timing
         The generator's setting.
-    events : int array (events, 3)
-        As `Plant.advance` takes them.
     step_um : float
         Travel of a motor step.
     pulses : int
@@ -40,7 +37,7 @@ def pass_window(
     Raises
     ------
     InputError
-        An event is none, or out of order.
+        An event is invalid, or out of order.
     """
     if wrong := wrong_step(events, int(state["time_ns"][0]), drives.axes.loops > 0):
         raise InputError(wrong)

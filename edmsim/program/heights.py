@@ -16,27 +16,26 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import shapely
 from shapely.geometry import shape
+from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
-from edmsim.machine.setting import HEIGHT_MM, check_height
+from edmsim.machine.setting import LIMITS, check_height
 from edmsim.numeric import plain, real
 from edmsim.plant.workpiece.height_steps import LowerRegion
 
 if TYPE_CHECKING:
-    from shapely.geometry.base import BaseGeometry
-
     from edmsim.program.path import CutPath
 
-Height: TypeAlias = "tuple[float, float]"
+Height: TypeAlias = tuple[float, float]
 """Path length in mm, and the height in mm from there on."""
-Area: TypeAlias = "tuple[BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], float]"
+Area: TypeAlias = tuple[BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], float]
 """Polygon, its corners or its GeoJSON, in mm of the program, and the height in mm inside it."""
 
 WIRE_MARGIN_MM = 0.4
 """How far beside the wire's surface a stretch's height holds (ours: rays end at 0.08 mm, tiles are made 0.13 mm
 beyond them and are 0.13 mm wide, the rest is for a wire that hangs behind)."""
 RING_MM = 0.035
-"""How finely distances to the path are told apart (ours: a few of them fit between a kerf's middle and its wall)."""
+"""Resolution of distances to the path (ours: a few of them fit between a kerf's middle and its wall)."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +55,8 @@ class Heights:
     """
 
     height_mm: float
-    along: tuple[Height, ...] = ()
-    areas: tuple[tuple[shapely.Polygon, float], ...] = ()
+    along: Sequence[Height] = ()
+    areas: Sequence[tuple[shapely.Polygon, float]] = ()
 
     @classmethod
     def of(cls, height_mm: float, along: Sequence[Height], areas: Sequence[Area]) -> Heights:
@@ -66,7 +65,7 @@ class Heights:
         Raises
         ------
         InputError
-            A height beyond what machines take, lengths that do not rise, an area that is no polygon.
+            A height beyond what machines take, lengths that do not rise, an area that is not a polygon.
         """
         check_height(height_mm)
         return cls(float(height_mm), checked_changes(along), checked_areas(areas))
@@ -182,7 +181,7 @@ def parse_height(text: str) -> Height:
     try:
         return float(place), float(height)
     except ValueError:
-        low, high = HEIGHT_MM
+        low, high = LIMITS["height_mm"].range
         raise InputError(
             f"a change of height reads MM:MM, the path length and the height ({low:g}..{high:g}), as 12.5:30, "
             f"not '{text}'"
@@ -204,10 +203,10 @@ def _polygon(value: BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any]
     try:
         polygon = shapely.Polygon(shape(value) if isinstance(value, Mapping) else value)
     except (TypeError, ValueError, LookupError, shapely.errors.ShapelyError) as error:
-        raise InputError(f"area {number} of another height is no polygon: {error}") from None
+        raise InputError(f"area {number} of another height is not a polygon: {error}") from None
     if not (polygon.is_valid and polygon.area > 0 and np.isfinite(polygon.bounds).all()):
         why = shapely.is_valid_reason(polygon) if not polygon.is_valid else "it has no area"
-        raise InputError(f"area {number} of another height is no polygon: {why}")
+        raise InputError(f"area {number} of another height is not a polygon: {why}")
     return polygon
 
 

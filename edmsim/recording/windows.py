@@ -44,7 +44,6 @@ class CutAlone(NamedTuple):
     ----------
     rows : bool array (n,)
         Whether a window belongs to it.
-    time_s : float
     ways_um : tuple of (float, float)
         From and to which place along the path the wire has cut, stretch by stretch.
     """

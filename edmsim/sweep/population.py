@@ -47,8 +47,6 @@ class Plan:
 
     Attributes
     ----------
-    env_id, algo : str
-    population, generations : int
     windows : int
         Of a learner in each generation.
     seed : int

@@ -56,13 +56,7 @@ class Bus(Snapshots):
             self._chips[first + offset] = (chip, offset)
 
     def read(self, address: int) -> int:
-        """Byte at an address, 0..FFFFH.
-
-        Raises
-        ------
-        InputError
-            If there can be no such address.
-        """
+        """Byte at an address, 0..FFFFH; raises `InputError` if there can be no such address."""
         found = self._chips.get(address)
         if found is not None:
             return found[0].read(found[1])
@@ -74,10 +68,7 @@ class Bus(Snapshots):
     def write(self, address: int, byte: int) -> None:
         """Put a byte at an address.
 
-        Raises
-        ------
-        InputError
-            If there can be no such address, or the value is no byte.
+        Raises `InputError` if there can be no such address, or the value is not a byte.
         """
         found = self._chips.get(address)
         if found is not None and 0 <= byte <= BYTE:
@@ -91,10 +82,7 @@ class Bus(Snapshots):
     def check_writable(self, address: int) -> None:
         """Refuse an address at which a write changes nothing.
 
-        Raises
-        ------
-        InputError
-            For EPROM, and where nothing answers.
+        Raises `InputError` for EPROM, and where nothing answers.
         """
         if address in EPROM:
             raise InputError(f"{address:04X}H is EPROM, which cannot be written")

@@ -30,7 +30,6 @@ class Cpu8085:
 
     Parameters
     ----------
-    memory : Bus
     routine : callable
         Called with an address in EPROM; does what stands there and returns its T-states, 0 to be asked again.
 
@@ -38,10 +37,8 @@ class Cpu8085:
     ----------
     registers : list of int
         B, C, D, E, H, L, nothing, A.
-    flags, pc, sp : int
     enabled : bool
         Interrupts, by EI and DI.
-    halted : bool
     """
 
     def __init__(self, memory: Bus, routine: Callable[[int], int]) -> None:
@@ -54,10 +51,7 @@ class Cpu8085:
     def step(self) -> int:
         """Run the next instruction; return its T-states.
 
-        Raises
-        ------
-        NoCodeError
-            For a byte that is no documented instruction.
+        Raises `NoCodeError` for a byte that is not a documented instruction.
         """
         if self.pc in EPROM:
             cost = self._routine(self.pc)
@@ -154,7 +148,7 @@ class Cpu8085:
         if op == 0x20:
             self.registers[A] = self.enabled << 3  # RIM: no line is wired to it
         elif op not in (0x00, 0x30):  # NOP, SIM
-            raise NoCodeError(f"{op:02X}H at {at:04X}H is no instruction of the 8085")
+            raise NoCodeError(f"{op:02X}H at {at:04X}H is not an instruction of the 8085")
         return 4
 
     def _through_memory(self, op: int, pair: int) -> int:
@@ -304,4 +298,4 @@ class Cpu8085:
             if op == 0xDB:
                 self.registers[A] = BYTE
             return 10
-        raise NoCodeError(f"{op:02X}H at {at:04X}H is no instruction of the 8085")
+        raise NoCodeError(f"{op:02X}H at {at:04X}H is not an instruction of the 8085")

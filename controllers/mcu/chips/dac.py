@@ -61,7 +61,6 @@ class PulseSettings:
 
     Parameters
     ----------
-    t_i, t_p : Dac
     t_i_us_V, t_p_us_V : float
         us per volt in the fine range (ours: with 10, 2 V and 10 V are the 20 us and 100 us of a usual cut, and below
         7 V, where the generator drops out, lie the short periods in which its supply must give most).
@@ -71,7 +70,7 @@ class PulseSettings:
         Current of a pulse (ours: 6.6 A, that of the default machine).
     law : {"period", "frequency"}
         What rises with V(t(p)), see row T-A16. By the law of frequency code 1 is the longest period, that of code 255
-        by the other, and 0 V are no pulses.
+        by the other, and 0 V are not pulses.
     """
 
     t_i: Dac = Dac(T_I_FULL_V)
@@ -93,7 +92,7 @@ class PulseSettings:
         return self.pulse_A * min(t_i_us / t_p_us, 1.0)
 
     def check(self, t_i_code: int, t_p_code: int) -> None:
-        """Refuse a pair of codes that draws more than 2 A (row T-34), or is no pair of codes.
+        """Refuse a pair of codes that draws more than 2 A (row T-34), or is not a pair of codes.
 
         Raises
         ------
@@ -114,10 +113,7 @@ class PulseSettings:
     def code_of_t_i(self, us: float) -> int:
         """Code nearest to a pulse duration, in the finest range that reaches it.
 
-        Raises
-        ------
-        InputError
-            If it lies outside both ranges.
+        Raises `InputError` if it lies outside both ranges.
         """
         return _nearest("t(i)", us, self._t_i_us, min(us, SHORTEST_T_I_US))
 
@@ -162,10 +158,6 @@ class PulseGeneratorLine(Snapshots):
         What a level must last to reach the generator through its optocoupler.
     decay_s : float
         Time constant with which the stored voltage goes (ours: the document gives none, only the warning).
-
-    Attributes
-    ----------
-    running : bool
     """
 
     STATE = ("running", "_stored_V", "_since_ns", "_before_V", "_began_ns")

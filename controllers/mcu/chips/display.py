@@ -119,7 +119,6 @@ def write_digit(chip: Kdc8279, digit: int, value: int) -> None:
 
     Parameters
     ----------
-    chip : Kdc8279
     digit : int
         0..31; 0..15 are bank A.
     value : int

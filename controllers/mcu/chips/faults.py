@@ -22,7 +22,6 @@ class SerialNoise(Snapshots):
 
     Parameters
     ----------
-    seed : int
     chance : float
         Of each character (ours).
     """
@@ -63,7 +62,6 @@ class DropOut(Snapshots):
 
     Parameters
     ----------
-    seed : int
     chance : float
         Of each new voltage between (ours).
     """

@@ -65,10 +65,7 @@ class Pic8259(Snapshots):
     def acknowledge(self) -> int:
         """Answer the processor: the address of the table's entry, which is then in service.
 
-        Raises
-        ------
-        InputError
-            If the chip has not been initialised.
+        Raises `InputError` if the chip has not been initialised.
         """
         if self._table < 0:
             raise InputError("the 8259 has no jump table: write ICW1 and ICW2 first")

@@ -30,7 +30,6 @@ class Counter:
 
     Attributes
     ----------
-    mode : int
     reload : int
         Count loaded, 0 for 65 536.
     left : int

@@ -48,13 +48,7 @@ class SafetySwitches(Snapshots):
         return not self._open & {WIRE_BREAK, STOP_BUTTON}
 
     def trip(self, name: str) -> None:
-        """Open a switch, unless it is stuck.
-
-        Raises
-        ------
-        InputError
-            If there is no such switch.
-        """
+        """Open a switch, unless it is stuck; raises `InputError` if there is no such switch."""
         if name not in NAMES:
             raise InputError(f"there is no switch {name!r}; there are {', '.join(NAMES)}")
         if name in self.stuck:

@@ -16,8 +16,8 @@ from edmsim.controllers.mcu.dialogue.part_program import Move, Setting, check_sp
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
 
 KEYS = {
     name: 10 + k
@@ -36,10 +36,7 @@ _SHIFT = "SHIFT"
 def read_keys(text: str) -> list[int]:
     """Return the codes of keys by their names, ``300 X SHIFT Y``; SHIFT belongs to the key after it.
 
-    Raises
-    ------
-    InputError
-        For a name that no key has, a SHIFT without a key, and where there is none at all.
+    Raises `InputError` for a name that no key has, a SHIFT without a key, and where there is none at all.
     """
     codes: list[int] = []
     shift = 0
@@ -61,7 +58,6 @@ class FrontPanel:
 
     Parameters
     ----------
-    computer : Computer
     machine : MachinePort
         What the keys work on, as the words of MAIN do.
     """

@@ -37,11 +37,8 @@ class Steppers(Snapshots):
 
     Parameters
     ----------
-    board : Board
     serve : callable
         Serves the interrupts that wait; returns whether interrupts are still enabled.
-    unit, wrap
-        See `Computer`.
 
     Attributes
     ----------
@@ -169,7 +166,6 @@ class Steppers(Snapshots):
 
         Parameters
         ----------
-        end_ns : int
         to_the_end : bool
             False returns as soon as the move under way is over.
         """

@@ -104,10 +104,8 @@ class BlockLaw(NamedTuple):
         ``1 / (a g^2 + b g + c)`` is a ray's rate at its own gap, the present voltage.
     floor_um : float32
         Below this gap the rate stays what it is there.
-    primed_gap_um : float32
     particle_gaps, particle_offset : float32
         ``2^-(particle_gaps g - particle_offset)`` of the particles are large enough to prime a site.
-    particles_um : float32
     wire_curvature, bare : float32
         ``bare`` is the square of half the curvature.
     """
@@ -154,7 +152,7 @@ def _primed_weights(gap: Any, law: BlockLaw) -> Any:
 def _particle_weights(gap: Any, held: Any, law: BlockLaw) -> Any:
     """Primed weights of a block of rays by particles over `GapLaw.particles_um` and debris share, from their gaps.
 
-    `held` are the gaps, or what stands for those that are none.
+    `held` are the gaps, or what stands in for invalid ones.
     """
     return power_of_half(highest(gap * law.particle_gaps - law.particle_offset, np.float32(0.0))) * held
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import load, passed, spread, total
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.gap.rays import Rays, arc, face, narrowest, turned
-from edmsim.plant.kernel.state import NO_METAL_UM, PULSES_PER_WINDOW, Array, Arrays, Constants
+from edmsim.plant.kernel.state import NO_METAL_UM, Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import metal_height, trace
 
 OVERLAP_UM = 8.0
@@ -21,8 +22,8 @@ KNOWN_MOVE_UM = 20.0
 """Known edges are of use only while the wire moved less than this since."""
 BARE_UM = np.float32(0.5 * NO_METAL_UM)
 """A gap beyond this is that of a ray that meets no metal."""
-BLIND_PULSES = 32 * PULSES_PER_WINDOW
-"""A ray that met no metal is looked along again only after so many pulses: what comes within its range at the feed of
+BLIND_PULSES = 32 * WINDOW_PULSES
+"""Pulses until a ray that met no metal is traced again: what comes within its range at the feed of
 such a machine is then still far away."""
 
 
@@ -34,6 +35,7 @@ def _trace_ray(
     cosine, sine = a.reach_x[r], a.reach_y[r]
     x, y = a.reference_um[0, s], a.reference_um[1, s]
     least = c.radius_um - OVERLAP_UM
+    # metal only recedes: begin shortly before the edge that is known
     start = max(least, c.radius_um + expected_um - AHEAD_UM)
     end = c.radius_um + c.range_um
     edge = trace(tiles, index, s, c.cell_um, x, y, cosine, sine, start, end)
@@ -88,7 +90,9 @@ def retrace(
             expected = -OVERLAP_UM
             if known:
                 if meets_metal(a, c, s, r):
+                    # to first order the gap changes by the part of the motion along the ray
                     expected = a.edge_um[s, r] - dx * a.across_x[r] - dy * a.across_y[r]
+                # a ray without metal waits its turn, each ray at another one
                 elif np.uint64(turn + r) % blind_turns != 0:
                     continue
             a.edge_um[s, r] = _trace_ray(a, tiles, index, c, s, r, expected)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.compiled.jit import compiled
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.axes.advance import LOST, advance_axes, apply_geometric_errors, indicate
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
@@ -32,7 +33,6 @@ from edmsim.plant.kernel.state import (
     NOT_FINITE,
     OPEN,
     OUTSIDE,
-    PULSES_PER_WINDOW,
     SHORT,
     STEP_EARLY,
     STEP_WRONG,
@@ -63,7 +63,7 @@ LOST_UM = -1e9
 FINITE = 1e15
 """No sum of lengths, times or temperatures is as large as this."""
 MOST_DEFLECTION_UM = 2000.0
-"""A wire bent further than this is no wire between guides any more: the model has left its validity."""
+"""A wire bent further than this is not a wire between guides any more: the model has left its validity."""
 
 
 @compiled
@@ -71,7 +71,7 @@ def _carve(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
     index: NDArray[np.int32], c: Constants,
 ) -> None:
-    """Carve the craters on the rays from the field; what found no metal there was none."""
+    """Carve the craters on the rays from the field; volume that finds no metal counts as missed."""
     missed = carve(a, tiles, index, c, draw(state) - 0.5)
     state[0].carved_pulses = state[0].pulses
     state[0].missed_um3 += missed
@@ -98,6 +98,7 @@ def _renew_rays(
     """Trace the rays from where the wire is now; before, carve what a former wire left on them."""
     if state[0].carved_pulses < state[0].pulses:
         _carve(state, window, a, tiles, index, c)
+    # a wire that leans, or leant until now, has its rays in the plane square to it
     u, v = state[0].axis_um[2], state[0].axis_um[3]
     if u != 0.0 or v != 0.0 or a.upright[0] != 1.0:
         slope_x, slope_y = lean(a, c, u, v)
@@ -146,7 +147,7 @@ def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None
         w.deflection_um[axis] = w.deflection2_um2[axis] = 0.0
     for s in range(a.temperature_K.shape[0]):
         w.temperature_max_K = max(w.temperature_max_K, a.temperature_K[s])
-    # gas that is no number may have faded by the window's end, but for this
+    # gas that is not a number may have faded by the window's end, but for this
     slices = a.debris.shape[0]
     w.coverage = mean_of_slices(a.steam, slices) + mean_of_slices(a.gas, slices) + mean_of_slices(a.wake_gas, slices)
 
@@ -201,7 +202,7 @@ def _grid_steps(spans: float, most: int) -> int:
 
 
 @compiled
-def _swing(
+def _move_wire(
     a: Arrays, c: Constants, t: Timing, p: Propagators, loads: Array, held: Array, k: int, scale: float, film: float,
     resistance: float, narrow: bool, upward: bool, films: Array,
 ) -> None:
@@ -260,18 +261,22 @@ def fire_window(
     place_wire(state, a, position)
     if _is_due(state, c):
         _renew_rays(state, window, a, tiles, index, levels, c, position)
+    # the leak through the water divides the open voltage with the resistance of the supply
     open_V = t.open_V / (1.0 + c.supply_ohm * leak_conductance(a, c))
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
     open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
+    # while a discharge burns, the pull goes with the square of its lower voltage
     burn_scale = open_scale * (t.burning_V / open_V) ** 2
     per_grid = 1.0 / t.grid_us
     next_event = 0
-    for n in range(PULSES_PER_WINDOW):
+    for n in range(WINDOW_PULSES):
         place_wire(state, a, position)
         totals = sum_rays(a, c, law, position, sums, contact)
+        # just traced: the ratio of film to pull holds until the next tracing
         if state[0].traced_pulses == state[0].pulses:
             scale_film(state, a, c, position, sums)
         _add_deflection(window, a)
+        # class of the pulse, its ignition delay in us, and slice and ray of its place
         outcome, delay, s, k = decide(state, a, c, law, t, position, sums, contact, totals)
 
         if log.shape[0] > n:
@@ -281,12 +286,14 @@ def fire_window(
         if outcome == SHORT:
             impulse = short_circuit(state, window, a, c, t, heat, bubble, position, s, k)
         elif outcome != OPEN:
+            # an iso-pulse ends with the switch, so that the delay shortens its discharge
             burn = t.on_us - delay if t.mode == ISO_PULSE else t.on_us
             burn *= t.arc_share if outcome == ARC else 1.0
             energy, impulse, removed = discharge(state, window, a, c, t, heat, bubble, position, outcome, s, k, burn)
             window[0].delay_us += delay
             window[0].ignitions += 1
         at = max(s, 0)
+        # the bubble pushes the wire away from the metal, against the ray of the discharge
         kick_x, kick_y = -impulse * a.cosine[at, k], -impulse * a.sine[at, k]
         window[0].counts[outcome] += 1
         window[0].voltage_us += open_V * delay + t.burning_V * burn
@@ -296,6 +303,7 @@ def fire_window(
             log[n].conducting_us = conducting
         period_ns, k_period = t.period_ns, GRID
         if t.mode == ISO_ENERGETIC:
+            # delay and discharge stretch the period, which ends on a step of the time grid
             k_period = _grid_steps((delay + conducting + t.pause_us) * per_grid, GRID)
             period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
         period_us = period_ns * 1e-3
@@ -312,18 +320,22 @@ def fire_window(
             )
             state[0].time_ns += period_ns
         else:
+            # first span: the voltage is on and pulls the wire; its mean square over delay and discharge counts
             k_end = _grid_steps((delay + burn) * per_grid, k_period)
             pulled = (open_scale * delay + burn_scale * burn) / max(delay + burn, t.grid_us)
+            # alternate sweeps over the slices, so that neither end of the wire is favoured
             upward = state[0].pulses % 2 == 0
-            _swing(a, c, t, p, load, held, k_end, pulled, film, resistance, found > 0, upward, films)
+            _move_wire(a, c, t, p, load, held, k_end, pulled, film, resistance, found > 0, upward, films)
+            # the push of the bubble comes at the end of the discharge
             if impulse != 0.0:
                 kick(a, at, kick_x, kick_y)
-            spans, begun = c.film_spans if found > 0 else 1, k_end
+            # second span, without a pull: in parts where a film is narrow, since it changes with the motion
+            spans, k_before = c.film_spans if found > 0 else 1, k_end
             for n_span in range(1, spans + 1):
                 k_now = k_end + (k_period - k_end) * n_span // spans
                 upward = not upward
-                _swing(a, c, t, p, load, held, k_now - begun, 0.0, film, resistance, found > 0, upward, films)
-                begun = k_now
+                _move_wire(a, c, t, p, load, held, k_now - k_before, 0.0, film, resistance, found > 0, upward, films)
+                k_before = k_now
             ring(a, p, k_period)
             state[0].time_ns += period_ns
             next_event = advance_axes(
@@ -331,6 +343,7 @@ def fire_window(
             )
         if axes.errs != 0:
             apply_geometric_errors(state, axes)
+        # gas of earlier discharges fades first; the new gas acts from the next pulse on
         quiet = period_us - delay - conducting
         fade(a, gas, k_period)
         if energy > 0.0:
@@ -342,13 +355,16 @@ def fire_window(
         state[0].pulses += 1
         state[0].heat_wait_us += period_us
         window[0].duration_ns += period_ns
+        # heat and debris change slowly: they travel once in several pulses
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
             propagate_heat(state, a, c, heat, sums, contact, films)
+        # an axis was stopped, or the state left its range: the window ends here
         if next_event < 0:
             return _end(state, window, a, LOST_UM if next_event == LOST else 0.0)
         if state[0].broken != 0 or n + 1 == count:
             break
-    if state[0].broken != 0 or count < PULSES_PER_WINDOW or _is_due(state, c):
+    # carve now what the next tracing, or a reader of the field, must find carved
+    if state[0].broken != 0 or count < WINDOW_PULSES or _is_due(state, c):
         _carve(state, window, a, tiles, index, c)
     # what the last pulse drove into the metal must be out of it before the rays are traced again
     place_wire(state, a, position)

@@ -157,8 +157,6 @@ def move_full(
     ----------
     load : (2, nodes)
         The pull on the nodes.
-    films : (slices, 6)
-        See `film.find_films`.
     mean, resistance : float
         See `film.mean_film` and `film.mean_resistance`.
     events : int64 (n, 3)
@@ -170,8 +168,8 @@ def move_full(
     -------
     int
         First event after this period; `TRIPPED` if an axis has to be stopped (see `advance_axes`); `LOST` if a
-        coordinate is not finite or beyond every reason. Nothing is stepped any more then, and the arrays hold what
-        was found.
+        coordinate is out of range or not finite. Nothing is stepped any more then, and the arrays hold what was
+        found.
     """
     period_us = period_ns * 1e-3
     n_steps = math.ceil(period_us / link.longest_us)

@@ -28,8 +28,6 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
 
     Parameters
     ----------
-    path : CutPath
-    title : str
     kerf_um : float
         Expected width of the kerf: wire and twice the gap.
 
@@ -41,8 +39,8 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     from edmsim.recording.figures.canvas import NotebookFigure
 
     figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
-    leans = any(contour.lean is not None for contour in path.contours)
-    axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if leans else 0.82))
+    two_rows = path.leans or any(contour.passes for contour in path.contours)  # of the legend
+    axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if two_rows else 0.82))
     quiet(axes)
     axes.grid(visible=False)
     axes.set_aspect("equal", adjustable="datalim")
@@ -50,11 +48,11 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     for number, contour in enumerate(path.contours):
         faces = _faces(contour)
         for name, (edge_colour, way_colour), face in faces:
-            edge, way = face.nominal_mm - path.origin_mm, face.points_um / 1e3 - path.origin_mm
-            labels = (f"edge as drawn{name}", f"wire's centre{name}") if number == 0 else (None, None)
-            axes.plot(*edge.T, color=edge_colour, linewidth=0.9, zorder=4, label=labels[0])
-            axes.plot(*way.T, color=way_colour, linewidth=0.9, zorder=3, label=labels[1])
-            _draw_arrows(axes, way)
+            edge = face.nominal_mm - path.origin_mm
+            label = f"edge as drawn{name}" if number == 0 else None
+            axes.plot(*edge.T, color=edge_colour, linewidth=0.9, zorder=4, label=label)
+            _draw_ways(axes, path, face, (name, way_colour), number == 0)
+            _draw_arrows(axes, face.points_um / 1e3 - path.origin_mm)
         if len(faces) == 2:
             _draw_wires(axes, *(face.points_um / 1e3 - path.origin_mm for _, _, face in faces))
         way = contour.points_um / 1e3 - path.origin_mm
@@ -66,7 +64,7 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     axes.set_xlabel("X of the program, mm", fontsize=9, color=MUTED)
     axes.set_ylabel("Y of the program, mm", fontsize=9, color=MUTED)
     axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 if leans else 5, frameon=False, fontsize=8.5,
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 if path.leans else 5, frameon=False, fontsize=8.5,
         labelcolor=INK,
     )
     figure.text(0.09, 0.955, title, fontsize=14, fontweight="bold", color=INK)
@@ -94,24 +92,24 @@ def _draw_wires(axes: Axes, below: np.ndarray, above: np.ndarray) -> None:
     axes.add_collection(wires)
 
 
-def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, labelled: bool) -> None:
-    """Draw the wire's centre, of every pass in its colour; a tab's passes are dashed."""
+def _draw_ways(
+    axes: Axes, path: CutPath, contour: WireContour, face: tuple[str, str], labelled: bool
+) -> None:
+    """Draw the wire's centre on a face, of every pass in its colour; a tab's passes are dashed."""
+    where, colour = face
     if not contour.passes:
-        way = contour.points_um / 1e3 - path.origin_mm
-        axes.plot(*way.T, color=BLUE, linewidth=0.9, zorder=3, label="wire's centre" if labelled else None)
+        way, label = contour.points_um / 1e3 - path.origin_mm, f"wire's centre{where}" if labelled else None
+        axes.plot(*way.T, color=colour, linewidth=0.9, zorder=3, label=label)
         return
     for one in contour.passes:
-        name = f"pass {one.number}, {one.offset_um / 1e3:.3f} mm" if one.piece == "profile" else None
+        said = one.piece == "profile" and where in ("", ", below")
+        name = f"pass {one.number}, {one.offset_um / 1e3:.3f} mm" if said else None
         style = "-" if one.piece == "profile" else (0, (3, 1.5))
         way = one.points_um / 1e3 - path.origin_mm
         axes.plot(
-            *way.T,
-            color=pass_colour(one.number),
-            linewidth=0.8,
-            linestyle=style,
-            zorder=3,
+            *way.T, color=pass_colour(one.number), linewidth=0.8, linestyle=style, zorder=3,
             label=name if labelled else None,
-        )
+        )  # fmt: skip
 
 
 def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:

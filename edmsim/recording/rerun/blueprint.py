@@ -34,7 +34,7 @@ class Plot(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """What the views need to know of a cut; the recording keeps it for whoever lays it out again.
+    """What the views need to know of a cut; the recording stores it, so that it can be laid out again.
 
     Attributes
     ----------
@@ -136,7 +136,6 @@ def blueprint(sizes: Sizes, steps: tuple[Plot, ...] = ()) -> rrb.Blueprint:
 
     Parameters
     ----------
-    sizes : Sizes
     steps : tuple of Plot
         Views of what an environment adds, in a tab of their own that is shown first.
     """

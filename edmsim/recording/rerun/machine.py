@@ -46,7 +46,6 @@ class Mesh(NamedTuple):
     ----------
     positions, normals : float32 arrays (n, 3)
         Positions in mm.
-    triangles : uint32 array (m, 3)
     """
 
     positions: NDArray[np.float32]
@@ -132,7 +131,6 @@ class Growth(NamedTuple):
     ----------
     rows : int array (n,)
         Row of the table of windows from which on each solid holds.
-    solids : tuple of Mesh
     tolerance_mm : float
         Within which the kerf's edge was drawn.
     """
@@ -150,7 +148,6 @@ def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[
 
     Parameters
     ----------
-    scene : Scene
     places_um : array (windows, 2)
         Guides on the table, window by window.
     path_um : array (windows,)
@@ -206,7 +203,7 @@ def _way(places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> BaseGe
 
 
 def _steps(ahead_um: NDArray[np.float64], most: int) -> list[tuple[int, int]]:
-    """Return the first and last window of at most so many pieces of path that are about equally long."""
+    """Return the first and last window of each piece of path; at most `most` pieces, about equally long."""
     if len(ahead_um) == 0 or ahead_um[-1] <= ahead_um[0]:
         return []
     steps = int(np.clip((ahead_um[-1] - ahead_um[0]) / KERF_STEP_UM, 1, most))
@@ -319,15 +316,7 @@ _PLACES = {BASE: "world/base", CROSS: "world/cross/carriage", TABLE: "world/tabl
 
 
 class Shapes:
-    """The wire and the gas on it over the cut: frames and close-ups together, in order of time.
-
-    Attributes
-    ----------
-    t_s, path_um : float64 arrays (n,)
-    guides_um : float64 array (n, 2)
-    deflection_um : float64 array (n, slices, 2)
-    coverage : float32 array (n, slices)
-    """
+    """The wire and the gas on it over the cut: frames and close-ups together, in order of time."""
 
     def __init__(self, frames: Frames, closeups: NDArray[np.void]) -> None:
         times = np.concatenate([frames.t_s, closeups["t_s"]])
