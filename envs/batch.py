@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,35 +16,33 @@ from edmsim.envs.knobs import least_setting_us
 from edmsim.envs.lanes import Lanes
 from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.reward import TERMS, StepRewards
-from edmsim.envs.task import Family
+from edmsim.envs.task import EnvArguments, Family
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import OPEN, SHORT
+
+if TYPE_CHECKING:
+    from edmsim.controllers import FeedController
+    from edmsim.envs.lane_law import LaneLaw
+    from edmsim.envs.recorder import EpisodeRecorder
+    from edmsim.envs.render import Renderer
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def action_space_of(family: Family) -> gym.spaces.Box[np.float32]:
-    """Return the action space, with one entry for each of `Family.action_names`."""
+def action_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
+    """Return the action space, with one entry for each of `EnvArguments.action_names`."""
     return gym.spaces.Box(-1.0, 1.0, (len(family.action_names),), np.float32)
 
 
-def entries_of(family: Family) -> list[observation.Entry]:
-    """Return every entry of an environment's observation, in order."""
-    return observation.entries(
-        family.history, family.knows_corners, family.locates_discharges, family.offset_um is not None,
-        family.knows_wires,
-    )
-
-
-def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
+def observation_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
     """Return the observation space."""
-    entries = entries_of(family)
+    entries = family.entries()
     low, high = (np.array([getattr(e, end) for e in entries], np.float32) for end in ("low", "high"))
     return gym.spaces.Box(low, high, dtype=np.float32)
 
 
-def reward_space_of(family: Family) -> gym.spaces.Box[np.float32]:
+def reward_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
     """Return the space of rewards: as many as objectives, or one."""
     return gym.spaces.Box(-np.inf, np.inf, (len(family.objectives) or 1,), np.float32)
 
@@ -138,6 +137,40 @@ class Batch:
         for name in ("open_V", "limit_A", "wait_us"):
             scale[name] = row[name]
         scale["noise_share"], scale["step"] = sensors.noise_share, sensors.step
+
+    def clear(self) -> None:
+        """Forget what the last step earned and cost."""
+        self.earned.begin()
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """Which episodes (n,) have terminated."""
+        return np.asarray(self.lanes.rows["cause"] != RUNNING)
+
+    @property
+    def out_of_time(self) -> NDArray[np.bool_]:
+        """Which lanes (n,) have cut for as long as an episode lasts."""
+        return self.lanes.out_of_time
+
+    def picture(self, renderer: Renderer, lane: int) -> NDArray[np.uint8]:
+        """Return a lane's picture, uint8 (480, 640, 3)."""
+        return renderer.picture(self, lane)
+
+    def lane_law(self, lane: int, controller: FeedController) -> LaneLaw:
+        """Return a feed controller's place at a lane: see `LaneLaw`."""
+        from edmsim.envs.lane_law import LaneLaw
+
+        return LaneLaw(self.lanes, lane, controller)
+
+    def recorder(self, lane: int, actions: Sequence[str]) -> EpisodeRecorder:
+        """Return a recorder of the episode that a lane has just begun; see `EdmEnv.recorder`."""
+        from edmsim.envs.recorder import EpisodeRecorder
+
+        return EpisodeRecorder(self.lanes, lane, actions)
+
+    def close(self) -> None:
+        """Shut down the threads."""
+        self.lanes.fleet.close()
 
     def step(self, active: Ints, actions: NDArray[np.float32]) -> Floats:
         """Run a step in the active lanes; returns the rewards (n,), or (n, objectives), 0 in the others."""

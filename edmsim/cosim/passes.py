@@ -86,6 +86,10 @@ class PassLog:
         self.records: list[PassRecord] = []
         self.notices: list[str] = []
         self._before, self._open = Sums(), False
+        self.plan(path, legs)
+
+    def plan(self, path: CutPath, legs: Sequence[Leg]) -> None:
+        """Take another plan of the same cut: the passes to come may have other offsets."""
         passes = [(number, one) for number, contour in enumerate(path.contours, 1) for one in contour.passes]
         self._contours = path.contours
         self._number_of = {id(one): number for number, one in passes}

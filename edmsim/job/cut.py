@@ -40,7 +40,7 @@ from edmsim.machine.setting import guide_bends
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.constants import screws
 from edmsim.plant.workpiece.height_steps import LowerRegion
-from edmsim.program.outline import Corners
+from edmsim.program.outline import Corners, Program
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath, plan_path
 from edmsim.program.taper import GuideHeights
@@ -186,7 +186,7 @@ def make_controller(given: str | FeedController) -> FeedController:
 
 
 def planned(
-    program: str | Path, settings: CutSettings, machine: Machine, passes: PassPlan | None = None
+    program: str | Path | Program, settings: CutSettings, machine: Machine, passes: PassPlan | None = None
 ) -> CutPath:
     """Plan the wire's path of a cut with these settings on a machine; raises as `plan_path`."""
     table = machine.base.table

@@ -18,7 +18,6 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from edmsim import models, user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text, names
-from edmsim.envs.batch import entries_of
 from edmsim.envs.knobs import KNOBS
 from edmsim.envs.registry import make_family
 from edmsim.envs.task import Family
@@ -321,7 +320,7 @@ def _check_environment(card: Card, file: Path) -> None:
         family = make_family(card.env_id, **card.environment)
     except (InputError, TypeError, ValueError) as error:
         raise InputError(f"the policy's environment cannot be made: {error}", file) from None
-    expected = [entry.name for entry in entries_of(family)]
+    expected = [entry.name for entry in family.entries()]
     found = [entry.name for entry in card.observation]
     if found != expected:
         raise InputError(

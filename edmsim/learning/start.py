@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from edmsim.envs.batch import entries_of
 from edmsim.errors import InputError
 from edmsim.learning.policy_file import Policy, load, meanings
 from edmsim.learning.sb3_parts import Around, PolicyNetwork, around, network_of, shape_in_words
@@ -78,7 +77,7 @@ def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
     shape, own = shape_in_words(card.widths, card.activation, card.lstm, card.output), network.words()
     if shape != own:
         raise InputError(f"the policy has {shape}; the learner has {own}: choose its algorithm and network so")
-    sees = [[entry.name for entry in entries_of(each)] for each in (theirs, family)]
+    sees = [[entry.name for entry in each.entries()] for each in (theirs, family)]
     if sees[0] != sees[1] or meanings(theirs) != meanings(family):
         raise InputError(f"the policy, of {card.env_id}, sees or does something else than the training's environment")
     for name in SCALES:
