@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -19,12 +18,6 @@ from edmsim.envs.reward import TERMS, StepRewards
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import OPEN, SHORT
-
-if TYPE_CHECKING:
-    from edmsim.controllers import FeedController
-    from edmsim.envs.lane_law import LaneLaw
-    from edmsim.envs.recorder import EpisodeRecorder
-    from edmsim.envs.render import Renderer
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -84,8 +77,9 @@ class Batch:
         family = self.family
         return StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, self.lanes.count)
 
-    def change(self, family: Family) -> None:
+    def change(self, family: EnvArguments) -> None:
         """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""
+        assert isinstance(family, Family)
         self.family = self.lanes.family = family
         self._episodes[:] = 0
         self.earned = self._fresh_account()
@@ -151,22 +145,6 @@ class Batch:
     def out_of_time(self) -> NDArray[np.bool_]:
         """Which lanes (n,) have cut for as long as an episode lasts."""
         return self.lanes.out_of_time
-
-    def picture(self, renderer: Renderer, lane: int) -> NDArray[np.uint8]:
-        """Return a lane's picture, uint8 (480, 640, 3)."""
-        return renderer.picture(self, lane)
-
-    def lane_law(self, lane: int, controller: FeedController) -> LaneLaw:
-        """Return a feed controller's place at a lane: see `LaneLaw`."""
-        from edmsim.envs.lane_law import LaneLaw
-
-        return LaneLaw(self.lanes, lane, controller)
-
-    def recorder(self, lane: int, actions: Sequence[str]) -> EpisodeRecorder:
-        """Return a recorder of the episode that a lane has just begun; see `EdmEnv.recorder`."""
-        from edmsim.envs.recorder import EpisodeRecorder
-
-        return EpisodeRecorder(self.lanes, lane, actions)
 
     def close(self) -> None:
         """Shut down the threads."""

@@ -1,4 +1,4 @@
-"""A part that is cut in passes, one decision a pass: the cut of ``edmsim cut --passes``, stopped before each of them."""
+"""A part that is cut in passes, one decision each: the cut of ``edmsim cut --passes``, which waits before them."""
 
 from __future__ import annotations
 
@@ -60,6 +60,8 @@ class Step(NamedTuple):
         Of cutting: the time for threading is not in it.
     travel_um : float
         Length of path.
+    face_mm2 : float
+        Of the part's face, cut by the rough pass; the trims cut it again, and that does not count.
     broke : bool
         Whether it ended by a broken wire.
     """
@@ -67,6 +69,7 @@ class Step(NamedTuple):
     sums: Sums
     seconds: float
     travel_um: float
+    face_mm2: float
     broke: bool
 
 
@@ -197,12 +200,15 @@ class PartCut:
         """Share that is left of the leg that is decided on: 1, but where a wire broke."""
         if self.simulation is None or not self.broken:
             return 1.0
-        leg, done_um = self.simulation.legs[self.simulation.leg], self.simulation.path_um - self.simulation.leg_from_um
-        return min(max(1.0 - done_um / float(leg.along_um[-1] - leg.along_um[0]), 0.0), 1.0)
+        simulation = self.simulation
+        along_um = simulation.legs[simulation.leg].along_um
+        done_um = simulation.path_um - simulation.leg_from_um
+        return min(max(1.0 - done_um / float(along_um[-1] - along_um[0]), 0.0), 1.0)
 
     def wanted_um(self, number: int) -> int:
         """Return the metal that a pass is to leave on the drawing, by the technology."""
-        return round(self.table.offsets_mm[number - 1] * 1e3) - round(self.table.settings[number - 1].last_offset_um)
+        offset_mm, setting = self.table.offsets_mm[number - 1], self.table.settings[number - 1]
+        return round(offset_mm * 1e3) - round(setting.last_offset_um)
 
     def wall(self, number: int) -> WallError | None:
         """Return the wall that a pass of the profile left; None before it is over, or where none was measured."""
@@ -212,7 +218,7 @@ class PartCut:
 
     def run(self, choice: Choice, until_s: float) -> Step:
         """Cut until the next decision, or until so much time of cutting is over."""
-        before, before_s, before_um = self._sums(), self.cutting_s, self.path_um
+        before, before_s, before_um, before_mm2 = self._sums(), self.cutting_s, self.path_um, self._face_mm2()
         self._begin(choice)
         simulation = self.simulation
         assert simulation is not None
@@ -230,7 +236,12 @@ class PartCut:
         self.wires_lost += self.broken
         now = self._sums()
         less = {f.name: getattr(now, f.name) - getattr(before, f.name) for f in fields(Sums)}
-        return Step(Sums(**less), self.cutting_s - before_s, self.path_um - before_um, self.broken)
+        way_um, cut_mm2 = self.path_um - before_um, self._face_mm2() - before_mm2
+        return Step(Sums(**less), self.cutting_s - before_s, way_um, cut_mm2, self.broken)
+
+    def _face_mm2(self) -> float:
+        records = [] if self.simulation is None else self.simulation.passes.records
+        return sum(one.end_um - one.begin_um for one in records if one.number == 1) * 1e-3 * self.height_mm
 
     def _sums(self) -> Sums:
         return Sums() if self.simulation is None else replace(self.simulation.sums)
@@ -257,7 +268,7 @@ class PartCut:
         self._setups[number - 1] = setup
         if simulation is not None and self.broken:
             before_ns = simulation.plant.time_ns
-            simulation.rethread(setup)
+            simulation.rethread(setup, approach_of(setup.machine, self.table, self.setting))
             self._threaded_ns += simulation.plant.time_ns - before_ns
             self.cause = StopCause.RUNNING
             return
@@ -295,7 +306,13 @@ class PartCut:
         if offsets_mm == self.table.offsets_mm:
             return self._path
         plan = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, "stop")
-        return planned(self._program, settings, self._setups[0].machine, plan)
+        try:
+            return planned(self._program, settings, self._setups[0].machine, plan)
+        except InputError as error:  # a slot too narrow for the wire so far from its wall
+            self.refused = self.refused or str(error)
+        self._offsets_mm = [one.offset_um * 1e-3 for one in self.path.contours[0].passes[: self.passes]]
+        self.offset_um = self._offsets_mm[number - 1] * 1e3
+        return self.path
 
     def _plan(self, _: str | Path, settings: CutSettings, machine: Machine, passes: PassPlan | None) -> CutPath:
         """Plan the program that has been read."""
@@ -311,7 +328,7 @@ class PartCut:
         return math.nan if wall is None else math.hypot(wall.mean_um - self.wanted_um(self._stops_after), wall.rms_um)
 
     def ra_um(self) -> float:
-        """Return Ra of the face behind the last pass of the profile; by its craters alone where no wall was measured."""
+        """Return Ra of the face behind the last pass of the profile; by its craters where it has no wall."""
         assert self.simulation is not None
         figures = [one for one in pass_figures(self.simulation) if one.piece == "profile"]
         if math.isfinite(figures[-1].ra_um):

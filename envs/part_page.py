@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING
 
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.batch import action_space_of, observation_space_of
 from edmsim.envs.page import arguments, joined, limits, own_sections, paragraph, parts, table
-from edmsim.envs.parts import ACTIONS, ENTRIES
-
-if TYPE_CHECKING:
-    from edmsim.envs.part import Part
+from edmsim.envs.part_task import ACTIONS, ENTRIES, Part
 
 ENDS = {
     StopCause.FINISHED: "the part is cut",
@@ -54,17 +50,17 @@ def _actions(family: Part) -> str:
         (str(k), name, limits(-1, 1), meaning, unit) for k, (name, (meaning, unit)) in enumerate(ACTIONS.items())
     )
     return parts(
-        f"``Box(-1, 1, {space.shape}, float32)``: what a pass is cut with, against the technology; 0 is what that has.",
+        f"``Box(-1, 1, {space.shape}, float32)``: a pass' settings against the technology's; 0 is what that has.",
         table(("Index", "Name", "Range", "Meaning", "Unit of 1"), rows),
         paragraph(
-            "Actions beyond the range are clipped; NaN raises `InvalidAction`. A step is a pass. The passes of the tab "
-            "belong to the last step, with the settings and offsets that the profile's passes had. Where a wire breaks, "
-            "the step ends, and the next action is for the rest of the pass: set-point, pause and on-time count, and the "
-            "offset stays.",
+            "Actions beyond the range are clipped; NaN raises `InvalidAction`. A step is a pass. The passes of the "
+            "tab belong to the last step, with the settings and offsets that the profile's passes had. Where a wire "
+            "breaks, the step ends, and the next action is for the rest of the pass: set-point, pause and on-time "
+            "count, and the offset stays.",
         ),
         paragraph(
-            "The offset is rounded to 1 um, and is at most that of the pass before: a trim runs nearer to the part. A "
-            "setting that the generator refuses is replaced by the technology's pause, then by its pulses, and "
+            "The offset is rounded to 1 um, and is at most that of the pass before: a trim runs nearer to the part. "
+            "A setting that the generator refuses is replaced by the technology's pause, then by its pulses, and "
             '``info["refused"]`` has the reason.',
         ),
     )
@@ -79,9 +75,9 @@ def _observations(family: Part) -> str:
         "operator knows, clipped to its range.",
         table(("Index", "Name", "Range", "Quantity", "Divided by"), rows),
         paragraph(
-            "The entries up to the last action's are of the last step, 0 before the first. The wall that a pass of the "
-            "profile left is gauged when it is over, on straight stretches 0.4 mm off corners and ends, with an error of "
-            "``gauge_um``; what it is to leave follows from the technology's offsets.",
+            "The entries up to the last action's are of the last step, 0 before the first. The wall that a pass of "
+            "the profile left is gauged when it is over, on straight stretches 0.4 mm off corners and ends, with an "
+            "error of ``gauge_um``; what it is to leave follows from the technology's offsets.",
         ),
     )
 

@@ -71,8 +71,8 @@ def _scene(cut: PartCut) -> tuple[Scene, NDArray[np.float64]]:
     clearance = machine.base.guides.clearance_mm.value
     scene = Scene(
         maps=(ErrorMap(contour.nominal_mm, contour.part_side, points, error),), cut_edges_mm=tuple(edges), corners=(),
-        starts_mm=contour.points_um[:1] * 1e-3, holes_mm=holes, stock_mm=stock_mm, height_mm=machine.height_mm,
-        terraces=(), guides_z_mm=(-clearance, machine.height_mm + clearance),
+        starts_mm=np.asarray(contour.points_um[:1] * 1e-3, np.float64), holes_mm=holes, stock_mm=stock_mm,
+        height_mm=machine.height_mm, terraces=(), guides_z_mm=(-clearance, machine.height_mm + clearance),
         wire_diameter_um=machine.wire_diameter_um, origin_mm=cut.path.origin_mm,
     )  # fmt: skip
     return scene, np.asarray(place_mm, np.float64)

@@ -1,62 +1,32 @@
-"""Parts side by side, decided on pass by pass: actions, observations, rewards and infos of `edmsim.envs.part`."""
+"""Parts: episodes of `edmsim.envs.part_task.Part` side by side; actions, observations, rewards and infos."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.cosim.sums import Sums
-from edmsim.envs.observation import Entry
 from edmsim.envs.part_cut import Choice, PartCut, Step
+from edmsim.envs.part_task import ACTIONS, ENTRIES, LEFT_UM, TERMS, Part
+from edmsim.envs.task import EnvArguments
 from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
 from edmsim.machine.setting import open_V
-
-if TYPE_CHECKING:
-    from edmsim.controllers import FeedController
-    from edmsim.envs.part import Part
-    from edmsim.envs.render import Renderer
-    from edmsim.machine.machine import Machine
 
 Floats = NDArray[np.float64]
 
-ACTIONS = {
-    "set_point": ("share of open pulses of the rough pass, or feed of a trim, log2", "``set_point_octaves``"),
-    "pause": ("pause between two pulses, log2", "``pause_octaves``"),
-    "on_time": ("on-time, log2", "``on_time_octaves``"),
-    "offset": ("offset from the drawing, um; above 0 farther from the part", "``offset_um``"),
-}
-"""Entries of an action with their meaning and the unit of 1; 0 is what the technology has."""
-LEFT_UM = 20.0
-"""Metal left beyond what is wanted that its entry shows as 1 (ours: five times the error of a part)."""
-ENTRIES = (
-    Entry("short", 0.0, 1.0, "short pulses", "pulses of the step"),
-    Entry("open", 0.0, 1.0, "open pulses", "pulses of the step"),
-    Entry("spark", 0.0, 1.0, "pulses that ignited", "pulses of the step"),
-    Entry("mean_voltage", 0.0, 1.0, "mean gap voltage, V", "open voltage, V"),
-    Entry("feed", -4.0, 4.0, "log2 of the mean feed over the technology's", "1"),
-    Entry("left", -4.0, 4.0, "metal left by the pass, less what it is to leave, um", f"{LEFT_UM:g} um"),
-    Entry("gauged", 0.0, 1.0, "1 if that was measured, else 0", "1"),
-    Entry("broke", 0.0, 1.0, "1 if the step ended by a broken wire, else 0", "1"),
-    *(Entry(f"last_{name}", -1.0, 1.0, f"entry {k} of the last action", "1") for k, name in enumerate(ACTIONS)),
-    Entry("pass", 0.0, 1.0, "number of the pass that is decided on", "``passes``"),
-    Entry("rest", 0.0, 1.0, "share of it that is to be cut", "1"),
-    Entry("wires_lost", 0.0, 1.0, "wires that broke in the episode", "``wires``"),
-    Entry("spent", 0.0, 1.0, "time of cutting, s", "``episode_s``"),
-    Entry("height", 0.0, 8.0, "height of the workpiece, mm", "50 mm"),
-    Entry("tension", 0.0, 4.0, "tension of the wire", "the technology's"),
-)
-"""Entries of an observation; the first eight, and the last action, are of the last step, 0 before there is one."""
-TERMS = ("time", "error", "roughness", "wire_break", "limit")
-"""Names of the reward's terms, in order: those of `edmsim.envs.part.PartWeights`."""
 MOST_DRAWS = 20
 """Machines drawn before giving up on one that takes the technology's settings (ours)."""
+
+
+NO_STEP = Step(Sums(), 0.0, 0.0, 0.0, False)
+"""What has been done before the first step."""
 
 
 @dataclass
@@ -86,7 +56,7 @@ class Lane:
     cut: PartCut
     random: np.random.Generator
     tension_share: float
-    step: Step = Step(Sums(), 0.0, 0.0, False)
+    step: Step = NO_STEP
     action: Floats = field(default_factory=lambda: np.zeros(len(ACTIONS)))
     number: int = 0
     left_um: float = math.nan
@@ -108,7 +78,7 @@ class Lane:
 
 
 class Parts:
-    """Parts of one environment side by side; see `edmsim.envs.engine.Engine` for its members.
+    """Parts of one environment side by side; what `Batch` is to lanes.
 
     Parameters
     ----------
@@ -129,8 +99,9 @@ class Parts:
         self._threads = min(threads, count)
         self._pool: ThreadPoolExecutor | None = None
 
-    def change(self, family: Part) -> None:
+    def change(self, family: EnvArguments) -> None:
         """Let episodes begun from now on have other arguments."""
+        assert isinstance(family, Part)
         self.family = family
 
     # --- beginning ---
@@ -138,7 +109,7 @@ class Parts:
     def begin(
         self, lane: int, rng: np.random.Generator, machine: Machine | None, *, anew: bool
     ) -> dict[str, Any]:
-        """Begin an episode; with a pass of its own the passes before it are cut now. Returns the info of the reset."""
+        """Begin an episode; of one pass only, the passes before it are cut now. Returns the info of the reset."""
         if machine is not None:
             raise InputError(
                 "Part cuts with the machine of its technology: make it with height_mm and tension_share of one value "
@@ -153,7 +124,7 @@ class Parts:
             if self._prepared(one):
                 break
         else:
-            raise InputError(f"none of {MOST_DRAWS} machines came as far as pass {family.only_pass}: draw fewer constants")
+            raise InputError(f"none of {MOST_DRAWS} machines came to pass {family.only_pass}: draw fewer constants")
         self.lanes[lane] = one
         return {"drawn": drawn, "plant_seed": cut.seed, "total_um": cut.total_um}
 
@@ -173,7 +144,7 @@ class Parts:
         raise refused
 
     def _prepared(self, one: Lane) -> bool:
-        """Cut the passes before the one that is the episode, as the technology has them; say whether they were cut."""
+        """Cut the passes before the one that is the episode, as the technology has them; say if they were cut."""
         cut, only = one.cut, self.family.only_pass
         while only is not None and cut.number < only:
             self._cut(one, np.zeros(len(ACTIONS)))
@@ -193,7 +164,7 @@ class Parts:
     def step(self, active: NDArray[np.int64], actions: NDArray[np.float32]) -> Floats:
         """Cut a pass in the active lanes, or the rest of one."""
         self.clear()
-        jobs = [(self._lane(int(k)), np.clip(actions[k].astype(np.float64), -1.0, 1.0)) for k in active]
+        jobs = [(self.lane(int(k)), np.clip(actions[k].astype(np.float64), -1.0, 1.0)) for k in active]
         if self._threads > 1 and len(jobs) > 1:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(self._threads)
@@ -206,7 +177,8 @@ class Parts:
         chosen = [TERMS.index(name) for name in self.family.objectives]
         return np.asarray(terms[:, chosen] if chosen else terms.sum(axis=1))
 
-    def _lane(self, lane: int) -> Lane:
+    def lane(self, lane: int) -> Lane:
+        """Return the present episode of a lane."""
         one = self.lanes[lane]
         assert one is not None
         return one
@@ -220,11 +192,13 @@ class Parts:
         family, cut = self.family, one.cut
         one.number, one.action, one.left_um = cut.number, action, math.nan
         octaves = action[:3] * (family.set_point_octaves, family.pause_octaves, family.on_time_octaves)
-        factors = (float(2.0**octave) for octave in octaves)
-        one.step = cut.run(Choice(*factors, offset_um=float(action[3]) * family.offset_um), family.episode_s)
+        set_point, pause, on_time = (2.0 ** float(octave) for octave in octaves)
+        choice = Choice(set_point, pause, on_time, float(action[3]) * family.offset_um)
+        one.step = cut.run(choice, family.episode_s)
         wall = None if one.step.broke else cut.wall(one.number)
         if wall is not None:
-            one.left_um = wall.mean_um - cut.wanted_um(one.number) + family.gauge_um * float(one.random.standard_normal())
+            error_um = family.gauge_um * float(one.random.standard_normal())
+            one.left_um = wall.mean_um - cut.wanted_um(one.number) + error_um
 
     def _pay(self, one: Lane) -> None:
         """Work out what a step earned and cost."""
@@ -258,7 +232,7 @@ class Parts:
         """Return every lane's observation, in a fresh array; 0 where no episode has begun."""
         rows = [np.zeros(len(ENTRIES)) if one is None else self._observation(one) for one in self.lanes]
         low, high = (np.array([getattr(entry, end) for entry in ENTRIES]) for end in ("low", "high"))
-        return np.clip(np.array(rows), low, high).astype(np.float32)
+        return np.asarray(np.clip(np.array(rows), low, high), np.float32)
 
     def _observation(self, one: Lane) -> list[float]:
         cut, step, family = one.cut, one.step, self.family
@@ -268,7 +242,8 @@ class Parts:
             usual_um_s = cut.table.settings[one.number - 1].feed_mm_min / 0.06
             seen = [
                 sums.short / sums.pulses, sums.open / sums.pulses, (sums.spark + sums.arc) / sums.pulses,
-                abs(sums.voltage_s) / step.seconds / open_V(family.base), math.log2(max(step.travel_um / step.seconds / usual_um_s, 1e-3)),
+                abs(sums.voltage_s) / step.seconds / open_V(family.base),
+                math.log2(max(step.travel_um / step.seconds / usual_um_s, 1e-3)),
                 left / LEFT_UM if math.isfinite(left) else 0.0, float(math.isfinite(left)), float(step.broke),
             ]  # fmt: skip
         return [
@@ -278,11 +253,8 @@ class Parts:
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Return what `info` tells at every step, in fresh arrays; -1 where an error or Ra is not known."""
-        columns: dict[str, list[Any]] = {}
-        for one in self.lanes:
-            for name, value in (_NOTHING if one is None else self._info(one)).items():
-                columns.setdefault(name, []).append(value)
-        return {name: np.array(values) for name, values in columns.items()}
+        rows = [self._info(self.lane(k)) for k in range(len(self.lanes))]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
     def _info(self, one: Lane) -> dict[str, Any]:
         cut, sums = one.cut, one.step.sums
@@ -294,8 +266,7 @@ class Parts:
             "feed_um_s": one.step.travel_um / one.step.seconds if one.step.seconds else 0.0,
             "short": sums.short, "open": sums.open, "spark": sums.spark, "arc": sums.arc,
             "left_um": 0.0 if wall is None else wall.mean_um, "wanted_um": cut.wanted_um(max(one.number, 1)),
-            "area_mm2": one.step.travel_um * 1e-3 * cut.height_mm,
-            "wires_lost": cut.wires_lost, "cost": one.cost,
+            "area_mm2": one.step.face_mm2, "wires_lost": cut.wires_lost, "cost": one.cost,
             **{name: value if math.isfinite(value) else -1.0 for name, value in known.items()},
         }  # fmt: skip
 
@@ -312,20 +283,6 @@ class Parts:
                 words["cause"][k] = WORDS[one.cut.cause].info if one.ended else ""
                 words["refused"][k] = one.cut.refused
         return words
-
-    def picture(self, _: Renderer, lane: int) -> NDArray[np.uint8]:
-        """Return a picture of the part so far, uint8 (480, 640, 3)."""
-        from edmsim.envs.part_picture import picture
-
-        return picture(self._lane(lane))
-
-    def lane_law(self, _: int, controller: FeedController) -> NoReturn:
-        """Refuse: a feed controller decides window by window."""
-        raise InputError(f"Part is decided on pass by pass: {controller.name} has no place there")
-
-    def recorder(self, _: int, actions: Sequence[str]) -> NoReturn:
-        """Refuse: an episode of passes is recorded as a cut is."""
-        raise InputError("an episode of Part is not recorded: edmsim cut --passes records the same part")
 
     def close(self) -> None:
         """Shut down the threads."""

@@ -178,7 +178,7 @@ def make_family(name: str | type[EnvArguments], **options: Any) -> Family:
 
     made = arguments_with(name, **options)
     if not isinstance(made, Family):
-        raise InputError(f"{name} is decided on pass by pass: no feed controller, recorder or study of windows fits it")
+        raise InputError(f"{name} is decided on pass by pass: no feed controller or study of windows fits it")
     return made
 
 
@@ -215,7 +215,7 @@ def stand_in(family: type[EnvArguments], arguments: dict[str, Any]) -> tuple[str
     own = family.of(**own_arguments)
     if hasattr(own, "knobs") and own.knobs != known.of().knobs:  # type: ignore[attr-defined]
         own_arguments["knobs"] = own.knobs
-    meaning = ("knows_corners", "knows_wires", "setting_us", "entries", "action_names", "engine")
+    meaning = ("knows_corners", "knows_wires", "setting_us", "entries", "action_names")
     if any(getattr(family, name, None) != getattr(known, name, None) for name in meaning):
         raise InputError(
             f"the family {family.__name__} has other observations or actions than {base}, from which it derives: no "

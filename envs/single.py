@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from edmsim.envs.arguments import plain
 from edmsim.envs.batch import action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
+from edmsim.envs.engine import engine_of, lanes_of, picture_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import EnvArguments
@@ -27,7 +28,7 @@ _LANE = np.zeros(1, np.int64)
 
 
 class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """Cut metal: a step is a window of 255 pulses, or as many as begin within `Family.decision_s`; in Part, a pass.
+    """Cut metal: a step is a window of 255 pulses, as many as begin within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make("edmsim/GapFeed-v2", ...)``, which makes the subclass `GapFeedEnv`: its description, and that
     of each of the others, has every entry of action, observation and reward.
@@ -69,7 +70,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = action_space_of(self.family)
         self.observation_space = observation_space_of(self.family)
         self.reward_space = reward_space_of(self.family)
-        self._batch = self.family.engine(1, 1)
+        self._batch = engine_of(self.family, 1, 1)
         self._of_episode: dict[str, Any] = {}
         self._running = False
         self._started = False
@@ -138,7 +139,9 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def lane_law(self, controller: FeedController) -> LaneLaw:
         """Return a feed controller's place at this environment: see `LaneLaw`."""
-        return self._batch.lane_law(0, controller)
+        from edmsim.envs.lane_law import LaneLaw
+
+        return LaneLaw(lanes_of(self._batch), 0, controller)
 
     def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that has just begun; `RecordRerun` records with it.
@@ -148,7 +151,9 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         actions : sequence of str, optional
             What the entries of the actions are called that it will be told of; those of the family if not given.
         """
-        return self._batch.recorder(0, self.family.action_names if actions is None else actions)
+        from edmsim.envs.recorder import EpisodeRecorder
+
+        return EpisodeRecorder(lanes_of(self._batch), 0, self.family.action_names if actions is None else actions)
 
     def change(self, **options: Any) -> None:
         """Let the next episodes have other arguments, for a curriculum.
@@ -174,7 +179,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             return None
         if not self._started:
             raise ResetNeeded("no episode has begun: call reset() before render()")
-        picture = self._batch.picture(self._renderer, 0)
+        picture = picture_of(self._batch, self._renderer, 0)
         if self.render_mode == "human":
             self._renderer.show(picture)
             return None

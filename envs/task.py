@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +38,6 @@ from edmsim.numeric import keep_plain, whole_from
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
 
-if TYPE_CHECKING:
-    from edmsim.envs.engine import Engine
-
 Floats = NDArray[np.float64]
 
 MAX_FEED_UM_S = 100.0
@@ -57,13 +54,14 @@ LASTING = (
 
 
 class EnvArguments(ABC):
-    """Arguments of an environment, as a frozen record, and what follows from them: spaces and engine.
+    """Arguments of an environment, as a frozen record, and what follows from them for its spaces.
 
-    Episodes of a `Family` are decided on window by window; those of `edmsim.envs.part.Part` pass by pass.
+    Episodes of a `Family` are decided on window by window; those of `edmsim.envs.part_task.Part` pass by pass.
     """
 
     own_weights: ClassVar[Any]
     lasting: ClassVar[tuple[str, ...]] = ()
+    resolution: str
     objectives: Sequence[str]
     cost_limit: float
 
@@ -75,10 +73,6 @@ class EnvArguments(ABC):
     @abstractmethod
     def entries(self) -> list[Entry]:
         """Return every entry of an observation, in order."""
-
-    @abstractmethod
-    def engine(self, count: int, threads: int) -> Engine:
-        """Return what runs so many episodes side by side."""
 
     @classmethod
     def of(cls, **arguments: Any) -> Self:
@@ -301,12 +295,6 @@ class Family(EnvArguments):
         return entries(
             self.history, self.knows_corners, self.locates_discharges, self.offset_um is not None, self.knows_wires
         )
-
-    def engine(self, count: int, threads: int) -> Engine:
-        """Return lanes: all windows of a step in compiled calls."""
-        from edmsim.envs.batch import Batch
-
-        return Batch(self, count, threads)
 
     @property
     def reach_mm(self) -> float:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from edmsim.envs.arguments import plain
 from edmsim.envs.batch import action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
+from edmsim.envs.engine import engine_of, lanes_of, picture_of
 from edmsim.envs.lane_view import LaneView
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
@@ -34,8 +35,7 @@ Flags = NDArray[np.bool_]
 
 
 class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
-    """Many cuts at once; a step is a window of 255 pulses in each, or as many as begin within `Family.decision_s`, or
-    in Part a pass.
+    """Many cuts at once; a step is a window of 255 pulses, as many as begin within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``. Lane
     i, reset with seed s, is bit for bit the single environment reset with seed s + i.
@@ -103,7 +103,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         self._action_shape = (num_envs, *(self.single_action_space.shape or ()))
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._batch = self.family.engine(num_envs, threads or os.cpu_count() or 1)
+        self._batch = engine_of(self.family, num_envs, threads or os.cpu_count() or 1)
         self._elapsed = np.zeros(num_envs, np.int64)
         self._started: Flags = np.zeros(num_envs, np.bool_)
         self._ended: Flags = np.zeros(num_envs, np.bool_)
@@ -225,11 +225,15 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
     def lane_law(self, lane: int, controller: FeedController) -> LaneLaw:
         """Return a feed controller's place at a lane: see `LaneLaw`."""
-        return self._batch.lane_law(lane, controller)
+        from edmsim.envs.lane_law import LaneLaw
+
+        return LaneLaw(lanes_of(self._batch), lane, controller)
 
     def recorder(self, lane: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that a lane has just begun; see `EdmEnv.recorder`."""
-        return self._batch.recorder(lane, self.family.action_names if actions is None else actions)
+        from edmsim.envs.recorder import EpisodeRecorder
+
+        return EpisodeRecorder(lanes_of(self._batch), lane, self.family.action_names if actions is None else actions)
 
     @property
     def views(self) -> tuple[LaneView, ...]:
@@ -300,7 +304,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         """Return a picture of a lane."""
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
-        return self._batch.picture(self._renderer, lane)
+        return picture_of(self._batch, self._renderer, lane)
 
     def close_extras(self, **_: Any) -> None:
         """Shut down the threads and close the window."""

@@ -43,6 +43,8 @@ def train(
     live: Annotated[bool, typer.Option("--live", help="Show these episodes in rerun's viewer as they end.")] = False,
 ) -> None:
     """Train a feed controller (needs the extra rl)."""
+    from edmsim.envs.registry import resolve
+    from edmsim.evaluation.parts import is_part
     from edmsim.learning.command import TrainOptions, run
 
     options = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live)
@@ -53,8 +55,11 @@ def train(
         raise typer.Exit(INTERRUPTED) from None
     if table is not None:
         OUT.print(table)
-    OUT.print(f"Cut with it: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
-               highlight=False, soft_wrap=True, markup=False)
+    policy = f"policy:{out / 'policy.json'}"
+    use = f"Cut with it: edmsim cut PROGRAM --controller {policy} --out DIR"
+    if is_part(resolve(env_id)):
+        use = f"Compare it: edmsim evaluate {env_id} --controllers {policy}"
+    OUT.print(use, highlight=False, soft_wrap=True, markup=False)
 
 
 def dataset(

@@ -90,21 +90,22 @@ class PassLog:
 
     def plan(self, path: CutPath, legs: Sequence[Leg]) -> None:
         """Take another plan of the same cut: the passes to come may have other offsets."""
-        passes = [(number, one) for number, contour in enumerate(path.contours, 1) for one in contour.passes]
+        numbers = {id(one): number for number, contour in enumerate(path.contours, 1) for one in contour.passes}
+        last = {id(leg.cut_pass): k for k, leg in enumerate(legs)}
         self._contours = path.contours
-        self._number_of = {id(one): number for number, one in passes}
-        self._last_leg = {id(leg.cut_pass): k for k, leg in enumerate(legs) if leg.cut_pass is not None}
+        self._contour_of = [numbers.get(id(leg.cut_pass), 0) for leg in legs]
+        self._is_last = [last[id(leg.cut_pass)] == k for k, leg in enumerate(legs)]
 
-    def begin_leg(self, leg: Leg, time_s: float, path_um: float, sums: Sums) -> None:
+    def begin_leg(self, number: int, leg: Leg, time_s: float, path_um: float, sums: Sums) -> None:
         """Begin a record with the leg of a pass, behind its lead-in."""
         one = leg.cut_pass
         self._open = one is not None and not leg.leads_in
         if one is None or leg.leads_in:
             return
-        number = self._number_of[id(one)]
+        contour = self._contour_of[number]
         self._before = Sums(**asdict(sums))
         self.records.append(
-            PassRecord(number, one.number, one.piece, one.reversed, one.offset_um, time_s, time_s, path_um, path_um)
+            PassRecord(contour, one.number, one.piece, one.reversed, one.offset_um, time_s, time_s, path_um, path_um)
         )
 
     def follow(self, time_s: float, path_um: float, sums: Sums) -> None:
@@ -117,7 +118,7 @@ class PassLog:
     def end_leg(self, number: int, leg: Leg, plant: Plant) -> None:
         """Measure the wall at the end of a pass, and see what has come loose."""
         one = leg.cut_pass
-        if one is None or self._last_leg[id(one)] != number:
+        if one is None or not self._is_last[number]:
             return
         self._open = False
         contour = self._contours[self.records[-1].contour - 1]

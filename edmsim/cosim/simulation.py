@@ -196,7 +196,7 @@ class Simulation:
         self._at = ProgramPlace(from_um=(x, y), lead_um=self._lead_of(0))
         self._motion = self._begin_leg()
         self._check_later_passes()
-        self.passes.begin_leg(self.legs[0], 0.0, 0.0, self.sums)
+        self.passes.begin_leg(0, self.legs[0], 0.0, 0.0, self.sums)
         self._cycle = Cycle(self.plant, self._motion, self._decide, self.observers)
 
     @property
@@ -474,7 +474,7 @@ class Simulation:
             raise InputError("a pass is under way: the next one begins when it is over")
         legs = [leg for contour in path.contours for leg in legs_of(contour)]
         if len(legs) != len(self.legs):
-            raise InputError(f"the path has {len(legs)} legs in place of {len(self.legs)}: it is no plan of the same cut")
+            raise InputError(f"the path has {len(legs)} legs, not {len(self.legs)}: it is no plan of the same cut")
         self.waiting = False
         self.path, self.legs, self._setups = path, legs, tuple(setups)
         self.total_um = self.path_um + sum(float(leg.along_um[-1] - leg.along_um[0]) for leg in legs[self.leg + 1 :])
@@ -482,13 +482,15 @@ class Simulation:
         self.cause = self._next_leg()
         return self.cause
 
-    def rethread(self, setup: PassSetup) -> None:
+    def rethread(self, setup: PassSetup, approach: PassSetup) -> None:
         """Thread a fresh wire where the last one broke, and go on along the pass with a setting.
 
         Parameters
         ----------
         setup : PassSetup
             Of this pass from here on, and of the passes of its number that come later.
+        approach : PassSetup
+            Of the rest of a lead-in.
 
         Raises
         ------
@@ -499,16 +501,16 @@ class Simulation:
             raise InputError("no wire broke: there is nothing to thread")
         place_um = (*self.plant.commanded_um, *self.plant.lead_um) if self._leans else self.plant.commanded_um
         self.plant.rethread(place_um, round(self.machine.base.table.threading_s.value * 1e9))
-        one = self.legs[self.leg].cut_pass
-        if one is not None:
-            number = min(one.number, len(self._setups))
-            self._setups = (*self._setups[: number - 1], setup, *self._setups[number:])
-        if setup.machine is not self._setup.machine:
-            self.plant.change_setup(setup.machine)
-        self._setup = setup
-        tell(self.controller, setup.machine, self.legs[self.leg].points_um, self._at.start_um)
+        leg = self.legs[self.leg]
+        if leg.cut_pass is not None:
+            number = min(leg.cut_pass.number, len(self._setups))
+            self._setups, self._approach = (*self._setups[: number - 1], setup, *self._setups[number:]), approach
+        self._setup = approach if leg.leads_in else setup
+        machine = self._setup.machine
+        self.plant.change_setup(machine)
+        tell(self.controller, machine, leg.points_um, self._at.start_um)
         command = check_command(self.controller.name, self.controller.reset(self.max_feed_um_s))
-        self._set_generator(setup.machine.t_on_us, setup.machine.t_period_us)
+        self._set_generator(machine.t_on_us, machine.t_period_us)
         self._set_generator(command.t_on_us, command.t_period_us)
         self._motion.command = command
         self.cause, self.reason = StopCause.RUNNING, None
@@ -526,7 +528,7 @@ class Simulation:
             self.missed_windows,
         )
         self._cycle.motion = self._motion = self._begin_leg()
-        self.passes.begin_leg(self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums)
+        self.passes.begin_leg(at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums)
         return StopCause.RUNNING
 
     def _thread_at(self, point_um: NDArray[np.int64], lead_um: tuple[float, float]) -> float:

@@ -73,6 +73,10 @@ OF_TASK = {
             "set-point:open_target_share=0.4,proportional_um_s=200,integral_um_s2=400,offset_um=-2",
         ),
     ),
+    "Part": Lines(
+        "technology", "oracle", ("technology", "corrected", "corrected:set_point=1", "corrected:on_time=-1"),
+        ("constant:set_point=1", "corrected", "corrected:set_point=1"),
+    ),
 }
 """Lines of the tasks that have other ones than `USUAL`."""
 

@@ -12,7 +12,7 @@ from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Policy
-from edmsim.learning.score import RESOLUTIONS, RIVALS, measure, render
+from edmsim.learning.score import measure, measured_with, render
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -144,7 +144,9 @@ def run(
         policy_file.write(card, packed, file)
         if not episodes:
             return None
-        measuring = bar.add_task("score", total=(1 + len(RIVALS)) * len(RESOLUTIONS) * episodes, status="measuring")
+        rivals, resolutions = measured_with(done.env_id)
+        cuts = (1 + len(rivals)) * len(resolutions) * episodes
+        measuring = bar.add_task("score", total=cuts, status="measuring")
         bar.start()
         scores = measure(done.env_id, str(file), episodes, lambda _done, _total: bar.advance(measuring))
     finally:
