@@ -19,9 +19,9 @@ from edmsim.controllers.protocols import (
     check_command,
     tell,
 )
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 
 WINDOW_S = 0.0255
 """255 pulses of the standard setting."""

@@ -21,7 +21,7 @@ def from_file(own: UserObject, parameters: dict[str, float]) -> FeedController:
     Raises
     ------
     InputError
-        The file cannot be run, has no such class, or the class is no feed controller or refuses a parameter.
+        The file cannot be run, has no such class, or the class is not a feed controller or refuses a parameter.
     """
     kinds = {
         name: kind for name, kind in vars(run(own.file)).items()
@@ -53,7 +53,7 @@ def check_is_controller(candidate: object) -> FeedController:
         raise InputError(f"{candidate.__name__} is a class: give an object of it, {candidate.__name__}()")
     missing = lacking(candidate)
     if missing:
-        raise InputError(f"{candidate!r} is no feed controller: it has no {', '.join(missing)}")
+        raise InputError(f"{candidate!r} is not a feed controller: it has no {', '.join(missing)}")
     return cast(FeedController, candidate)
 
 
@@ -78,5 +78,5 @@ def _why_not(own: UserObject, kinds: list[str]) -> str:
     found = vars(run(own.file)).get(own.name)
     if inspect.isclass(found):
         missing = lacking(found) or sorted(getattr(found, "__abstractmethods__", ()))
-        return f"{own.name} is no feed controller: it has no {', '.join(missing)}"
+        return f"{own.name} is not a feed controller: it has no {', '.join(missing)}"
     return f"this file has no feed controller {own.name!r}; {there}"

@@ -274,7 +274,7 @@ class HasSwitches(Protocol):
 
 
 def check_parameters(controller: Any) -> None:
-    """Refuse what is no finite number, a negative one but of `SIGNED`, or a ``*_share`` above 1."""
+    """Refuse what is not a finite number, a negative one but of `SIGNED`, or a ``*_share`` above 1."""
     keep_plain(controller)
     for parameter in fields(controller):
         name, value = parameter.name, real(getattr(controller, parameter.name))
@@ -287,7 +287,7 @@ def check_parameters(controller: Any) -> None:
 
 
 def check_command(controller: str, command: object) -> FeedCommand:
-    """Return what a controller answered; refuse what is no command, and a feed or offset that is no finite number."""
+    """Return what a controller answered; refuse what is not a command, and a feed or offset that is not finite."""
     if not isinstance(command, FeedCommand):
         raise InputError(f"the {controller} controller answered {command!r}: it must return a FeedCommand")
     if not math.isfinite(command.feed_um_s):

@@ -11,9 +11,7 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 from edmsim.errors import InputError
-
-WINDOW_PULSES = 255
-"""Pulses per cycle of the analyser (row T-40)."""
+from edmsim.machine.setting import WINDOW_PULSES
 
 
 def percent_of_window(pulses: float) -> float:

@@ -45,9 +45,9 @@ smartquotes_action = "De"  # dashes, not quotation marks: what is quoted may be 
 
 def repository() -> str:
     """Return the address of the repository that this checkout was cloned from; empty where a browser finds none."""
-    asked = ["git", "-C", str(ROOT), "remote", "get-url", "origin"]
+    command = ["git", "-C", str(ROOT), "remote", "get-url", "origin"]
     try:
-        address = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.strip()
+        address = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
     except OSError:
         return ""
     address = re.sub(r"^(?:ssh://)?git@([\w.-]+)[:/]", r"https://\1/", address).removesuffix(".git")
@@ -87,7 +87,7 @@ napoleon_custom_sections = [
 
 
 def copy_notebooks(into: Path) -> None:
-    """Copy the notebooks into the site's folder, with a page that tells of them; there may be none."""
+    """Copy the notebooks into the site's folder, with a page that lists them, if there are any."""
     into.mkdir(exist_ok=True)
     found = {file.name: file.read_text(encoding="utf-8") for file in (ROOT / "notebooks").glob("*.ipynb")}
     table = ".. include:: ../../notebooks/README.md\n   :parser: myst_parser.sphinx_\n"
@@ -163,7 +163,7 @@ def skip(_: Sphinx, __: str, name: str, member: object, skipped: bool, ___: obje
 
 
 def sign(
-    _: Sphinx, __: str, ___: str, subject: object, ____: object, given: str | None, returned: str | None
+    _: Sphinx, __: str, ___: str, subject: object, ____: object, annotated: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
     """Write arrays as they are written; leave out the constructors of validated models: they are read from files."""
     if isinstance(subject, type) and issubclass(subject, BaseModel):
@@ -172,7 +172,7 @@ def sign(
     def short(text: str | None) -> str | None:
         return text and ARRAY.sub(r"~numpy.typing.NDArray[\1]", text)
 
-    return short(given), short(returned)
+    return short(annotated), short(returned)
 
 
 def keep_colons(_: Sphinx, kind: str, __: str, ___: object, ____: object, lines: list[str]) -> None:
@@ -189,7 +189,7 @@ def show_colons(_: Sphinx, __: str, ___: str, ____: object, _____: object, lines
 def known_name(
     app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: TextElement
 ) -> Element | None:
-    """Find a class by its bare name; complain of a name of edmsim that is none; leave others as they are.
+    """Find a class by its bare name; complain of an unknown name of edmsim; leave others as they are.
 
     Docstrings name parameters, files and private rooms in single backticks as well as what has an entry here.
     """

@@ -68,12 +68,12 @@ def read_arrays(packed: bytes) -> dict[str, NDArray[Any]]:
 
 
 def _check_array(member: zipfile.ZipInfo, opened: Any) -> None:
-    """Refuse what is no array, holds objects, or says another size than it has."""
+    """Refuse what is not an array, holds objects, or says another size than it has."""
     version = npy.read_magic(opened)
     header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
     shape, _, dtype = header(opened)
     if dtype.hasobject or any(length < 0 for length in shape):
-        raise ValueError(f"{member.filename} is no array of numbers")
+        raise ValueError(f"{member.filename} is not an array of numbers")
     if math.prod(shape) * dtype.itemsize != member.file_size - opened.tell():
         raise ValueError(f"{member.filename} has another size than it says")
 

@@ -1,4 +1,4 @@
-"""Numbers that users give: Python's own, numpy's, fractions, arrays without a dimension; a truth value is no number.
+"""Numbers that users give: Python's own, numpy's, fractions, arrays without a dimension; no truth values.
 
 >>> import numpy as np
 >>> plain(np.float32(0.5)), plain((np.int64(3), True))

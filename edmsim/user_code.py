@@ -62,7 +62,7 @@ def run(file: str) -> ModuleType:
     Raises
     ------
     InputError
-        It cannot be read, is no Python, or fails.
+        It cannot be read, is not Python, or fails.
     """
     return _run(str(Path(file).absolute()), _text(file), file)
 
@@ -85,7 +85,7 @@ def _run(place: str, text: str, shown: str) -> ModuleType:
     except InputError:
         raise
     except SyntaxError as error:
-        raise InputError(f"is no Python: {error.msg}", shown, error.lineno) from None
+        raise InputError(f"is not Python: {error.msg}", shown, error.lineno) from None
     except Exception as error:
         lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == place]
         reason = f"fails when it is run: {type(error).__name__}: {error}"

@@ -56,7 +56,7 @@ def shows_arguments(kind: _Kind) -> _Kind:
 
 
 def above_zero(name: str, value: float, most: float = math.inf) -> None:
-    """Refuse an argument that is no number above 0 and at most `most`."""
+    """Refuse an argument that is not a number above 0 and at most `most`."""
     number = real(value)
     if number is None or not (0 < number <= most and math.isfinite(number)):
         up_to = f" and at most {most:g}" if math.isfinite(most) else ""
@@ -64,7 +64,7 @@ def above_zero(name: str, value: float, most: float = math.inf) -> None:
 
 
 def within(name: str, value: float, low: float, high: float) -> None:
-    """Refuse an argument that is no number from `low` to `high`."""
+    """Refuse an argument that is not a number from `low` to `high`."""
     number = real(value)
     if number is None or not low <= number <= high:
         raise InputError(f"{name} is {value!r}: give a number from {low:g} to {high:g}")

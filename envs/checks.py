@@ -19,7 +19,7 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
     Raises
     ------
     InvalidAction
-        Another shape, what is no number, NaN or infinity. What is beyond -1..1 is not refused but clipped.
+        Another shape, what is not a number, NaN or infinity. What is beyond -1..1 is not refused but clipped.
     """
     try:
         array = np.asarray(actions, np.float32)

@@ -1,7 +1,7 @@
 """What is drawn of an episode's machine: constants nobody can know, and none that an operator sets.
 
-A dial of the operator, the pressure of the flushing say, is no uncertainty: it stays where it stands and is shown in
-the observation. Constants without effect are not drawn either: friction and backlash of the table act where MuJoCo
+A dial of the operator, such as the pressure of the flushing, is not drawn: it keeps its value, which the observation
+contains. Constants without effect are not drawn either: friction and backlash of the table act where MuJoCo
 steps the machine, and only there; bore and flow of the nozzles where one stands off the workpiece; the rapid rate and
 the time for threading pay nothing but time that is not cut.
 """

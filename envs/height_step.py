@@ -19,7 +19,7 @@ from edmsim.plant.workpiece.height_steps import LowerRegion
 
 LEAST_SHARE = 0.2
 """Least height of a band that may be asked for, as a share of the greatest (ours)."""
-_BESIDE_UM = 2e3
+_MARGIN_UM = 2e3
 """How far a band reaches beside and beyond the path (ours: well beyond what the wire erodes)."""
 
 
@@ -53,11 +53,11 @@ class HeightStep(GapFeed):
             starts.append(at)
             heights.append(machine.height_mm * float(rng.uniform(self.low_share, 1.0)))
             at += float(rng.uniform(*self.band_mm)) * 1e3
-        ends = [*starts[1:], total + _BESIDE_UM]
+        ends = [*starts[1:], total + _MARGIN_UM]
         x, y = machine.base.table.centre_um
         x += machine.wire_diameter_um / 2 + SLOT_GAP_UM  # where the wire's front meets a jump
         steps = [
-            LowerRegion(shapely.box(x + a, y - _BESIDE_UM, x + b, y + _BESIDE_UM), h)
+            LowerRegion(shapely.box(x + a, y - _MARGIN_UM, x + b, y + _MARGIN_UM), h)
             for a, b, h in zip(starts[1:], ends[1:], heights[1:], strict=True)
         ]
         drawn |= {"height_jumps": float(len(steps))}

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, SeesTruth, WindowObservation
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.envs.as_action import as_action
+from edmsim.machine.setting import WINDOW_PULSES
 
 if TYPE_CHECKING:
     from edmsim.envs.lanes import Lanes

@@ -182,12 +182,12 @@ class Lanes:
 
     def set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
-        wanted = to_detents(t_on_us, t_period_us, self.family.detents_us)
+        setting = to_detents(t_on_us, t_period_us, self.family.detents_us)
         self.refused[lane] = None
-        if wanted == tuple(self.rows[lane]["setting_us"]):
+        if setting == tuple(self.rows[lane]["setting_us"]):
             return
         try:
-            self.fleet.plants[lane].set_generator(*wanted)
+            self.fleet.plants[lane].set_generator(*setting)
         except InputError as error:
             self.refused[lane] = str(error)
         else:
@@ -264,7 +264,7 @@ class Lanes:
         row["cause"] = RUNNING
         row["settling_ns"], row["shorted_s"] = SETTLING_NS, 0.0
         plant.rethread(plant.commanded_um, round(float(row["threading_s"]) * 1e9))
-        self._set_as_begun(lane)
+        self._reset_setting(lane)
 
     def _end_leg(self, lane: int) -> None:
         """Go on with the path's next piece, if there is one."""
@@ -279,10 +279,10 @@ class Lanes:
         table = plant.machine.base.table
         way = math.dist((x, y), plant.commanded_um)
         plant.rethread((x, y), round((way / table.rapid_um_s.value + table.threading_s.value) * 1e9))
-        self._set_as_begun(lane)
+        self._reset_setting(lane)
         self._begin_leg(lane, following)
 
-    def _set_as_begun(self, lane: int) -> None:
+    def _reset_setting(self, lane: int) -> None:
         """Set the generator as it was set up: so every leg begins, and every wire."""
         scenario, plant = self.scenarios[lane], self.fleet.plants[lane]
         assert scenario is not None
@@ -291,7 +291,7 @@ class Lanes:
             self._take_setting(lane)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs: whoever watches stays with the lanes watched."""
+        """Return what a copy needs; watchers stay with the original."""
         return {**self.__dict__, "watchers": [[] for _ in range(self.count)]}
 
 

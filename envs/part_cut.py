@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import NamedTuple
 
 from edmsim.cosim.passes import PassSetup
@@ -115,7 +114,7 @@ class PartCut:
         self, program: Program, settings: CutSettings, tension_share: float, stops_after: int | None = None
     ) -> None:
         self._program = program
-        found = with_passes(program.source, settings, self._plan)
+        found = with_passes(program, settings, planned)
         assert found.table is not None
         assert found.technology is not None
         if len(found.path.contours) != 1:
@@ -307,16 +306,12 @@ class PartCut:
             return self._path
         plan = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, "stop")
         try:
-            return planned(self._program, settings, self._setups[0].machine, plan)
+            return planned(self._program, settings, [one.machine for one in self._setups], plan)
         except InputError as error:  # a slot too narrow for the wire so far from its wall
             self.refused = self.refused or str(error)
         self._offsets_mm = [one.offset_um * 1e-3 for one in self.path.contours[0].passes[: self.passes]]
         self.offset_um = self._offsets_mm[number - 1] * 1e3
         return self.path
-
-    def _plan(self, _: str | Path, settings: CutSettings, machine: Machine, passes: PassPlan | None) -> CutPath:
-        """Plan the program that has been read."""
-        return planned(self._program, settings, machine, passes)
 
     def error_um(self) -> float:
         """Return the part's error, root mean square over contour and height; of a single pass that of its wall."""

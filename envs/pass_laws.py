@@ -95,7 +95,8 @@ class Corrected(Constant):
         seen = {name: float(observation[k]) for name, k in _AT.items()}
         action = super().act(observation)
         if seen["broke"]:
-            action[:] = np.clip(self._last + (0.0, self.calm, 0.0, 0.0), -1.0, 1.0)
+            action = self._last.copy()
+            action[1] = min(action[1] + self.calm, 1.0)
         else:
             self._number += 1
             if self._number > 1 and seen["short"] < self.short_share:

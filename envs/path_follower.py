@@ -96,7 +96,7 @@ def take_feeds(
     lanes: NDArray[np.int64], rows: NDArray[np.void], feeds_um_s: NDArray[np.float64], limit_um_s: float,
     unit_nm_s: float, counts: bool,
 ) -> None:
-    """Command feeds in the planners' units of so many nm/s, and no more than the limit either way.
+    """Command feeds in the planners' units of `unit_nm_s`, clamped to the limit either way.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def plan(
     Returns
     -------
     int
-        Most steps of a lane; if there is no room for so many, plan again with more.
+        Most steps of a lane; if `out` has too little room for them, plan again with more.
     """
     most = 0
     for j in range(lanes.shape[0]):

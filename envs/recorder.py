@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from edmsim.recording.scene import Scene
 
 EVERY = 12
-"""Of so many windows one is kept pulse by pulse, with the wire's shape (ours: three a second of machine time, as
+"""Windows per window that is recorded pulse by pulse, with the wire's shape (ours: three a second of machine time, as
 playback shows a cut some times faster than it was; and a twelfth of the time they take)."""
 _in_order = itemgetter(*TERMS)
 
@@ -171,16 +171,16 @@ class EpisodeRecorder:
 
     def _steps_of(self, windows: NDArray[np.float64]) -> Steps:
         """Lay out what the steps commanded, earned and cost."""
-        from edmsim.recording.rerun.steps import COST, EARNED, TOTAL, steps_of
+        from edmsim.recording.rerun.steps import COST, RETURN, TOTAL, steps_of
 
         actions, terms = len(self._actions), len(TERMS)
         values = np.array(self._steps, np.float64).reshape(len(self._steps), actions + terms + 3)
-        earned, cost = values[:, actions : actions + terms], values[:, actions + terms]
-        total, costs = np.cumsum(earned.sum(axis=1)), np.column_stack([cost, np.cumsum(cost)])
+        rewards, cost = values[:, actions : actions + terms], values[:, actions + terms]
+        total, costs = np.cumsum(rewards.sum(axis=1)), np.column_stack([cost, np.cumsum(cost)])
         groups = [
             ("action", "actions, as given", self._actions, values[:, :actions]),
-            ("reward", "terms of the reward, per step", TERMS, earned),
-            (EARNED, "return so far", (TOTAL,), total[:, None]),
+            ("reward", "terms of the reward, per step", TERMS, rewards),
+            (RETURN, "return so far", (TOTAL,), total[:, None]),
             (COST, "cost per step, and so far", ("step", TOTAL), costs),
             ("way", "distance of the wire from the path, um", ("error_um",), values[:, -2:-1]),
         ]

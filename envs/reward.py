@@ -63,7 +63,7 @@ class Weights:
     done: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse a weight that is no finite number of 0 or more."""
+        """Refuse a weight that is not a finite number of 0 or more."""
         for f in fields(self):
             finite(f"the weight {f.name}", getattr(self, f.name), 0.0)
         keep_plain(self)

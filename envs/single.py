@@ -149,7 +149,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Parameters
         ----------
         actions : sequence of str, optional
-            What the entries of the actions are called that it will be told of; those of the family if not given.
+            Names of the entries of the recorded actions; those of the family by default.
         """
         from edmsim.envs.recorder import EpisodeRecorder
 

@@ -146,7 +146,7 @@ class Family(EnvArguments):
     at most (33.3375 um/s), whatever ``max_feed_um_s`` is, and round corners to whole um or steps.
 
     Of `machine`: what is drawn replaces its values, uniformly and per episode. ``randomise`` names sections or
-    constants of `Machine.sample`; ``()`` draws all that have a published range and an effect and are no dial of the
+    constants of `Machine.sample`; ``()`` draws all that have a published range and an effect and are not set by the
     operator (see `draws`). A reset with a seed always draws.
 
     Of `knobs`: see `knobs.KNOBS`; an action of 1 multiplies by 2 to the power of ``setting_octaves``.

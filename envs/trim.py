@@ -82,12 +82,12 @@ class Trim(GapFeed):
         allowance_um, wave_um, wave_mm = (float(drawn[name]) for name in names)
         path = self.path_um(machine)
         x, y = (float(v) for v in path[0])
-        wanted = WallLine(x, y - machine.wire_diameter_um / 2 - GAP_UM)
+        wall = WallLine(x, y - machine.wire_diameter_um / 2 - GAP_UM)
         stock = wavy_wall(
-            (x, wanted.y_um + allowance_um), self.length_mm * 1e3, wave_um, wave_mm * 1e3,
+            (x, wall.y_um + allowance_um), self.length_mm * 1e3, wave_um, wave_mm * 1e3,
             float(rng.uniform(0.0, wave_mm * 1e3)),
         )
-        return Scenario(machine, stock, (path,), even_height(machine), seed, drawn, wall=wanted)
+        return Scenario(machine, stock, (path,), even_height(machine), seed, drawn, wall=wall)
 
 
 @page

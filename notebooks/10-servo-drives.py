@@ -30,10 +30,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import edmsim
+from edmsim.consoles.servo.autotune import autotune, draw_move, draw_step
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, VERMILION
 from edmsim.recording.windows import column
-from edmsim.servo.autotune import autotune, draw_move, draw_step
 
 plt.rcParams.update({"figure.dpi": 90, "figure.constrained_layout.use": True, "axes.grid": True, "grid.alpha": 0.3})
 

@@ -29,9 +29,9 @@ import numpy as np
 from IPython.display import display
 
 import edmsim
-from edmsim.controllers.axis.elcam_file import load_tables, text_of
-from edmsim.metrology.table_run import measure_table
-from edmsim.recording.figures.table import part_figure, table_figure
+from edmsim.controllers.axis.elcam.file import load_tables, text_of
+from edmsim.measure.figures import part_figure, table_figure
+from edmsim.measure.table import measure_table
 
 # %% tags=["parameters"]
 runs = 5  # to every target, from either side

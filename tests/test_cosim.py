@@ -12,8 +12,8 @@ from edmsim.controllers import FeedCommand, FeedController, WindowObservation, m
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.legs import Leg, legs_of
 from edmsim.cosim.simulation import Simulation
-from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
+from edmsim.machine.options import available
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording import WindowTable
 

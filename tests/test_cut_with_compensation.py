@@ -13,13 +13,13 @@ import pytest
 import edmsim
 from edmsim.cli import app as cli
 from edmsim.controllers import axis, from_text
-from edmsim.controllers.axis.elcam_file import ErrorTable, load_tables, read_tables, text_of
-from edmsim.controllers.axis.step_compensation import StepCompensation
+from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables, read_tables, text_of
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.protocols import Step
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.metrology.table_run import measure_table
+from edmsim.measure.table import measure_table
 from edmsim.program.path import plan_path
 from edmsim.recording.report import summary
 
@@ -206,7 +206,7 @@ def test_measure_table_writes_what_cut_reads(monkeypatch, tmp_path, capsys):
     assert abs(told["squareness_um_m"]) < 40.0  # of 400
     assert told["x"]["accuracy"] < 4.0  # of 21, most of it the motor's steps
     assert told["circle"]["circular_deviation"] < 6.0  # of 21
-    assert run(monkeypatch, *words, "--out", made / "a.toml") == 2  # a file is no folder
+    assert run(monkeypatch, *words, "--out", made / "a.toml") == 2  # a file is not a folder
     assert run(monkeypatch, "measure-table", "--runs", 1) == 2
     assert "1 runs are not within 2..100: a spread needs two" in capsys.readouterr().err
     assert run(monkeypatch, "measure-table", "--interval", 0.001) == 2

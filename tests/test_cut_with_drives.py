@@ -11,7 +11,7 @@ import pytest
 
 import edmsim
 from edmsim.cli import app as cli
-from edmsim.controllers.axis import uhu
+from edmsim.controllers.axis.uhu import drive as uhu
 from edmsim.recording.windows import column
 
 SLOT = Path(__file__).parents[1] / "examples" / "slot.iso"

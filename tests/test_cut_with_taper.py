@@ -10,6 +10,7 @@ import pytest
 
 import edmsim
 from edmsim.controllers import axis, from_text
+from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.cut import guides_of
@@ -19,6 +20,7 @@ from edmsim.metrology.profile import slice_heights_mm
 from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.outline import Outline, Program, Taper
+from edmsim.program.passes import PassPlan
 from edmsim.program.path import plan_path
 from edmsim.recording.scene import read_scene, write_scene
 
@@ -40,7 +42,7 @@ def cut_of(angle_deg=ANGLE_DEG, planner="exact", machine=None, **options):
     machine = machine or Machine.load(height_mm=HEIGHT_MM)
     path = plan_path(
         line_of(angle_deg), auto_offset_mm=machine.auto_offset_mm, start_hole_radius_mm=0.17,
-        guides=guides_of(machine, (0.0, 0.0)),
+        guides=[guides_of(machine, (0.0, 0.0))],
     )  # fmt: skip
     return Simulation(machine, path, from_text("fixed:feed_um_s=33"), planner=planner, resolution="fast", **options)
 
@@ -128,6 +130,64 @@ def test_a_guide_that_is_higher_than_the_control_knows_moves_the_wall():
     heights_mm = 10.0 - 1.45 + (np.arange(len(found[0])) + 0.5) / len(found[0]) * HEIGHT_MM
     expected = -lead[1] / distance_mm * 0.1 * (1 - heights_mm / distance_mm)
     np.testing.assert_allclose(found[1] - found[0], expected, rtol=0.03)
+
+
+OFFSETS_MM = (0.2, 0.165)
+
+
+def in_passes(tensions_N=(10.0, 14.0)):
+    """A rough cut and a trim back along the leaning line, under two tensions."""
+    machines = [Machine.load(height_mm=HEIGHT_MM, tension=tension_N) for tension_N in tensions_N]
+    path = plan_path(
+        line_of(ANGLE_DEG, 1.6), auto_offset_mm=0.2, start_hole_radius_mm=0.17, passes=PassPlan(OFFSETS_MM),
+        guides=[guides_of(machine, (0.0, 0.0)) for machine in machines],
+    )  # fmt: skip
+    setups = [PassSetup(machine, from_text("fixed:feed_um_s=33")) for machine in machines]
+    return Simulation(machines[0], path, setups[0].controller, planner="exact", resolution="fast", setups=setups)
+
+
+@pytest.fixture(scope="module")
+def trimmed():
+    """A cut in passes at its end, and a snapshot in the middle of its trim."""
+    cut, kept = in_passes(), None
+    while cut.outcome is None:
+        cut.step()
+        if kept is None and len(cut.passes.records) == 2 and cut.path_um > cut.total_um - 300.0:
+            kept = cut.snapshot()
+    assert cut.outcome == "finished"
+    return cut, kept
+
+
+def test_a_leaning_wire_trims_its_wall_at_every_height(trimmed):
+    cut, _ = trimmed
+    rough, trim = cut.passes.records
+    assert (rough.number, trim.number, trim.reversed) == (1, 2, True)
+    assert rough.wall.mean_um - trim.wall.mean_um == pytest.approx(1e3 * (OFFSETS_MM[0] - OFFSETS_MM[1]), abs=8.0)
+    assert np.ptp(trim.wall.slices_um) < 4.0  # as straight as the rulings
+    heights_um = slice_heights_mm(cut.plant.field, HEIGHT_MM) * 1e3
+    part = walls_um(cut)[:, 1]
+    assert np.polyfit(heights_um, part, 1)[0] == pytest.approx(TAN, abs=2e-3)
+    # the wall as the pass measured it is that which is measured across it, square to itself
+    across = (part - heights_um * TAN) * math.cos(math.radians(ANGLE_DEG))
+    assert across.mean() == pytest.approx(-trim.wall.mean_um, abs=3.0)
+
+
+def test_every_pass_leads_its_guides_by_its_own_tension(trimmed):
+    cut, _ = trimmed
+    bends = [guides_of(cut.machine_of(number), (0.0, 0.0)).bends_mm(np.array([[0.0, TAN]]))[0] for number in (1, 2)]
+    leads = [one.lean.upper_um[-1, 1] for one in cut.path.contours[0].passes]
+    assert leads[1] > leads[0]  # under more tension it bends nearer to the guides
+    np.testing.assert_allclose(leads, [1e3 * (high - low) * TAN for low, high in bends], atol=1.0)
+
+
+def test_a_leaning_trim_goes_on_to_the_bit_from_its_snapshot(trimmed):
+    cut, kept = trimmed
+    again = in_passes()
+    again.restore(*kept)
+    again.run()
+    arrays, whole = again.snapshot()[0], cut.snapshot()[0]
+    assert all(arrays[name].tobytes() == whole[name].tobytes() for name in whole)
+    assert again.passes.snapshot() == cut.passes.snapshot()
 
 
 def test_a_cut_reports_its_taper(tmp_path):

@@ -33,7 +33,7 @@ LAYERS: dict[str, set[str]] = {
 """Rooms that may import only some others."""
 ORDER = (
     "models", "compiled", "errors", "numeric", "files", "user_code", "screen", "geometry", "machine", "plant",
-    "controllers", "axis_bench", "program", "metrology", "cosim", "recording", "job", "envs", "terminal", "servo",
+    "controllers", "axis_bench", "program", "metrology", "cosim", "recording", "job", "measure", "envs", "consoles",
     "hil", "evaluation", "learning", "calibration", "validation", "sweep", "bench", "cli", "", "__main__",
 )  # fmt: skip
 """Rooms from the bottom up: each imports only from those before it."""

@@ -83,7 +83,7 @@ def test_counting_steps_takes_whole_steps_up_to_131_mm(name):  # T-61, T-A11
     make_planner(name, np.array([(0, 0), (131_070, 131_070)]), unit="step")
     with pytest.raises(InputError, match=r"outside the table's 0\.\.131070 um"):
         make_planner(name, np.array([(0, 0), (131_072, 0)]), unit="step")
-    with pytest.raises(InputError, match=r"point 1 of the path, \(7, 0\) um, is no whole number of 2 um steps"):
+    with pytest.raises(InputError, match=r"point 1 of the path, \(7, 0\) um, is not a whole number of 2 um steps"):
         make_planner(name, np.array([(0, 0), (7, 0)]), unit="step")
 
 

@@ -76,7 +76,7 @@ def from_text(text: str, screw: Screw | None = None) -> Drive:
     Raises
     ------
     InputError
-        There is no such drive or parameter, or a parameter is no number or out of range.
+        There is no such drive or parameter, or a parameter is not a number or out of range.
 
     Examples
     --------

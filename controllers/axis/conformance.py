@@ -44,7 +44,7 @@ def check_drive(make: Callable[[], Drive]) -> None:
     """
     drive = make()
     if not isinstance(drive, Drive):
-        raise InputError(f"{drive!r} is no drive: it lacks name, record, motor, sample or line")
+        raise InputError(f"{drive!r} is not a drive: it lacks name, record, motor, sample or line")
     if drive.record.dtype != DRIVE or drive.record.shape != (1,):
         raise _wrong(drive, "has a record that is not one row of DRIVE")
     if not isinstance(drive.line(b""), bytes):

@@ -198,7 +198,7 @@ class Extensions(Registers):
         level : int
             Following error in counts that triggers, for ``error``.
         before : int
-            Samples kept from before the trigger, 0 to 383; only after so many does it count.
+            Samples kept from before the trigger, 0 to 383; the trigger counts only after that number of samples.
         every : int
             Intervals from sample to sample, 1 or more.
 

@@ -81,7 +81,7 @@ class Registers(MutableMapping[str, int]):
     Raises
     ------
     InputError
-        A name is unknown, or a value is no whole number within its bounds.
+        A name is unknown, or a value is not a whole number within its bounds.
     """
 
     def __init__(self, owner: HasRecord, places: Mapping[str, tuple[int, int, int]]) -> None:

@@ -1,8 +1,8 @@
 """The typed line of a drive's terminal, and the numbers in it: both drives read lines this way, the UHU with echo.
 
 A line ends with CR; LF is ignored (rows U-A14, M-A14). Blanks before, in and after a command do not count, and lower
-case reads as upper case (rows U-A13, U-A15). What is no printable ASCII spoils the line, which the drive then answers
-as it does an unknown command: so neither garbage nor a wrong baud rate sets a parameter or moves a motor.
+case reads as upper case (rows U-A13, U-A15). What is not printable ASCII spoils the line; the drive then answers
+as to an unknown command, so that neither garbage nor a wrong baud rate sets a parameter or moves a motor.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class LineEditor:
         -------
         (bytes, str or None)
             The echo; and, once the line has ended, its text in upper case without blanks. A spoilt line reads
-            as one character that is no command.
+            as one character that is not a command.
         """
         if byte == RETURN:
             text = "\x00" if self._spoilt else self._typed.decode("ascii").replace(" ", "").upper()

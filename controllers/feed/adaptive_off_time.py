@@ -19,7 +19,7 @@ from typing import Any, ClassVar, cast
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.machine.setting import WINDOW_PULSES
 
 COUNT_S = 0.1
 """Time over which normal pulses are counted: 100 ms (Sato et al.)."""

@@ -23,8 +23,9 @@ from edmsim.controllers.protocols import (
     check_feed,
     check_parameters,
 )
-from edmsim.controllers.pulse_counters import WINDOW_PULSES, PulseAnalyser
+from edmsim.controllers.pulse_counters import PulseAnalyser
 from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
 
 PERSISTENT_SHORT = "persistent short"
 """The alarm's text."""

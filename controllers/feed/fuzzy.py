@@ -22,7 +22,7 @@ from typing import Any, ClassVar, cast
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.machine.setting import WINDOW_PULSES
 
 _RULES = ((-1.0, -0.5, 0.5), (-1.0, 0.0, 1.0), (-0.5, 0.5, 1.0))
 """Change of feed by the open ratio's change (falling, steady, rising) and by the ratio (low, right, high)."""

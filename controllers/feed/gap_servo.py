@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, NamedTuple, cast
 
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation, check_feed, check_parameters
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.machine.setting import WINDOW_PULSES
 
 PERSISTENT_SHORT = "persistent short"
 """The alarm's text."""

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
 from edmsim.controllers.feed.set_point import SetPointController
 from edmsim.controllers.protocols import ControllerState, FeedCommand, GapWindow, WindowObservation
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
 from edmsim.geometry import left_of
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 
 
 @dataclass

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import least_period_us
+from edmsim.machine.setting import WINDOW_PULSES, least_period_us
 
 STEP_US = 5
 """The shortest period is rounded up to whole multiples of this (ours: knobs have steps)."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
 from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation, check_feed
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
+from edmsim.machine.setting import WINDOW_PULSES
 
 
 @dataclass

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
 from edmsim.controllers.protocols import ControllerState, FeedCommand, GapWindow, WindowObservation
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import discharge_current_A, pulse_form
+from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, pulse_form
 
 
 @dataclass

@@ -27,8 +27,8 @@ from edmsim.controllers.mcu.firmware.streams import Streams
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import CPU_HZ, EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T
 from edmsim.controllers.protocols import Step
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
 
 CALL_T, CHARACTER_T = 18, CPU_HZ * BITS_PER_CHARACTER // BIT_RATE
 """T-states of a call of a routine of ours, and of a character sent or fetched."""
@@ -267,7 +267,7 @@ class Computer:
         Raises
         ------
         InputError
-            While the table moves, or for what is no word.
+            While the table moves, or for what is not a word.
         """
         if self.moving:
             raise InputError("the table is moving: the position can be set when it stands")
@@ -348,7 +348,7 @@ class Computer:
         Raises
         ------
         InputError
-            While moving, before `start`, without a speed, or for what is no position.
+            While moving, before `start`, without a speed, or for what is not a position.
         """
         if self.moving:
             raise InputError("the table is moving: a new move can begin when it stands")
@@ -470,7 +470,7 @@ class Computer:
 
 
 def check_place(x: int, y: int) -> None:
-    """Refuse what is no pair of words.
+    """Refuse what is not a pair of words.
 
     Raises
     ------

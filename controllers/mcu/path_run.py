@@ -40,7 +40,7 @@ class PathRun:
     Raises
     ------
     InputError
-        Of points that are no words, or no two different ones.
+        Of points that are not words, or no two different ones.
 
     Examples
     --------

@@ -103,7 +103,7 @@ def _counted(points: Floats) -> tuple[Floats, Floats]:
 
 
 def _exact(points: Floats) -> tuple[Floats, Floats]:
-    """The same of corners that are no whole numbers: those nearer than 0.1 um to the one before are left out."""
+    """The same of corners that are not whole numbers: those nearer than 0.1 um to the one before are left out."""
     if not np.isfinite(points).all():
         raise InputError("a path needs points of finite numbers")
     line = Polyline(points * 1e-3, closed=False)

@@ -31,7 +31,7 @@ STRETCH_UM = 100.0
 """Length over which a local speed is taken; the steps alone make some 1 % of ripple in it."""
 START_UM = (30_000, 30_001)
 _MARGIN = 4.0
-"""A move is given so many times the time it should take; the slowest takes twice that."""
+"""Time allowed for a move, over the time it should take; the slowest takes twice that."""
 
 
 class MoveError(NamedTuple):

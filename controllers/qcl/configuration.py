@@ -24,8 +24,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from edmsim.controllers.axis.eanpos import Resources
-from edmsim.controllers.axis.eanpos_registers import DEVICE
+from edmsim.controllers.axis.eanpos.drive import Resources
+from edmsim.controllers.axis.eanpos.registers import DEVICE
 from edmsim.controllers.qcl.text import Problem, QclError, code_lines, whole_number
 from edmsim.errors import InputError
 
@@ -161,7 +161,7 @@ def read_configuration(text: str, file: str | None = None) -> Configuration:
 
 def _new(found: Configuration, name: str) -> str:
     if not _NAME.match(name):
-        raise InputError(f"{name!r} is no name: a letter, then letters, digits or _")
+        raise InputError(f"{name!r} is not a name: a letter, then letters, digits or _")
     if name.lower() in found.names:
         raise InputError(f"{name} is declared twice")
     return name.lower()
@@ -253,7 +253,7 @@ def _terminal(kind: str) -> Callable[[Configuration, list[str]], None]:
 def _address(found: Configuration, text: str, kind: str) -> str:
     parts = re.match(rf"([0-9]{{1,4}})\.{kind}([0-9][0-9])$", text.upper())
     if not parts:
-        raise InputError(f"{text!r} is no address; it must be SLOT.{kind}NN")
+        raise InputError(f"{text!r} is not an address; it must be SLOT.{kind}NN")
     if found.cards.get(int(parts[1])) is None:
         raise InputError(f"{text} is on slot {parts[1]}, which has no card")
     return text.upper()

@@ -11,8 +11,8 @@ import re
 from itertools import accumulate
 from typing import NamedTuple
 
-from edmsim.controllers.axis.eanpos import parameter_name, state_name
-from edmsim.controllers.axis.eanpos_registers import COMMANDS
+from edmsim.controllers.axis.eanpos.drive import parameter_name, state_name
+from edmsim.controllers.axis.eanpos.registers import COMMANDS
 from edmsim.controllers.qcl.configuration import Configuration
 from edmsim.controllers.qcl.text import Problem, QclError, code_lines, whole_number, words_of
 from edmsim.errors import InputError
@@ -57,7 +57,7 @@ def read_program(text: str, configuration: Configuration, file: str | None = Non
     Raises
     ------
     QclError
-        It has lines that are no statements, or names that are not declared; all of them are listed.
+        It has lines that are not statements, or names that are not declared; all of them are listed.
     """
     reader = _Reader(configuration)
     for number, line in code_lines(text):
@@ -110,7 +110,7 @@ class _Reader:
             self._add(number, "assign", target, self._expression(words[equals + 1 :]))
             self._statements[-1] = self._statements[-1]._replace(at=at)
         else:
-            raise InputError(f"{line!r} is no statement; a comment begins with ;")
+            raise InputError(f"{line!r} is not a statement; a comment begins with ;")
 
     def _add(self, number: int, verb: str, target: tuple[str, ...] = (), value: Expression = ()) -> None:
         self._statements.append(Statement(number, verb, target, value))
@@ -141,7 +141,7 @@ class _Reader:
 
     def _device(self, name: str) -> str:
         if name.lower() not in self._configuration.devices:
-            raise InputError(f"{name} is no device that the configuration declares")
+            raise InputError(f"{name} is not a device that the configuration declares")
         return name.lower()
 
     def _target(self, words: list[str]) -> tuple[tuple[str, ...], tuple[Expression, ...]]:
@@ -158,7 +158,7 @@ class _Reader:
             device, member = word.split(":")
             return (self._device(device), parameter_name(member)), ()
         if word.lower() not in found.variables.keys() | found.outputs.keys() | found.timers:
-            raise InputError(f"{word} is no variable or output that the configuration declares")
+            raise InputError(f"{word} is not a variable or output that the configuration declares")
         return (word.lower(),), ()
 
     def _element(self, word: str, words: list[str]) -> tuple[Expression, list[str]]:
@@ -215,7 +215,7 @@ class _Reader:
         if word.isdigit():
             return ("number", whole_number(word)), rest
         if not re.match(r"[A-Za-z_]", word) or word.upper() in _KEYWORDS:
-            raise InputError(f"{word!r} is no value")
+            raise InputError(f"{word!r} is not a value")
         if word.lower() in self._configuration.data:
             return self._element(word, rest)
         return self._named(word), rest
@@ -228,5 +228,5 @@ class _Reader:
         found = self._configuration
         groups = found.constants, found.variables, found.timers, found.inputs, found.outputs
         if not any(word.lower() in group for group in groups):
-            raise InputError(f"{word} is no name that the configuration declares")
+            raise InputError(f"{word} is not a name that the configuration declares")
         return "name", word.lower()

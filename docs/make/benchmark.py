@@ -93,14 +93,14 @@ def headroom(comparisons: Sequence[Comparison]) -> list[str]:
     for comparison in comparisons:
         lines, best = lines_of(comparison.env_id), _best_law(comparison)
         compared = (lines.blind, best or lines.blind, lines.reference)
-        earned = [shown("total_return", comparison.figures[name]["total_return"]) for name in compared]
+        returns = [shown("total_return", comparison.figures[name]["total_return"]) for name in compared]
         lost = "; ".join(
             f"{sum(cut.wires_lost for cut in comparison.results[name])}, "
             f"{sum(cut.jammed for cut in comparison.results[name])}"
             for name in compared
         )
         score = shown("score", comparison.figures[compared[1]]["score"])
-        rows.append(f"| {comparison.env_id} | {earned[0]} | {earned[1]} | {score} | {earned[2]} | {lost} |")
+        rows.append(f"| {comparison.env_id} | {returns[0]} | {returns[1]} | {score} | {returns[2]} | {lost} |")
     return [*rows, "", "Mean returns; wires lost and jams of the three, in this order."]
 
 
@@ -146,9 +146,9 @@ def main() -> None:
     """Compare, and write the page."""
     parser = argparse.ArgumentParser(description="Write a page of the benchmark.")
     parser.add_argument("env_ids", nargs="*", metavar="ENV_ID", help="environments to cut again, or all")
-    given = parser.parse_args().env_ids
+    requested = parser.parse_args().env_ids
     try:
-        for env_id in env_ids() if given == ["all"] else given:
+        for env_id in env_ids() if requested == ["all"] else requested:
             leaderboard.write(BOARD, [evaluate(env_id)])
         board = leaderboard.read(BOARD)
     except EdmsimError as error:

@@ -10,9 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import edmsim
-from edmsim.controllers.axis.elcam_file import load_tables, text_of
-from edmsim.metrology.table_run import measure_table
-from edmsim.recording.figures.table import part_figure
+from edmsim.controllers.axis.elcam.file import load_tables, text_of
+from edmsim.measure.figures import part_figure
+from edmsim.measure.table import measure_table
 
 DOCS = Path(__file__).parents[1]
 PERFECT = (

@@ -43,9 +43,9 @@ Law = HeatFluxController
 def features(window: WindowObservation, law: Law, age_s: float, machine: Machine) -> list[float]:
     """Return what is shown to the network: a window, the fluxes that `heat-flux` makes of it, and the dials."""
     flux = law.flux
-    seen = [window.short, window.open, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us]
+    visible = [window.short, window.open, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us]
     dials = [machine.height_mm, machine.tension, machine.flushing_lower_Pa, machine.flushing_upper_Pa]
-    values = [*seen, window.duration_s, *window.fifths, *flux, flux.max(), min(age_s, BEGIN_S + 1.0), *dials]
+    values = [*visible, window.duration_s, *window.fifths, *flux, flux.max(), min(age_s, BEGIN_S + 1.0), *dials]
     return [0.0 if not np.isfinite(value) else float(value) for value in values]
 
 
@@ -54,7 +54,7 @@ class Recorded(NamedTuple):
 
     Attributes
     ----------
-    seen : (n, features)
+    visible : (n, features)
     superheat, flux : (n,)
         The true superheat, and the greatest flux as `heat-flux` has it.
     counts : (n,) bool
@@ -63,7 +63,7 @@ class Recorded(NamedTuple):
         Constants of the machine.
     """
 
-    seen: Floats
+    visible: Floats
     superheat: Floats
     flux: Floats
     counts: NDArray[np.bool_]
@@ -71,7 +71,7 @@ class Recorded(NamedTuple):
 
     def with_hidden(self) -> Recorded:
         """Return it as if the constants were seen."""
-        return self._replace(seen=np.hstack([self.seen, np.tile(self.hidden, (len(self.seen), 1))]))
+        return self._replace(visible=np.hstack([self.visible, np.tile(self.hidden, (len(self.visible), 1))]))
 
 
 def record(seed: int) -> Recorded:
@@ -104,17 +104,17 @@ class Network(torch.nn.Module):
         self.gru = torch.nn.GRU(len(mean), CELLS, batch_first=True)
         self.out = torch.nn.Linear(CELLS, 1)
 
-    def forward(self, seen: Floats, memory: Any = None) -> tuple[Any, Any]:
+    def forward(self, visible: Floats, memory: Any = None) -> tuple[Any, Any]:
         """Return superheats (cuts, n) for features (cuts, n, k), and the memory after them."""
-        normal = np.clip((seen - self.mean) / self.scale, -8, 8)
-        kept, memory = self.gru(torch.as_tensor(normal, dtype=torch.float32), memory)
-        return self.out(kept)[..., 0], memory
+        normal = np.clip((visible - self.mean) / self.scale, -8, 8)
+        hidden, memory = self.gru(torch.as_tensor(normal, dtype=torch.float32), memory)
+        return self.out(hidden)[..., 0], memory
 
 
 def fitted(cuts: list[Recorded]) -> Network:
     """Return a network that has learned from cuts, by the mean square of its error."""
     torch.manual_seed(0)
-    everything = np.concatenate([cut.seen[cut.counts] for cut in cuts])
+    everything = np.concatenate([cut.visible[cut.counts] for cut in cuts])
     network = Network(everything.mean(axis=0), everything.std(axis=0) + 1e-6)
     steps = EPOCHS * (len(cuts) // MACHINES_A_STEP)
     optimiser = torch.optim.Adam(network.parameters(), lr=RATE)
@@ -123,11 +123,11 @@ def fitted(cuts: list[Recorded]) -> Network:
     for _ in range(steps):
         chosen = [cuts[k] for k in rng.choice(len(cuts), MACHINES_A_STEP, replace=False)]
         length = max(len(cut.superheat) for cut in chosen)
-        seen, wanted, counts = (
+        visible, target, counts = (
             np.stack([np.pad(getattr(cut, name), ((0, length - len(cut.superheat)), *more)) for cut in chosen])
             for name, more in (("seen", ((0, 0),)), ("superheat", ()), ("counts", ()))
         )
-        error = (network(seen)[0] - torch.as_tensor(wanted, dtype=torch.float32))[torch.as_tensor(counts)]
+        error = (network(visible)[0] - torch.as_tensor(target, dtype=torch.float32))[torch.as_tensor(counts)]
         optimiser.zero_grad()
         (error**2).mean().backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -139,7 +139,7 @@ def fitted(cuts: list[Recorded]) -> Network:
 def of_cuts(network: Network, cuts: list[Recorded]) -> list[Floats]:
     """Return what a network says of the superheats of cuts."""
     with torch.no_grad():
-        return [network(cut.seen[None])[0][0].numpy() for cut in cuts]
+        return [network(cut.visible[None])[0][0].numpy() for cut in cuts]
 
 
 def explained(cuts: list[Recorded], predicted: list[Floats]) -> tuple[float, float]:
@@ -186,9 +186,9 @@ class NetworkController(PeriodFromHeat):
         """Ask the network."""
         self._law.near(window)
         self._age_s += window.duration_s
-        seen = np.array([[features(window, self._law, self._age_s, self._machine)]])
+        visible = np.array([[features(window, self._law, self._age_s, self._machine)]])
         with torch.no_grad():
-            superheat, self._memory = self.network(seen, self._memory)
+            superheat, self._memory = self.network(visible, self._memory)
         return way(float(superheat))
 
     def wire_lost(self) -> FeedCommand:

@@ -10,7 +10,7 @@ import platform
 import re
 from pathlib import Path
 
-from edmsim.bench.lanes import VectorRate, beside_half_cheetah, table
+from edmsim.bench.lanes import VectorRate, half_cheetah_comparison, table
 
 PAGE = Path(__file__).parents[1] / "environments.md"
 MARK = re.compile(r"(<!-- begin lanes -->\n).*?(<!-- end lanes -->)", re.DOTALL)
@@ -23,12 +23,12 @@ def processor() -> str:
     return f"{os.cpu_count()} processors, {named[1] if named else platform.processor() or platform.machine()}"
 
 
-def lines(rows: list[VectorRate], beside: dict[str, float]) -> list[str]:
+def lines(rows: list[VectorRate], comparison: dict[str, float]) -> list[str]:
     """Return the table, and the sentence below it."""
     most = max(row.environments for row in rows)
     head = "| environments | threads | windows per s | processor time of a window, us |\n|--:|--:|--:|--:|"
     body = [f"| {r.environments} | {r.threads} | {r.windows_per_s:,.0f} | {r.processor_us:.0f} |" for r in rows]
-    ours, theirs = beside.values()
+    ours, theirs = comparison.values()
     alone, many = (next(r.processor_us for r in rows if r.environments == n and r.threads == 1) for n in (1, most))
     return [
         head, *body, "",
@@ -40,7 +40,7 @@ def lines(rows: list[VectorRate], beside: dict[str, float]) -> list[str]:
 
 def main() -> None:
     """Measure, and write the page's section."""
-    written = "\n".join(lines(table(), beside_half_cheetah()))
+    written = "\n".join(lines(table(), half_cheetah_comparison()))
     text = PAGE.read_text(encoding="utf-8")
     PAGE.write_text(MARK.sub(lambda mark: f"{mark[1]}\n{written}\n\n{mark[2]}", text), encoding="utf-8")
 

@@ -133,11 +133,11 @@ def draw_examples(curves: dict[str, list[np.ndarray]]) -> None:
 def learned(name: str, curves: list[np.ndarray]) -> str:
     """Return what the last twenty episodes brought: the median of the seeds, the least and the greatest."""
     last = np.array([rows[-1] for rows in curves])
-    earned, cost = (
+    reward, cost = (
         f"{np.median(v):.{d}f} ({v.min():.{d}f} to {v.max():.{d}f})" for v, d in ((last[:, 1], 0), (last[:, 2], 2))
     )
     return (
-        f"After {STEPS[name]:,} decisions the last twenty episodes earned {earned},\n"
+        f"After {STEPS[name]:,} decisions the last twenty episodes earned {reward},\n"
         f"at a cost of {cost} each: the median of five seeds, the least and the greatest."
     )
 
@@ -147,16 +147,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Learning curves of examples/learning.")
     parser.add_argument("folder", type=Path, help="folder of the curves; those that are there are kept")
     parser.add_argument("which", nargs="*", choices=[*TASKS, "examples", []], help="tasks, examples; all by default")
-    asked = parser.parse_args()
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    which = asked.which or [*TASKS, "examples"]
+    arguments = parser.parse_args()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    which = arguments.which or [*TASKS, "examples"]
     for task in TASKS:
         if task in which:
-            curves = [curve(asked.folder, task, seed) for seed in SEEDS]
+            curves = [curve(arguments.folder, task, seed) for seed in SEEDS]
             draw_task(task, curves)
             _tell(ROOT / "docs" / "tasks" / f"{PAGES[task]}.md", learned(task, curves))
     if "examples" in which:
-        of_both = {name: [curve(asked.folder, name, seed) for seed in SEEDS] for name in EXAMPLES}
+        of_both = {name: [curve(arguments.folder, name, seed) for seed in SEEDS] for name in EXAMPLES}
         draw_examples(of_both)
         _tell(ROOT / "docs" / "training.md", "\n".join(f"`{n}.py`: {learned(n, of)}\n" for n, of in of_both.items()))
 

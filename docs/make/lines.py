@@ -69,9 +69,9 @@ def table(task: str) -> list[str]:
 
 
 def _row(name: str, cuts: Sequence[Result]) -> str:
-    earned, rate = (float(np.mean([getattr(c, what) for c in cuts])) for what in ("total_return", "rate_mm2_min"))
+    reward, rate = (float(np.mean([getattr(c, what) for c in cuts])) for what in ("total_return", "rate_mm2_min"))
     lost, jams = sum(c.wires_lost for c in cuts), sum(c.jammed for c in cuts)
-    return f"| `{name}` | {earned:.0f} | {rate:.1f} | {lost} | {jams} |"
+    return f"| `{name}` | {reward:.0f} | {rate:.1f} | {lost} | {jams} |"
 
 
 def main() -> None:

@@ -62,7 +62,7 @@ FAILURES = (
 _INTRODUCTION = """\
 # Planners
 
-A planner turns path and speed into the steps of two motors. What each makes of straight moves, written by
+A planner turns path and speed into the steps of two motors. Their errors on straight moves, written by
 `python docs/make/planners.py`: {directions} directions, 1 degree apart, at {speeds} speeds of 1 to 127
 units of 262.5 nm/s, over {long} um and over {short} um.
 

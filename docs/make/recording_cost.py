@@ -21,12 +21,12 @@ def step_us(env: edmsim.envs.EdmEnv, recorded: bool) -> float:
     """Return the processor time of a step in us, the mean over an episode's first steps."""
     env.reset(seed=1)
     recorder = env.recorder() if recorded else None
-    begun_s = time.process_time()
+    start_s = time.process_time()
     for _ in range(STEPS):
         *_, info = env.step(STILL)
         if recorder is not None:
             recorder.step([0.0], info["reward_terms"], info["cost"], info["error_um"], info["area_mm2"])
-    spent_s = time.process_time() - begun_s
+    spent_s = time.process_time() - start_s
     if recorder is not None:
         recorder.stop()
     return 1e6 * spent_s / STEPS

@@ -21,9 +21,9 @@ def campaign(found: Known) -> str:
     total = {"inputs": 0, "taken": 0, "refused": 0}
     wrong = 0
     for name, one in found.items():
-        told = "; ".join(f"{kind}: {count}" for kind, count in one["found"].items()) or "0"
+        text = "; ".join(f"{kind}: {count}" for kind, count in one["found"].items()) or "0"
         counts = [one.get(key, 0) for key in total]
-        lines.append(f"| {name} | {' | '.join(f'{n:,}' for n in counts)} | {told} | {one['peak_MB']} |")
+        lines.append(f"| {name} | {' | '.join(f'{n:,}' for n in counts)} | {text} | {one['peak_MB']} |")
         total = {key: total[key] + count for key, count in zip(total, counts, strict=True)}
         wrong += sum(one["found"].values())
     peak = max(one["peak_MB"] for one in found.values())
@@ -64,7 +64,7 @@ def soak(found: Known) -> str:
             f"missing {one['missing']}, twice {one['twice']}, made again though done "
             f"{one['made_again_though_done']}, failed {one['failed']}; rows are {alike} those of this computer"
         )
-    return "\n".join(["| what | result |", "|---|---|", *(f"| {what} | {told} |" for what, told in rows.items())])
+    return "\n".join(["| what | result |", "|---|---|", *(f"| {what} | {text} |" for what, text in rows.items())])
 
 
 def _left(left: dict[str, int]) -> str:

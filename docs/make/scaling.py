@@ -57,11 +57,11 @@ class Instant:
 
 
 def measure(folder: Path) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """Return what was measured, and what that makes of a million runs: names and texts."""
+    """Return what was measured, and from that the time of a million runs: names and texts."""
     program = folder / "punch.ngc"
     program.write_text(PUNCH, encoding="utf-8")
-    given = {"program": [str(program)], "settings": {"resolution": "fast", "height_mm": 5.0}}
-    one = Specification(**given, recordings=["windows"])
+    shared = {"program": [str(program)], "settings": {"resolution": "fast", "height_mm": 5.0}}
+    one = Specification(**shared, recordings=["windows"])
     (run,) = runs_of(one)
     perform(run)  # compiles
     started = time.perf_counter()
@@ -70,7 +70,7 @@ def measure(folder: Path) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]
     machine_s = float(outcome.row["machining_time_s"])
     windows = len(outcome.files["windows.parquet"])
 
-    many = Specification(**given, seeds=list(range(ROWS)))
+    many = Specification(**shared, seeds=list(range(ROWS)))
     started = time.perf_counter()
     for _ in runs_of(many):
         pass

@@ -8,11 +8,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from edmsim.consoles.servo.autotune import Tuning, autotune, draw_move, draw_step
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.recording.figures import write_figure
 from edmsim.recording.figures.palette import INK
 from edmsim.recording.figures.style import TITLE_PT, legend
-from edmsim.servo.autotune import Tuning, autotune, draw_move, draw_step
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

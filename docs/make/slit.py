@@ -36,7 +36,7 @@ LEAST_SHARE, GREATEST_SHARE = _SHARE.range
 
 
 class Slit(NamedTuple):
-    """What the shape of a slit makes of a bubble of radius x, in units of the slit's half width W.
+    """Effect of a slit's shape on a bubble of radius x, in units of the slit's half width W.
 
     The bubble's volume grows by 2 pi g K per time. The water has rho pi g K^2 L of kinetic energy (`inertia`; its
     `slope` is dL/dx), carries rho (K / W)^2 e per volume out through the edges (`outflow`), could be started from

@@ -16,17 +16,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, get_args, get_origin
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from typer.models import ArgumentInfo
 
 from edmsim import controllers
 from edmsim.cli import app as cli
+from edmsim.cli.options import with_options
 from edmsim.controllers.axis import ServoModule, Uhu
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.feed.gap_servo import ServoController
-from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
+from edmsim.machine.options import available
 from edmsim.machine.setting import most_current_A, open_V, pulse_shape
 from edmsim.recording.windows import COLUMNS, EQUALISING_COLUMNS
 
@@ -70,7 +71,7 @@ def commands() -> list[str]:
     lines: list[str] = []
     for name, callback in every_command():
         parameters = inspect.signature(callback, eval_str=True).parameters.values()
-        shown = [(p, p.annotation.__metadata__[0]) for p in parameters if hasattr(p.annotation, "__metadata__")]
+        shown = [(p, get_args(p.annotation)[1]) for p in parameters if get_origin(p.annotation) is Annotated]
         lines += [f"## edmsim {name}", "", inspect.getdoc(callback) or "", ""]
         lines += rows(("argument or option", "default", "what"), (described(p, info) for p, info in shown))
         lines.append("")
@@ -79,15 +80,16 @@ def commands() -> list[str]:
 
 def every_command() -> Iterator[tuple[str, Callable[..., Any]]]:
     """Yield every command as it is typed, ``console servo``, with its function."""
-    for words, group in (("", cli.app), ("console ", cli.console)):
+    groups = ((f"{info.name} ", info.typer_instance) for info in cli.app.registered_groups)
+    for words, group in (("", cli.app), *groups):
         for command in group.registered_commands:
-            assert command.callback is not None
-            yield words + (command.name or command.callback.__name__.replace("_", "-")), command.callback
+            name = command.name or command.callback.__name__.replace("_", "-")
+            yield words + name, with_options(command.callback)
 
 
-def option(parameter: inspect.Parameter) -> str:
+def option(parameter: inspect.Parameter, info: Any) -> str:
     """Return an option as it is typed."""
-    return "--" + parameter.name.replace("_", "-")
+    return info.default if isinstance(info.default, str) else "--" + parameter.name.replace("_", "-")
 
 
 def word(parameter: inspect.Parameter, info: Any) -> str:
@@ -102,7 +104,7 @@ def word(parameter: inspect.Parameter, info: Any) -> str:
 def bare(parameter: inspect.Parameter) -> type:
     """Return the type of a parameter's value, without Annotated, None and list."""
     kind = get_args(parameter.annotation)[0]
-    while get_origin(kind) in (UnionType, list):
+    while get_origin(kind) in (Union, UnionType, list):
         kind = next(part for part in get_args(kind) if part is not NoneType)
     return kind if isinstance(kind, type) else object
 
@@ -112,9 +114,10 @@ def described(parameter: inspect.Parameter, info: Any) -> tuple[str, ...]:
     if isinstance(info, ArgumentInfo):
         name = word(parameter, info)
     elif bare(parameter) is bool:
-        name = option(parameter) if parameter.default is False else f"{option(parameter)}, --no-{parameter.name}"
+        name = option(parameter, info)
+        name += "" if parameter.default is False else f", --no-{parameter.name}"
     else:
-        name = f"{option(parameter)} {word(parameter, info)}"
+        name = f"{option(parameter, info)} {word(parameter, info)}"
     if parameter.default is parameter.empty:
         default = "must be given"
     else:
@@ -145,14 +148,14 @@ def letters() -> list[str]:
 def parameters(name: str) -> list[str]:
     """Parameters of a feed controller: default, value found by the search of gains, meaning.
 
-    ``servo`` are those all servos share; with a servo, only those of them are told again that a search has set.
+    ``servo`` are those all servos share; with a servo, only those of them are repeated that a search has set.
     """
     kind: type[Any] = ServoController if name == "servo" else type(controllers.make(name))
     found = {} if name == "servo" else controllers.found_gains(name)
     defaults = {field.name: field.default for field in fields(kind) if field.init}
-    shared = [] if name == "servo" else [told for told in meanings(ServoController) if told[0][0] in found]
+    shared = [] if name == "servo" else [row for row in meanings(ServoController) if row[0][0] in found]
     inherited = [base for base in reversed(kind.__mro__[1:]) if issubclass(base, ServoController)][1:]
-    own = [told for base in (*inherited, kind) for told in meanings(base)] + shared
+    own = [row for base in (*inherited, kind) for row in meanings(base)] + shared
     return rows(("parameter", "default", "found", "meaning"), (
         (", ".join(f"`{key}`" for key in keys), ", ".join(f"{defaults[key]:g}" for key in keys),
          ", ".join(f"{found[key]:g}" if key in found else "–" for key in keys) if found.keys() & set(keys) else "",

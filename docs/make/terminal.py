@@ -12,12 +12,12 @@ from rich.console import Console, Group
 from rich.text import Text
 
 import edmsim
+from edmsim.consoles.computer_1982.devices import Interrupts
+from edmsim.consoles.computer_1982.operation import Operation
+from edmsim.consoles.computer_1982.rig import Rig
+from edmsim.consoles.computer_1982.session import Session
+from edmsim.consoles.computer_1982.view import panel
 from edmsim.recording.figures import write_figure
-from edmsim.terminal.devices import Interrupts
-from edmsim.terminal.operation import Operation
-from edmsim.terminal.rig import Rig
-from edmsim.terminal.session import Session
-from edmsim.terminal.view import panel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,11 +63,11 @@ class _Screen:
 def screen() -> list[list[tuple[str, Style | None]]]:
     """Return the last 24 lines, each as pieces of one style."""
     rig = Rig(edmsim.Machine.load(height_mm=10.0), resolution="fast")
-    seen = _Screen(rig)
-    Session(rig, seen, Interrupts(), monitor=True).run()
-    text = seen.shown.split("\nREADY")[0].removesuffix("\n. ")
+    display = _Screen(rig)
+    Session(rig, display, Interrupts(), monitor=True).run()
+    text = display.shown.split("\nREADY")[0].removesuffix("\n. ")
     console = Console(width=COLUMNS, force_terminal=True, color_system="truecolor", legacy_windows=False)
-    lines = console.render_lines(Group(Text(text), seen.view, Text(". _")), console.options, pad=False)
+    lines = console.render_lines(Group(Text(text), display.view, Text(". _")), console.options, pad=False)
     return [[(piece.text, piece.style) for piece in line] for line in lines[-LINES:]]
 
 

@@ -19,8 +19,8 @@ from pathlib import Path
 
 from edmsim import validation
 from edmsim.errors import InputError
-from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
+from edmsim.machine.options import available
 from edmsim.machine.parts import Constant
 from edmsim.validation.report import judged, markdown_cell, reasons_table, rows_table, summary
 from edmsim.validation.rows import Row

@@ -89,8 +89,8 @@ class AxisBench:
         return self._motion.trace
 
     @trace.setter
-    def trace(self, wanted: bool) -> None:
-        self._motion.trace = wanted
+    def trace(self, on: bool) -> None:
+        self._motion.trace = on
 
     @property
     def time_s(self) -> float:
@@ -370,5 +370,5 @@ class AxisBench:
 
 
 def _ns(name: str, seconds: float) -> int:
-    """Return a time in whole nanoseconds; refuses what is no finite number."""
+    """Return a time in whole nanoseconds; refuses what is not a finite number."""
     return round(finite(name, seconds) * 1e9)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from edmsim.axis_bench.bench import AxisBench
 from edmsim.controllers.axis.drive import Drive
-from edmsim.controllers.axis.mcu_g3 import CYCLE_S, ControlAxis, MotionControl
-from edmsim.controllers.axis.mcu_g3_servo import COMPENSATION, FEED_FORWARD, TARGET, AxisLoop
+from edmsim.controllers.axis.elcam.mcu_g3 import CYCLE_S, ControlAxis, MotionControl
+from edmsim.controllers.axis.elcam.mcu_g3_servo import COMPENSATION, FEED_FORWARD, TARGET, AxisLoop
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.numeric import finite
 
@@ -31,8 +31,7 @@ class Traces(NamedTuple):
 class ControlRig:
     """Axes of a control with their motors, screws and tables on a bench.
 
-    A servo axis is an `AxisLoop`; a stepper's motor takes steps, and the encoder beside it counts what it makes of
-    them.
+    A servo axis is an `AxisLoop`; a stepper's motor takes steps, and its encoder counts how far it really moves.
 
     Parameters
     ----------

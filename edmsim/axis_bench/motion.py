@@ -95,18 +95,18 @@ class BenchAxes:
             A drive commands more than its supply, or an axis is out of range or not finite.
         """
         samples, changes, noted = self._notes
-        wanted = samples if self.trace else samples[:0]
+        traced = samples if self.trace else samples[:0]
         axes, link = self.drives.axes, self._table.link if self._table else None
         self._state["time_ns"] = self.now_ns
         end = None
         while end != DONE:
-            end = run(self._state, axes, link, self.moves, self.unplugged, until_ns, wanted, changes, noted)
+            end = run(self._state, axes, link, self.moves, self.unplugged, until_ns, traced, changes, noted)
             if self.trace:
                 self._samples.append(samples[: noted[0]].copy())
             if noted[1]:
                 self._changes.append(changes[: noted[1]].copy())
             if end == LOST:
-                raise EdmsimError("a drive commands what is no share of its supply, or its axis has run away")
+                raise EdmsimError("a drive commands what is not a share of its supply, or its axis has run away")
         self.now_ns = until_ns
         if len(self.moves):
             self.moves = self.moves[self.moves["made"] < np.abs(self.moves["count"])]

@@ -17,7 +17,7 @@ SETTLE_WINDOWS = 300
 """Windows before timing, so that the wire cuts."""
 CALLS = 5000
 REPEATS = 12
-"""A figure is the best of so many runs, as others use the machine too."""
+"""Runs of which a figure is the best, as others use the machine too."""
 _FROM_UM, _TO_UM = (30_000, 30_000), (36_000, 33_000)
 
 

@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 
-from edmsim.controllers.axis.elcam import CamPlace, Elcam
-from edmsim.controllers.axis.elcam_registers import Function, Mode
+from edmsim.controllers.axis.elcam.module import CamPlace, Elcam
+from edmsim.controllers.axis.elcam.registers import Function, Mode
 from edmsim.errors import EdmsimError
 
 POINTS = 1_000_000

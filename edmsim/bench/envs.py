@@ -23,8 +23,8 @@ SETTLE_STEPS = 400
 """Steps before timing, so that the wire cuts a full kerf."""
 KNOB_STEPS, RESETS, EPISODES = 100, 50, 4
 SLICE_S, SLICES = 0.05, 20
-"""A figure is the best of so many spells of timing, as long for every environment: a short spell finds a quiet moment
-of the machine more easily than a long one."""
+"""Spells of timing of which a figure is the best, equally long for every environment: a short spell finds a quiet
+moment of the machine more easily than a long one."""
 
 
 def env_steps_per_s(resolution: str = "default") -> float:
@@ -82,22 +82,22 @@ def turned_knobs_cost() -> float:
 
 
 def drawn_machines() -> dict[str, float]:
-    """Return the processor time of a reset that draws another machine, and what that makes of an episode's."""
-    drawn, kept = (gym.make("edmsim/GapFeed-v2", resolution="fast", machine_episodes=n) for n in (1, 2 * RESETS))
-    for env in (drawn, kept):
+    """Return the processor time of a reset that draws another machine, and its share of an episode's."""
+    drawn, reused = (gym.make("edmsim/GapFeed-v2", resolution="fast", machine_episodes=n) for n in (1, 2 * RESETS))
+    for env in (drawn, reused):
         env.reset(seed=0)
-    drawn_s, kept_s = (_timed_s(env.reset, RESETS) for env in (drawn, kept))
-    action = np.zeros(kept.action_space.shape or (), np.float32)
+    drawn_s, reused_s = (_timed_s(env.reset, RESETS) for env in (drawn, reused))
+    action = np.zeros(reused.action_space.shape or (), np.float32)
 
     def episode() -> None:
-        kept.reset()
+        reused.reset()
         over = False
         while not over:
-            *_, terminated, truncated, _ = kept.step(action)
+            *_, terminated, truncated, _ = reused.step(action)
             over = terminated or truncated
 
     episode_s = _timed_s(episode, EPISODES)
-    return {"drawn_reset_ms": drawn_s * 1e3, "drawn_machines_cost": (episode_s - kept_s + drawn_s) / episode_s}
+    return {"drawn_reset_ms": drawn_s * 1e3, "drawn_machines_cost": (episode_s - reused_s + drawn_s) / episode_s}
 
 
 def _timed_s(run: Callable[[], object], times: int) -> float:

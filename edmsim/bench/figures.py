@@ -12,7 +12,7 @@ from edmsim.bench.envs import (
     turned_knobs_cost,
     vector_env_steps_per_s,
 )
-from edmsim.bench.lanes import beside_half_cheetah
+from edmsim.bench.lanes import half_cheetah_comparison
 from edmsim.bench.plant import (
     cold_start_s,
     memory_growth_MB,
@@ -52,7 +52,7 @@ def measure() -> dict[str, float]:
     InputError
         If ``gymnasium[mujoco]`` is not installed.
     """
-    beside = beside_half_cheetah()
+    comparison = half_cheetah_comparison()
     default, plant = pulses_per_s("default")
     bound = ray_sums_per_s(plant)
     plants, loops = thread_scaling()
@@ -69,7 +69,7 @@ def measure() -> dict[str, float]:
         **elcam_figures(),
         "env_steps_per_s": env_steps_per_s(),
         "vector_env_steps_per_s": vector_env_steps_per_s(),
-        **beside,
+        **comparison,
         "turned_knobs_cost": turned_knobs_cost(),
         **drawn_machines(),
         "controller_overhead": controller_overhead(),

@@ -29,7 +29,7 @@ class VectorRate(NamedTuple):
     processor_us: float
 
 
-def beside_half_cheetah() -> dict[str, float]:
+def half_cheetah_comparison() -> dict[str, float]:
     """Steps per second of `envs.LANES` environments at ``fast`` and of as many HalfCheetah-v5, timed in turns.
 
     Raises
@@ -58,9 +58,9 @@ def table(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> l
         spells = [envs.settled(step) for step in steps]
         for _ in range(ROUNDS):
             for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
-                begun_s = time.process_time()
+                start_s = time.process_time()
                 wall_s[k] = min(wall_s[k], envs.wall_s(step, spell) / spell)
-                processor_s[k] = min(processor_s[k], (time.process_time() - begun_s) / spell)
+                processor_s[k] = min(processor_s[k], (time.process_time() - start_s) / spell)
     return [
         VectorRate(count, many, count / float(wall), 1e6 * float(processor) / count)
         for (count, many), wall, processor in zip(kinds, wall_s, processor_s, strict=True)

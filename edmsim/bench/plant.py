@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import gap_law
 from edmsim.plant.gap.breakdown import GapLaw, slice_sums
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.rays import Rays
-from edmsim.plant.kernel.state import PULSES_PER_WINDOW
 from edmsim.plant.plant import Plant
 
 FEED_UM_S = 28.0
@@ -30,7 +30,7 @@ SETTLE_WINDOWS = 1000
 first ones, and as long as any later one."""
 TIMED_WINDOWS = 200
 REPEATS = 12
-"""A figure is the best of so many runs, as others use the machine too."""
+"""Runs of which a figure is the best, as others use the machine too."""
 MUJOCO_WINDOWS = 20
 THREAD_S = 1.0
 MEMORY_S = 60.0
@@ -73,7 +73,7 @@ def pulses_per_s(resolution: str) -> tuple[float, Plant]:
     cut = _straight_cut(plant)
     for _ in range(SETTLE_WINDOWS):
         next(cut)
-    return TIMED_WINDOWS * PULSES_PER_WINDOW / _best_s(cut, TIMED_WINDOWS), plant
+    return TIMED_WINDOWS * WINDOW_PULSES / _best_s(cut, TIMED_WINDOWS), plant
 
 
 def mujoco_realtime_factor() -> float:
@@ -101,7 +101,7 @@ def ray_sums_per_s(plant: Plant) -> float:
     law = gap_law(plant.machine, plant.resolution, timing(plant.machine).open_V)
     rays = plant.rays()
     sums = np.zeros((plant.resolution.slices, 4))
-    pulses = TIMED_WINDOWS * PULSES_PER_WINDOW // 2
+    pulses = TIMED_WINDOWS * WINDOW_PULSES // 2
     _sum_rays(rays, law, sums, 1)
 
     def once() -> float:
@@ -156,7 +156,7 @@ def thread_scaling() -> tuple[float, float]:
 def _summing(rays: Rays, law: GapLaw) -> Callable[[], object]:
     """Work of a thread that sums rays, into an array of its own."""
     sums = np.zeros((len(rays.first), 4))
-    return lambda: _sum_rays(rays, law, sums, PULSES_PER_WINDOW)
+    return lambda: _sum_rays(rays, law, sums, WINDOW_PULSES)
 
 
 def memory_growth_MB() -> float:

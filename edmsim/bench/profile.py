@@ -21,8 +21,8 @@ from edmsim.bench.plant import FEED_UM_S, SETTLE_WINDOWS
 from edmsim.compiled.specialised import marked
 from edmsim.errors import EdmsimError
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.kernel.memory import CALL, fire_windows
-from edmsim.plant.kernel.state import PULSES_PER_WINDOW
 from edmsim.plant.plant import Plant, shapes
 from edmsim.plant.resolution import RESOLUTIONS
 
@@ -55,7 +55,7 @@ BATCH = 50
 ROUNDS = 40
 """Turns of the loop with and without marks in one cut."""
 LOOKS = 20_000
-"""So many cuts are made that a share of a tenth is known to 0.4 of a percent (ours)."""
+"""Number of cuts: a share of a tenth is known to 0.4 of a percent (ours)."""
 LOOK_S = 200e-6
 """Longest pause between two looks; each is drawn, so that they never keep step with windows (ours)."""
 
@@ -160,7 +160,7 @@ def _profile(plant: Plant, fire: Callable[[int, int], None], part: Callable[[], 
                 marked_s.append(_fire(plant, fire))
     spent_s = look.spent_s[1:]  # the first is outside the loop
     shares = dict(zip(PARTS, (spent_s / spent_s.sum()).tolist(), strict=True))
-    plain_ns, marked_ns = (1e9 * statistics.median(s) / (BATCH * PULSES_PER_WINDOW) for s in (plain_s, marked_s))
+    plain_ns, marked_ns = (1e9 * statistics.median(s) / (BATCH * WINDOW_PULSES) for s in (plain_s, marked_s))
     return LoopProfile(plain_ns, marked_ns, shares, look.looks)
 
 
@@ -176,10 +176,10 @@ def _fire(plant: Plant, fire: Callable[[int, int], None]) -> float:
     calls[:, 0] = plant.address
     calls[:, 1] = steps.ctypes.data + first[:-1] * steps.strides[0]
     calls[:, 2] = np.diff(first)
-    calls[:, 3] = PULSES_PER_WINDOW
-    begun_s = time.thread_time()
+    calls[:, 3] = WINDOW_PULSES
+    start_s = time.thread_time()
     fire(calls.ctypes.data, BATCH)
-    spent_s = time.thread_time() - begun_s
+    spent_s = time.thread_time() - start_s
     if calls[:, 4].any():
         raise EdmsimError(f"the straight cut that is profiled ended early, by {calls[:, 4].max()}")
     return spent_s

@@ -50,10 +50,10 @@ def checkout(commit: str) -> Iterator[Path]:
     InputError
         Another comparison with the same commit is under way, or the user's cache cannot be written to.
     """
-    kept = (user_folder() / "revisions" / commit).resolve()
-    with ExitStack() as last, locked(kept, "comparison"):
-        last.callback(_remove_empty, kept)
-        folder = kept / "files"
+    cached = (user_folder() / "revisions" / commit).resolve()
+    with ExitStack() as last, locked(cached, "comparison"):
+        last.callback(_remove_empty, cached)
+        folder = cached / "files"
         try:
             shutil.rmtree(folder, ignore_errors=True)  # of a comparison that was killed
             with tarfile.open(fileobj=io.BytesIO(_git("archive", commit))) as files:

@@ -70,12 +70,12 @@ def _round_trips(name: str, port: str, line: bytes) -> np.ndarray:
             place = next((match[1] for one in said if (match := re.search(rf"{port} is (/dev/[^\s;]+)", one))), None)
             if place is None:
                 raise EdmsimError(f"the bench did not begin: {said[0].strip()}")
-            return _asked(place, line)
+            return _query(place, line)
         finally:
             bench.terminate()
 
 
-def _asked(place: str, line: bytes) -> np.ndarray:
+def _query(place: str, line: bytes) -> np.ndarray:
     end = os.open(place, os.O_RDWR | os.O_NOCTTY)
     try:
         tty.setraw(end)

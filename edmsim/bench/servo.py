@@ -10,7 +10,7 @@ from edmsim.controllers.axis import CHIPS, tuned
 SPAN_S = 1.0
 """Simulated time of a run."""
 REPEATS = 6
-"""The figure is the best of so many runs, as others use the machine too."""
+"""Runs of which the figure is the best, as others use the machine too."""
 
 
 def servo_realtime_factor() -> float:

@@ -24,18 +24,18 @@ FEED_UM_S, MAX_FEED_UM_S, STEP_UM = 28.0, 100.0, 2.0
 PULSES = 255
 """Of a window."""
 MUJOCO_SHARE, FLEET_SHARE = 50, 4
-"""MuJoCo and the vector environment settle for one in so many of a plant's windows: those of MuJoCo take a hundred
-times as long, and those of `fast` soon take as long as later ones."""
+"""Windows of a plant per window of MuJoCo and of the vector environment while they settle: those of MuJoCo take a
+hundred times as long, and those of `fast` soon take as long as later ones."""
 
 
 def rate(step: Callable[[], object], spell_s: float, spells: int) -> float:
     """Return steps per second of processor time: the best of some spells, as others use the machine too."""
 
     def spent_s(steps: int) -> float:
-        begun_s = time.process_time()
+        start_s = time.process_time()
         for _ in range(steps):
             step()
-        return time.process_time() - begun_s
+        return time.process_time() - start_s
 
     steps = 1
     while (first_s := spent_s(steps)) < 0.2 * spell_s:
@@ -95,10 +95,10 @@ def main() -> None:
     found["vector_env_steps_per_s_fast"] = lanes * rate(fleet(lanes, settle // FLEET_SHARE), spell_s, spells)
     drawn = gymnasium.make(gap_feed(), resolution="fast", machine_episodes=1)
     drawn.reset(seed=0)
-    begun_s = time.process_time()
+    start_s = time.process_time()
     for _ in range(resets):
         drawn.reset()
-    found["drawn_resets_per_s"] = resets / (time.process_time() - begun_s)
+    found["drawn_resets_per_s"] = resets / (time.process_time() - start_s)
     print(json.dumps(found))
 
 

@@ -36,7 +36,7 @@ class CalibrationProgress(NamedTuple):
 
 
 class StretchComparison:
-    """Stretches of a log, and what machines make of them.
+    """Stretches of a log, and their simulation by a machine.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ def calibrate(
         machine.with_(t_on_us=stretch.t_on_us, t_period_us=stretch.t_period_us)  # raises what the generator refuses
     size = int(sum(np.isfinite(stretch.mean).sum() for stretch in picked))
     if size <= len(known):
-        raise InputError(f"{len(known)} constants cannot be told from {size} statistics", log.name)
+        raise InputError(f"{len(known)} constants cannot be determined from {size} statistics", log.name)
     if resolution is None:
         resolution = start_of(log).resolution
     comparison = StretchComparison(machine, picked, seed, resolution, watch)
@@ -134,7 +134,7 @@ def calibrate(
 
 
 def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
-    """Return at most so many stretches, evenly spread over settings and feeds, in the order of the log."""
+    """Return at most `most` stretches, evenly spread over settings and feeds, in the order of the log."""
     ordered = sorted(steady, key=lambda s: (s.t_on_us, s.t_period_us, s.feed_um_s))
     places = np.unique(np.linspace(0, len(ordered) - 1, min(most, len(ordered))).round().astype(int))
     return sorted((ordered[k] for k in places), key=lambda s: s.first)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from edmsim.calibration import ratios
 from edmsim.calibration.log_file import LogTable, read_table
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
 from edmsim.job.settings import METADATA_KEY, CutSettings
+from edmsim.machine.setting import WINDOW_PULSES
 
 Array = NDArray[np.float64]
 
@@ -136,7 +136,7 @@ def _has_places(table: LogTable) -> bool:
 
 
 def _settings(table: LogTable, file: str | Path) -> CutSettings | None:
-    """Return what the table's metadata say of the cut; None of a table that is no cut's."""
+    """Return what the table's metadata say of the cut; None of a table that is not a cut's."""
     text = table.metadata.get(METADATA_KEY)
     try:
         return None if text is None else CutSettings.of_json(text)

@@ -36,7 +36,7 @@ class LogTable(NamedTuple):
     metadata: dict[bytes, bytes]
 
 
-def read_table(file: Path, needed: Sequence[str], wanted: Sequence[str]) -> LogTable:
+def read_table(file: Path, needed: Sequence[str], optional: Sequence[str]) -> LogTable:
     """Read the columns that are needed, and those wanted that are there.
 
     A file is Parquet if it begins as one. Of a CSV file the heading says the separator; a comma may be the decimal
@@ -54,13 +54,13 @@ def read_table(file: Path, needed: Sequence[str], wanted: Sequence[str]) -> LogT
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file) from None
     if content.startswith(PARQUET):
-        return _of_parquet(content, needed, wanted, file)
+        return _of_parquet(content, needed, optional, file)
     if file.suffix == ".parquet":
-        raise InputError("is no Parquet file; a log as CSV has a name that ends in .csv", file)
-    return LogTable(_of_csv(_text(content, file), needed, wanted, file), {})
+        raise InputError("is not a Parquet file; a log as CSV has a name that ends in .csv", file)
+    return LogTable(_of_csv(_text(content, file), needed, optional, file), {})
 
 
-def _of_parquet(content: bytes, needed: Sequence[str], wanted: Sequence[str], file: Path) -> LogTable:
+def _of_parquet(content: bytes, needed: Sequence[str], optional: Sequence[str], file: Path) -> LogTable:
     import pyarrow as pa
     import pyarrow.parquet
 
@@ -69,7 +69,7 @@ def _of_parquet(content: bytes, needed: Sequence[str], wanted: Sequence[str], fi
         there = list(table.column_names)  # which are decoded only here
     except (pa.ArrowException, OSError, UnicodeError):
         raise InputError("is a damaged Parquet file, or was not written to its end: copy it again", file) from None
-    names = _chosen(there, needed, wanted, file)
+    names = _chosen(there, needed, optional, file)
     columns = {name: _numbers(table, name, file) for name in names}
     return LogTable(columns, dict(table.schema.metadata or {}))
 
@@ -80,7 +80,7 @@ def _numbers(table: pa.Table, name: str, file: Path) -> Array:
     try:
         return np.asarray(table.column(name).cast(pa.float64()).to_numpy(), np.float64)
     except (pa.ArrowException, UnicodeError):
-        raise InputError(f"column {name} holds something that is no number", file) from None
+        raise InputError(f"column {name} holds something that is not a number", file) from None
 
 
 def _text(content: bytes, file: Path) -> str:
@@ -90,7 +90,7 @@ def _text(content: bytes, file: Path) -> str:
         # of UTF-16 without a mark every second byte of the heading is zero
         even, odd = content[:1000:2].count(0), content[1:1000:2].count(0)
         if content.startswith(b"PK") or 4 * max(even, odd) < min(len(content), 1000):
-            raise InputError("is no text: a log is CSV or Parquet; save a spreadsheet as CSV", file)
+            raise InputError("is not text: a log is CSV or Parquet; save a spreadsheet as CSV", file)
         marked = "utf-16-be" if even > odd else "utf-16-le"
     try:
         return content.decode(marked or "utf-8")
@@ -101,7 +101,7 @@ def _text(content: bytes, file: Path) -> str:
         raise InputError(f"is {what}; a log is CSV in UTF-8, or Parquet", file) from None
 
 
-def _of_csv(text: str, needed: Sequence[str], wanted: Sequence[str], file: Path) -> dict[str, Array]:
+def _of_csv(text: str, needed: Sequence[str], optional: Sequence[str], file: Path) -> dict[str, Array]:
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     first = next((number for number, line in enumerate(lines) if line.strip()), None)
     if first is None:
@@ -112,9 +112,9 @@ def _of_csv(text: str, needed: Sequence[str], wanted: Sequence[str], file: Path)
         first += 1
     heading = lines[first] if first < len(lines) else ""
     if separator not in _SEPARATORS:
-        separator = max(_SEPARATORS, key=lambda s: len({*needed, *wanted} & set(_heading(heading, s))))
+        separator = max(_SEPARATORS, key=lambda s: len({*needed, *optional} & set(_heading(heading, s))))
     names = _heading(heading, separator)
-    chosen = _chosen(names, needed, wanted, file)
+    chosen = _chosen(names, needed, optional, file)
     rows = _rows(lines, first + 1, separator, len(names), file)
     if not rows:
         raise InputError("no windows in it: it has a heading only", file)
@@ -143,16 +143,16 @@ def _rows(lines: list[str], first: int, separator: str, fields: int, file: Path)
                 )  # fmt: skip
             rows.append((number, row))
     except csv.Error as error:
-        raise InputError(f"is no CSV: {error}", file, first + reader.line_num) from None
+        raise InputError(f"is not CSV: {error}", file, first + reader.line_num) from None
     return rows
 
 
-def _chosen(there: Sequence[str], needed: Sequence[str], wanted: Sequence[str], file: Path) -> list[str]:
+def _chosen(there: Sequence[str], needed: Sequence[str], optional: Sequence[str], file: Path) -> list[str]:
     missing = [name for name in needed if name not in there]
     if missing:
         said = f"; its first line has: {', '.join(there)[:200]}" if set(there).isdisjoint(needed) else ""
         raise InputError(f"column {missing[0]} is missing; a log needs {' '.join(needed)}{said}", file)
-    chosen = [*needed, *(name for name in wanted if name in there)]
+    chosen = [*needed, *(name for name in optional if name in there)]
     for name in chosen:
         if there.count(name) > 1:
             raise InputError(f"column {name} is there {there.count(name)} times: leave one", file)

@@ -157,7 +157,7 @@ def _misfit_text(fit: Fit) -> str:
 
 
 MUCH = 4.0
-"""A misfit above this is no noise: residuals are twice as large as it (ours)."""
+"""A misfit above this is not noise: residuals are twice as large as it (ours)."""
 
 
 def causes(fit: Fit, resolution: str) -> list[str]:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.calibration.log_file import read_table
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
 
 Array = NDArray[np.float64]
 NEEDED = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_period_us")

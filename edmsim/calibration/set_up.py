@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Unpack
+from typing import Any
 
 from edmsim.calibration.log import Log
-from edmsim.job.settings import CutOptions, CutSettings
+from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import KINDS, with_overrides
 from edmsim.machine.ranges import choose, uncertain, with_constants
@@ -17,7 +17,7 @@ def start_of(log: Log) -> CutSettings:
     return CutSettings(resolution="fast") if log.settings is None else log.settings
 
 
-def settings_for(log: Log, **options: Unpack[CutOptions]) -> tuple[CutSettings, list[str]]:
+def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
     """Return the settings to compare a log at, and what the user should know about them.
 
     Parameters
@@ -48,8 +48,8 @@ def settings_for(log: Log, **options: Unpack[CutOptions]) -> tuple[CutSettings, 
         start = start.model_copy(update={"height_mm": height_mm, "heights": (), "height_areas": ()})
     named = {"machine": options.get("machine"), "material": options.get("material"), "wire": options.get("wire")}
     others = {part for part, name in named.items() if name not in (None, getattr(start, part))}
-    left_out = [name for name, _ in start.constants if _part(name) in others]
-    start_constants = {name: value for name, value in start.constants if name not in left_out}
+    left_out = [name for name, _ in start.overrides if _part(name) in others]
+    start_constants = {name: value for name, value in start.overrides if name not in left_out}
     if left_out and log.settings is not None:
         notices.append(f"the log was cut with another value of {', '.join(left_out)}: that of the file given is used")
     combined = CutSettings.model_validate({**dict(start), "constants": start_constants, **options})
@@ -67,7 +67,7 @@ def machine_of(settings: CutSettings) -> Machine:
     A cut takes them as known, so they have no range there; here they are where the search starts, or are held.
     """
     machine = settings.model_copy(update={"constants": ()}).load_machine()
-    listed = dict(settings.constants)
+    listed = dict(settings.overrides)
     checked = with_overrides(machine, listed.items())
     ranges = {name: constant.range for name, constant in uncertain(machine).items()}
     changed = {
@@ -81,7 +81,7 @@ def held(settings: CutSettings, machine: Machine, fitted: Iterable[str]) -> list
     """Return a line for every constant given to the log's cut that is not fitted, or lies outside its range."""
     chosen = choose(machine, fitted)
     lines = []
-    for name, value in settings.constants:
+    for name, value in settings.overrides:
         bounds = chosen[name].range if name in chosen else None
         if bounds is None:
             lines.append(f"{name} is held at {value:g}, as in the cut of the log")

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.calibration.log import Stretch, statistics
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.straight import Traverse, begin
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.window import PlantError
 

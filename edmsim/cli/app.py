@@ -18,6 +18,7 @@ from edmsim.cli.find_guides import find_guides
 from edmsim.cli.gap import gap
 from edmsim.cli.learn import dataset, score, train
 from edmsim.cli.measure_table import measure_table
+from edmsim.cli.options import Command
 from edmsim.cli.playback import render, report, view
 from edmsim.cli.positioner import positioner
 from edmsim.cli.servo import servo
@@ -40,14 +41,14 @@ _UsageError: Any = typer.BadParameter.__base__
 """Of click, which newer releases of typer hold inside themselves."""
 
 for _command in _COMMANDS:
-    app.command()(_command)
+    app.command(cls=Command)(_command)
 app.command(context_settings=SHORT_FORM)(sweep)
 
 console = typer.Typer(
     no_args_is_help=True,
     help="Operate the 1982 controller, a servo drive or a positioner by hand, by script or from another program.",
 )
-console.command("1982")(terminal)
+console.command("1982", cls=Command)(terminal)
 console.command()(servo)
 console.command()(positioner)
 app.add_typer(console, name="console")

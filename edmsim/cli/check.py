@@ -2,104 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import (
-    OUT,
-    AfterTab,
-    Conditions,
-    Dialect,
-    Generator,
-    GuideErrors,
-    Height,
-    Ignore,
-    Layers,
-    Machine,
-    Material,
-    Offset,
-    Offsets,
-    Overlap,
-    Passes,
-    Program,
-    Tab,
-    TaperCorners,
-    TaperDeg,
-    Technology,
-    Unit,
-    Upper,
-    Wire,
-    default_folder,
-    named,
-    parse_guide_errors,
-    path_text,
-    say,
-)
+from edmsim.cli.console import OUT, Program, default_folder, say
+from edmsim.cli.options import takes
 from edmsim.errors import BAD_INPUT, InputError
 
 
+@takes(
+    "machine", "material", "wire", "generator", "height_mm", "tension", "t_on_us", "t_period_us", "planner", "offset",
+    "offsets", "ignore", "dialect", "conditions", "layers", "upper_layer", "taper_deg", "taper_corners",
+    "guide_errors_mm", "unit", "passes", "technology", "tab_mm", "overlap_mm", "after_tab",
+)  # fmt: skip
 def check(
     program: Program,
     out: Annotated[
         Path | None, typer.Option(help="Picture of the path: .png .svg or .pdf; default out/PROGRAM/path.png.")
     ] = None,
-    machine: Machine = "agiecut-dem15",
-    material: Material = "tool-steel",
-    height: Height = 20.0,
-    wire: Wire = "brass",
-    generator: Generator = "iso-pulse",
-    offset: Offset = "auto",
-    ignore: Ignore = "",
-    offsets: Offsets = None,
-    dialect: Dialect = "auto",
-    conditions: Conditions = None,
-    layers: Layers = "",
-    upper_layer: Upper = None,
-    taper_deg: TaperDeg = 0.0,
-    taper_corners: TaperCorners = "conical",
-    guide_errors: GuideErrors = None,
-    unit: Unit = None,
-    passes: Passes = None,
-    technology: Technology = None,
-    tab: Tab = 1.5,
-    overlap: Overlap = 0.1,
-    after_tab: AfterTab = "stop",
+    **options: Any,
 ) -> None:
     """Look at a program before the cut: path, notices, time."""
     from edmsim.files import make_writable, replacing
     from edmsim.job.check import check as look_at
-    from edmsim.job.check import lines_of, pass_rows
+    from edmsim.job.check import lines_of
     from edmsim.job.settings import CutSettings
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
-    from edmsim.program.path import load_program
     from edmsim.recording.figures.path import path_figure
 
     picture = default_folder(program) / "path.png" if out is None else out
     if picture.suffix not in (".png", ".svg", ".pdf"):
         raise InputError("the picture must end in .png, .svg or .pdf", picture)
-    options = {
-        "machine": machine, "material": material, "height_mm": height, "wire": wire, "generator": generator,
-        "offset": offset, "offsets": path_text(offsets), "layers": named(layers), "unit": unit,
-        "dialect": dialect, "conditions": path_text(conditions),
-        "upper_layer": upper_layer, "taper_deg": taper_deg, "taper_corners": taper_corners,
-        "guide_errors_mm": parse_guide_errors(guide_errors),
-        "passes": passes, "technology": technology, "tab_mm": tab, "overlap_mm": overlap, "after_tab": after_tab,
-    }
+    settings = CutSettings.model_validate(options)
     unknown: dict[str, list[int]] = {}
 
-    def rows(found: Sequence[tuple[str, str]]) -> None:
-        for name, text in found:
-            OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)
-
     try:
-        rows(pass_rows(load_program(
-            program, ignore=named(ignore), layers=named(layers), unit=unit, offsets=offsets, dialect=dialect,
-            conditions=conditions,
-        )))  # fmt: skip
-        found = look_at(program, CutSettings.model_validate({**options, "ignore": named(ignore)}))
+        found = look_at(program, settings)
     except UnknownWordsError as error:
         unknown = error.words
         for word, lines in unknown.items():
@@ -111,8 +51,9 @@ def check(
             say(f"{', '.join(deciding)} may decide the contour: correct or delete {these}")
             raise typer.Exit(BAD_INPUT) from None
         say("what follows leaves them out, as --ignore " + ",".join(unknown))
-        found = look_at(program, CutSettings.model_validate({**options, "ignore": [*named(ignore), *unknown]}))
-    rows(lines_of(found))
+        found = look_at(program, settings.model_copy(update={"ignore": (*settings.ignore, *unknown)}))
+    for name, text in lines_of(found):
+        OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)
     for notice in found.path.notices:
         OUT.print(f"note: {notice}", highlight=False, soft_wrap=True, markup=False)
     make_writable(picture.parent)

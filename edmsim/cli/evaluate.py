@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, OUT
+from edmsim.cli.console import ERR, OUT, Json
+from edmsim.cli.options import Unset, takes
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
 
+@takes("resolution", resolution=Unset("By default that of the environment."))
 def evaluate(
     env_ids: Annotated[
         list[str],
@@ -22,13 +24,9 @@ def evaluate(
     ],
     controllers: Annotated[
         str | None,
-        typer.Option(metavar="A,B", help="Feed controllers: those of edmsim cut, oracle, heat-oracle, lead-oracle; "
-                                         "by default the task's own."),
+        typer.Option(metavar="A,B", help="Feed controllers: {controllers}; by default the task's own."),
     ] = None,
     seeds: Annotated[int | None, typer.Option(help="Cuts of each controller; default by environment.")] = None,
-    resolution: Annotated[
-        str | None, typer.Option(help="fast, default or fine; the environment's by default.")
-    ] = None,
     record: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for a recording of every cut, for edmsim view.")
     ] = None,
@@ -38,7 +36,8 @@ def evaluate(
     transfer: Annotated[
         bool, typer.Option("--transfer", help="Compare at finer resolutions and beyond the ranges instead.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
+    **options: Any,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
     from edmsim.controllers.named_numbers import listed
@@ -50,6 +49,7 @@ def evaluate(
     from edmsim.evaluation.table import as_json, render
     from edmsim.screen import ScreenProgress
 
+    resolution = options.get("resolution")
     chosen = {
         env_id: usual(env_id) if controllers is None else listed(controllers)
         for env_id in (all_ids() if env_ids == ["all"] else map(resolve, env_ids))
@@ -62,7 +62,7 @@ def evaluate(
         _move(chosen, seeds)
         return
     if leaderboard is not None:
-        boards.read(leaderboard)  # a file that is none is refused before hours of cuts
+        boards.read(leaderboard)  # an invalid file is refused before hours of cuts
     found = []
     with ScreenProgress(console=ERR, transient=True) as bar:
         for env_id, named in chosen.items():

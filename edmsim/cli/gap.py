@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, Height, Machine, Material, Seed, Tension, Wire, say
+from edmsim.cli.console import ERR, say
+from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from edmsim.machine.machine import Machine as SetUp
 
 
+@takes("machine", SET_UP, "seed", generator=Unset("By default the board's, or iso-pulse."))
 def gap(
     serial: Annotated[
         str | None, typer.Option(metavar="BOARD", help="Serial ports of a board: powercore, powercore-v2, spark.")
@@ -28,14 +30,6 @@ def gap(
         Path | None, typer.Option(help="File for ratios and places, .csv, which edmsim calibrate reads.")
     ] = None,
     delays: Annotated[Path | None, typer.Option(help="File for quantiles of ignition delays, .csv.")] = None,
-    machine: Machine = "agiecut-dem15",
-    material: Material = "tool-steel",
-    height: Height = 20.0,
-    wire: Wire = "brass",
-    generator: Annotated[
-        str | None, typer.Option(help="Pulse generator, or an own file; by default the board's, or iso-pulse.")
-    ] = None,
-    tension: Tension = None,
     gap: Annotated[float, typer.Option(help="Gap round the wire at the start in um.")] = 30.0,
     feed: Annotated[float, typer.Option(help="Without --serial: speed of x in um/s.")] = 5.0,
     seconds: Annotated[
@@ -49,22 +43,23 @@ def gap(
     noise: Annotated[float, typer.Option(help="Noise of the voltage samples, rms in V.")] = 0.0,
     current_noise: Annotated[float, typer.Option(help="Noise of the current samples, rms in A.")] = 0.0,
     log_rate: Annotated[float, typer.Option(help="Rows of --log per second, 2 to 100.")] = 10.0,
-    seed: Seed = 0,
+    **options: Any,
 ) -> None:
     """Give a real controller the gap: serial ports, samples, delays."""
     from edmsim.files import make_writable
     from edmsim.hil.ratio_log import RatioLog
     from edmsim.hil.rig import make_board
     from edmsim.hil.samples import SampleFile, Sensing
-    from edmsim.machine.machine import Machine as SetUp
+    from edmsim.job.settings import CutSettings
 
     if serial is None and samples is None and log is None and delays is None:
         raise InputError(
             "give --serial BOARD for ports, --samples, --log or --delays FILE for files; see edmsim gap --help"
         )
     board = None if serial is None else make_board(serial)
-    own = generator or ("iso-pulse" if board is None else board.generator)
-    set_up = SetUp.load(machine, material=material, height_mm=height, wire=wire, generator=own, tension=tension)
+    of_board = {} if board is None else {"generator": board.generator}
+    settings = CutSettings.model_validate({**of_board, **options})
+    set_up, seed = settings.load_machine(), settings.seed
     if delays is not None:
         _write_delays(set_up, delays, seed)
         if serial is None and samples is None and log is None:
@@ -99,7 +94,7 @@ def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: f
 
         serve(rig, speed=speed, seconds=seconds, say=say)
         return
-    from edmsim.terminal.devices import Interrupts
+    from edmsim.consoles.computer_1982.devices import Interrupts
 
     interrupts = Interrupts()
     with interrupts.caught():

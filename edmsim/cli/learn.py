@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, OUT, Seed, say
+from edmsim.cli.console import ERR, INTERRUPTED, OUT, say
+from edmsim.cli.options import takes
 
 
+@takes("seed")
 def train(
     env_id: Annotated[
         str, typer.Argument(help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False)
@@ -17,7 +19,6 @@ def train(
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
     algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac, tqc or imitation.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Windows in all; default by environment.")] = None,
-    seed: Seed = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
     score: Annotated[
         int, typer.Option(metavar="EPISODES", help="Held-back episodes to compare the policy with counts on.")
@@ -41,15 +42,16 @@ def train(
         int | None, typer.Option(metavar="N", help="Record every N-th episode of the first lane.")
     ] = None,
     live: Annotated[bool, typer.Option("--live", help="Show these episodes in rerun's viewer as they end.")] = False,
+    **options: Any,
 ) -> None:
     """Train a feed controller (needs the extra rl)."""
     from edmsim.envs.registry import resolve
     from edmsim.evaluation.parts import is_part
     from edmsim.learning.command import TrainOptions, run
 
-    options = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live)
+    kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live)
     try:
-        table = run(env_id, algo, out, steps, seed, resume, score, ERR, options)
+        table = run(env_id, algo, out, steps, options["seed"], resume, score, ERR, kinds)
     except KeyboardInterrupt:
         say("interrupted; the same command with --resume continues the training")
         raise typer.Exit(INTERRUPTED) from None
@@ -62,17 +64,17 @@ def train(
     OUT.print(use, highlight=False, soft_wrap=True, markup=False)
 
 
+@takes("seed")
 def dataset(
     env_id: Annotated[
         str, typer.Argument(help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False)
     ],
     out: Annotated[Path, typer.Option(help="Folder for the data sets; an interrupted recording goes on.")],
     controllers: Annotated[
-        str,
-        typer.Option(metavar="A,B", help="Feed controllers: those of edmsim cut, oracle, heat-oracle, lead-oracle."),
+        str, typer.Option(metavar="A,B", help="Feed controllers: {controllers}.")
     ] = "fixed,counts,voltage",
     steps: Annotated[int, typer.Option(help="Windows of each controller; its last episode is whole.")] = 100_000,
-    seed: Annotated[int, typer.Option(help="Of the first episode; the others count from there.")] = 0,
+    **options: Any,
 ) -> None:
     """Record feed controllers for offline learning, as data sets of Minari (needs the extra offline)."""
     from edmsim.controllers.named_numbers import listed
@@ -88,7 +90,7 @@ def dataset(
             bar.update(tasks[name], completed=done, total=total)
 
         try:
-            made = record(resolve(env_id), named, steps, out, seed=seed, watch=watch)
+            made = record(resolve(env_id), named, steps, out, watch=watch, **options)
         except KeyboardInterrupt:
             say("interrupted; the same command goes on where it was")
             raise typer.Exit(INTERRUPTED) from None

@@ -4,49 +4,52 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import OUT, Machine, Seed
+from edmsim.cli.console import OUT, Json
+from edmsim.cli.options import Unset, takes
 
 
+@takes(
+    "machine", "compensation", "seed",
+    compensation=Unset("What is written is then what these tables, in force, have left."),
+)
 def measure_table(
     out: Annotated[Path | None, typer.Option(help="File for the compensation tables, .toml.")] = None,
-    machine: Machine = "agiecut-dem15",
     interval: Annotated[float | None, typer.Option(help="Distance of the targets in mm, by default 0.5.")] = None,
     runs: Annotated[int | None, typer.Option(help="Runs to every target, either way; by default 5.")] = None,
-    compensation: Annotated[
-        Path | None, typer.Option(help="Measure with these tables in force; what is written is then what they left.")
-    ] = None,
     cubic: Annotated[bool, typer.Option("--cubic", help="Let curves join the points of the tables.")] = False,
     plot: Annotated[Path | None, typer.Option(help="File for the figure, .png .svg or .pdf.")] = None,
-    seed: Seed = 0,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
+    **options: Any,
 ) -> None:
     """Measure a machine's table as a laser interferometer does."""
-    from edmsim.controllers.axis.elcam_file import load_tables, read_tables, text_of
+    from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
     from edmsim.errors import InputError
     from edmsim.files import make_writable, replacing
     from edmsim.job.remake import FORMATS
-    from edmsim.machine.machine import Machine
-    from edmsim.metrology.table_run import measure_table as measure
-    from edmsim.recording.table_report import as_json, headline, render
+    from edmsim.job.settings import CutSettings
+    from edmsim.measure.report import as_json, headline, render
+    from edmsim.measure.table import measure_table as measure
 
     if plot is not None and plot.suffix.removeprefix(".") not in FORMATS:
         raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", plot)
+    settings = CutSettings.model_validate(options)
+    compensation = settings.compensation
     loaded = None if compensation is None else load_tables(read_tables(compensation), compensation)
-    worn = Machine.load(machine)
+    worn = settings.load_machine()
     for file in (out, plot):
         if file is not None:
             make_writable(file.parent)
-    found = measure(worn, interval_mm=interval, runs=runs, seed=seed, compensation=loaded)
+    found = measure(worn, interval_mm=interval, runs=runs, seed=settings.seed, compensation=loaded)
     if out is not None:
-        about = f"Errors of the table of {machine}: what an axis indicates less where it truly is."
+        about = f"Errors of the table of {settings.machine}: what an axis indicates less where it truly is."
         with replacing(out) as partial:
             partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
     if plot is not None:
-        from edmsim.recording.figures.table import table_figure
+        from edmsim.measure.figures import table_figure
 
         with replacing(plot) as partial:
             table_figure({"measured": found}).savefig(partial, format=plot.suffix.removeprefix("."))

@@ -11,7 +11,7 @@ import typer
 from edmsim.cli.console import OUT, say
 
 _SHOWN = 10
-"""Problems of a text that are told (ours): the manual's example has fewer."""
+"""Problems of a text that are listed (ours): the manual's example has fewer."""
 
 
 def positioner(
@@ -28,9 +28,9 @@ def positioner(
     axis: Annotated[str, typer.Option(help="Motor, screw and table: analogue or analogue-table.")] = "analogue",
 ) -> None:
     """Run a QCL program on EANPOS positioners and their axes."""
+    from edmsim.consoles.servo.positioner import Station, contactors_of, press_of, run_and_tell
     from edmsim.controllers.qcl import QclError
     from edmsim.errors import InputError
-    from edmsim.servo.positioner import Station, contactors_of, press_of, run_and_tell
 
     presses = [press_of(text) for text in press or []]
     contactors = contactors_of(contactor or [])

@@ -32,14 +32,14 @@ def servo(
     if out is not None and not autotune:
         raise InputError("--out is the picture of --autotune; curves of a session are written with --record")
     if autotune:
-        from edmsim.servo.command import tune
+        from edmsim.consoles.servo.command import tune
 
         OUT.print("\n".join(tune(drive, axis, out, say)), highlight=False)
         return
+    from edmsim.consoles.servo.command import bench_for
+    from edmsim.consoles.servo.scope import Scope
+    from edmsim.consoles.servo.session import serve
     from edmsim.controllers.axis import Uhu
-    from edmsim.servo.command import bench_for
-    from edmsim.servo.scope import Scope
-    from edmsim.servo.session import serve
 
     bench = bench_for(drive, axis, tuned)
     streams = isinstance(bench.drive(), Uhu)

@@ -9,29 +9,26 @@ from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, OUT, Seed, named, say
+from edmsim.cli.console import ERR, INTERRUPTED, OUT, Json, named, say
+from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import FAILED
 
+_BY_LOG = Unset("By default as in the log.")
 
+
+@takes(
+    "machine", SET_UP, "resolution", "seed",
+    **dict.fromkeys(("machine", "material", "wire", "generator", "height_mm"), _BY_LOG),
+    resolution=Unset("By default as in the log, or fast."),
+)
 def calibrate(
     log: Annotated[Path, typer.Argument(help="Table of windows, .parquet or CSV.", show_default=False)],
     out: Annotated[Path, typer.Option(help="TOML file for the fitted machine; material and wire go beside it.")],
     fit: Annotated[
         str | None, typer.Option(metavar="A,B", help="Constants or sections to fit; by default the usual three.")
     ] = None,
-    machine: Annotated[
-        str | None, typer.Option(help="Machine to start from; default by log, or agiecut-dem15.")
-    ] = None,
-    material: Annotated[str | None, typer.Option(help="Workpiece material; default by log, or tool-steel.")] = None,
-    height: Annotated[float | None, typer.Option(help="Workpiece height in mm; default by log, or 20.")] = None,
-    wire: Annotated[str | None, typer.Option(help="Wire, as copper-100; default by log, or brass.")] = None,
-    tension: Annotated[float | None, typer.Option(help="Wire tension in N; default by log, or by wire.")] = None,
-    generator: Annotated[str | None, typer.Option(help="Pulse generator; default by log, or iso-pulse.")] = None,
-    resolution: Annotated[
-        str | None, typer.Option(help="fast, default or fine; default by log, or fast.")
-    ] = None,
-    seed: Seed = 0,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
+    **options: Any,
 ) -> None:
     """Fit the model's constants to a machine's log."""
     from rich.progress import SpinnerColumn, TextColumn
@@ -45,11 +42,8 @@ def calibrate(
 
     check_writable(out)
     table = read_log(log)
-    overrides: dict[str, Any] = {
-        "machine": machine, "material": material, "height_mm": height, "wire": wire, "tension": tension,
-        "generator": generator, "resolution": resolution,
-    }
-    settings, notices = settings_for(table, **{name: value for name, value in overrides.items() if value is not None})
+    seed = options.pop("seed")
+    settings, notices = settings_for(table, **options)
     chosen = DEFAULT_CONSTANTS if fit is None else named(fit)
     set_up = machine_of(settings)
     for notice in (*notices, *held(settings, set_up, chosen)):
@@ -67,18 +61,18 @@ def calibrate(
     except KeyboardInterrupt:
         say("interrupted; nothing was written")
         raise typer.Exit(INTERRUPTED) from None
-    files = write(found, table.name, out, [name for name, _ in settings.constants])
+    files = write(found, table.name, out, [name for name, _ in settings.overrides])
     if json:
         sys.stdout.write(as_json(found, files) + "\n")
         return
     OUT.print(render(found, settings.resolution))
-    options = " ".join(f"--{part} {file}" for part, file in files.items())
-    OUT.print(f"Cut with it: edmsim cut PROGRAM {options} --out DIR", highlight=False, soft_wrap=True, markup=False)
+    fitted = " ".join(f"--{part} {file}" for part, file in files.items())
+    OUT.print(f"Cut with it: edmsim cut PROGRAM {fitted} --out DIR", highlight=False, soft_wrap=True, markup=False)
 
 
 def validate(
     failed: Annotated[bool, typer.Option("--failed", help="Show only what fails, with the reasons.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Compare the model with what was published, row by row."""
     from edmsim.screen import ScreenProgress

@@ -3,35 +3,35 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import INTERRUPTED, OUT, Height, Resolution, Seed, say
+from edmsim.cli.console import INTERRUPTED, OUT, Quiet, say
+from edmsim.cli.options import takes
 
 
+@takes(
+    "height_mm", "wire", "machine", "resolution", "seed", wire="brass-254", machine="production", resolution="fast"
+)
 def technology(
     material: Annotated[str, typer.Argument(help="Workpiece material, a name or an own file.", show_default=False)],
-    height: Height = 20.0,
     passes: Annotated[int, typer.Option(help="How many, rough and trims: 1 to 7.")] = 4,
-    wire: Annotated[str, typer.Option(help="Wire with its diameter in um.")] = "brass-254",
-    machine: Annotated[str, typer.Option(help="Machine, a name or an own file.")] = "production",
     out: Annotated[
         Path | None,
         typer.Option(help="File .toml; one that is there gets another height. Default MATERIAL-WIRE.toml."),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the interrupted search of that file.")] = False,
-    resolution: Resolution = "fast",
-    seed: Seed = 0,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    quiet: Quiet = False,
+    **options: Any,
 ) -> None:
     """Search offsets and settings of passes by simulated cuts, and write them as a technology."""
     from edmsim.evaluation.technology import Job, Search, merged, technology_text
     from edmsim.files import make_writable, replacing
     from edmsim.machine.technology import read_technology
 
-    file = Path(f"{Path(material).stem}-{Path(wire).stem}.toml") if out is None else out
-    job = Job(material, machine, wire, height, passes, resolution, seed)
+    job = Job(material, passes=passes, **options)
+    file = Path(f"{Path(material).stem}-{Path(job.wire).stem}.toml") if out is None else out
     job.check()
     make_writable(file.parent)
     known = read_technology(str(file)) if file.exists() else None
@@ -43,7 +43,7 @@ def technology(
     except KeyboardInterrupt:
         say(f"interrupted; the same command with --resume goes on behind the passes in {journal}")
         raise typer.Exit(INTERRUPTED) from None
-    source = f"found by simulation: edmsim technology {material} --height {height:g} --passes {passes}"
+    source = f"found by simulation: edmsim technology {material} --height {job.height_mm:g} --passes {passes}"
     with replacing(file) as partial:
         partial.write_text(technology_text(job, merged(known, job, found), source), encoding="utf-8")
     journal.unlink(missing_ok=True)

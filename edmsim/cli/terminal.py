@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, Height, Machine, Material, Resolution, Seed, Tension, Wire
+from edmsim.cli.console import ERR, INTERRUPTED
+from edmsim.cli.options import takes
 
 
+@takes("machine", "material", "wire", "height_mm", "tension", "planner", "resolution", "seed")
 def terminal(
-    machine: Machine = "agiecut-dem15",
-    material: Material = "tool-steel",
-    height: Height = 20.0,
-    wire: Wire = "brass",
-    tension: Tension = None,
-    planner: Annotated[str, typer.Option(help="poscal, poscal-literal, dda or sine-table.")] = "poscal",
-    resolution: Resolution = "default",
-    seed: Seed = 0,
     host: Annotated[Path | None, typer.Option(help="File that the host sends when LOAD asks for a program.")] = None,
     speed: Annotated[
         float | None, typer.Option(help="Machine seconds per second; default 1, or as fast as can be in a pipe.")
@@ -32,17 +26,21 @@ def terminal(
     monitor: Annotated[bool, typer.Option("--monitor", help="Begin in the monitor; G 0400 starts MAIN.")] = False,
     tapes: Annotated[Path | None, typer.Option(help="Folder of tapes, Intel HEX; default here.")] = None,
     view: Annotated[bool, typer.Option(help="Live view of digits and pulses at a real terminal.")] = True,
+    **options: Any,
 ) -> None:
     """Sit at the 1982 controller's terminal."""
-    from edmsim.machine.machine import Machine
-    from edmsim.terminal.command import choose_faults, run
-    from edmsim.terminal.rig import Rig
+    from edmsim.consoles.computer_1982.command import choose_faults, run
+    from edmsim.consoles.computer_1982.rig import Rig
+    from edmsim.job.settings import CutSettings
 
-    faults = choose_faults(fault or (), seed)
-    set_up = Machine.load(machine, material=material, height_mm=height, wire=wire, tension=tension)
+    settings = CutSettings.model_validate(options)
+    faults = choose_faults(fault or (), settings.seed)
     try:
         with ERR.status("starting; the first time, the pulse loop is compiled"):
-            rig = Rig(set_up, seed, resolution=resolution, planner=planner, faults=faults)
+            rig = Rig(
+                settings.load_machine(), settings.seed, resolution=settings.resolution, planner=settings.planner,
+                faults=faults,
+            )
             rig.warm_up()
         raise typer.Exit(run(rig, host, speed, view, monitor, tapes))
     except KeyboardInterrupt:

@@ -45,7 +45,7 @@ NET_IN, NET_OUT = 1, 2
 low through a diode. An input without the net is held high."""
 SAMPLE, WATCHDOG = 0, 1
 """``DRIVE.event``: why the sample is called. For `WATCHDOG` no sample has run for ``watchdog_ns``."""
-STRAYED, NO_COMMAND = 1, 2
+FOLLOWING_ERROR, NO_COMMAND = 1, 2
 """Bits of ``AXIS.trip``: the table is too far from where the planner has it, or nowhere; the drive's command was no
 share of its supply, for which its board holds it in reset."""
 BRIDGE_DAMAGED, MAGNETS_DAMAGED, WINDING_DAMAGED = 1, 2, 4
@@ -129,7 +129,7 @@ AXIS = np.dtype(
         ("moved_ns", "i8"),
         ("true_count", "i8"),
         ("state", "i8"),
-        ("seen_state", "i8"),
+        ("latched_state", "i8"),
         ("ready_ns", "f8"),
         ("unplugged", "i8"),
         ("swapped", "i8"),
@@ -170,7 +170,7 @@ switches; ``home``, the home cam's switch behind its input filter; ``lines``, it
 
 The rest no drive sees. Wires: ``hand_lines`` are input lines held active from outside, ``wiring`` how the drive
 hangs on the fault net, ``in_reset`` whether its logic is held in reset. Encoder: ``true_count`` by the place,
-``missed`` what ``count`` is behind that, ``state`` the phases as they are, ``seen_state`` as they were last counted,
+``missed`` what ``count`` is behind that, ``state`` the phases as they are, ``latched_state`` those last counted,
 ``ready_ns`` when the input takes the next edge, ``unplugged`` phases (which read 1) and whether they are
 ``swapped``; ``disturbed`` phases, which a spike turns over until ``spike_ns`` (without one, the next begins then),
 ``noise_key`` and ``noise_draws`` number its draws; ``mark`` is the last index mark below. ``cam`` is the home switch
@@ -183,7 +183,7 @@ voltage at the bridge, ``peak_A`` the largest current so far, ``winding_K`` the 
 surroundings, ``damage`` what was too much. ``locked`` holds the rotor; ``hand_Nm`` and ``hand_N`` are a torque on its
 shaft and a force on the table from outside. What the machine itself looks after: the table is to be between
 ``least_um`` and ``most_um``, and not further than ``stray_um`` outside; ``trip`` says for what the machine stops the
-axis (`STRAYED`, `NO_COMMAND`), and ``trip_ns`` since when."""
+axis (`FOLLOWING_ERROR`, `NO_COMMAND`), and ``trip_ns`` since when."""
 
 MOTOR = np.dtype(
     [

@@ -50,7 +50,7 @@ UNWRAPPED: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": Tru
 
 
 class _SignedFiles(caching.IndexDataCacheFile):
-    """Files of a function's machine code, each with its digest at its end; a damaged one is as if there were none."""
+    """Files of a function's machine code, each with its digest at its end; a damaged one is ignored."""
 
     def save(self, key: Any, data: Any) -> None:
         with suppress(OSError):  # what cannot be kept, on a full disk say, is compiled again the next time

@@ -97,8 +97,8 @@ def marked(
 
 def _code(function: Callable[..., None], constants: tuple[int, ...], parts: Parts) -> bytes:
     """Return the object file, which is made if it is not there."""
-    kept = cache.read_signed(_object_file(_stem(function.__name__, parts), constants))
-    return kept or _compile_elsewhere(function, constants, parts)
+    cached = cache.read_signed(_object_file(_stem(function.__name__, parts), constants))
+    return cached or _compile_elsewhere(function, constants, parts)
 
 
 def _parameters(function: Callable[..., None]) -> list[str]:
@@ -185,7 +185,7 @@ def _compile_elsewhere(function: Callable[..., None], constants: tuple[int, ...]
 
 
 def _show_progress(lines: IO[bytes]) -> str:
-    """Show the progress of another process, which writes shares up to 1; returns its last line that is no number."""
+    """Show the progress of another process, which writes shares up to 1; return its last other line."""
     bar = sys.stderr.isatty() or ("ipykernel" in sys.modules and os.environ.get(PROGRESS) != "0")
     said = ""
     for line in lines:

@@ -27,7 +27,7 @@ GAPS, COORDINATES = 16, 4
 
 @compiled
 def filled(count: int, lanes: int = COORDINATES) -> int:
-    """So many numbers, of float64 unless said otherwise, filled up to whole vectors."""
+    """Round `count` up to a multiple of `lanes`, the numbers of a vector: of float64 by default."""
     return (count + lanes - 1) // lanes * lanes
 
 

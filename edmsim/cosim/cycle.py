@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from edmsim.controllers.protocols import WindowObservation
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.motion import Motion
 from edmsim.cosim.observers import Observer, Turn
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.plant import Plant
 
 

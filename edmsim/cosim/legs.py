@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.geometry import arc_lengths
 from edmsim.program.passes import CutPass
 from edmsim.program.path import WireContour
 
@@ -76,10 +76,8 @@ def legs_of(contour: WireContour) -> list[Leg]:
     """Cut a contour's path at its dwells; of one in passes return them one after the other, lead-in first."""
     if contour.passes:
         return _legs_of_passes(contour)
-    stops = sorted(dict.fromkeys(i for i, _ in contour.dwells))
-    wait = {i: sum(s for j, s in contour.dwells if j == i) for i in stops}
-    last = len(contour.points_um) - 1
-    ends = [i for i in stops if 0 < i < last] + [last]
+    wait, last = _waits_s(contour.dwells), len(contour.points_um) - 1
+    ends = [i for i in wait if 0 < i < last] + [last]
     starts = [0, *ends[:-1]]
     along, threads = contour.along_um, not contour.continues
     return [
@@ -94,11 +92,21 @@ def legs_of(contour: WireContour) -> list[Leg]:
 def _legs_of_passes(contour: WireContour) -> list[Leg]:
     legs = []
     for number, one in enumerate(contour.passes):
-        first = number == 0 and not contour.continues
-        lead = one.approach_moves if number == 0 else 0
-        along = arc_lengths(one.points_um)
-        if lead:
-            way = slice(None, lead + 1)
-            legs.append(Leg(one.points_um[way], first, 0.0, 0.0, along[way], cut_pass=one, leads_in=True))
-        legs.append(Leg(one.points_um[lead:], first and not lead, 0.0, 0.0, along[lead:], cut_pass=one))
+        threads = number == 0 and not contour.continues
+        lead, last = one.approach_moves if number == 0 else 0, len(one.points_um) - 1
+        along, waits = one.way.along_um, _waits_s(one.dwells)
+        ends = sorted({lead, last, *(i for i in waits if i > 0)} - {0})
+        for a, b in zip([0, *ends[:-1]], ends, strict=True):
+            legs.append(
+                Leg(
+                    one.points_um[a : b + 1], a == 0 and threads, waits.get(0, 0.0) if a == 0 else 0.0,
+                    waits.get(b, 0.0), along[a : b + 1], None if one.lean is None else one.lean.upper_um[a : b + 1],
+                    cut_pass=one, leads_in=b <= lead,
+                )
+            )
     return legs
+
+
+def _waits_s(dwells: Sequence[tuple[int, float]]) -> dict[int, float]:
+    """Return how long the wire waits at every point where it does, in order."""
+    return {i: sum(seconds for j, seconds in dwells if j == i) for i in sorted({i for i, _ in dwells})}

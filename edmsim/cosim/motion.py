@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.axis.path_offset import PathOffset
-from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.controllers.planner.registry import Planner
 from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step
 
@@ -106,11 +106,11 @@ class PlannerMotion:
     def plan(self, start_ns: int, end_ns: int, certain: bool) -> list[Step]:
         """Return the planner's steps; where the end is not certain, nothing has been driven yet."""
         self._speeds = self._speeds_from(start_ns)
-        beside = self._offset.steps(start_ns, self.planner.path_um, self.command.offset_um)
+        lateral = self._offset.steps(start_ns, self.planner.path_um, self.command.offset_um)
         if certain:
-            return beside + self._to_motors(self._drive(self._steps(start_ns, end_ns)))
+            return lateral + self._to_motors(self._drive(self._steps(start_ns, end_ns)))
         self._before = self.planner.snapshot(), self._compensation and self._compensation.snapshot()
-        return beside + self._to_motors(self._steps(start_ns, end_ns))
+        return lateral + self._to_motors(self._steps(start_ns, end_ns))
 
     def keep(self, start_ns: int, end_ns: int) -> None:
         """Take note of the window's end; a planner that went further goes back there."""
@@ -190,17 +190,17 @@ class EvenSteps:
         self.feed_um_s = feed_um_s
         self.path_um = 0.0
         self._step_um = step_um
-        self._begun = 0.0  # share of the next step that is already due
+        self._step_share = 0.0  # share of the next step that is already due
 
     def plan(self, start_ns: int, end_ns: int, certain: bool = False) -> list[tuple[int, int, int]]:
         """Return the steps of the longest window there can be."""
         per_ns = abs(self.feed_um_s) / self._step_um * 1e-9
-        count = int(self._begun + per_ns * (end_ns - start_ns))
+        count = int(self._step_share + per_ns * (end_ns - start_ns))
         direction = 1 if self.feed_um_s > 0 else -1
-        return [(start_ns + int((k + 1 - self._begun) / per_ns), self.axis, direction) for k in range(count)]
+        return [(start_ns + int((k + 1 - self._step_share) / per_ns), self.axis, direction) for k in range(count)]
 
     def keep(self, start_ns: int, end_ns: int) -> None:
         """Take note of the window's end."""
         travel_um = self.feed_um_s * (end_ns - start_ns) * 1e-9
-        self._begun = (self._begun + abs(travel_um) / self._step_um) % 1.0
+        self._step_share = (self._step_share + abs(travel_um) / self._step_um) % 1.0
         self.path_um += travel_um

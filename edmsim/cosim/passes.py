@@ -91,16 +91,19 @@ class PassLog:
     def plan(self, path: CutPath, legs: Sequence[Leg]) -> None:
         """Take another plan of the same cut: the passes to come may have other offsets."""
         numbers = {id(one): number for number, contour in enumerate(path.contours, 1) for one in contour.passes}
-        last = {id(leg.cut_pass): k for k, leg in enumerate(legs)}
+        cutting = [(id(leg.cut_pass), k) for k, leg in enumerate(legs) if leg.cut_pass and not leg.leads_in]
+        last, first = dict(cutting), dict(reversed(cutting))
         self._contours = path.contours
         self._contour_of = [numbers.get(id(leg.cut_pass), 0) for leg in legs]
-        self._is_last = [last[id(leg.cut_pass)] == k for k, leg in enumerate(legs)]
+        self._is_first, self._is_last = (
+            [legs_at.get(id(leg.cut_pass)) == k for k, leg in enumerate(legs)] for legs_at in (first, last)
+        )
 
     def begin_leg(self, number: int, leg: Leg, time_s: float, path_um: float, sums: Sums) -> None:
-        """Begin a record with the leg of a pass, behind its lead-in."""
+        """Begin a record with the first leg of a pass, behind its lead-in."""
         one = leg.cut_pass
         self._open = one is not None and not leg.leads_in
-        if one is None or leg.leads_in:
+        if one is None or not self._is_first[number]:
             return
         contour = self._contour_of[number]
         self._before = Sums(**asdict(sums))
@@ -128,7 +131,7 @@ class PassLog:
                 self._loosen(piece, one, contour, plant)
 
     def _loosen(self, piece: shapely.Polygon, one: CutPass, contour: WireContour, plant: Plant) -> None:
-        x, y = one.points_um[-1].tolist()
+        x, y = one.way.at_mid_height()[-1].tolist()
         what = "slug" if not _is_part(piece, contour) else "part"
         far_mm = lever_mm(piece, (x, y))
         if not one.falls:

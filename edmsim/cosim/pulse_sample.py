@@ -87,7 +87,7 @@ def sample_pulses(
         If the feed drove the wire into the metal.
     """
     if not 0 < feed_um_s < math.inf or pulses < 1:
-        raise InputError(f"pulses are looked at in a cut: {pulses} pulses at {feed_um_s:g} um/s are no cut")
+        raise InputError(f"pulses are looked at in a cut: {pulses} pulses at {feed_um_s:g} um/s are not a cut")
     plant = begin(machine, seed, resolution=resolution)
     if not plant.window_ns:
         raise InputError("single pulses are looked at with generators of a fixed period")

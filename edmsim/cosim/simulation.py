@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
-from edmsim.controllers.axis.cam_reach import check_cams
-from edmsim.controllers.axis.elcam import Elcam
+from edmsim.controllers.axis.elcam.cam_reach import check_cams
+from edmsim.controllers.axis.elcam.module import Elcam
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.axis.path_offset import PathOffset
-from edmsim.controllers.axis.step_compensation import StepCompensation
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planner
@@ -46,7 +46,7 @@ from edmsim.program.path import CutPath
 
 
 class Progress(NamedTuple):
-    """How far a cut is, for whoever watches; `wall_time_s` is the computer's time that went into it so far."""
+    """How far a cut is, for a progress display; `wall_time_s` is the computer's time that went into it so far."""
 
     path_um: float
     total_um: float
@@ -86,7 +86,7 @@ class Simulation:
     drives : mapping of str to drive, optional
         Drives of the axes by name; see `Plant`.
     compensation : Elcam, optional
-        Tables of the table's errors, and cams, of `edmsim.controllers.axis.elcam_file.load_tables`.
+        Tables of the table's errors, and cams, of `edmsim.controllers.axis.elcam.file.load_tables`.
     stuck_wire_sensor : bool
         Whether the sensor does not see a wire break; the machine then goes on without a wire (`Plant.go_bare`).
     axis_faults : sequence of AxisFault
@@ -216,19 +216,19 @@ class Simulation:
                 check_command(controller.name, controller.reset(self.max_feed_um_s))
 
     @property
-    def setups_told(self) -> list[tuple[str, str]]:
+    def described_setups(self) -> list[tuple[str, str]]:
         """Machine and controller of every pass in words: what a checkpoint belongs to."""
         return [(one.machine.model_dump_json(), repr(one.controller)) for one in self._setups]
 
     def _take_setup(self, leg: Leg) -> Machine:
         """Let the setting of a leg's pass be in force; the plant changes where it is another one."""
         if leg.cut_pass is not None:
-            wanted = self._setups[min(leg.cut_pass.number, len(self._setups)) - 1]
+            setup = self._setups[min(leg.cut_pass.number, len(self._setups)) - 1]
             if leg.leads_in and self._approach is not None:
-                wanted = self._approach
-            if wanted.machine is not self._setup.machine:
-                self.plant.change_setup(wanted.machine)
-            self._setup = wanted
+                setup = self._approach
+            if setup.machine is not self._setup.machine:
+                self.plant.change_setup(setup.machine)
+            self._setup = setup
         return self._setup.machine
 
     def _begin_leg(self) -> PlannerMotion:
@@ -285,8 +285,8 @@ class Simulation:
         """Where the program has come to: what the motors stand at, less their compensation and the path's offset."""
         x, y = self.plant.commanded_um
         off_x, off_y = (0.0, 0.0) if self._compensation is None else self._compensation.offset_um
-        beside_x, beside_y = self._offset.lateral_um
-        return x - off_x - beside_x, y - off_y - beside_y
+        lateral_x, lateral_y = self._offset.lateral_um
+        return x - off_x - lateral_x, y - off_y - lateral_y
 
     @property
     def _lead_um(self) -> tuple[float, float]:
@@ -374,20 +374,20 @@ class Simulation:
             self._say(stopped)
         return stopped is not None
 
-    def _decide(self, seen: WindowObservation) -> None:
+    def _decide(self, observation: WindowObservation) -> None:
         """Let the controller decide on the next window."""
-        command = check_command(self.controller.name, self.controller.update(seen))
+        command = check_command(self.controller.name, self.controller.update(observation))
         self._motion.command = command
         self._set_generator(command.t_on_us, command.t_period_us)
 
     def _set_generator(self, t_on_us: float | None, t_period_us: float | None) -> None:
         """Give the generator the setting wanted; one it refuses changes nothing; `refused` says why."""
         now = self.plant.machine.t_on_us, self.plant.machine.t_period_us
-        wanted = now[0] if t_on_us is None else t_on_us, now[1] if t_period_us is None else t_period_us
-        if wanted == now:
+        setting = now[0] if t_on_us is None else t_on_us, now[1] if t_period_us is None else t_period_us
+        if setting == now:
             return
         try:
-            self.plant.set_generator(*wanted)
+            self.plant.set_generator(*setting)
         except InputError as error:
             self.refused = error.reason
 
@@ -528,7 +528,9 @@ class Simulation:
             self.missed_windows,
         )
         self._cycle.motion = self._motion = self._begin_leg()
-        self.passes.begin_leg(at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums)
+        self.passes.begin_leg(
+            at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums
+        )
         return StopCause.RUNNING
 
     def _thread_at(self, point_um: NDArray[np.int64], lead_um: tuple[float, float]) -> float:

@@ -31,7 +31,7 @@ FASTEST_UM_S = 400.0
 """Feed a controller may command here (ours: above the cutting rate of every set-up measured)."""
 _STEP_UM = 2.0
 """Spacing of the places at which the kerf is measured."""
-_BESIDE_UM = 200.0
+_MARGIN_UM = 200.0
 """How far beyond the wire's surface its kerf is looked for."""
 
 
@@ -133,7 +133,7 @@ class Cut:
         if not len(x):
             raise InputError(f"a travel of {self.travel_um:g} um leaves no kerf behind the wire to measure")
         centre_um = self.plant.machine.base.table.centre_um
-        y = centre_um[1] + np.arange(-radius - _BESIDE_UM, radius + _BESIDE_UM, _STEP_UM)
+        y = centre_um[1] + np.arange(-radius - _MARGIN_UM, radius + _MARGIN_UM, _STEP_UM)
         places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
         cut = 1.0 - metal_at(self.plant.field, places).reshape(-1, len(x), len(y))
         return np.asarray(cut.sum(axis=2).mean(axis=1) * _STEP_UM)
@@ -185,8 +185,8 @@ class Traverse(EvenSteps):
         """Run one window."""
         return self._cycle.turn().window
 
-    def _decide(self, seen: WindowObservation) -> None:
-        self.feed_um_s, self.alarm = self._controller.update(seen)[:2]
+    def _decide(self, observation: WindowObservation) -> None:
+        self.feed_um_s, self.alarm = self._controller.update(observation)[:2]
 
 
 def begin(

@@ -15,12 +15,12 @@ import numpy as np
 
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs.episode import StepResult, Task
 from edmsim.envs.registry import base_of, find
 from edmsim.envs.reward import REFERENCE_S
 from edmsim.evaluation.lines import lines_of
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.metrology.profile import profile_error
 from edmsim.recording.rerun.playback import RECORDING
 

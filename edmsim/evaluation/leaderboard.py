@@ -24,7 +24,7 @@ def read(file: Path) -> dict[str, Comparison]:
     Raises
     ------
     InputError
-        The file is no leaderboard, or a damaged one.
+        The file is not a leaderboard, or a damaged one.
     """
     if not file.exists():
         return {}
@@ -34,7 +34,7 @@ def read(file: Path) -> dict[str, Comparison]:
             raise ValueError(f"its format is {document['format']!r}, not {FORMAT!r}")
         return {env_id: _comparison(env_id, entry) for env_id, entry in document["environments"].items()}
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
-        raise InputError(f"this is no leaderboard, or a damaged one: {error!r}", file) from None
+        raise InputError(f"this is not a leaderboard, or a damaged one: {error!r}", file) from None
 
 
 def write(file: Path, comparisons: Sequence[Comparison]) -> None:

@@ -301,7 +301,7 @@ class Search:
         assert one.peak_current_A is not None
         most_A = most_current_A(self._job.setup(one.generator))
         current_A = min(one.peak_current_A * min(max(share, 0.7), 1.4) ** 3, most_A)
-        return one.model_copy(update={"peak_current_A": round(current_A, 1)})
+        return one.model_copy(update={"peak_current_A": _in_tenths(current_A, most_A)})
 
     def _stronger(self, one: PassSetting) -> PassSetting:
         least_us = self._least_period_us(self._job.machine_of(one))
@@ -328,7 +328,8 @@ class Search:
             volume_um3 = crater_um3(plain.with_(peak_current_A=current_A))
             own_us = volume_um3 / (POWER * wanted_um3_us)
         return PassSetting(
-            generator=asked.generator, t_on_us=plain.t_on_us, peak_current_A=round(current_A, 1),
+            generator=asked.generator, t_on_us=plain.t_on_us,
+            peak_current_A=_in_tenths(current_A, most_current_A(plain)),
             t_period_us=round(max(own_us, self._least_period_us(plain)), 2),
             tension_N=round(plain.tension * asked.tension, 2),
             flushing_lower_Pa=pressure_Pa, flushing_upper_Pa=pressure_Pa,
@@ -457,6 +458,11 @@ def _current_for(machine: Machine, ra_um: float) -> float:
         made_um = roughness_um(crater_um3(machine.with_(peak_current_A=middle_A, t_period_us=1000.0)), flatness)
         low_A, high_A = (middle_A, high_A) if made_um < ra_um else (low_A, middle_A)
     return math.sqrt(low_A * high_A)
+
+
+def _in_tenths(current_A: float, most_A: float) -> float:
+    """Return a current in tenths of an A, not above the greatest there is."""
+    return min(round(current_A, 1), math.floor(10 * most_A) / 10)
 
 
 def technology_text(job: Job, found: Sequence[AtHeight], source: str) -> str:

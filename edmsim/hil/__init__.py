@@ -1,6 +1,6 @@
 """The gap for real controllers: boards of open machines on serial lines, samples of voltage and current, an FMU.
 
-Nothing here decides about the feed: whoever is on the other side does. `Rig` runs without a clock, for a firmware's
+Nothing here decides about the feed: the connected controller does. `Rig` runs without a clock, for a firmware's
 unit tests; `edmsim.hil.session` puts it behind pseudo-terminals in real time.
 """
 

@@ -21,7 +21,7 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 
 _FEED_WINDOWS = 40
-"""The feed that is noted is the mean over so many windows (ours: in a single one there is a motor step, or none)."""
+"""Windows over which the recorded feed is a mean (ours: in a single one there is a motor step, or none)."""
 _NEAR_UM = 1000.0
 """The place along the path is looked for this near to where it was (ours: paths come back to where they were)."""
 
@@ -35,7 +35,7 @@ class Link(Protocol):
     def finished(self) -> bool:
         """Whether it has come to the end."""
 
-    def show(self, seen: WindowObservation) -> None:
+    def show(self, observation: WindowObservation) -> None:
         """Take in what a machine shows of a window."""
 
 

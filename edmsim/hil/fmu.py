@@ -7,10 +7,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
 from edmsim.files import make_writable, replacing
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 

@@ -29,6 +29,7 @@ from edmsim.errors import EdmsimError
 from edmsim.files import read_arrays
 from edmsim.hil.gap import Gap, Output
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.window import PulseWindow
 
 SETTINGS = "edmsim.json"
@@ -89,8 +90,8 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
 
     def exit_initialization_mode(self) -> None:
         """Make the gap of the parameters."""
-        given = {**self._load, "height_mm": self.height_mm, "tension": self.tension_N or None}
-        machine = Machine.load(**given)
+        options = {**self._load, "height_mm": self.height_mm, "tension": self.tension_N or None}
+        machine = Machine.load(**options)
         chosen = {"resolution": self._settings["resolution"], "gap_um": self._settings["gap_um"]}
         self._gap = Gap(machine, self.seed, **chosen)
 
@@ -108,22 +109,22 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         return Fmi3StepResult(Fmi3Status.ok)
 
     def _run(self, gap: Gap, until_ns: int) -> None:
-        asked = Output(255, bool(self.generator_on), self.t_on_us, self.t_period_us)
+        setting = Output(WINDOW_PULSES, bool(self.generator_on), self.t_on_us, self.t_period_us)
         windows: list[PulseWindow] = []
-        while (room := self._room(gap, asked, until_ns)) > 0:
+        while (room := self._room(gap, setting, until_ns)) > 0:
             gap.setpoints.move_at((self.feed_x_um_s, self.feed_y_um_s), gap.plant.time_ns)
-            windows.append(gap.run(asked._replace(pulses=min(room, 255))).window)
+            windows.append(gap.run(setting._replace(pulses=min(room, WINDOW_PULSES))).window)
         if windows:
             for name, value in zip(OUTPUTS, _means(windows), strict=False):
                 setattr(self, name, value)
         self.x_um, self.y_um = gap.place_um
         self.wire_broken = bool(gap.lost)
 
-    def _room(self, gap: Gap, asked: Output, until_ns: int) -> int:
+    def _room(self, gap: Gap, setting: Output, until_ns: int) -> int:
         """How many pulses surely end by then; what is left of a step counts to the next one."""
         timing = gap.plant.timing
         varies = timing.period_ns == 0
-        longest_us = timing.wait_us + asked.t_period_us if varies else asked.t_period_us
+        longest_us = timing.wait_us + setting.t_period_us if varies else setting.t_period_us
         return math.floor((until_ns - gap.plant.time_ns) * 1e-3 / longest_us + 1e-6)
 
     def _names(self) -> list[str]:

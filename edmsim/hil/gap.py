@@ -11,6 +11,7 @@ from edmsim.cosim.straight import begin
 from edmsim.errors import InputError
 from edmsim.hil.setpoints import Setpoints
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.kernel.state import OPEN, PULSE, Timing
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution
@@ -120,7 +121,7 @@ class Gap:
         """
         self._set(output)
         plant, start_ns = self.plant, self.plant.time_ns
-        steps = self.setpoints.plan(start_ns, start_ns + output.pulses * plant.longest_window_ns // 255)
+        steps = self.setpoints.plan(start_ns, start_ns + output.pulses * plant.longest_window_ns // WINDOW_PULSES)
         try:
             window = plant.advance(steps, output.pulses)
         except PlantError as error:
@@ -153,7 +154,7 @@ class Gap:
         """Take back a `snapshot` of a gap of the same set-up; raises `InputError` for a damaged one."""
         own = {name: value for name, value in state.items() if name.startswith("gap.")}
         if set(own) != {f"gap.{name}" for name in ("places", "targets", "velocity", "until_ns", "choices", "lost")}:
-            raise InputError("this is no snapshot of a gap: its setpoints are missing")
+            raise InputError("this is not a snapshot of a gap: its setpoints are missing")
         self._choose(*(None if np.isnan(value) else float(value) for value in own["gap.choices"]))
         self.plant.restore({name: value for name, value in state.items() if name not in own})
         lists = (own[f"gap.{name}"].tolist() for name in ("places", "targets", "velocity", "until_ns"))

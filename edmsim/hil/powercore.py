@@ -124,7 +124,7 @@ class PowercoreV3:
 
     def _power_up(self) -> None:
         self._target, self._duty, self._hertz, self._volts = 0, 0.1, 10_000.0, 80.0
-        self._edge_mode = self._edge_seen = self._fault = self._done = False
+        self._edge_mode = self._edge_detected = self._fault = self._done = False
         self._ready_s, self._ready_line = self._time_s + BOOT_S, "Setup complete"
         self._samples: deque[float] = deque(maxlen=INPUT_SAMPLES)
         self._sample_s = self._telemetry_s = self._time_s
@@ -148,7 +148,7 @@ class PowercoreV3:
 
     def output(self) -> Output:
         """Ask for as many pulses as a success rate is taken of."""
-        off = not self.listens or not self.enabled or self._fault or self._done or self._edge_seen
+        off = not self.listens or not self.enabled or self._fault or self._done or self._edge_detected
         if self._edge_mode:
             return Output(INTERVAL_PULSES, not off, 5.0, 100.0, SUPPLY_V)
         period_us = 1e6 / self._hertz
@@ -169,12 +169,12 @@ class PowercoreV3:
             self._count(frame)
 
     def _end_wait(self) -> None:
-        if self._edge_seen and self._feedback == 1.0:
+        if self._edge_detected and self._feedback == 1.0:
             self._feedback, self._ready_s = 0.0, self._time_s + EDGE_S
             return
         if self._ready_line:
             self._send(self._ready_line)
-        self._edge_seen = False
+        self._edge_detected = False
 
     def _keep_house(self) -> None:
         """Do what the board does every 10 ms, and send telemetry once a second."""
@@ -199,7 +199,7 @@ class PowercoreV3:
         tripped = amps > TRIP_A
         if self._edge_mode:
             if tripped.any():
-                self._edge_seen, self._feedback, self._ready_line = True, 1.0, ""
+                self._edge_detected, self._feedback, self._ready_line = True, 1.0, ""
                 self._ready_s = self._time_s + EDGE_S
                 self._send("EDGE DETECTED")
             return
@@ -231,7 +231,7 @@ class PowercoreV3:
         elif words.startswith("SET_ALL_PARAMETERS"):
             self._set(words)
         elif words.startswith("EDGE_DETECTION_MODE"):
-            self._edge_mode, self._edge_seen, self._feedback = True, False, 0.0
+            self._edge_mode, self._edge_detected, self._feedback = True, False, 0.0
         elif words == "EDM_ISOFREQUENCY_MODE":
             self._edge_mode = False
             self._send("EDM_ISOFREQUENCY_MODE entered")
@@ -285,15 +285,15 @@ class PowercoreV3:
             f"INPUT_POWER {int(self._input_A * SUPPLY_V)}W ",
         )
         if self._edge_mode:
-            self._send("EDGE DETECTED" if self._edge_seen else "NO EDGE DETECTED YET")
+            self._send("EDGE DETECTED" if self._edge_detected else "NO EDGE DETECTED YET")
             return
         power_W = int(self._volts_burning * self._amps * self._duty * self._success)
-        wanted = f"Discharges Requested:{self._target}" if self._target else "Infinite Discharges Requested"
+        target = f"Discharges Requested:{self._target}" if self._target else "Infinite Discharges Requested"
         self._send(
             f"AVG_DISCHARGE_CURRENT:{self._amps:.2f} A", f"AVG_DISCHARGE_VOLTAGE:{self._volts_burning:.2f} V",
             f"AVG_OUTPUT_POWER:{power_W} W", f"DISCHARGES_SINCE_OPERATION_STARTED:{self._discharges}",
             f"AVG_DISCHARGE_SUCCESS_RATE:{int(self._success * 100)}%",
-            f"DISCHARGE_SUCCESS_RATE_THRESHOLD:{int(MOST_SUCCESS * 100)}%", "ISOPULSE PARAMETERS: ", wanted,
+            f"DISCHARGE_SUCCESS_RATE_THRESHOLD:{int(MOST_SUCCESS * 100)}%", "ISOPULSE PARAMETERS: ", target,
             f"Machining Duty Cycle:{self._duty:.3f}", f"Machining Frequency:{self._hertz:.0f} Hz",
             f"Initiation Voltage:{self._volts:.0f} V", "-" * 32,
         )  # fmt: skip

@@ -17,7 +17,7 @@ COLUMNS = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_per
 class RatioLog:
     """Writes a row some times a second: shares of short and open pulses since the row before, and where the axes are.
 
-    Moments in which the board had the generator off are no pulses.
+    Moments in which the board had the generator off are not pulses.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ from edmsim.hil.powercore import Pins, PowercoreV2, PowercoreV3
 from edmsim.hil.setpoints import AXES
 from edmsim.hil.spark import Pulser
 from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 
 MOST_LINE = 127
 """Longest line in bytes (Powercore V3)."""
@@ -61,7 +62,7 @@ class PlainGenerator:
     def output(self) -> Output:
         """Ask for about 10 ms of pulses."""
         on_us, period_us = self._machine.t_on_us, self._machine.t_period_us
-        pulses = min(max(int(self.FRAME_US / period_us), 1), 255)
+        pulses = min(max(int(self.FRAME_US / period_us), 1), WINDOW_PULSES)
         own = self._machine
         return Output(pulses, self.enabled, on_us, period_us, own.open_voltage_V, own.peak_current_A)
 

@@ -85,7 +85,7 @@ class Sampler:
         self._fine = math.ceil(period_us / _FINE_US) if sensing.low_pass_Hz else 1
         self._step_us = period_us / self._fine
         self._origin_us, self._next = start_us, 0
-        self._kept = 1.0 - math.exp(-2e-6 * math.pi * sensing.low_pass_Hz * self._step_us)
+        self._gain = 1.0 - math.exp(-2e-6 * math.pi * sensing.low_pass_Hz * self._step_us)
         self._state = np.zeros((2, 1))
         self._carried = np.zeros(2)
         self._rng = np.random.default_rng(sensing.seed)
@@ -120,7 +120,7 @@ class Sampler:
             upto = np.interp(at, corners, areas[k])
             means = np.diff(upto, prepend=-self._carried[k]) / self._step_us
             self._carried[k] = areas[k, -1] - upto[-1] if len(at) else self._carried[k] + areas[k, -1]
-            out, self._state[k] = lfilter([self._kept], [1.0, self._kept - 1.0], means, zi=self._state[k])
+            out, self._state[k] = lfilter([self._gain], [1.0, self._gain - 1.0], means, zi=self._state[k])
             found.append(out)
         return np.array(found)
 

@@ -12,10 +12,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from edmsim.consoles.computer_1982.devices import Interrupts
+from edmsim.consoles.servo.session import PseudoTerminal
 from edmsim.errors import InputError
 from edmsim.hil.rig import MOST_LINE, Rig
-from edmsim.servo.session import PseudoTerminal
-from edmsim.terminal.devices import Interrupts
 
 _WAITING_LINES, _LINES_A_FRAME = 64, 16
 """Lines that wait at a port before no more are read, and lines taken between two frames (ours)."""
@@ -37,7 +37,7 @@ class Lines:
 
     def __init__(self) -> None:
         self.ready: deque[str | None] = deque()
-        self._begun = bytearray()
+        self._partial = bytearray()
         self._too_long = False
         self._heard_s = 0.0
 
@@ -47,28 +47,28 @@ class Lines:
         return len(self.ready) < _WAITING_LINES
 
     def put(self, data: bytes, now_s: float) -> None:
-        """Take in bytes; CR, LF or both end a line, and empty lines are none."""
+        """Take in bytes; CR, LF or both end a line, and empty lines are dropped."""
         self._heard_s = now_s
         for part in data.replace(b"\r", b"\n").splitlines(keepends=True):
-            self._begun += part.rstrip(b"\n")
-            if len(self._begun) > MOST_LINE:
+            self._partial += part.rstrip(b"\n")
+            if len(self._partial) > MOST_LINE:
                 self._too_long = True
-                self._begun.clear()
+                self._partial.clear()
             if part.endswith(b"\n"):
                 self._end()
 
     def end_half_line(self, now_s: float) -> None:
         """Take what was begun as a line, if nothing has come for a while."""
-        if (self._begun or self._too_long) and now_s - self._heard_s > HALF_LINE_S:
+        if (self._partial or self._too_long) and now_s - self._heard_s > HALF_LINE_S:
             self._end()
 
     def _end(self) -> None:
         if self._too_long:
             self.ready.append(None)
-        elif self._begun:
-            self.ready.append(self._begun.decode("latin-1"))
+        elif self._partial:
+            self.ready.append(self._partial.decode("latin-1"))
         self._too_long = False
-        self._begun.clear()
+        self._partial.clear()
 
 
 class Port:

@@ -6,7 +6,7 @@ import math
 
 AXES = ("X", "Y")
 VELOCITY_COUNTS_S = 0.5
-"""A velocity counts for so long (ours): whoever sends velocities sends them again, and a machine whose controller has
+"""How long a velocity counts (ours): a sender of velocities repeats them, and a machine whose controller has
 gone stands still, as one does whose step pulses stop."""
 _NEAR = 1e-6
 """Share of a step within which a step's place is reached: places are sums of floats."""

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
-from edmsim.job.cut import planned
+from edmsim.job.cut import planned, read_program
 from edmsim.job.passes import Passes, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
@@ -53,6 +52,8 @@ class Check:
         Time of threading, ways between contours and dwells.
     passes : tuple of PassEstimate
         What the technology expects of the passes; none for a cut in one.
+    program : Program
+        What was read.
     """
 
     path: CutPath
@@ -61,7 +62,8 @@ class Check:
     feed_um_s: float
     limited_by: Literal["machine", "generator"]
     waiting_s: float
-    passes: tuple[PassEstimate, ...] = ()
+    passes: tuple[PassEstimate, ...]
+    program: Program
 
     @property
     def expected_s(self) -> float:
@@ -100,13 +102,14 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     InputError
         As `edmsim.cut`.
     """
-    found = with_passes(program, settings, planned)
+    read = read_program(program, settings)
+    found = with_passes(read, settings, planned)
     settings, path = found.settings, found.path
     machine = settings.load_machine()
     feed_um_s, limited_by = greatest_feed_um_s(machine, settings.workpiece.lowest_mm)
     length_um = sum(k.length_um for k in path.contours)
     waiting_s, passes = _waiting_s(path, machine), _estimates(found)
-    return Check(path, machine, length_um / feed_um_s, feed_um_s, limited_by, waiting_s, passes)
+    return Check(path, machine, length_um / feed_um_s, feed_um_s, limited_by, waiting_s, passes, read)
 
 
 def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
@@ -115,18 +118,14 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
     for number, one in enumerate(found.table.settings if found.table else (), 1):
         ways = [p for contour in found.path.contours for p in contour.passes if p.number == number]
         slow = sum(
-            _moves_mm(p.points_um[: p.approach_moves + 1]) for p in ways if number == 1 and p.piece == "profile"
+            float(p.way.along_um[p.approach_moves]) * 1e-3 for p in ways if number == 1 and p.piece == "profile"
         )
-        length_mm = sum(_moves_mm(p.points_um) for p in ways)
+        length_mm = sum(float(p.way.along_um[-1]) * 1e-3 for p in ways)
         assert found.table is not None
         seconds = 60 * (length_mm - slow + slow / found.table.approach_share) / one.found.feed_mm_min
         offset_mm = max([p.offset_um for p in ways], default=0.0) * 1e-3
         estimates.append(PassEstimate(number, offset_mm, length_mm, seconds, one.found.ra_um))
     return tuple(estimates)
-
-
-def _moves_mm(points_um: NDArray[np.int64]) -> float:
-    return float(np.hypot(*np.diff(points_um, axis=0).T).sum()) * 1e-3
 
 
 def greatest_feed_um_s(machine: Machine, height_mm: float) -> tuple[float, Literal["machine", "generator"]]:
@@ -145,7 +144,7 @@ def greatest_feed_um_s(machine: Machine, height_mm: float) -> tuple[float, Liter
 
 def _waiting_s(path: CutPath, machine: Machine) -> float:
     """Return the time in which the wire does not cut: dwells, ways to the next contour, threading there."""
-    dwells = sum(seconds for contour in path.contours for _, seconds in contour.dwells)
+    dwells = sum(contour.waiting_s for contour in path.contours)
     table = machine.base.table
     ways_um = (float(np.hypot(*(b.points_um[0] - a.points_um[-1]))) for a, b in pairwise(path.contours))
     return dwells + sum(way / table.rapid_um_s.value + table.threading_s.value for way in ways_um)
@@ -162,33 +161,36 @@ def _pass_lines(found: Check) -> list[tuple[str, str]]:
     return [*rows, ("expected", f"{duration_text(found.expected_s)} by the technology")] if rows else []
 
 
-def pass_rows(program: Program) -> Sequence[tuple[str, str]]:
-    """Return names and texts for a terminal's table of what a program says of its passes; none if it has nothing."""
+def _program_rows(program: Program) -> Sequence[tuple[str, str]]:
+    """Return what a program says of all that it cuts, each by its line; nothing if it has no words for it."""
     noted = [o for o in program.outlines if o.condition or o.continues or o.taper or o.adaptive is not None]
     if not noted:
         return []
-    return [(f"pass {number}", _pass_text(outline)) for number, outline in enumerate(program.outlines, 1)]
+    return [
+        (f"line {outline.line}" if outline.line else f"drawn {number}", _outline_text(outline))
+        for number, outline in enumerate(program.outlines, 1)
+    ]
 
 
-def _pass_text(outline: Outline) -> str:
+def _outline_text(outline: Outline) -> str:
     length_mm = float(np.hypot(*np.diff(outline.points_mm, axis=0).T).sum())
-    told = [f"line {outline.line}: {'closed' if outline.closed else 'open'}, {length_mm:.3f} mm"]
+    parts = [f"{'closed' if outline.closed else 'open'}, {length_mm:.3f} mm"]
     if outline.wire_side is not None:
         offset = "" if outline.offset_mm is None else f" by {outline.offset_mm:g} mm"
-        told.append(f"wire on the {outline.wire_side}{offset}")
+        parts.append(f"wire on the {outline.wire_side}{offset}")
     if outline.condition is not None:
         approach = outline.approach_condition
-        told.append(outline.condition + (f" after {approach}" if approach not in (None, outline.condition) else ""))
+        parts.append(outline.condition + (f" after {approach}" if approach not in (None, outline.condition) else ""))
     if outline.adaptive is not None:
-        told.append("adaptive feed" if outline.adaptive else "constant feed")
+        parts.append("adaptive feed" if outline.adaptive else "constant feed")
     if outline.taper is not None:
         angles = sorted({abs(angle) for angle in outline.taper.angle_deg or ()})
-        told.append(f"leans by {angles[-1]:g} deg" if angles else "leans along a second contour")
+        parts.append(f"leans by {angles[-1]:g} deg" if angles else "leans along a second contour")
     if outline.continues:
-        told.append("on the same wire")
+        parts.append("on the same wire")
     if outline.stops_after:
-        told.append("then a stop")
-    return ", ".join(told)
+        parts.append("then a stop")
+    return ", ".join(parts)
 
 
 def lines_of(found: Check) -> Sequence[tuple[str, str]]:
@@ -196,7 +198,7 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     from edmsim.recording.report import duration_text
 
     origin = np.array(found.path.origin_mm)
-    rows = []
+    rows = list(_program_rows(found.program))
     for number, contour in enumerate(found.path.contours, 1):
         x, y = contour.points_um[0] / 1e3 - origin
         across, up = extent_mm(contour.nominal_mm, [number for number, _ in contour.elements])

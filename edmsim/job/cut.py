@@ -10,17 +10,17 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple, Unpack, cast
+from typing import Any, NamedTuple, ParamSpec, Protocol, cast
 
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text
 from edmsim.controllers.axis.drive import Drive
-from edmsim.controllers.axis.elcam import Elcam
-from edmsim.controllers.axis.elcam_file import NAMES, PLACES, load_tables, read_tables
+from edmsim.controllers.axis.elcam.file import NAMES, PLACES, load_tables, read_tables
+from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
@@ -33,16 +33,17 @@ from edmsim.job import checkpoint
 from edmsim.job.notebook import notebook_progress
 from edmsim.job.passes import with_passes
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
-from edmsim.job.settings import CutOptions, CutSettings, takes_settings
+from edmsim.job.settings import CutOptions, CutSettings, Running
 from edmsim.machine.files import own_mjcf_text
 from edmsim.machine.machine import Machine
+from edmsim.machine.options import show
 from edmsim.machine.setting import guide_bends
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.constants import screws
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.program.outline import Corners, Program
 from edmsim.program.passes import PassPlan
-from edmsim.program.path import CutPath, plan_path
+from edmsim.program.path import CutPath, load_program, plan_path
 from edmsim.program.taper import GuideHeights
 from edmsim.recording.report import outcome_text
 
@@ -54,7 +55,7 @@ _ENDING = {
 
 
 class NotedSignals:
-    """Signals that came: noted first, for whoever is at work to raise where nothing is left half done."""
+    """Deferred signals: recorded by the handler, raised at the next safe point."""
 
     def __init__(self) -> None:
         self._came: int | None = None
@@ -105,34 +106,31 @@ CHECKPOINT_EVERY_S = 60.0
 """Wall time between checkpoints of a long cut."""
 
 
-@takes_settings
-def cut(
-    program: str | Path,
-    *,
-    out: str | Path | None = None,
-    resume: bool = False,
-    overwrite: bool = False,
-    watch: Callable[[Progress], None] | None = None,
-    enter: Callable[[str], None] | None = None,
-    **options: Unpack[CutOptions],
-) -> CutResult:
+_Options = ParamSpec("_Options")
+
+
+class _Cut(Protocol[_Options]):
+    """What type checkers know of `cut`: its keywords are those of the class that declares the options."""
+
+    def __call__(self, program: str | Path, *no: _Options.args, **options: _Options.kwargs) -> CutResult: ...
+
+
+def _takes(options: Callable[_Options, CutOptions]) -> Callable[[Callable[..., CutResult]], _Cut[_Options]]:
+    def shown(cut: Callable[..., CutResult]) -> _Cut[_Options]:
+        show(cut, CutOptions)
+        return cut
+
+    return shown
+
+
+@_takes(CutOptions)
+def cut(program: str | Path, **options: Any) -> CutResult:
     """Simulate a part program.
 
     Parameters
     ----------
     program : path
         G-code (.ngc .nc .gcode .iso .txt) or DXF.
-    out : path, optional
-        Folder for the outputs, which appear in it together; without one nothing is written.
-    resume : bool
-        Take up the interrupted cut of `out`.
-    overwrite : bool
-        Give up the interrupted cut of `out` for this one.
-    watch : callable, optional
-        Called with a `Progress` after every window. In a notebook a bar is shown if there is none; with
-        ``EDMSIM_PROGRESS=0`` in the environment there is no bar.
-    enter : callable, optional
-        Called with the name of a phase when it begins: cutting, measuring, figures, recording.
     {options}
 
     Returns
@@ -148,6 +146,8 @@ def cut(
     KeyboardInterrupt
         Ctrl-C, SIGTERM or SIGHUP, at any time; the checkpoint in the folder, if there is one, then holds the cut.
     """
+    running = Running.model_validate({name: options.pop(name) for name in Running.model_fields if name in options})
+    watch, enter, out = running.watch, running.enter, running.out
     settings, simulation, recorders = _begin(program, CutSettings.model_validate(options))
     made_with = _made_with(program, settings, simulation)
     bar = None if watch or enter else notebook_progress(made_with["program"])
@@ -155,13 +155,13 @@ def cut(
         watch, enter = bar.show, bar.enter
     tell = enter or (lambda _: None)
     folder = None if out is None else Path(out)
-    if resume and overwrite:
+    if running.resume and running.overwrite:
         raise InputError("an interrupted cut is taken up or given up: choose --resume or --overwrite")
-    if resume:
+    if running.resume:
         checkpoint.see(folder)
     with nullcontext() if folder is None else locked(folder), noted() as signals:
         run = _Run(simulation, folder, {**made_with, "seed": settings.seed}, signals)
-        run.begin(resume, overwrite)
+        run.begin(running.resume, running.overwrite)
         tell("cutting")
         run.to_the_end(watch)
         tell("measuring")
@@ -174,9 +174,9 @@ def cut(
     return result
 
 
-def make_controller(given: str | FeedController) -> FeedController:
+def make_controller(choice: str | FeedController) -> FeedController:
     """Make a feed controller that a machine could have, or take one; see `edmsim.controllers.from_text`."""
-    controller = from_text(given, cutting=True) if isinstance(given, str) else check_is_controller(given)
+    controller = from_text(choice, cutting=True) if isinstance(choice, str) else check_is_controller(choice)
     if isinstance(controller, SeesTruth):
         raise InputError(
             f"the {controller.name} controller looks at the true gap, which no machine shows: it can be compared "
@@ -185,20 +185,28 @@ def make_controller(given: str | FeedController) -> FeedController:
     return controller
 
 
+def read_program(program: str | Path, settings: CutSettings) -> Program:
+    """Read the program of a cut with these settings; raises as `load_program`."""
+    return load_program(
+        program, ignore=settings.ignore, layers=settings.layers, unit=settings.unit, offsets=settings.offsets,
+        dialect=settings.dialect, conditions=settings.conditions, upper_layer=settings.upper_layer,
+    )
+
+
 def planned(
-    program: str | Path | Program, settings: CutSettings, machine: Machine, passes: PassPlan | None = None
+    program: str | Path | Program, settings: CutSettings, machines: Sequence[Machine], passes: PassPlan | None = None
 ) -> CutPath:
-    """Plan the wire's path of a cut with these settings on a machine; raises as `plan_path`."""
+    """Plan the wire's path of a cut with these settings on a machine, set up pass by pass; raises as `plan_path`."""
+    machine, errors_mm = machines[0], settings.guide_errors_mm or (0.0, 0.0)
     table = machine.base.table
     step_um, travel_um = table.step_um.value, round(table.travel_mm.value * 1e3)
     unit = position_unit(settings.planner, travel_um, step_um)
+    asked = settings.offset if passes is None or passes.of_program else "auto"
     return plan_path(
-        program, settings.offset if passes is None else "auto", auto_offset_mm=machine.auto_offset_mm,
-        table_um=travel_um, grid_um=unit_um(unit, round(step_um)), ignore=settings.ignore, layers=settings.layers,
-        unit=settings.unit, offsets=settings.offsets, dialect=settings.dialect, conditions=settings.conditions,
-        upper_layer=settings.upper_layer, taper_deg=settings.taper_deg,
-        corners=cast(Corners, settings.taper_corners),
-        guides=guides_of(machine, settings.guide_errors_mm or (0.0, 0.0)), passes=passes,
+        program if isinstance(program, Program) else read_program(program, settings), asked,
+        auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, grid_um=unit_um(unit, round(step_um)),
+        taper_deg=settings.taper_deg, corners=cast(Corners, settings.taper_corners),
+        guides=[guides_of(one, errors_mm) for one in machines], passes=passes,
     )
 
 
@@ -230,7 +238,7 @@ class Prepared(NamedTuple):
 
 def prepared(
     program: str | Path, settings: CutSettings,
-    plan: Callable[[str | Path, CutSettings, Machine, PassPlan | None], CutPath] = planned,
+    plan: Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath] = planned,
 ) -> Prepared:
     """Read all that a cut needs, and refuse what it cannot be made with; nothing is simulated.
 
@@ -239,7 +247,7 @@ def prepared(
     program : path
     settings : CutSettings
     plan : callable, optional
-        What plans the path, for whoever remembers some.
+        Plans the path; by default every call plans anew.
 
     Raises
     ------
@@ -294,7 +302,7 @@ def _made_with(program: str | Path, settings: CutSettings, simulation: Simulatio
         **settings.model_dump(mode="json", exclude={"seed", "tension", "offset"}),
         **({} if file is None else {"controller_sha256": user_code.digest(file.file)}),
         **({} if tables is None else {"compensation_sha256": _digest(Path(tables).read_bytes())}),
-        **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.setups_told).encode())}),
+        **({} if path.passes == 1 else {"passes_sha256": _digest(repr(simulation.described_setups).encode())}),
         "wire_diameter_um": machine.wire_diameter_um, "tension_N": machine.tension, "t_on_us": machine.t_on_us,
         "t_period_us": machine.t_period_us, "position_unit": unit,
         "offset_um": path.offset_um,

@@ -102,16 +102,17 @@ def _limited_share(simulation: Simulation, windows: WindowTable, cut: CutAlone) 
 def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
     """Return a way along the path times the local height in mm2."""
     length, relief = to_um - from_um, simulation.plant.field.relief
-    if any(contour.lean is not None for contour in simulation.path.contours) and length > 0:
-        slant = np.concatenate([contour.slant for contour in simulation.path.contours])
-        ways = np.concatenate([np.diff(contour.along_um) for contour in simulation.path.contours])
+    if simulation.path.leans and length > 0:
+        every = [way for contour in simulation.path.contours for way in contour.ways]
+        slant = np.concatenate([way.slant for way in every])
+        ways = np.concatenate([np.diff(way.along_um) for way in every])
         passed, areas = (np.concatenate([[0.0], np.cumsum(um)]) for um in (ways, ways * slant))
         begin, end = np.interp((from_um, to_um), passed, areas)
         return float(end - begin) * simulation.machine.height_mm * 1e-3
     if relief is None or length <= 0:
         return length * simulation.machine.height_mm * 1e-3
     points = [way.astype(np.float64) for contour in simulation.path.contours for way in contour.ways_um]
-    # a way between contours is no cut: it counts for nothing
+    # a way between contours is not a cut: it counts for nothing
     pieces = [np.append(np.hypot(*np.diff(part, axis=0).T), 0.0) for part in points]
     place = np.concatenate([[0.0], np.cumsum(np.concatenate(pieces))[:-1]])
     count = math.ceil(length / _HEIGHT_STEP_UM)
@@ -169,21 +170,21 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
 
 def _lead(path: CutPath) -> NDArray[np.float64] | None:
     """Return the rows of `Scene.lead` of a path; None if no wire leans."""
-    if all(contour.lean is None for contour in path.contours):
+    if not path.leans:
         return None
     rows, passed_um = [], 0.0
-    for contour in path.contours:
-        along = passed_um + contour.along_um
+    for way in (way for contour in path.contours for way in contour.ways):
+        along = passed_um + way.along_um
         passed_um = along[-1]
         still = np.column_stack([np.zeros((len(along), 3)), np.ones(len(along))])
-        lean = contour.lean
+        lean = way.lean
         led = still if lean is None else np.column_stack([lean.upper_um * 1e-3, lean.bends_mm])
         rows.append(np.column_stack([along, led]))
     return np.concatenate(rows)
 
 
 def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:
-    """Measure a contour's profile error; what the wire's centre was to follow is no edge, and has none."""
+    """Measure a contour's profile error; what the wire's centre was to follow is not an edge, and has none."""
     found = profile_error(field, contour)
     return found if contour.offset_um else replace(found, error_um=np.full_like(found.error_um, np.nan))
 
@@ -274,6 +275,10 @@ def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[PassF
         own_um = heat_affected_um(machine, record.sums.energy / (ignited * power_W) * 1e6)
         heated = own_um if math.isnan(took) else max(own_um, heated - took)
         length_mm, seconds = (record.end_um - record.begin_um) * 1e-3, record.end_s - record.begin_s
+        face_mm2 = (
+            _area_mm2(simulation, record.begin_um, record.end_um) if simulation.path.leans
+            else length_mm * machine.height_mm
+        )
         wall, pulses = record.wall, max(record.sums.pulses, 1)
         unknown = (math.nan, math.nan, math.nan, math.nan, ())
         shape = (
@@ -283,7 +288,7 @@ def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[PassF
         )
         found.append(PassFigures(
             record.contour, record.number, record.piece, record.reversed, record.begin_s, record.end_s, length_mm,
-            60 * length_mm * machine.height_mm / seconds if seconds > 0 else math.nan, record.offset_um,
+            60 * face_mm2 / seconds if seconds > 0 else math.nan, record.offset_um,
             record.offset_um - left, left, took, *shape, ra_um, heated, record.sums.short / pulses,
             record.sums.open / pulses,
         ))  # fmt: skip

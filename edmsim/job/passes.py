@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +21,7 @@ from edmsim.machine.technology import (
     read_technology,
     technology_for,
 )
+from edmsim.program.outline import Program
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import Conditions, CutPath
 
@@ -32,11 +33,11 @@ _OF_PASS = {
 }  # fmt: skip
 """Options of a cut that a pass has of its own, and what the technology calls them."""
 
-_Plan = Callable[[str | Path, CutSettings, Machine, PassPlan | None], CutPath]
+_Plan = Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath]
 
 
 class Passes(NamedTuple):
-    """What a technology makes of a cut.
+    """A cut as a technology sets it.
 
     Attributes
     ----------
@@ -59,15 +60,15 @@ class Passes(NamedTuple):
     technology: Technology | None = None
 
 
-def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Passes:
+def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Plan) -> Passes:
     """Plan a cut, in passes where the settings ask for some or the program has some.
 
     Parameters
     ----------
-    program : path
+    program : path or Program
     settings : CutSettings
     plan : callable
-        Plans the path of a program, settings and machine, and of the passes that a contour is to have.
+        Plans the path of a program, settings, the machines of the passes, and the passes a contour is to have.
 
     Raises
     ------
@@ -75,9 +76,9 @@ def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Pass
         There is no technology, or an option contradicts it.
     """
     if settings.passes is None:
-        path = plan(program, settings, settings.load_machine(), None)
+        path = plan(program, settings, [settings.load_machine()], None)
         if path.conditions.settings:
-            return _by_conditions(settings, path)
+            return _by_conditions(program, settings, path, plan)
         if path.passes == 1:
             if settings.technology is not None:
                 raise InputError("a technology is for passes: say how many, as --passes 4")
@@ -85,7 +86,8 @@ def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Pass
         technology = _technology(settings)
         table = technology.table(settings.workpiece.greatest_mm, path.passes)
         settings = in_force(settings, technology, table)
-        path = plan(program, settings, settings.load_machine(), None)
+        own = PassPlan(table.offsets_mm, of_program=True)
+        path = plan(program, settings, _machines(settings, technology, table), own)
         told = f"the program cuts an edge {path.passes} times: these are passes, with the settings of the technology "
         return _made(settings, technology, table, path, (f"{told}'{technology.title}'", *table.notices))
     if settings.offset == "none":
@@ -97,16 +99,18 @@ def with_passes(program: str | Path, settings: CutSettings, plan: _Plan) -> Pass
     after_tab: Any = settings.after_tab
     wanted = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, after_tab)
     settings = in_force(settings, technology, table)
-    path = plan(program, settings, settings.load_machine(), wanted)
+    path = plan(program, settings, _machines(settings, technology, table), wanted)
     return _made(settings, technology, table, path, table.notices)
 
 
-def _by_conditions(settings: CutSettings, path: CutPath) -> Passes:
+def _by_conditions(program: str | Path | Program, settings: CutSettings, path: CutPath, plan: _Plan) -> Passes:
     """Give every pass the settings that the user's table has for the program's condition."""
     if settings.technology is not None:
         raise InputError("a technology and a table of conditions both decide the passes: give one of them")
     of_passes = [_with_condition(settings, path.conditions, name) for name in path.conditions.names]
     setups = tuple(_setup(one) for one in of_passes)
+    if path.leans:  # where a wire bends follows from the tension of each pass
+        path = plan(program, of_passes[0], [one.machine for one in setups], None)
     if path.passes == 1:
         return Passes(of_passes[0], path)
     approach = path.conditions.approach
@@ -181,12 +185,21 @@ def _made(
 
 def setup_of(settings: CutSettings, technology: Technology, one: PassSetting) -> PassSetup:
     """Return the set-up of a pass, with the constants of a cut's settings; raises `InputError` as `Machine.load`."""
-    height_mm = settings.workpiece.greatest_mm
-    machine = machine_of(one, technology.machine, settings.material, technology.wire, height_mm)
-    machine = with_overrides(machine, settings.constants) if settings.constants else machine
-    return PassSetup(machine, from_text(one.controller()))
+    return PassSetup(_machine(settings, technology, one), from_text(one.controller()))
 
 
 def approach_of(machine: Machine, table: PassTable, rough: PassSetting) -> PassSetup:
     """Return the set-up of a lead-in: the rough pass' machine, at a share of its feed."""
     return PassSetup(machine, from_text(rough.controller(table.approach_share)))
+
+
+def _machines(settings: CutSettings, technology: Technology, table: PassTable) -> list[Machine]:
+    """Return the machine as it is set up for each pass."""
+    later = [_machine(settings, technology, one) for one in table.settings[1:]]
+    return [settings.load_machine(), *later]
+
+
+def _machine(settings: CutSettings, technology: Technology, one: PassSetting) -> Machine:
+    height_mm = settings.workpiece.greatest_mm
+    machine = machine_of(one, technology.machine, settings.material, technology.wire, height_mm)
+    return with_overrides(machine, settings.overrides) if settings.overrides else machine

@@ -35,7 +35,7 @@ class TrainOptions(NamedTuple):
     start : str or None
         Policy that the training begins with, as ``policy:NAME`` or a file of it.
     record_every : int or None
-        Every so many of the first lane's episodes one is recorded into the folder ``episodes``.
+        One in `record_every` of the first lane's episodes is recorded into the folder ``episodes``.
     live : bool
         Whether these are shown in rerun's viewer as they end.
     """

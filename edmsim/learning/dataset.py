@@ -98,7 +98,7 @@ def record(
     check_controllers(controllers)
     env: Any = gym.make(env_id_of(env_id), action="speed", decision_s=None, disable_env_checker=True)
     if not isinstance(env.unwrapped, EdmEnv):
-        raise InputError(f"{env_id} is no environment of edmsim")
+        raise InputError(f"{env_id} is not an environment of edmsim")
     with locked(out, "edmsim dataset"):
         _keep_to(out / UNFINISHED, {"env_id": env_id, "seed": seed, "edmsim_version": __version__})
         made = []
@@ -157,20 +157,20 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
     observation, info = env.reset(seed=seed)
     law = edm.lane_law(controller)
     law.begin()
-    observations, infos_seen, actions, rewards = [observation], [info], [], []
+    observations, step_infos, actions, rewards = [observation], [info], [], []
     terminated = truncated = False
     while not (terminated or truncated):
         action = law.action()
         observation, reward, terminated, truncated, info = env.step(action)
         observations.append(observation)
-        infos_seen.append(info)
+        step_infos.append(info)
         actions.append(action)
         rewards.append(reward)
         truncated = truncated or (law.command().alarm is not None and not terminated)
     law.stop()
     ends = np.zeros((2, len(rewards)), np.bool_)
     ends[:, -1] = terminated, truncated
-    infos = {f"info_{key}": np.array([info[key] for info in infos_seen], np.float64) for key in SAVED_INFOS}
+    infos = {f"info_{key}": np.array([info[key] for info in step_infos], np.float64) for key in SAVED_INFOS}
     return {
         "observations": np.array(observations), "actions": np.array(actions), "rewards": np.array(rewards),
         "terminations": ends[0], "truncations": ends[1], "seed": np.array(seed), **infos,

@@ -18,8 +18,7 @@ from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import ignition_wait_us, open_V
-from edmsim.plant.kernel.state import PULSES_PER_WINDOW
+from edmsim.machine.setting import WINDOW_PULSES, ignition_wait_us, open_V
 
 Floats = NDArray[np.float64]
 _LANE = np.zeros(1, np.int64)
@@ -104,7 +103,7 @@ class PolicyController:
         self._look(window)
         if abs(window.feed_um_s - self._feed_um_s) > SPEED_UNIT_NM_S * 1e-3:
             self._feed_um_s = window.feed_um_s  # the machine ran another one, at a dwell perhaps: change that
-        shorted = window.short >= SHORTED_SHARE * PULSES_PER_WINDOW
+        shorted = window.short >= SHORTED_SHARE * WINDOW_PULSES
         self._shorted_s = self._shorted_s + window.duration_s if shorted else 0.0
         if self._shorted_s > SHORTED_S:
             return FeedCommand(0.0, "persistent short")
@@ -179,7 +178,7 @@ class PolicyController:
         """Add a window to what the step showed, as the environment does."""
         assert self._machine is not None
         us, shown = window.duration_s * 1e6, self._shown[0]
-        ignited = PULSES_PER_WINDOW - window.short - window.open
+        ignited = WINDOW_PULSES - window.short - window.open
         for name, value in (
             ("short", window.short), ("open", window.open), ("ignited", ignited), ("ignitions", ignited),
             ("duration_ns", round(window.duration_s * 1e9)),  # the plant counts whole nanoseconds
@@ -198,7 +197,7 @@ class PolicyController:
 
     def _respond(self, window: WindowObservation) -> None:
         """Let the servo answer a window."""
-        short, open_ = (np.array([count / PULSES_PER_WINDOW]) for count in (window.short, window.open))
+        short, open_ = (np.array([count / WINDOW_PULSES]) for count in (window.short, window.open))
         servo.respond(
             _LANE, self._servo, short, open_, np.array([window.duration_s]), self._limit_um_s,
             *self._family.servo_gains,

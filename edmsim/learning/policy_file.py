@@ -201,8 +201,8 @@ class Policy:
     @cached_property
     def _normal(self) -> tuple[Floats, Floats]:
         """Mean and scale of every entry."""
-        seen = self.card.observation
-        return np.array([e.mean for e in seen]), np.sqrt([e.variance + self.card.epsilon for e in seen])
+        entries = self.card.observation
+        return np.array([e.mean for e in entries]), np.sqrt([e.variance + self.card.epsilon for e in entries])
 
     def fresh_memory(self) -> Floats:
         """Return the memory (2, cells) that an episode begins with; without cells where there is no LSTM."""
@@ -313,7 +313,7 @@ def load(name: str, env_id: str | None = None) -> Policy:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"this is no policy, or a damaged one: {place + ': ' if place else ''}{first['msg']}",
+        raise InputError(f"this is not a policy, or a damaged one: {place + ': ' if place else ''}{first['msg']}",
                          file) from None
     if env_id is not None and card.env_id != env_id:
         raise InputError(f"the policy was trained in {card.env_id}, not in {env_id}", file)
@@ -346,7 +346,7 @@ def _check_environment(card: Card, file: Path) -> None:
 
 
 def _check_residual(residual: Residual, family: EnvArguments, file: Path) -> None:
-    """Refuse a law there is not, and an environment whose actions are no feeds of a window."""
+    """Refuse a law there is not, and an environment whose actions are not feeds of a window."""
     try:
         residual.make()
     except InputError as error:

@@ -188,7 +188,7 @@ def around(lanes: Any) -> Around:
         env = env.env
     if not isinstance(env, EdmEnv):
         raise InputError(
-            f"{type(env).__name__} is no environment of edmsim that can be seen into: make lanes by make_sb3_vec_env"
+            f"{type(env).__name__} is not an environment of edmsim: make it by make_sb3_vec_env"
         )
     return Around(env.family, normalise, residual)
 

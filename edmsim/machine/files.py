@@ -5,23 +5,17 @@ from __future__ import annotations
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from edmsim import models
 from edmsim.errors import InputError, one_of
+from edmsim.machine.options import Kind, available
 from edmsim.machine.parts import Base, Part
 
-Kind = Literal["machines", "wires", "materials", "generators"]
 _MOST_BYTES = 1_000_000
 _Part = TypeVar("_Part", bound=Part)
-
-
-def available(kind: Kind) -> list[str]:
-    """Names that exist under `models/` for machines, wires, materials or generators."""
-    folder = resources.files("edmsim.models") / kind
-    return sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml"))
 
 
 def read(part: type[_Part], kind: Kind, name: str) -> _Part:
@@ -104,7 +98,7 @@ def mjcf_version(model_file: str) -> int:
 def _own_file(name: str) -> str:
     try:
         if Path(name).stat().st_size > _MOST_BYTES:
-            raise InputError(f"this is no file of constants: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
+            raise InputError(f"this is not a file of constants: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
         return Path(name).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"byte {error.start} is not UTF-8: save the file as UTF-8", name) from None

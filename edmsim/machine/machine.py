@@ -7,18 +7,38 @@ word "ours"; the range, where one is known, is what `value` may be drawn from.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol
+
+from pydantic import ValidationError
 
 from edmsim.errors import InputError
 from edmsim.machine.files import read, read_base
-from edmsim.machine.parts import Choices, Constant, Generator, Material, SetUp, Wire
+from edmsim.machine.options import USUAL_MACHINE, Choices, SetUpOptions, refusal, show
+from edmsim.machine.parts import Constant, Generator, Material, SetUp, Wire
 from edmsim.machine.ranges import sample, uncertain
 from edmsim.machine.setting import check, check_pulses
 from edmsim.numeric import finite
 
 if TYPE_CHECKING:
     import numpy as np
+
+
+_Options = ParamSpec("_Options")
+
+
+class _Load(Protocol[_Options]):
+    """What type checkers know of `Machine.load`: its keywords are those of the class that declares the options."""
+
+    def __call__(self, name: str = ..., *no: _Options.args, **options: _Options.kwargs) -> Machine: ...
+
+
+def _loads(options: Callable[_Options, SetUpOptions]) -> Callable[[Callable[..., Machine]], _Load[_Options]]:
+    def shown(load: Callable[..., Machine]) -> _Load[_Options]:
+        show(load, SetUpOptions)
+        return load
+
+    return shown
 
 
 class Machine(SetUp):
@@ -38,94 +58,42 @@ class Machine(SetUp):
         Workpiece height; the greatest one, if it changes. The guides stand off it.
     t_on_us, t_period_us : float
         Setting of the pulse generator.
-    open_voltage_V, peak_current_A, resistance_ohm, ignition_wait_us, pulse_shape, wire_speed_m_s, \
-    flushing_lower_Pa, flushing_upper_Pa, standoff_lower_mm, standoff_upper_mm : float, str or None
-        What the operator sets in place of the files' constants, None where they hold; see `load`.
+
+    The operator's choices of `load` are attributes, too: what is set in place of the files' constants, or None.
     """
 
-    @classmethod
-    def load(
-        cls,
-        name: str = "agiecut-dem15",
-        *,
-        material: str = "tool-steel",
-        wire: str = "brass",
-        generator: str = "iso-pulse",
-        height_mm: float = 20.0,
-        tension: float | None = None,
-        t_on_us: float | None = None,
-        t_period_us: float | None = None,
-        open_voltage_V: float | None = None,
-        peak_current_A: float | None = None,
-        resistance_ohm: float | None = None,
-        ignition_wait_us: float | None = None,
-        pulse_shape: str | None = None,
-        wire_speed_m_s: float | None = None,
-        flushing_lower_Pa: float | None = None,
-        flushing_upper_Pa: float | None = None,
-        standoff_lower_mm: float | None = None,
-        standoff_upper_mm: float | None = None,
-    ) -> Machine:
+    @staticmethod
+    @_loads(SetUpOptions)
+    def load(name: str = USUAL_MACHINE, **options: Any) -> Machine:
         """Read a set-up and check it.
 
         Parameters
         ----------
-        name, material, generator : str
-            A name under `models/`, or the path of an own TOML file.
-        wire : str
-            Name or path, optionally with a diameter in um: ``"brass"``, ``"copper-100"``.
-        height_mm : float
-            Workpiece height, 0.5..400 mm.
-        tension : float, optional
-            Newton; the wire's default stress if not given.
-        t_on_us, t_period_us : float, optional
-            Generator setting; the generator's own if not given.
-        open_voltage_V : float, optional
-            Voltage until ignition, within the generator's range, or 10..500 V if its file has none. It drives the
-            discharge, too, where the generator has no supply of its own for that.
-        peak_current_A : float, optional
-            Peak current of a discharge: at most what the supply drives through the generator's own resistor.
-        resistance_ohm : float, optional
-            Resistor in place of the generator's, 0.01..10 000 ohm; not together with `peak_current_A`.
-        ignition_wait_us : float, optional
-            Longest wait for ignition, 0.1..10 000 us; not for an iso-pulse generator, which has none.
-        pulse_shape : {"rectangle", "triangle"}, optional
-            Shape of the current; a triangle not for an iso-pulse generator, which would cut it off.
-        wire_speed_m_s : float, optional
-            Speed of the running wire, 0.001..15 m/s.
-        flushing_lower_Pa, flushing_upper_Pa : float, optional
-            Pressures of the two nozzles over the surroundings, 0 (off) to 3e6 Pa; the machine's own for both if not
-            given.
-        standoff_lower_mm, standoff_upper_mm : float, optional
-            Distances of the two nozzles from the workpiece, 0..100 mm; 0, a nozzle that lies on it, if not given. Off
-            the workpiece its water escapes sideways, and less of the pressure is left.
+        name : str
+            A name under `models/machines`, or the path of an own TOML file.
+        {options}
 
         Raises
         ------
         InputError
             Unknown name (which exist is said), a wrong or missing key, or a setting that cannot run.
         """
-        wire_name, diameter = _split_wire(wire)
-        base, wire_, material_, generator_ = (
-            read_base(name),
-            read(Wire, "wires", wire_name),
-            read(Material, "materials", material),
-            read(Generator, "generators", generator),
-        )
-        diameter = wire_.default_diameter_um.value if diameter is None else diameter
-        area_mm2 = math.pi / 4 * (diameter * 1e-3) ** 2
-        machine = cls(
-            name=name, wire_name=wire_name, material_name=material, generator_name=generator,
-            base=base, wire=wire_, material=material_, generator=generator_,
-            wire_diameter_um=diameter,
-            tension=wire_.stress_MPa.value * area_mm2 if tension is None else tension,
-            height_mm=height_mm,
-            t_on_us=generator_.t_on_us.value if t_on_us is None else t_on_us,
-            t_period_us=generator_.t_period_us.value if t_period_us is None else t_period_us,
-            open_voltage_V=open_voltage_V, peak_current_A=peak_current_A, resistance_ohm=resistance_ohm,
-            ignition_wait_us=ignition_wait_us, pulse_shape=pulse_shape, wire_speed_m_s=wire_speed_m_s,
-            flushing_lower_Pa=flushing_lower_Pa, flushing_upper_Pa=flushing_upper_Pa,
-            standoff_lower_mm=standoff_lower_mm, standoff_upper_mm=standoff_upper_mm,
+        try:
+            chosen = SetUpOptions.model_validate(options)
+        except ValidationError as error:
+            raise refusal(error, SetUpOptions, "a set-up") from None
+        wire_name, diameter = _split_wire(chosen.wire)
+        wire, generator = read(Wire, "wires", wire_name), read(Generator, "generators", chosen.generator)
+        base, material = read_base(name), read(Material, "materials", chosen.material)
+        diameter = wire.default_diameter_um.value if diameter is None else diameter
+        usual_tension = wire.stress_MPa.value * math.pi / 4 * (diameter * 1e-3) ** 2
+        machine = Machine(
+            name=name, wire_name=wire_name, material_name=chosen.material, generator_name=chosen.generator,
+            base=base, wire=wire, material=material, generator=generator, wire_diameter_um=diameter,
+            tension=usual_tension if chosen.tension is None else chosen.tension, height_mm=chosen.height_mm,
+            t_on_us=generator.t_on_us.value if chosen.t_on_us is None else chosen.t_on_us,
+            t_period_us=generator.t_period_us.value if chosen.t_period_us is None else chosen.t_period_us,
+            **{choice: getattr(chosen, choice) for choice in Choices.model_fields},
         )
         machine.check()
         return machine

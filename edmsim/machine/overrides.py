@@ -85,7 +85,7 @@ def with_overrides(machine: Machine, constants: Iterable[tuple[str, float]]) -> 
     Raises
     ------
     InputError
-        A name that is no constant, or a value that it cannot have.
+        A name that is not a constant, or a value that it cannot have.
     """
     changed: dict[str, Constant] = {}
     for name, value in constants:

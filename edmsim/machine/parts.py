@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from edmsim.machine.options import Choices
 from edmsim.numeric import Number
 
 
@@ -336,24 +337,6 @@ class Generator(Part):
         if (self.ignition_wait_us is None) != (self.mode == "iso-pulse"):
             raise ValueError("ignition_wait_us belongs to iso-energetic and ignition-pulse, and only to them")
         return self
-
-
-class Choices(Part):
-    """What an operator may set in place of a constant of the files; None leaves the constant in force.
-
-    Nothing but `edmsim.machine.setting` reads these: its functions return what is in force.
-    """
-
-    open_voltage_V: Number | None = None
-    peak_current_A: Number | None = None
-    resistance_ohm: Number | None = None
-    ignition_wait_us: Number | None = None
-    pulse_shape: str | None = None
-    wire_speed_m_s: Number | None = None
-    flushing_lower_Pa: Number | None = None
-    flushing_upper_Pa: Number | None = None
-    standoff_lower_mm: Number | None = None
-    standoff_upper_mm: Number | None = None
 
 
 class SetUp(Choices):

@@ -116,7 +116,7 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     for name in only:
         if name not in known and name not in sections:
             raise InputError(
-                f"'{name}' is no section or constant with a range to draw from; there are the sections "
+                f"'{name}' is not a section or constant with a range to draw from; there are the sections "
                 f"{', '.join(sections)} and the constants {', '.join(known)}"
             )
         chosen |= sections.get(name, {name})

@@ -6,41 +6,15 @@ import math
 from typing import NamedTuple
 
 from edmsim.errors import CombinationError, InputError, one_of
-from edmsim.machine.parts import Choices, Constant, SetUp
+from edmsim.machine.options import Choices, SetUpOptions, bare_name, limits_of, unit_of
+from edmsim.machine.parts import Constant, SetUp
 
+WINDOW_PULSES = 255
+"""Pulses of a window: the cycle of the analyser that counts them (row T-40)."""
 WIRE_DIAMETER_UM = (20.0, 400.0)
 """Wire diameters of the field (thesis 1982, section 2.7.1)."""
-HEIGHT_MM = (0.5, 400.0)
-"""Workpiece heights of the field, from sheet to the tallest machines' work areas (ours)."""
-T_ON_US = (1.0, 1000.0)
-"""On-times of the field (row T-1), for a generator whose file gives no range."""
-T_PERIOD_US = (2.0, 10_000.0)
-"""Periods: 500 kHz (row T-36) to 10 ms (row T-2), for a generator whose file gives no range."""
-
-
-class Limit(NamedTuple):
-    """What a choice is called, its unit, and its least and greatest value."""
-
-    what: str
-    unit: str
-    low: float
-    high: float
-
-
-LIMITS = {
-    "open_voltage_V": Limit("open voltage", "V", 10.0, 500.0),
-    "peak_current_A": Limit("peak current", "A", 0.1, 2000.0),
-    "resistance_ohm": Limit("resistance", "ohm", 0.01, 10_000.0),
-    "ignition_wait_us": Limit("ignition wait", "us", 0.1, 10_000.0),
-    "wire_speed_m_s": Limit("wire speed", "m/s", 0.001, 15.0),
-    "flushing_lower_Pa": Limit("pressure of the lower nozzle", "Pa", 0.0, 3e6),
-    "flushing_upper_Pa": Limit("pressure of the upper nozzle", "Pa", 0.0, 3e6),
-    "standoff_lower_mm": Limit("stand-off of the lower nozzle", "mm", 0.0, 100.0),
-    "standoff_upper_mm": Limit("stand-off of the upper nozzle", "mm", 0.0, 100.0),
-}
-"""Limits of the operator's choices, from trim cuts to the largest roughing generators, from a wire that creeps to the
-10 m/s of machines that reuse it, from a nozzle that is off to pumps of 30 bar, from a nozzle on the workpiece to one
-that is out of the way (ours). A range in the generator's file holds instead."""
+LIMITS = limits_of(SetUpOptions)
+"""Limits of the options of a set-up, by name."""
 
 
 class PulseForm(NamedTuple):
@@ -151,7 +125,7 @@ def busy_us(machine: SetUp) -> float:
 
 def period_range_us(machine: SetUp) -> tuple[float, float]:
     """Shortest and longest period of the generator."""
-    return machine.generator.t_period_us.range or T_PERIOD_US
+    return machine.generator.t_period_us.range or LIMITS["t_period_us"].range
 
 
 def wire_speed_m_s(machine: SetUp) -> float:
@@ -230,19 +204,24 @@ def check_pulses(machine: SetUp) -> None:
 
 def check_height(height_mm: float, where: str = "") -> None:
     """Raise `InputError` for a workpiece height no machine takes; `where` ends the message's subject."""
-    low, high = HEIGHT_MM
-    if not low <= height_mm <= high:
-        raise InputError(f"workpiece height {height_mm:g} mm{where} is not within {low:g}..{high:g} mm")
+    _check_limit("height_mm", height_mm, where=where)
+
+
+def _check_limit(name: str, value: float, own: Constant | None = None, where: str = "") -> None:
+    """Refuse a value out of an option's limits; a range of the generator's own constant holds in their place."""
+    limits, unit = LIMITS[name], unit_of(name)
+    low, high = limits.range if own is None or own.range is None else own.range
+    if not low <= value <= high:
+        what = limits.what or bare_name(name).replace("_", " ")
+        raise InputError(f"{what} {value:g} {unit}{where} is not within {low:g}..{high:g} {unit}")
 
 
 def _check_choices(machine: SetUp) -> None:
     """Refuse choices out of their limits, and those that exclude each other or do not belong to the generator."""
     mode = machine.generator.mode
-    for name, limit in LIMITS.items():
-        value, constant = getattr(machine, name), getattr(machine.generator, name, None)
-        low, high = constant.range if constant and constant.range else (limit.low, limit.high)
-        if value is not None and not low <= value <= high:
-            raise InputError(f"{limit.what} {value:g} {limit.unit} is not within {low:g}..{high:g} {limit.unit}")
+    for name in Choices.model_fields:
+        if name in LIMITS and (value := getattr(machine, name)) is not None:
+            _check_limit(name, value, getattr(machine.generator, name, None))
     if machine.peak_current_A is not None and machine.resistance_ohm is not None:
         raise InputError("peak current and resistance are both given: choose one, as it decides on the other")
     if machine.ignition_wait_us is not None and mode == "iso-pulse":
@@ -259,12 +238,8 @@ def _check_choices(machine: SetUp) -> None:
 
 def _check_times(machine: SetUp) -> None:
     """Refuse on-times and periods out of the generator's limits, and those without a pause (rows T-1, T-2, T-36)."""
-    for name, value, (low, high) in (
-        ("t_on", machine.t_on_us, machine.generator.t_on_us.range or T_ON_US),
-        ("t_period", machine.t_period_us, period_range_us(machine)),
-    ):
-        if not low <= value <= high:
-            raise InputError(f"{name} {value:g} us is not within {low:g}..{high:g} us")
+    for name in ("t_on_us", "t_period_us"):
+        _check_limit(name, getattr(machine, name), getattr(machine.generator, name))
     busy = busy_us(machine)
     if busy >= machine.t_period_us:
         raise CombinationError(f"t_period {machine.t_period_us:g} us leaves no pause after {busy:g} us of pulse")

@@ -185,7 +185,7 @@ class Technology(Part):
         if not 1 <= passes <= len(at.passes):
             raise InputError(
                 f"the technology for {self.material} and the wire {self.wire} has 1 to {len(at.passes)} passes for "
-                f"{height_mm:g} mm, not {passes}: take so many, or find others with edmsim technology"
+                f"{height_mm:g} mm, not {passes}: take a listed number, or find others with edmsim technology"
             )
         settings = at.passes[:passes]
         offset_um = settings[-1].last_offset_um
@@ -251,14 +251,14 @@ def read_technology(file: str | Path) -> Technology:
     try:
         text, where = (Path(name).read_text(encoding="utf-8-sig"), name) if name.endswith(".toml") else _ours(name)
         if len(text) > _MOST_BYTES:
-            raise InputError(f"this is no technology: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
+            raise InputError(f"this is not a technology: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
         return Technology.model_validate(tomllib.loads(text))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "file"
         raise InputError(f"key '{key}': {first['msg'].removeprefix('Value error, ')}", where) from None
     except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"this is no technology that can be read: {error}", name) from None
+        raise InputError(f"this is not a technology that can be read: {error}", name) from None
 
 
 def available_technologies() -> list[str]:
@@ -287,9 +287,9 @@ def technology_for(material: str, machine: str | None = None, wire: str | None =
     for one in known:
         if one.material == material and machine in (None, one.machine) and wire in (None, one.wire):
             return one
-    wanted = ", ".join(f"{what} {name}" for what, name in (("machine", machine), ("wire", wire)) if name is not None)
+    chosen = ", ".join(f"{what} {name}" for what, name in (("machine", machine), ("wire", wire)) if name is not None)
     ours = "; ".join(f"{one.material}, machine {one.machine}, wire {one.wire}" for one in known)
     raise InputError(
-        f"there is no technology for {material}{', ' if wanted else ''}{wanted}; there are: {ours}. Find one with: "
+        f"there is no technology for {material}{', ' if chosen else ''}{chosen}; there are: {ours}. Find one with: "
         f"edmsim technology {material}"
     )

@@ -71,7 +71,7 @@ def contour(field: KerfField, slice_index: int) -> MultiPolygon:
     """Return the metal removed from one slice as polygons in mm: the kerf.
 
     Holes in a polygon are the metal the wire went round: the part, or the slug. Start holes and the air
-    outside the blank are no removed metal and do not belong to it.
+    outside the blank are not removed metal and do not belong to it.
 
     Parameters
     ----------

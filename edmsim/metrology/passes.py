@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.geometry import Polyline, left_of
+from edmsim.geometry import Polyline, arc_lengths, left_of
 from edmsim.metrology.kerf import MAX_KERF_OVER_WIRE, wall_distance_um
-from edmsim.metrology.profile import BLANK_EDGE_MM, clear_of_steps, depth_in_blank, finite_mean
+from edmsim.metrology.profile import BLANK_EDGE_MM, clear_of_steps, depth_in_blank, finite_mean, slice_heights_mm
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.outline import Side
 from edmsim.program.passes import CutPass
@@ -21,7 +21,7 @@ STEP_MM = 0.05
 CLEARANCE_MM = 0.4
 """Nearer than this to a corner, or to either end of a pass, the wall is not looked at."""
 FEWEST_WAVES = 3
-"""A wavelength is only told where so many of its waves were cut (ours)."""
+"""Waves that must have been cut before a wavelength is reported (ours)."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class WallError:
 
 
 def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diameter_um: float) -> WallError:
-    """Measure the wall on the part's side of a pass, across its path.
+    """Measure the wall on the part's side of a pass, across its path; a wall that leans square to itself.
 
     Parameters
     ----------
@@ -69,22 +69,51 @@ def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diamet
         Of the contour, looking along it.
     wire_diameter_um : float
     """
-    line = Polyline(np.asarray(cut_pass.points_um[cut_pass.approach_moves :] * 1e-3, np.float64), closed=False)
+    reach_um = MAX_KERF_OVER_WIRE * wire_diameter_um / 2
+    left = (part_side == "left") != cut_pass.reversed
+    line = _line_of(cut_pass.way.at_mid_height(), cut_pass)
     s_mm = np.arange(STEP_MM / 2, line.length, STEP_MM)
-    points = line.at(s_mm)
+    if cut_pass.lean is None:
+        known = _looked_at(field, line, s_mm)
+        s_mm = s_mm[known]
+        if not len(s_mm):
+            return _unknown((math.nan,) * field.n_slices)
+        away_um, solid = _wall_um(field, line, s_mm, left, reach_um)
+        return _summed(s_mm, np.where(solid, cut_pass.offset_um - away_um, np.nan))
+    # of a leaning wire slice by slice, at the same shares of the length of its path
+    error_um, slants = np.full((field.n_slices, len(s_mm)), np.nan), cut_pass.way.slant[cut_pass.approach_moves :]
+    passed_mm = arc_lengths(cut_pass.way.at_mid_height()[cut_pass.approach_moves :] * 1e-3)
+    for number, z in enumerate(slice_heights_mm(field, cut_pass.lean.height_mm).tolist()):
+        there = _line_of(cut_pass.way.at_height(z), cut_pass)
+        own_mm = s_mm / line.length * there.length
+        known = _looked_at(field, there, own_mm)
+        away_um, solid = _wall_um(field, there, own_mm[known], left, reach_um)
+        slant = slants[np.clip(np.searchsorted(passed_mm, s_mm[known], side="right") - 1, 0, len(slants) - 1)]
+        error_um[number, known] = np.where(solid, cut_pass.offset_um - away_um / slant, np.nan)[number]
+    return _summed(s_mm, error_um)
+
+
+def _line_of(points_um: NDArray[np.int64], cut_pass: CutPass) -> Polyline:
+    return Polyline(np.asarray(points_um[cut_pass.approach_moves :] * 1e-3, np.float64), closed=False)
+
+
+def _looked_at(field: KerfField, line: Polyline, s_mm: Floats) -> NDArray[np.bool_]:
+    """Say at which lengths of a pass its wall is looked at: clear of its ends, of corners and of the blank's edge."""
     marks = np.concatenate(
         [[0.0, line.length], line.s[line.corners(15.0)], s_mm[line.bend_deg(s_mm, STEP_MM) > 10.0]]
     )
     clear = line.distance_along(s_mm, marks) >= CLEARANCE_MM
-    clear &= depth_in_blank(field.stock, points) >= BLANK_EDGE_MM
-    left = (part_side == "left") != cut_pass.reversed
+    return clear & (depth_in_blank(field.stock, line.at(s_mm)) >= BLANK_EDGE_MM)
+
+
+def _wall_um(
+    field: KerfField, line: Polyline, s_mm: Floats, left: bool, reach_um: float
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the distance of the wall (slices, n) across a path, and where there is metal to have one."""
+    points = line.at(s_mm)
     across = left_of(line.tangent(s_mm, STEP_MM)) * (1.0 if left else -1.0)
-    s_mm, points, across = s_mm[clear], points[clear], across[clear]
-    if not len(points):
-        return _unknown((math.nan,) * field.n_slices)
-    away_um = wall_distance_um(field, points * 1000, across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
-    solid = clear_of_steps(field, points) >= BLANK_EDGE_MM
-    return _summed(s_mm, np.where(solid, cut_pass.offset_um - away_um, np.nan))
+    away_um = wall_distance_um(field, points * 1000, across, reach_um)
+    return away_um, clear_of_steps(field, points) >= BLANK_EDGE_MM
 
 
 def _unknown(slices_um: tuple[float, ...]) -> WallError:

@@ -90,7 +90,7 @@ def _cut(surface: NDArray[np.float64], bowl: NDArray[np.float64]) -> NDArray[np.
     """Return a surface from which a bowl has taken its volume, sunk in as deep as that needs."""
     inside = bowl > 0.0
     met = np.sort((surface + bowl)[inside])[::-1]  # levels of the bowl's rim at which it meets the places under it
-    level = (np.cumsum(met) - bowl.sum()) / np.arange(1, len(met) + 1)  # if it has met so many of them
+    level = (np.cumsum(met) - bowl.sum()) / np.arange(1, len(met) + 1)  # if it has met this number of them
     rim = level[np.argmax(level >= np.append(met[1:], -np.inf))]
     return np.where(inside, np.minimum(surface, rim - bowl), surface)
 

@@ -17,9 +17,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.controllers.axis.elcam import Elcam
-from edmsim.controllers.axis.elcam_file import PATH, PLACES
-from edmsim.controllers.axis.step_compensation import StepCompensation
+from edmsim.controllers.axis.elcam.file import PATH, PLACES
+from edmsim.controllers.axis.elcam.module import Elcam
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.geometry import Polyline, left_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import ProfileError

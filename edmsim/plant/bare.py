@@ -40,7 +40,7 @@ def pass_window(
     Raises
     ------
     InputError
-        An event is none, or out of order.
+        An event is invalid, or out of order.
     """
     if wrong := wrong_step(events, int(state["time_ns"][0]), drives.axes.loops > 0):
         raise InputError(wrong)

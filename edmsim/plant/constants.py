@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine.files import mjcf_version
-from edmsim.machine.setting import flushing_Pa, guide_bends, resistance_ohm, standoffs_mm, wire_speed_m_s
+from edmsim.machine.setting import (
+    WINDOW_PULSES,
+    flushing_Pa,
+    guide_bends,
+    resistance_ohm,
+    standoffs_mm,
+    wire_speed_m_s,
+)
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import AMBIENT_PA, GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
@@ -25,14 +32,14 @@ from edmsim.plant.gap.water import (
     surface_tension_N_m,
     viscosity_ratio,
 )
-from edmsim.plant.kernel.state import GRID, NO_METAL_UM, PULSES_PER_WINDOW, Arrays, Constants, Propagators, Timing
+from edmsim.plant.kernel.state import GRID, NO_METAL_UM, Arrays, Constants, Propagators, Timing
 from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.mechanics.mjcf import screw_constants
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model
 from edmsim.plant.mechanics.mujoco_model import FullMechanics
 from edmsim.plant.mechanics.mujoco_table import DriveSetup, TableMechanics
 from edmsim.plant.mechanics.propagators import fill_fading, fill_table, fill_wire
-from edmsim.plant.mechanics.strung import modes_with
+from edmsim.plant.mechanics.string_modes import modes_with
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
@@ -123,7 +130,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         slice_um=slice_um,
         cell_um=res.cell_um,
         range_um=RAY_RANGE_UM,
-        trace_pulses=res.trace_windows * PULSES_PER_WINDOW,
+        trace_pulses=res.trace_windows * WINDOW_PULSES,
         carve_before_um=max(CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS * 2 * math.pi * radius / res.rays),
         patch_m2=patch,
         permittivity_F_m=water.permittivity.value

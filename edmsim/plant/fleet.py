@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.kernel.memory import CALL
-from edmsim.plant.kernel.state import BROKEN, NO_TILES, PULSES_PER_WINDOW, STATE, STEP_EARLY, STEP_WRONG, WINDOW
+from edmsim.plant.kernel.state import BROKEN, NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
 from edmsim.plant.plant import Plant
 
 _LEAST_PLANTS = 4
@@ -85,7 +86,7 @@ class Fleet:
         Raises
         ------
         InputError
-            If a step is none, or out of order.
+            If a step is invalid, or out of order.
         WireBrokenError
             If the wire of one of them broke in a window before.
         """
@@ -93,7 +94,7 @@ class Fleet:
         calls[:, 0] = self._addresses[lanes]
         calls[:, 1] = steps.ctypes.data + lanes * steps.strides[0]
         calls[:, 2] = counts[lanes]
-        calls[:, 3] = PULSES_PER_WINDOW
+        calls[:, 3] = WINDOW_PULSES
         self._fire(calls)
         status = calls[:, 4]
         if not status.any():  # all are `FINE`, as most often

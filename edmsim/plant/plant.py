@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant import constants
 from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives
 from edmsim.plant.axes.faults import FAULTS
@@ -24,7 +25,6 @@ from edmsim.plant.kernel.state import (
     FINE,
     NO_TILES,
     PULSE,
-    PULSES_PER_WINDOW,
     STATE,
     STEP_EARLY,
     STEP_WRONG,
@@ -208,7 +208,7 @@ class Plant(PlantReadings):
             Another set-up to go on with, as a plant made with it would, with fresh copies of the drives given.
         """
         if machine is not None:
-            self._set_up(machine, self._drives.given)
+            self._set_up(machine, self._drives.options)
         self._set(self._first_machine.t_on_us, self._first_machine.t_period_us, on=True)
         position_um = position_um or self.machine.base.table.centre_um
         stock = block_in_front(self.machine, position_um[0]) if stock is None else checked_stock(stock, self.machine)
@@ -344,11 +344,11 @@ class Plant(PlantReadings):
 
     def watch_pulses(self) -> None:
         """From the next window on, keep what every pulse was (`last_pulses`); the cut stays the same to the bit."""
-        self._pulses = np.zeros(PULSES_PER_WINDOW, PULSE)
+        self._pulses = np.zeros(WINDOW_PULSES, PULSE)
         self._memory.put_own(pulses=self._pulses)
 
     def advance(
-        self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = PULSES_PER_WINDOW
+        self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = WINDOW_PULSES
     ) -> PulseWindow:
         """Fire 255 pulses, or fewer.
 
@@ -374,8 +374,8 @@ class Plant(PlantReadings):
             If the wire broke in a window before (`WireBrokenError`), or the model left the range it holds for
             (`WireLostError`, `WireInMetalError`, `NotFiniteError`).
         """
-        if not 1 <= pulses <= PULSES_PER_WINDOW:
-            raise InputError(f"a window has 1 to {PULSES_PER_WINDOW} pulses, not {pulses}")
+        if not 1 <= pulses <= WINDOW_PULSES:
+            raise InputError(f"a window has 1 to {WINDOW_PULSES} pulses, not {pulses}")
         return self._advance(steps, pulses)
 
     def _advance(self, steps: Sequence[tuple[int, int, int]], pulses: int) -> PulseWindow:
@@ -471,7 +471,7 @@ class Plant(PlantReadings):
         Raises
         ------
         InputError
-            If there was none since the plant was made or reset.
+            If no window was fired since the plant was made or reset.
         """
         return read_window(self._window_bytes)
 
@@ -513,13 +513,13 @@ class Plant(PlantReadings):
         return {
             "machine": self._first_machine, "mechanics": self.mechanics, "resolution": self.resolution,
             "stock": self.field.stock, "window": self._window.copy(), "snapshot": self.snapshot(),
-            "pulses": self._pulses, "drives": self._drives.given,
+            "pulses": self._pulses, "drives": self._drives.options,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Build the plant again and continue where the snapshot was taken."""
-        given = {name: state[name] for name in ("stock", "resolution", "mechanics", "drives")}
-        Plant.__init__(self, state["machine"], **given)
+        options = {name: state[name] for name in ("stock", "resolution", "mechanics", "drives")}
+        Plant.__init__(self, state["machine"], **options)
         self.restore(state["snapshot"])
         self._window[:] = state["window"]
         self._pulses = state["pulses"].copy()

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.axes.drives import AXIS_NAMES, Drives
 from edmsim.plant.axes.trips import reason, reason_of_delay
 from edmsim.plant.gap.equalising import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays
-from edmsim.plant.kernel.state import BARE, GRID, PULSE, PULSES_PER_WINDOW, Arrays, Constants, Timing
+from edmsim.plant.kernel.state import BARE, GRID, PULSE, Arrays, Constants, Timing
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.settings import GeneratorSetting
 from edmsim.plant.window import read_window
@@ -116,8 +117,8 @@ class PlantReadings:
     def drive_faults(self) -> int:
         """Which axes have to stop: bit 0 for x, 1 for y, 2 for u, 3 for v.
 
-        Its drive reports a fault, or commands what is no share of its supply; or the table is further from where its
-        steps lead it than the wire's radius, so that the wire does not touch its path any more.
+        Its drive reports a fault, or commands what is not a share of its supply; or the table is further from where
+        its steps lead it than the wire's radius, so that the wire does not touch its path any more.
         """
         return self._drives.faults()
 
@@ -148,12 +149,12 @@ class PlantReadings:
     @property
     def window_ns(self) -> int:
         """Duration of a window at the present setting; 0 where the period varies (row T-42)."""
-        return PULSES_PER_WINDOW * self._setting.timing.period_ns
+        return WINDOW_PULSES * self._setting.timing.period_ns
 
     @property
     def longest_window_ns(self) -> int:
         """Upper bound of a window's duration at the present setting."""
-        return self.window_ns or PULSES_PER_WINDOW * math.ceil(self._setting.timing.grid_us * GRID * 1e3)
+        return self.window_ns or WINDOW_PULSES * math.ceil(self._setting.timing.grid_us * GRID * 1e3)
 
     @property
     def removed_mm3(self) -> float:
@@ -164,8 +165,8 @@ class PlantReadings:
     def craters_mm3(self) -> float:
         """Metal the discharges removed so far, added up crater by crater."""
         s = self._state[0]
-        kept = float(self._arrays.carry_um2.sum()) * self._constants.slice_um
-        return float(s["crater_um3"] - s["missed_um3"] - kept) * 1e-9
+        pending_um3 = float(self._arrays.carry_um2.sum()) * self._constants.slice_um
+        return float(s["crater_um3"] - s["missed_um3"] - pending_um3) * 1e-9
 
     @property
     def broken_height_mm(self) -> float:

@@ -23,7 +23,7 @@ class Resolution:
     film_spans : int
         Spans into which the time from a discharge to the period's end is cut where a slice's own film is followed.
     trace_windows : int
-        Every so many windows what fell on the rays is carved from the field and they are traced again.
+        Windows after which what fell on the rays is carved from the field and they are traced again.
     """
 
     slices: int

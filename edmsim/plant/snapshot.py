@@ -21,7 +21,7 @@ _MOST = 1 << 62
 
 
 def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None:
-    """Refuse what is no snapshot of a plant.
+    """Refuse what is not a snapshot of a plant.
 
     Parameters
     ----------
@@ -35,15 +35,15 @@ def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None
     Raises
     ------
     InputError
-        An array is missing or of another shape or type, holds what is no number, or leads beyond another array.
+        An array is missing or of another shape or type, holds what is not a number, or leads beyond another array.
     """
     for name, own in like.items():
-        given = state.get(name)
+        stored = state.get(name)
         rows = slice(1, None) if name in ("field.tiles", "field.gone") else slice(None)
-        if given is None or given.dtype != own.dtype or given.shape[rows] != own.shape[rows]:
-            raise InputError(f"this is no snapshot of this plant: its {name} is missing or of another kind")
-        if not _all_numbers(given):
-            raise InputError(f"the snapshot's {name} holds something that is no number")
+        if stored is None or stored.dtype != own.dtype or stored.shape[rows] != own.shape[rows]:
+            raise InputError(f"this is not a snapshot of this plant: its {name} is missing or of another kind")
+        if not _all_numbers(stored):
+            raise InputError(f"the snapshot's {name} holds something that is not a number")
     _check_places(state, sizes)
     _check_metal(state)
     _check_field(state)
@@ -58,7 +58,7 @@ def _all_numbers(array: NDArray[Any]) -> bool:
 
 
 def _check_places(state: _Snapshot, sizes: ArraySizes) -> None:
-    """Refuse places beyond arrays, and counts that are none."""
+    """Refuse places beyond arrays, and invalid counts."""
     scalars = state["state"][0]
     counts = "time_ns", "pulses", "traced_pulses", "carved_pulses", "traces"
     within = {

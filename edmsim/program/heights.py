@@ -16,20 +16,19 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import shapely
 from shapely.geometry import shape
+from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
-from edmsim.machine.setting import HEIGHT_MM, check_height
+from edmsim.machine.setting import LIMITS, check_height
 from edmsim.numeric import plain, real
 from edmsim.plant.workpiece.height_steps import LowerRegion
 
 if TYPE_CHECKING:
-    from shapely.geometry.base import BaseGeometry
-
     from edmsim.program.path import CutPath
 
-Height: TypeAlias = "tuple[float, float]"
+Height: TypeAlias = tuple[float, float]
 """Path length in mm, and the height in mm from there on."""
-Area: TypeAlias = "tuple[BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], float]"
+Area: TypeAlias = tuple[BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], float]
 """Polygon, its corners or its GeoJSON, in mm of the program, and the height in mm inside it."""
 
 WIRE_MARGIN_MM = 0.4
@@ -56,8 +55,8 @@ class Heights:
     """
 
     height_mm: float
-    along: tuple[Height, ...] = ()
-    areas: tuple[tuple[shapely.Polygon, float], ...] = ()
+    along: Sequence[Height] = ()
+    areas: Sequence[tuple[shapely.Polygon, float]] = ()
 
     @classmethod
     def of(cls, height_mm: float, along: Sequence[Height], areas: Sequence[Area]) -> Heights:
@@ -182,7 +181,7 @@ def parse_height(text: str) -> Height:
     try:
         return float(place), float(height)
     except ValueError:
-        low, high = HEIGHT_MM
+        low, high = LIMITS["height_mm"].range
         raise InputError(
             f"a change of height reads MM:MM, the path length and the height ({low:g}..{high:g}), as 12.5:30, "
             f"not '{text}'"

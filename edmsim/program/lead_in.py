@@ -61,7 +61,7 @@ def own_lead_in(
             room = edges.distance(shapely.Point(thread)) >= hole_radius_mm + HOLE_CLEARANCE_MM
             if room and clears(np.array([thread, start]), edges, offset_mm):
                 short = share * length_mm
-                return thread, [] if share == 1 else [f"a lead-in is {short:.3f} mm long for want of room"]
+                return thread, [] if share == 1 else [f"a lead-in is {short:.3f} mm long, as there is no more room"]
     x, y = start
     raise InputError(f"no room for a start hole of {hole_radius_mm:g} mm radius within {length_mm:g} mm of "
                      f"X{x:.3f} Y{y:.3f}: take a smaller hole or another lead-in length")

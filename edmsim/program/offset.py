@@ -296,8 +296,8 @@ _KEPT_APART_MM = 0.002
 class OffsetOutline:
     """One outline with the wire's path beside it, both in mm in the program's coordinates.
 
-    Of a tapered outline `path` and `nominal` lie in the program's plane, and `surfaces` are its wall and the way of
-    the wire.
+    Of a tapered outline `path` and `nominal` lie in the program's plane, `surfaces` are its wall and the way of the
+    wire, and `guides` say where the wire bends.
     """
 
     outline: Outline
@@ -305,6 +305,7 @@ class OffsetOutline:
     nominal: NDArray[np.float64]
     offset_mm: float
     surfaces: tuple[Ruled, Ruled] | None = None
+    guides: GuideHeights | None = None
 
     @property
     def edge(self) -> shapely.LineString:
@@ -317,6 +318,10 @@ class OffsetOutline:
             return self
         wall, wire = self.surfaces
         return replace(self, path=wire.at(height_mm), nominal=wall.at(height_mm), surfaces=None)
+
+    def at_mid_height(self) -> OffsetOutline:
+        """Return what it is at half the workpiece's height."""
+        return self if self.guides is None else self.at_height(0.5 * self.guides.height_mm)
 
 
 def offset_outline(program: Program, outline: Outline, offset_mm: float, notices: list[str]) -> OffsetOutline:
@@ -355,7 +360,35 @@ def leaning_outline(
         wall, wire = wire_beside(outline, offset_mm, guides)
     except InputError as error:
         raise located(error, program, outline) from None
-    return OffsetOutline(outline, wire.lower_mm, wall.lower_mm, offset_mm, (wall, wire))
+    return OffsetOutline(outline, wire.lower_mm, wall.lower_mm, offset_mm, (wall, wire), guides)
+
+
+def dwells_along(leg: OffsetOutline) -> list[tuple[float, float]]:
+    """Return where the wire waits beside an edge, in mm of its path, at mid height where it leans, and how many s."""
+    own, dwells = len(leg.outline.approach_mm), leg.outline.dwells
+    if not any(i >= own for i, _ in dwells):
+        return []
+    path = leg.at_mid_height().path
+    line, passed = shapely.LineString(path), arc_lengths(path)
+    return [
+        (
+            _dwell_mm(leg, line, i - own) if leg.surfaces is None
+            else float(passed[leg.surfaces[1].vertices[i - own]]),
+            seconds,
+        )
+        for i, seconds in dwells if i >= own
+    ]  # fmt: skip
+
+
+def _dwell_mm(leg: OffsetOutline, line: shapely.LineString, i: int) -> float:
+    """Return how far along the path the wire has passed vertex `i` of the outline, in mm."""
+    points = leg.outline.points_mm
+    if i == 0 or i == len(points) - 1:
+        return 0.0 if i == 0 else float(line.length)
+    across = np.zeros(2)
+    if leg.outline.wire_side is not None:
+        across = leg.offset_mm * normal(points[i - 1 : i + 1], leg.outline.wire_side)
+    return float(line.project(shapely.Point(points[i] + across)))
 
 
 def located(error: InputError, program: Program, outline: Outline) -> InputError:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -18,8 +18,11 @@ from numpy.typing import NDArray
 from shapely.ops import substring
 
 from edmsim.errors import InputError
-from edmsim.program.offset import OffsetOutline
+from edmsim.geometry import arc_lengths
+from edmsim.program.lean import Lean, Way, guides_beside
+from edmsim.program.offset import OffsetOutline, dwells_along
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline
+from edmsim.program.taper import GuideHeights, Ruled
 
 AfterTab = Literal["stop", "cut"]
 """``stop``: the machine stops before the tab is cut, and a piece is glued; ``cut``: it goes on, a slug falls."""
@@ -47,6 +50,8 @@ class PassPlan:
         How far passes go on over what is already cut.
     after_tab : {"stop", "cut"}
         What comes before the tab.
+    of_program : bool
+        Whether the passes are those that the program has: then only its offsets that no register gives are taken.
 
     Raises
     ------
@@ -58,6 +63,7 @@ class PassPlan:
     tab_mm: float = TAB_MM
     overlap_mm: float = OVERLAP_MM
     after_tab: AfterTab = "stop"
+    of_program: bool = False
 
     def __post_init__(self) -> None:
         check_offsets(self.offsets_mm)
@@ -97,7 +103,8 @@ class CutPass:
     piece : {"profile", "tab"}
         What of the contour it cuts.
     points_um : int64 array (n, 2)
-        Wire centre, from where the pass before ended; of the first pass from the start hole.
+        Wire centre, of a leaning wire at the lower guide, from where the pass before ended; of the first pass from
+        the start hole.
     approach_moves : int
         The first so many moves bring the wire to where the pass begins.
     offset_um : float
@@ -110,6 +117,10 @@ class CutPass:
         Whether a piece of metal may come loose at its end.
     falls : bool
         Whether such a piece falls; else it is held.
+    lean : Lean, optional
+        How the wire leans; None: it is vertical.
+    dwells : tuple of (int, float)
+        ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4).
     """
 
     number: int
@@ -121,16 +132,44 @@ class CutPass:
     stops_before: bool = False
     frees: bool = False
     falls: bool = False
+    lean: Lean | None = None
+    dwells: tuple[tuple[int, float], ...] = ()
+
+    @property
+    def way(self) -> Way:
+        """Where the lower guide goes, and how the wire leans."""
+        return Way(self.points_um, self.lean)
+
+    def at_height(self, height_mm: float) -> CutPass:
+        """Return what a leaning wire does at a height, as the pass of a vertical one; in whole um."""
+        return replace(self, points_um=self.way.at_height(height_mm), lean=None)
+
+    def moved(self, by_um: NDArray[np.int64]) -> CutPass:
+        """Return the same elsewhere on the table."""
+        lean = self.lean and self.lean.moved(by_um / 1000)
+        return replace(self, points_um=self.points_um + by_um, lean=lean)
 
     @property
     def length_mm(self) -> float:
         """Length of the pass without its approach."""
-        return float(np.hypot(*np.diff(self.points_um[self.approach_moves :], axis=0).T).sum()) * 1e-3
+        along_um = self.way.along_um
+        return float(along_um[-1] - along_um[self.approach_moves]) * 1e-3
+
+
+class Tilt(NamedTuple):
+    """How the wire of a stretch leans: by how much per height at each of its points, beside which wall and guides."""
+
+    slope: NDArray[np.float64]
+    wall: Ruled
+    guides: GuideHeights
 
 
 @dataclass(frozen=True)
-class Way:
-    """A stretch of path of one pass in mm, before it is put on the grid."""
+class Stretch:
+    """A stretch of path of one pass in mm, before it is put on the grid; of a leaning wire at half the height.
+
+    Its first `leads` points bring the wire to where it begins.
+    """
 
     number: int
     piece: Piece
@@ -140,9 +179,29 @@ class Way:
     stops_before: bool = False
     frees: bool = False
     falls: bool = False
+    tilt: Tilt | None = None
+    dwells: tuple[tuple[int, float], ...] = ()
+    leads: int = 0
+
+    def backwards(self) -> Stretch:
+        """Return the same cut the other way."""
+        tilt = self.tilt and self.tilt._replace(slope=self.tilt.slope[::-1])
+        last = len(self.points) - 1
+        dwells = tuple((last - i, seconds) for i, seconds in reversed(self.dwells))
+        return replace(self, points=self.points[::-1], reversed=not self.reversed, tilt=tilt, dwells=dwells)
+
+    def behind(self, link: Stretch) -> Stretch:
+        """Return the same with the points of another one before it, which lead to it."""
+        tilt = self.tilt and self.tilt._replace(
+            slope=np.concatenate([link.tilt.slope if link.tilt else np.zeros_like(link.points), self.tilt.slope])
+        )
+        return replace(
+            self, points=np.concatenate([link.points, self.points]), tilt=tilt, leads=len(link.points),
+            dwells=tuple((i + len(link.points), seconds) for i, seconds in self.dwells),
+        )  # fmt: skip
 
 
-def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Way]:
+def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
     """Return the ways of all passes along one outline.
 
     Parameters
@@ -171,45 +230,68 @@ def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Way]:
     short = [_short_mm(legs[0].offset_mm, leg.offset_mm) for leg in legs]
     if last - 2 * short[-1] <= 0:
         raise InputError(f"a tab of {plan.tab_mm:g} mm leaves {last:.3f} mm of the contour to cut: make it shorter")
-    ways = [Way(1, "profile", lines[0].part(0.0, last), legs[0].offset_mm, False)]
-    ways += [_way(k + 1, "profile", lines[k], (short[k], last - short[k]), k % 2 == 1) for k in range(1, len(legs))]
+    ways = [
+        _Leg(line, line.stretch(k + 1, "profile", short[k], last - short[k]), (short[k], last - short[k]), k % 2 == 1)
+        for k, line in enumerate(lines)
+    ]
     stops = plan.after_tab == "stop"
-    for k in range(len(legs)):
-        over = plan.overlap_mm + short[k]
-        back = (len(legs) + k) % 2 == 0
-        way = _way(k + 1, "tab", lines[k], (last - over, length + over), back)
-        if k == 0:
-            way = Way(
-                1,
-                "tab",
-                way.points,
-                way.offset_mm,
-                back,
-                stops_before=stops,
-                frees=True,
-                falls=not stops,
-            )
-        ways.append(way)
-    return ways
+    for k, line in enumerate(lines):
+        ends = last - plan.overlap_mm - short[k], length + plan.overlap_mm + short[k]
+        way = line.stretch(k + 1, "tab", *ends)
+        first = replace(way, stops_before=stops, frees=True, falls=not stops) if k == 0 else way
+        ways.append(_Leg(line, first, ends, (len(legs) + k) % 2 == 0))
+    return _linked(ways)
 
 
-def _whole(lines: Sequence[_Line], plan: PassPlan, closed: bool) -> list[Way]:
+def _whole(lines: Sequence[_Line], plan: PassPlan, closed: bool) -> list[Stretch]:
     """Return the ways of passes that have no tab: along an open edge, or round a closed one."""
     ways = []
     for k, line in enumerate(lines):
         short = 0.0 if closed else _short_mm(lines[0].leg.offset_mm, line.leg.offset_mm)
         over = plan.overlap_mm if closed and len(lines) > 1 else 0.0
         back = k % 2 == 1
-        ends = (-over, line.length) if back else (short, line.length - short + over)
-        way = _way(k + 1, "profile", line, ends if closed else (short, line.length - short), back)
-        falls = closed and plan.after_tab == "cut"
-        ways.append(Way(way.number, way.piece, way.points, way.offset_mm, back, frees=closed and k == 0, falls=falls))
+        round_ = (-over, line.length) if back else (short, line.length - short + over)
+        ends = round_ if closed else (short, line.length - short)
+        way = line.stretch(k + 1, "profile", *ends)
+        way = replace(way, frees=closed and k == 0, falls=closed and plan.after_tab == "cut")
+        ways.append(_Leg(line, way, ends, back))
+    return _linked(ways)
+
+
+class _Leg(NamedTuple):
+    """A pass forward along its line between two places of the edge, and whether it is cut backwards."""
+
+    line: _Line
+    way: Stretch
+    ends: tuple[float, float]
+    back: bool
+
+
+LINK_MM = 1e-3
+"""A way from one pass to the next may come so much nearer to the part than both (ours: a um of the grid)."""
+
+
+def _linked(legs: Sequence[_Leg]) -> list[Stretch]:
+    """Return the ways one after the other; where the straight way to the next would cut into the part, along it."""
+    ways: list[Stretch] = []
+    for before, leg in pairwise([None, *legs]):
+        assert leg is not None
+        way = leg.way.backwards() if leg.back else leg.way
+        if before is not None:
+            straight = shapely.LineString([ways[-1].points[-1], way.points[0]])
+            nearest = min(before.line.leg.offset_mm, leg.line.leg.offset_mm)
+            if leg.line.edge.distance(straight) < nearest - LINK_MM:
+                way = way.behind(_link(before, leg))
+        ways.append(way)
     return ways
 
 
-def _way(number: int, piece: Piece, line: _Line, ends: tuple[float, float], back: bool) -> Way:
-    points = line.part(*ends)
-    return Way(number, piece, points[::-1] if back else points, line.leg.offset_mm, back)
+def _link(before: _Leg, leg: _Leg) -> Stretch:
+    """Return the way from the end of one pass to the begin of the next beside the edge, at the greater offset."""
+    outer = before.line if before.line.leg.offset_mm > leg.line.leg.offset_mm else leg.line
+    start, stop = before.ends[0 if before.back else 1], leg.ends[1 if leg.back else 0]
+    way = replace(outer.stretch(leg.way.number, leg.way.piece, min(start, stop), max(start, stop)), dwells=())
+    return way if start <= stop else way.backwards()
 
 
 def _short_mm(rough_mm: float, offset_mm: float) -> float:
@@ -222,33 +304,70 @@ def _short_mm(rough_mm: float, offset_mm: float) -> float:
 
 
 class _Line:
-    """The wire's path beside an edge, asked by how far along the edge a place lies."""
+    """The wire's path beside an edge, asked by how far along that a place lies; of a leaning wire at mid height."""
 
     def __init__(self, leg: OffsetOutline) -> None:
         self.leg = leg
-        self._edge, self._path = leg.edge, shapely.LineString(leg.path)
-        self.length = float(self._edge.length)
+        middle = leg.at_mid_height()
+        self.edge, self._path = middle.edge, shapely.LineString(middle.path)
+        self.length = float(self.edge.length)
         self._closed = leg.outline.closed
 
-    def part(self, from_mm: float, to_mm: float) -> NDArray[np.float64]:
-        """Return the points (n, 2) of the path between two places of the edge, which may lie beyond its ends."""
+    def stretch(self, number: int, piece: Piece, from_mm: float, to_mm: float) -> Stretch:
+        """Return the path between two places of the edge, which may lie beyond its ends."""
         start, stop = self._along(from_mm), self._along(to_mm)
-        whole = self._path.length
+        return self._between(number, piece, start, self._parts(start, stop))
+
+    def whole(self, number: int, back: bool) -> Stretch:
+        """Return all of the path, of a pass that goes against the first one's direction or not."""
+        rows = np.asarray(shapely.get_coordinates(self._path))
+        if self.leg.surfaces is not None:
+            rows = np.concatenate([rows, self.leg.surfaces[1].slope], axis=1)
+        way = self._between(number, "profile", 0.0, rows)
+        own = len(self.leg.outline.approach_mm)  # a wait on the way from the pass before comes before this one
+        waits = tuple((0, seconds) for i, seconds in self.leg.outline.dwells if i < own and number > 1)
+        return replace(way, reversed=back, dwells=(*waits, *way.dwells))
+
+    def _between(self, number: int, piece: Piece, start_mm: float, rows: NDArray[np.float64]) -> Stretch:
+        """Return a stretch of points, and slopes where the wire leans, which begins at a length of the path."""
+        passed = start_mm + arc_lengths(rows[:, :2])
+        waits = [(at, seconds) for at, seconds in dwells_along(self.leg) if passed[0] <= at <= passed[-1]]
+        dwells: tuple[tuple[int, float], ...] = ()
+        if waits:
+            every = np.union1d(passed, [at for at, _ in waits])
+            rows = np.column_stack([np.interp(every, passed, column) for column in rows.T])
+            dwells = tuple((int(np.searchsorted(every, at)), seconds) for at, seconds in waits)
+        tilt = None
+        if self.leg.surfaces is not None and self.leg.guides is not None:
+            tilt = Tilt(rows[:, 2:], self.leg.surfaces[0], self.leg.guides)
+        return Stretch(number, piece, rows[:, :2], self.leg.offset_mm, False, tilt=tilt, dwells=dwells)
+
+    def _parts(self, start: float, stop: float) -> NDArray[np.float64]:
+        """Return the points (n, 2) between two lengths of the path, with slopes (n, 4) where the wire leans."""
         if not self._closed:
-            return np.asarray(shapely.get_coordinates(substring(self._path, start, stop)), np.float64)
-        pieces = [
-            shapely.get_coordinates(substring(self._path, max(start - turn, 0.0), min(stop - turn, whole)))
+            return self._part(start, stop)
+        whole = self._path.length
+        rows = np.concatenate([
+            self._part(max(start - turn, 0.0), min(stop - turn, whole))
             for turn in np.arange(math.floor(start / whole), math.ceil(stop / whole)) * whole
-        ]
-        points = np.concatenate(pieces)
-        fresh = np.append(True, (np.diff(points, axis=0) != 0).any(axis=1))
-        return np.asarray(points[fresh])
+        ])
+        fresh = np.append(True, (np.diff(rows, axis=0) != 0).any(axis=1))
+        return np.asarray(rows[fresh])
+
+    def _part(self, start: float, stop: float) -> NDArray[np.float64]:
+        if self.leg.surfaces is None:
+            return np.asarray(shapely.get_coordinates(substring(self._path, start, stop)), np.float64)
+        points = shapely.get_coordinates(self._path)
+        passed, rows = arc_lengths(points), np.concatenate([points, self.leg.surfaces[1].slope], axis=1)
+        ends = [[np.interp(at, passed, column) for column in rows.T] for at in (start, stop)]
+        inner = (passed > start) & (passed < stop)
+        return np.concatenate([ends[:1], rows[inner], ends[1:]])
 
     def _along(self, place_mm: float) -> float:
         turns, rest = divmod(place_mm, self.length) if self._closed else (0.0, place_mm)
         if rest == 0.0 or (not self._closed and rest >= self.length):
             return float(turns * self._path.length if rest == 0.0 else self._path.length)
-        return float(turns * self._path.length) + float(self._path.project(self._edge.interpolate(rest)))
+        return float(turns * self._path.length) + float(self._path.project(self.edge.interpolate(rest)))
 
 
 def grouped(outlines: Sequence[Outline]) -> list[list[Outline]]:
@@ -283,13 +402,13 @@ def runs_back(one: Outline, other: Outline) -> bool:
     return bool(np.hypot(*(start - one.points_mm[0])) > np.hypot(*(start - one.points_mm[-1])))
 
 
-def ways_of_group(legs: Sequence[OffsetOutline]) -> list[Way]:
+def ways_of_group(legs: Sequence[OffsetOutline]) -> list[Stretch]:
     """Return the ways of a program's passes along one edge, as the program has them."""
     check_offsets([leg.offset_mm for leg in legs], legs[-1].outline.line)
     first = legs[0].outline
     return [
-        Way(
-            number, "profile", leg.path, leg.offset_mm, runs_back(first, leg.outline),
+        replace(
+            _Line(leg).whole(number, runs_back(first, leg.outline)),
             stops_before=number > 1 and legs[number - 2].outline.stops_after,
             frees=first.closed and number == 1,
         )
@@ -297,34 +416,62 @@ def ways_of_group(legs: Sequence[OffsetOutline]) -> list[Way]:
     ]  # fmt: skip
 
 
-def on_grid(ways: Sequence[Way], lead: NDArray[np.float64], grid_um: int) -> tuple[CutPass, ...]:
+def on_grid(
+    ways: Sequence[Stretch], lead: NDArray[np.float64], grid_um: int, waits: Sequence[tuple[int, float]] = ()
+) -> tuple[CutPass, ...]:
     """Join ways to passes in whole um, each beginning where the one before ended, the first at the lead's begin.
 
     Parameters
     ----------
-    ways : sequence of Way
+    ways : sequence of Stretch
     lead : float64 array (k, 2)
         In mm, from the start hole; the first way's begin is not in it.
     grid_um : int
         Points are whole multiples of it.
+    waits : sequence of (int, float)
+        By index into the lead, how long the wire waits there.
     """
     passes: list[CutPass] = []
     before = lead
     for way in ways:
-        points = np.round(np.concatenate([before, way.points]) * 1000 / grid_um).astype(np.int64) * grid_um
-        moves = (np.diff(points, axis=0) != 0).any(axis=1)
+        known = np.concatenate([before, way.points])
+        dwells = (*waits, *((len(before) + i, seconds) for i, seconds in way.dwells))
+        joined = _guided(known, way, len(before), passes[-1] if passes else None, grid_um)
+        every = joined.points_um if joined.lean is None else np.hstack([joined.points_um, joined.lean.upper_um])
+        moves = (np.diff(every, axis=0) != 0).any(axis=1)
+        kept = np.concatenate([[True], moves])
+        place = np.cumsum(kept) - 1
+        lean = joined.lean and replace(
+            joined.lean, upper_um=joined.lean.upper_um[kept], bends_mm=joined.lean.bends_mm[kept]
+        )
         passes.append(
             CutPass(
                 way.number,
                 way.piece,
-                points[np.concatenate([[True], moves])],
-                int(moves[: len(before)].sum()),
+                joined.points_um[kept],
+                int(moves[: len(before) + way.leads].sum()),
                 way.offset_mm * 1000,
                 way.reversed,
                 way.stops_before,
                 way.frees,
                 way.falls,
+                lean,
+                tuple((int(place[i]), seconds) for i, seconds in dwells),
             )
         )
-        before = way.points[-1:]
+        before, waits = way.points[-1:], ()
     return tuple(passes)
+
+
+def _guided(
+    known_mm: NDArray[np.float64], way: Stretch, leads: int, before: CutPass | None, grid_um: int
+) -> Way:
+    """Put a way on the grid behind `leads` points that lead to it: vertical ones, or where the pass before ended."""
+    if way.tilt is None:
+        return Way(np.round(known_mm * 1000 / grid_um).astype(np.int64) * grid_um)
+    slope, wall, guides = way.tilt
+    slope = np.concatenate([np.zeros((leads, 2)), slope])
+    points, upper, bends = guides_beside(known_mm, 0.5 * guides.height_mm, slope, guides, grid_um)
+    if before is not None and before.lean is not None:
+        points[0], upper[0] = before.points_um[-1], before.lean.upper_um[-1]
+    return Way(points, Lean(upper, bends, wall, guides.height_mm))

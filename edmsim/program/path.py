@@ -18,23 +18,24 @@ from edmsim.geometry import arc_lengths
 from edmsim.machine.machine import Machine
 from edmsim.program.dialects import AUTO
 from edmsim.program.lead_in import check_approach, clears, own_lead_in
+from edmsim.program.lean import Lean, Way, guides_beside
 from edmsim.program.limits import check_fits
 from edmsim.program.offset import (
     OffsetOutline,
     away,
+    dwells_along,
     keep_apart,
     leaning_outline,
     located,
     nearest_chords,
-    normal,
     offset_closed,
     offset_open,
     offset_outline,
 )
 from edmsim.program.outline import Corners, Outline, Program, signed_area
-from edmsim.program.passes import CutPass, PassPlan, Way, grouped, on_grid, ways_of, ways_of_group
+from edmsim.program.passes import CutPass, PassPlan, Stretch, grouped, on_grid, ways_of, ways_of_group
 from edmsim.program.registers import GREATEST_MM, in_um
-from edmsim.program.taper import GuideHeights, Ruled, leaning
+from edmsim.program.taper import GuideHeights, leaning
 
 GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
 """File suffixes read as G-code; ``.dxf`` is read as a drawing."""
@@ -116,33 +117,6 @@ STOCK_MARGIN_MM = 3.0
 
 
 @dataclass(frozen=True)
-class Lean:
-    """How a wire leans along a contour.
-
-    Attributes
-    ----------
-    upper_um : int64 array (n, 2)
-        For each point of the path where the upper guide is, relative to the lower one: axes u and v.
-    bends_mm : float64 array (n, 2)
-        For each point the heights over the workpiece's lower face at which the wire bends, at lower and upper guide.
-    wall : Ruled
-        The part's wall as drawn, in mm on the table.
-    height_mm : float
-        Of the workpiece.
-    """
-
-    upper_um: NDArray[np.int64]
-    bends_mm: NDArray[np.float64]
-    wall: Ruled
-    height_mm: float
-
-    def shares(self, height_mm: float) -> NDArray[np.float64]:
-        """Return by what share (n, 1) of the upper guide's lead the wire is led at a height."""
-        lower, upper = self.bends_mm.T
-        return np.asarray(((height_mm - lower) / (upper - lower))[:, None])
-
-
-@dataclass(frozen=True)
 class WireContour:
     """One cut between threading the wire and cutting it off, in table coordinates.
 
@@ -192,6 +166,16 @@ class WireContour:
     passes: tuple[CutPass, ...] = ()
     continues: bool = False
 
+    @property
+    def way(self) -> Way:
+        """Where the lower guide goes, and how the wire leans; of one in passes, along the last, all round."""
+        return Way(self.points_um, self.lean)
+
+    @property
+    def ways(self) -> tuple[Way, ...]:
+        """The wire's ways one after the other: those of the passes, or the one there is."""
+        return tuple(one.way for one in self.passes) or (self.way,)
+
     def at_height(self, height_mm: float) -> WireContour:
         """Return what a leaning wire and its wall are at a height, as the contour of a vertical wire; in whole um.
 
@@ -201,13 +185,10 @@ class WireContour:
             return self
         own = self.slant[self.lead_in_moves :]
         return replace(
-            self, points_um=self._points_at(height_mm), nominal_mm=self.lean.wall.at(height_mm), lean=None,
+            self, points_um=self.way.at_height(height_mm), nominal_mm=self.lean.wall.at(height_mm), lean=None,
             offset_um=self.offset_um * float(own.max(initial=1.0)),
+            passes=tuple(one.at_height(height_mm) for one in self.passes),
         )
-
-    def _points_at(self, height_mm: float) -> NDArray[np.int64]:
-        led = 0 if self.lean is None else np.round(self.lean.upper_um * self.lean.shares(height_mm)).astype(np.int64)
-        return np.asarray(self.points_um + led)
 
     def at_mid_height(self) -> WireContour:
         """Return the same at half the workpiece's height, where pictures and places of a leaning wire are."""
@@ -216,40 +197,35 @@ class WireContour:
     @property
     def slant(self) -> NDArray[np.float64]:
         """Length of the wall across the path over the workpiece's height, for every move: 1 / cos of its angle."""
-        if self.lean is None:
-            return np.ones(len(self.points_um) - 1)
-        steps = np.diff(self._points_at(0.5 * self.lean.height_mm), axis=0)
-        lower, upper = self.lean.bends_mm.T
-        slope = self.lean.upper_um * 1e-3 / (upper - lower)[:, None]
-        middle, length = (slope[1:] + slope[:-1]) / 2, np.maximum(np.hypot(*steps.T), 1e-9)
-        return np.asarray(np.hypot(1.0, (middle[:, 1] * steps[:, 0] - middle[:, 0] * steps[:, 1]) / length))
+        return self.way.slant
 
     @property
     def along_um(self) -> NDArray[np.float64]:
         """Length of path (n,) up to every point: of a leaning wire the longer of both faces, move by move."""
-        heights = (0.0,) if self.lean is None else (0.0, self.lean.height_mm)
-        ways = [np.hypot(*np.diff(self._points_at(z), axis=0).T) for z in heights]
-        if self.lean is not None:  # a move of the guides alone takes time as well
-            ways.append(1e-3 * np.hypot(*np.diff(self.lean.upper_um, axis=0).T))
-        return np.concatenate([[0.0], np.cumsum(np.max(ways, axis=0))])
+        return self.way.along_um
 
     @property
     def ways_um(self) -> tuple[NDArray[np.int64], ...]:
-        """The wire's ways (n, 2) one after the other: those of the passes, or the one there is."""
-        return tuple(one.points_um for one in self.passes) or (self.points_um,)
+        """The lower guide's ways (n, 2) one after the other."""
+        return tuple(way.points_um for way in self.ways)
 
     @property
     def reach_um(self) -> tuple[NDArray[np.int64], ...]:
         """Its ways, and of a leaning wire those on both faces as well: what must fit on the table."""
         faces = () if self.lean is None else (0.0, self.lean.height_mm)
-        return (*self.ways_um, *(self.at_height(z).points_um for z in faces))
+        return (*self.ways_um, *(way.at_height(z) for z in faces for way in self.ways))
 
     @property
     def length_um(self) -> float:
         """Length of all ways together."""
         if self.lean is not None:
-            return float(self.along_um[-1])
+            return sum(float(way.along_um[-1]) for way in self.ways)
         return sum(float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in self.ways_um)
+
+    @property
+    def waiting_s(self) -> float:
+        """How long it dwells in all."""
+        return sum(seconds for part in (self.passes or (self,)) for _, seconds in part.dwells)
 
     def __repr__(self) -> str:
         """Say what it is in a line."""
@@ -319,6 +295,11 @@ class CutPath:
         return max([1, *(one.number for contour in self.contours for one in contour.passes)])
 
     @property
+    def leans(self) -> bool:
+        """Whether the wire leans on some contour."""
+        return any(contour.lean is not None for contour in self.contours)
+
+    @property
     def offset_um(self) -> float | None:
         """The offset of the contours; None if they have different ones."""
         first, *others = {contour.offset_um for contour in self.contours}
@@ -356,7 +337,7 @@ def plan_path(
     upper_layer: str | None = None,
     taper_deg: float = 0.0,
     corners: Corners = "conical",
-    guides: GuideHeights | None = None,
+    guides: Sequence[GuideHeights | None] = (),
     dialect: str = AUTO,
     conditions: str | Path | None = None,
     passes: PassPlan | None = None,
@@ -395,8 +376,9 @@ def plan_path(
         positive, than below.
     corners : {"conical", "sharp", "cylindrical", "rounded"}
         What corners and arcs then become at other heights, see `edmsim.program.outline.Taper`.
-    guides : GuideHeights, optional
-        Where the wire bends; needed where it leans.
+    guides : sequence of GuideHeights or None
+        Where the wire bends, pass by pass; where there are fewer than passes, the last holds on. Needed where it
+        leans; None: the upper guide does not move.
     passes : PassPlan, optional
         Passes of every contour that the program has once. A program that cuts an edge several times has its own:
         their offsets are those of its registers, or the plan's where it has none.
@@ -432,23 +414,18 @@ def plan_path(
             notices.append(f"the offset is {asked_mm:g} mm, as asked, not the {told} mm of the register")
     groups = grouped(program.outlines)
     legs = [_legs(program, group, passes, asked, auto_offset_mm, guides, notices) for group in groups]
-    leans = guides is not None and any(of_group[0].surfaces is not None for of_group in legs)
-    faces = [
-        [of_group[0].at_height(z) for of_group in legs]
-        for z in ((0.0, guides.height_mm) if leans and guides else (0.0,))
-    ]
+    heights = {of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None}
+    faces = [[of_group[0].at_height(z) for of_group in legs] for z in (0.0, *heights)]
     for face in faces:
         keep_apart(face, program.source)
     edges = shapely.MultiLineString([leg.edge for face in faces for leg in face])
     leads = [_lead(program, of_group[0], edges, lead_in_mm, start_hole_radius_mm, notices) for of_group in legs]
-    if leans:
+    if heights:
         for face in faces:
             for leg, lead in zip(face, leads, strict=True):
                 _check_lead(program, leg, lead)
     contours = [
-        _contour_of(program, of_group, lead, passes, grid_um) if of_group[0].surfaces is None or guides is None
-        else _leaning_contour(of_group[0], lead, grid_um, guides)
-        for of_group, lead in zip(legs, leads, strict=True)
+        _contour_of(program, of_group, lead, passes, grid_um) for of_group, lead in zip(legs, leads, strict=True)
     ]
     shift = _shift_um(contours, table_um, grid_um, program.source)
     placed = tuple(_placed(contour, shift) for contour in contours)
@@ -476,18 +453,17 @@ def _conditions(program: Program, groups: Sequence[Sequence[Outline]]) -> Condit
 
 def _legs(
     program: Program, group: list[Outline], passes: PassPlan | None, asked_mm: float | None, auto_offset_mm: float,
-    guides: GuideHeights | None, notices: list[str],
+    guides: Sequence[GuideHeights | None], notices: list[str],
 ) -> list[OffsetOutline]:
     """Return the edge of a group at the offsets of its passes; what the wire cannot reach is that of the last one."""
     once = len(group) == 1
-    planned = passes is not None and asked_mm is None and (once or len(passes.offsets_mm) == len(group))
+    planned = passes is not None and asked_mm is None and (
+        not passes.of_program if once else len(passes.offsets_mm) == len(group)
+    )
     plan_mm: Sequence[float | None] = passes.offsets_mm if passes is not None and planned else [None] * len(group)
     outlines = group * len(plan_mm) if once else group
     if once and len(plan_mm) > 1 and group[0].wire_side is None:
         reason = f"{group[0].name}: the wire follows it as drawn, and passes run beside an edge: use G41 or G42"
-        raise InputError(reason, program.source, group[0].line)
-    if len(outlines) > 1 and any(outline.taper is not None for outline in outlines):
-        reason = f"{group[0].name} is tapered and has {len(outlines)} passes: a tapered contour is cut in one"
         raise InputError(reason, program.source, group[0].line)
     found = []
     for number, (outline, mm) in enumerate(zip(outlines, plan_mm, strict=True), 1):
@@ -496,9 +472,14 @@ def _legs(
         told: list[str] = []
         found.append(
             offset_outline(program, outline, wanted, told) if outline.taper is None
-            else leaning_outline(program, outline, wanted, guides)
+            else leaning_outline(program, outline, wanted, guides[min(number, len(guides)) - 1] if guides else None)
         )
         notices += told if number == len(outlines) else []
+    if planned and not once and any(outline.offset_mm is None for outline in outlines):
+        notices.append(
+            f"line {group[0].line}: {group[0].name} has passes without offset registers: they take those that belong "
+            f"to their settings, {', '.join(f'{leg.offset_mm:g}' for leg in found)} mm"
+        )
     return found
 
 
@@ -507,32 +488,37 @@ def _contour_of(
 ) -> WireContour:
     """Return the contour of one edge with its passes, if it has several."""
     last = legs[-1]
+    made = _contour if last.surfaces is None else _leaning_contour
     if len(legs) == 1:
-        return replace(_contour(last, lead, grid_um), continues=last.outline.continues)
+        return replace(made(last, lead, grid_um), continues=last.outline.continues)
     try:
         if legs[1].outline is legs[0].outline:
             assert passes is not None
-            ways: list[Way] = ways_of(legs, passes)
+            ways: list[Stretch] = ways_of(legs, passes)
         else:
             ways = ways_of_group(legs)
     except InputError as error:
         raise located(error, program, legs[0].outline) from None
-    first = replace(last, outline=legs[0].outline, path=_as_first(legs))
-    contour = _contour(first, lead, grid_um)
+    contour = made(_as_first(program, legs), lead, grid_um)
     before = lead.points if len(lead.points) else ways[0].points[:1]
+    first = legs[0].outline
+    waits = [(_lead_place(lead, first, i), s) for i, s in first.dwells if i < len(first.approach_mm)]
     return replace(
-        contour, passes=on_grid(ways, before, grid_um), continues=legs[0].outline.continues
+        contour, passes=on_grid(ways, before, grid_um, waits), continues=first.continues
     )
 
 
-def _as_first(legs: list[OffsetOutline]) -> NDArray[np.float64]:
+def _as_first(program: Program, legs: list[OffsetOutline]) -> OffsetOutline:
     """Return the last pass's path in the direction of the first, and from where that begins."""
     first, last = legs[0], legs[-1]
     if last.outline is first.outline:
-        return last.path
+        return last
+    if last.surfaces is not None:
+        return leaning_outline(program, first.outline, last.offset_mm, last.guides)
     beside = offset_closed if first.outline.closed else offset_open
     assert first.outline.wire_side is not None
-    return beside(first.outline.points_mm, first.outline.wire_side, last.offset_mm)
+    path = beside(first.outline.points_mm, first.outline.wire_side, last.offset_mm)
+    return replace(last, outline=first.outline, path=path)
 
 
 def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
@@ -626,20 +612,18 @@ def _check_lead(program: Program, leg: OffsetOutline, lead: _Lead) -> None:
         raise located(InputError(reason), program, leg.outline)
 
 
-def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int, guides: GuideHeights) -> WireContour:
+def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
     """Join lead and the ways of both guides on the grid: vertical on the way, the wire leans on its last move."""
-    outline = leg.outline
+    outline, guides = leg.outline, leg.guides
     assert leg.surfaces is not None
+    assert guides is not None
     wall, wire = leg.surfaces
     if not len(lead.points) and wire.slope[0].any():  # threaded upright, it leans where it stands
         lead = _Lead(wire.lower_mm[:1], (0,))
     count = len(lead.points)
     slope = np.concatenate([np.zeros((count, 2)), wire.slope])
-    bends = guides.bends_mm(slope)
     known = np.concatenate([lead.points, wire.lower_mm])
-    lower, upper = (known + slope * (z - wire.low_mm)[:, None] for z in bends.T)
-    points = np.round(lower * 1000 / grid_um).astype(np.int64) * grid_um
-    leads = np.round((upper - lower) * 1000).astype(np.int64)
+    points, leads, bends = guides_beside(known, wire.low_mm, slope, guides, grid_um)
     moves = (np.diff(np.concatenate([points, leads], axis=1), axis=0) != 0).any(axis=1)
     kept = np.concatenate([[True], moves])
     place = np.cumsum(kept) - 1
@@ -674,29 +658,19 @@ def _elements(leg: OffsetOutline) -> tuple[tuple[int, int], ...]:
 def _with_dwells(leg: OffsetOutline, lead: _Lead) -> tuple[NDArray[np.float64], list[tuple[int, float]]]:
     """Return the path with a point wherever the wire dwells, and the dwells by index into lead and path."""
     path, count = leg.path, len(leg.outline.approach_mm)
-    line = shapely.LineString(path)
-    passed = arc_lengths(path)
-    along = {i: _dwell_place(leg, line, i - count) for i, _ in leg.outline.dwells if i >= count}
-    every = np.union1d(passed, list(along.values()))
+    passed, waits = arc_lengths(path), dwells_along(leg)
+    every = np.union1d(passed, [at for at, _ in waits])
     denser = np.column_stack([np.interp(every, passed, path[:, k]) for k in (0, 1)])
-    stops = []
-    for i, seconds in leg.outline.dwells:
-        if i >= count:
-            stops.append((len(lead.points) + int(np.searchsorted(every, along[i])), seconds))
-        else:
-            stops.append((int(np.hypot(*(lead.points - leg.outline.approach_mm[i]).T).argmin()), seconds))
-    return denser, stops
+    places = iter(len(lead.points) + int(np.searchsorted(every, at)) for at, _ in waits)
+    return denser, [
+        (next(places) if i >= count else _lead_place(lead, leg.outline, i), seconds)
+        for i, seconds in leg.outline.dwells
+    ]
 
 
-def _dwell_place(leg: OffsetOutline, line: shapely.LineString, i: int) -> float:
-    """Return how far along the path the wire has passed vertex `i` of the outline, in mm."""
-    points = leg.outline.points_mm
-    if i == 0 or i == len(points) - 1:
-        return 0.0 if i == 0 else float(line.length)
-    across = np.zeros(2)
-    if leg.outline.wire_side is not None:
-        across = leg.offset_mm * normal(points[i - 1 : i + 1], leg.outline.wire_side)
-    return float(line.project(shapely.Point(points[i] + across)))
+def _lead_place(lead: _Lead, outline: Outline, i: int) -> int:
+    """Return the index of the lead's point that is a point of the program's approach."""
+    return int(np.hypot(*(lead.points - outline.approach_mm[i]).T).argmin())
 
 
 def _shift_um(contours: Sequence[WireContour], table_um: int, grid_um: int, source: str) -> NDArray[np.int64]:
@@ -724,10 +698,10 @@ def _unit_hint(source: str) -> str:
 
 
 def _placed(contour: WireContour, shift: NDArray[np.int64]) -> WireContour:
-    lean = contour.lean and replace(contour.lean, wall=contour.lean.wall.moved(shift / 1000))
     return replace(
-        contour, points_um=contour.points_um + shift, nominal_mm=contour.nominal_mm + shift / 1000, lean=lean,
-        passes=tuple(replace(one, points_um=one.points_um + shift) for one in contour.passes),
+        contour, points_um=contour.points_um + shift, nominal_mm=contour.nominal_mm + shift / 1000,
+        lean=contour.lean and contour.lean.moved(shift / 1000),
+        passes=tuple(one.moved(shift) for one in contour.passes),
     )
 
 

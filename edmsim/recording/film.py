@@ -244,9 +244,9 @@ class Film:
 def _thinned(line: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return about as many points (n, 2) of a line as it has pixels, and the NaN at which it breaks."""
     step = max(1, len(line) // _MOST_POINTS)
-    kept = np.isnan(line[:, 1])
-    kept[::step] = True
-    return line[kept]
+    chosen = np.isnan(line[:, 1])
+    chosen[::step] = True
+    return line[chosen]
 
 
 def rgb01(colours: NDArray[Any]) -> NDArray[np.float64]:
@@ -306,7 +306,7 @@ def check_film(target: Path, seconds: float) -> str:
     """Return a film's kind, `MP4` or `GIF`, after a look at what could go wrong; errors as `render`."""
     kind = target.suffix.lower()
     if kind not in FRAMES_PER_S:
-        raise InputError(f"'{target.suffix}' is no film that can be made: let the file end in {MP4} or {GIF}", target)
+        raise InputError(f"'{target.suffix}' is not a film: let the file end in {MP4} or {GIF}", target)
     if not 0.5 <= seconds <= 600.0:
         raise InputError(f"a film of {seconds:g} s cannot be made: give 0.5 to 600 s")
     if kind == MP4:
@@ -362,9 +362,9 @@ def _write_gif(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[in
         pixels = np.asarray(shown, np.uint8)
         # what is as in the picture before is left transparent: less than half the bytes
         new = pixels if before is None else np.where(pixels == before, _SAME, pixels).astype(np.uint8)
-        kept = Image.fromarray(new)
-        kept.putpalette(colours.getpalette() or [])
-        frames.append(kept)
+        frame = Image.fromarray(new)
+        frame.putpalette(colours.getpalette() or [])
+        frames.append(frame)
         before = pixels
     duration_ms = round(1000 / FRAMES_PER_S[GIF])
     frames[0].save(

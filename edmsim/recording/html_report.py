@@ -38,8 +38,8 @@ def elements_table(elements: Sequence[Mapping[str, Any]]) -> str:
         more = f" The {_MOST} of {len(elements)} with the largest error are shown; report.json has all."
     head = "".join(f"<th>{name}</th>" for name in _COLUMNS)
     rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in _cells(row))}</tr>" for row in shown)
-    told = f"<p>Profile error of each line and arc, without what is out of the round wire's reach.{more}</p>"
-    return f'{told}<div style="overflow-x: auto"><table><tr>{head}</tr>{rows}</table></div>'
+    note = f"<p>Profile error of each line and arc, without what is out of the round wire's reach.{more}</p>"
+    return f'{note}<div style="overflow-x: auto"><table><tr>{head}</tr>{rows}</table></div>'
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:

@@ -290,8 +290,8 @@ def _jsonable(value: Any) -> Any:
 
 def cut_id(report: Mapping[str, Any]) -> str:
     """Return which cut a report is of: a digest of all it says but the computer's time."""
-    told = {name: value for name, value in report.items() if name not in ("wall_time_s", "realtime_factor")}
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+    figures = {name: value for name, value in report.items() if name not in ("wall_time_s", "realtime_factor")}
+    return hashlib.sha256(json.dumps(figures, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def write_json(report: Mapping[str, Any], file: str | Path) -> None:

@@ -274,19 +274,19 @@ def round_factor(values_um: NDArray[np.float64], shown_mm: float) -> float:
     return round_number(max(shown_mm * 1000.0 / large, 1.0))
 
 
-def round_number(wanted: float) -> float:
-    """Return the largest of 1, 2 or 5 times a power of ten that is not above `wanted`, a positive number."""
-    decade = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + 1e-12)))
+def round_number(limit: float) -> float:
+    """Return the largest of 1, 2 or 5 times a power of ten that is not above `limit`, a positive number."""
+    decade = 10.0 ** np.floor(np.log10(limit))
+    return float(max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= limit * (1 + 1e-12)))
 
 
-VERSION = 3
+VERSION = 4
 """Of the file's layout."""
 
 
 def write_scene(scene: Scene, file: str | Path) -> None:
     """Write a scene; a file of that name is replaced whole or not at all."""
-    told = {
+    document = {
         "version": VERSION, "stock_mm": scene.stock_mm, "height_mm": scene.height_mm,
         "guides_z_mm": scene.guides_z_mm, "wire_diameter_um": scene.wire_diameter_um, "stop_mm": scene.stop_mm,
         "origin_mm": scene.origin_mm,
@@ -312,7 +312,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
             for number, edge in enumerate(scene.maps)
             if edge.face_um is not None
         },
-        "told": np.frombuffer(json.dumps(told).encode(), np.uint8),
+        "fields": np.frombuffer(json.dumps(document).encode(), np.uint8),
     }
     with replacing(file) as partial, partial.open("wb") as opened:
         np.savez_compressed(opened, allow_pickle=False, **arrays)
@@ -334,17 +334,17 @@ def read_scene(file: str | Path) -> Scene:
     """
     try:
         arrays = read_arrays(Path(file).read_bytes())
-        told = json.loads(arrays["told"].tobytes())
-        if told["version"] != VERSION:
-            raise InputError(f"written in layout {told['version']}, layout {VERSION} is needed: cut again", file)
-        return _scene(arrays, told)
+        document = json.loads(arrays["fields"].tobytes())
+        if document["version"] != VERSION:
+            raise InputError(f"written in layout {document['version']}, layout {VERSION} is needed: cut again", file)
+        return _scene(arrays, document)
     except FileNotFoundError:
         raise InputError("no such file, a part.npz written by a cut is needed", file) from None
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise InputError(f"damaged, a part.npz written by a cut is needed ({error})", file) from None
 
 
-def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene:
+def _scene(arrays: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Scene:
     measured = [lines[0] for lines in _groups(arrays, "measured")]
     nominal = [lines[0] for lines in _groups(arrays, "nominal")]
     return Scene(
@@ -353,23 +353,23 @@ def _scene(arrays: Mapping[str, NDArray[Any]], told: Mapping[str, Any]) -> Scene
                 line, side, rows[:, :2], rows[:, 2], rows[:, 3:].T if np.isfinite(rows[:, 3:]).any() else None,
                 arrays.get(f"unreachable.{number}"), arrays.get(f"face.{number}"),  # earlier files have none
             )
-            for number, (line, side, rows) in enumerate(zip(nominal, told["part_sides"], measured, strict=True))
+            for number, (line, side, rows) in enumerate(zip(nominal, document["part_sides"], measured, strict=True))
         ),
         cut_edges_mm=_groups(arrays, "edges"),
         corners=tuple(SceneCorner(*(float(v) for v in row)) for row in arrays["corners"]),
         starts_mm=arrays["starts_mm"],
-        stock_mm=tuple(told["stock_mm"]),
-        height_mm=told["height_mm"],
-        guides_z_mm=tuple(told["guides_z_mm"]),
-        wire_diameter_um=told["wire_diameter_um"],
-        stop_mm=None if told["stop_mm"] is None else tuple(told["stop_mm"]),
+        stock_mm=tuple(document["stock_mm"]),
+        height_mm=document["height_mm"],
+        guides_z_mm=tuple(document["guides_z_mm"]),
+        wire_diameter_um=document["wire_diameter_um"],
+        stop_mm=None if document["stop_mm"] is None else tuple(document["stop_mm"]),
         terraces=tuple(
             Terrace(lines, height)
-            for lines, height in zip(_groups(arrays, "terraces"), told["terrace_heights_mm"], strict=True)
+            for lines, height in zip(_groups(arrays, "terraces"), document["terrace_heights_mm"], strict=True)
         ),
         holes_mm=arrays["holes_mm"].reshape(-1, 3),
-        cut=told.get("cut"),
-        origin_mm=None if told.get("origin_mm") is None else tuple(told["origin_mm"]),  # earlier files have none
+        cut=document.get("cut"),
+        origin_mm=None if document["origin_mm"] is None else tuple(document["origin_mm"]),
         lead=arrays["lead"] if len(arrays.get("lead", ())) else None,
         walls_mm=_groups(arrays, "walls") if "walls.points" in arrays else (),
     )

@@ -50,7 +50,7 @@ class Thinned:
         self._rows = np.zeros(capacity, kind)
         self._bytes = bytes_of(self._rows)
         self.stride = 1
-        self._seen = self._used = 0
+        self._offered = self._used = 0
 
     def __len__(self) -> int:
         """Return the number of rows kept."""
@@ -59,11 +59,11 @@ class Thinned:
     @property
     def wants_next(self) -> bool:
         """Whether the next row's turn has come; if not, it may as well be passed over with `skip`."""
-        return self._seen % self.stride == 0
+        return self._offered % self.stride == 0
 
     def skip(self) -> None:
         """Let a row pass whose turn has not come."""
-        self._seen += 1
+        self._offered += 1
 
     def offer(self, row: Bytes) -> None:
         """Show one row, its bytes; it is kept if its turn has come."""
@@ -72,12 +72,12 @@ class Thinned:
         if self.wants_next:
             self._bytes[self._used] = row
             self._used += 1
-        self._seen += 1
+        self._offered += 1
 
     def _halve(self) -> None:
-        kept = self._bytes[: self._used : 2].copy()
-        self._used = len(kept)
-        self._bytes[: self._used] = kept
+        rows = self._bytes[: self._used : 2].copy()
+        self._used = len(rows)
+        self._bytes[: self._used] = rows
         self.stride *= 2
 
     @property
@@ -87,7 +87,7 @@ class Thinned:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that changes, as arrays; a copy."""
-        return {"rows": self.rows.copy(), "progress": np.array([self._seen, self.stride])}
+        return {"rows": self.rows.copy(), "progress": np.array([self._offered, self.stride])}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Continue where `snapshot` was taken.
@@ -105,7 +105,7 @@ class Thinned:
             )
         self._used = len(rows)
         self._rows[: self._used] = rows
-        self._seen, self.stride = (int(v) for v in state["progress"])
+        self._offered, self.stride = (int(v) for v in state["progress"])
 
 
 class Frames(Observer):
@@ -134,26 +134,26 @@ class Frames(Observer):
             ("coverage", "f4", (n_slices,)),
         ]  # fmt: skip
         self._row: NDArray[np.void] = np.zeros(1, np.dtype(kind))
-        self._kept = Thinned(self._row.dtype, capacity)
+        self._thinned = Thinned(self._row.dtype, capacity)
 
     def __len__(self) -> int:
         """Return the number of frames kept."""
-        return len(self._kept)
+        return len(self._thinned)
 
     @property
     def stride(self) -> int:
         """Windows from one kept frame to the next."""
-        return self._kept.stride
+        return self._thinned.stride
 
     def window(self, turn: Turn, plant: PlantView) -> None:
         """See a window; it is kept if its turn has come."""
-        if self._kept.wants_next:
+        if self._thinned.wants_next:
             x_um, y_um = plant.commanded_um
             self.offer(
                 turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um(), plant.coverage()
             )  # fmt: skip
         else:
-            self._kept.skip()
+            self._thinned.skip()
 
     def offer(
         self, t_s: float, x_um: float, y_um: float, path_um: float, deflection_um: NDArray[np.float64],
@@ -177,40 +177,40 @@ class Frames(Observer):
         row = self._row[0]
         row["t_s"], row["guides_um"], row["path_um"], row["deflection_um"] = t_s, (x_um, y_um), path_um, deflection_um
         row["coverage"] = coverage
-        self._kept.offer(bytes_of(self._row)[0])
+        self._thinned.offer(bytes_of(self._row)[0])
 
     @property
     def t_s(self) -> NDArray[np.float64]:
         """Machine time of every frame in s, shape (n,)."""
-        return np.asarray(self._kept.rows["t_s"])
+        return np.asarray(self._thinned.rows["t_s"])
 
     @property
     def guides_um(self) -> NDArray[np.float64]:
         """Wire guides on the table in um, shape (n, 2)."""
-        return np.asarray(self._kept.rows["guides_um"])
+        return np.asarray(self._thinned.rows["guides_um"])
 
     @property
     def path_um(self) -> NDArray[np.float64]:
         """Place along the wire path in um, shape (n,)."""
-        return np.asarray(self._kept.rows["path_um"])
+        return np.asarray(self._thinned.rows["path_um"])
 
     @property
     def deflection_um(self) -> NDArray[np.float64]:
         """Wire minus guides in um, shape (n, n_slices, 2)."""
-        return np.asarray(self._kept.rows["deflection_um"])
+        return np.asarray(self._thinned.rows["deflection_um"])
 
     @property
     def coverage(self) -> NDArray[np.float32]:
         """Share of the wire's front that gas covers, shape (n, n_slices)."""
-        return np.asarray(self._kept.rows["coverage"])
+        return np.asarray(self._thinned.rows["coverage"])
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that changes, as arrays; a copy."""
-        return self._kept.snapshot()
+        return self._thinned.snapshot()
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take back a `snapshot`; refuses one of another number of slices, or that holds more frames than fit."""
-        self._kept.restore(state)
+        self._thinned.restore(state)
 
 
 PULSES = 96
@@ -273,29 +273,29 @@ class Blocks:
         self._lengths: list[int] = []
         self._spacing = 2 * AROUND + 1
         self._free_from = 0
-        self._wanted = 0
+        self._rows_left = 0
 
     def offer(self, number: int, row: Bytes, before: Bytes, happened: bool) -> None:
         """Show row `number`, its bytes; `before` are the rows before it, `happened` says whether it has an event."""
-        if self._wanted > 0:
+        if self._rows_left > 0:
             self._add(row)
-            self._wanted -= 1
+            self._rows_left -= 1
         elif happened and number >= self._free_from:
             if len(self._lengths) == BLOCKS:
                 self._halve()
             self._lengths.append(len(before))
             self._bytes[len(self._lengths) - 1, : len(before)] = before
             self._add(row)
-            self._wanted, self._free_from = AROUND, number + self._spacing
+            self._rows_left, self._free_from = AROUND, number + self._spacing
 
     def _add(self, row: Bytes) -> None:
         self._bytes[len(self._lengths) - 1, self._lengths[-1]] = row
         self._lengths[-1] += 1
 
     def _halve(self) -> None:
-        kept = self._bytes[::2].copy()
+        rows = self._bytes[::2].copy()
         self._lengths = self._lengths[::2]
-        self._bytes[: len(kept)] = kept
+        self._bytes[: len(rows)] = rows
         self._spacing *= 2
 
     @property
@@ -305,12 +305,12 @@ class Blocks:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return a copy of the rows, and how they lie in blocks."""
-        progress = [self._spacing, self._free_from, self._wanted, *self._lengths]
+        progress = [self._spacing, self._free_from, self._rows_left, *self._lengths]
         return {"rows": self.rows, "progress": np.array(progress)}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Take back a `snapshot`."""
-        self._spacing, self._free_from, self._wanted, *self._lengths = (int(v) for v in state["progress"])
+        self._spacing, self._free_from, self._rows_left, *self._lengths = (int(v) for v in state["progress"])
         rows, at = state["rows"], 0
         for i, length in enumerate(self._lengths):
             self._rows[i, :length] = rows[at : at + length]
@@ -333,7 +333,7 @@ class Closeups(Observer):
     def __init__(self, slices: int, rays: int, slice_index: int) -> None:
         kind = row_type(slices, rays)
         self.slice_index = slice_index
-        self._seen = 0
+        self._windows = 0
         self._last = np.zeros(AROUND + 1, kind)
         self._bytes = bytes_of(self._last)
         self._pulses_at = int(kind.fields["pulses"][1]) if kind.fields is not None else 0
@@ -370,29 +370,29 @@ class Closeups(Observer):
     @property
     def row(self) -> np.void:
         """The row to fill with the window just over, before it is `keep`-ed."""
-        row: np.void = self._last[self._seen % len(self._last)]
+        row: np.void = self._last[self._windows % len(self._last)]
         return row
 
     def _fill_pulses(self, pulses: NDArray[np.void]) -> None:
         """Fill the last pulses of the window just over (rows of `PULSE`) into `row`."""
         last = pulses[-PULSES:]
-        at, begin = self._seen % len(self._last), self._pulses_at
+        at, begin = self._windows % len(self._last), self._pulses_at
         self._bytes[at, begin : begin + last.nbytes] = last.view(np.uint8)
         self._last[at]["count"] = len(last)
 
     def keep(self, event: int = NOTHING) -> None:
         """Take the filled `row` in; `event` is what happened in its window."""
-        at = self._seen % len(self._last)
+        at = self._windows % len(self._last)
         row = self._bytes[at]
         self._run.offer(row)
         before = self._before(at) if event != NOTHING else self._bytes[:0]
         for kind, blocks in self._blocks.items():
-            blocks.offer(self._seen, row, before, kind == event)
-        self._seen += 1
+            blocks.offer(self._windows, row, before, kind == event)
+        self._windows += 1
 
     def _before(self, at: int) -> Bytes:
         """Return the rows before the one at a place of the ring, oldest first."""
-        older = self._bytes[at + 1 :] if self._seen >= len(self._last) else self._bytes[:0]
+        older = self._bytes[at + 1 :] if self._windows >= len(self._last) else self._bytes[:0]
         return np.concatenate([older, self._bytes[:at]])
 
     @property
@@ -410,7 +410,7 @@ class Closeups(Observer):
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that changes, as arrays; a copy."""
         stores = {f"{name}.{k}": v for name, store in self._stores().items() for k, v in store.snapshot().items()}
-        progress = {"seen": np.array([self._seen, self._turns_passed]), "feed_um_s": np.array(self._feed_um_s)}
+        progress = {"seen": np.array([self._windows, self._turns_passed]), "feed_um_s": np.array(self._feed_um_s)}
         return {"last": self._last.copy(), **progress, **stores}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
@@ -424,7 +424,7 @@ class Closeups(Observer):
         if state["last"].dtype != self._last.dtype:
             raise ValueError(f"close-ups of type {state['last'].dtype} do not fit {self._last.dtype}")
         self._last[:] = state["last"]
-        self._seen, self._turns_passed = (int(v) for v in state["seen"])
+        self._windows, self._turns_passed = (int(v) for v in state["seen"])
         self._feed_um_s = float(state["feed_um_s"])
         for name, store in self._stores().items():
             store.restore({key: state[f"{name}.{key}"] for key in ("rows", "progress")})

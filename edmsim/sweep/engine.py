@@ -186,7 +186,7 @@ class Cluster:
     """
 
     def __init__(self, address: str = "auto") -> None:
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anyone without being asked
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics unless the user asks
         # Ray will change who hides the GPUs; runs use none
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         try:

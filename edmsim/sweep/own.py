@@ -53,11 +53,11 @@ class Spread(NamedTuple):
     high: float
 
     @classmethod
-    def of(cls, worth: TrialResult) -> Spread:
+    def of(cls, result: TrialResult) -> Spread:
         """Return that of a trial."""
-        returns = np.asarray(worth.returns)
+        returns = np.asarray(result.returns)
         low, high = np.quantile(returns, (0.1, 0.9)).tolist()
-        return cls(worth.value, float(returns.mean()), low, high)
+        return cls(result.value, float(returns.mean()), low, high)
 
     def __str__(self) -> str:
         """Return it in words."""
@@ -123,11 +123,11 @@ def tune_own(
     InputError
         The file has no such controller, it says not what to search, or an argument cannot be used.
     """
-    given = named(own)
-    if given is None or not given.name:
+    own_class = named(own)
+    if own_class is None or not own_class.name:
         raise InputError(f"'{own}' names no controller of your own: give FILE.py:CLASS")
-    text = f"{Path(given.file).absolute()}:{given.name}"
-    law = from_file(given, {})
+    text = f"{Path(own_class.file).absolute()}:{own_class.name}"
+    law = from_file(own_class, {})
     space = bounds_of(own)
     if trials < 1:
         raise InputError(f"{trials} trials find nothing: give 1 or more")
@@ -138,7 +138,7 @@ def tune_own(
     Task(OWN_ENV, **options)  # refused here, in one line, and not in every trial
     folder = Path(out)
     make_writable(folder)
-    study = open_study(folder, f"own {given.name}", seed)
+    study = open_study(folder, f"own {own_class.name}", seed)
     if not study.trials:
         study.enqueue_trial({name: min(max(_in_use(law, name), b.low), b.high) for name, b in space.items()})
     machines = engine or Processes()
@@ -148,7 +148,7 @@ def tune_own(
         judged_by = training_seeds(first_of_trials + max(number, 0) * seeds, seeds)
         return Trial(number, "own", text, values, tuple(judged_by), options=options)
 
-    def ended(trial: Trial, worth: TrialResult) -> None:
+    def ended(trial: Trial, result: TrialResult) -> None:
         if watch is not None and made_in(study, "COMPLETE"):
             watch(made_in(study), float(study.best_value))
 
@@ -158,7 +158,7 @@ def tune_own(
     chosen = max(spreads, key=lambda number: spreads[number][1].worst)
     values, spread = spreads[chosen]
     found = TunedOwn(values, spread, spreads[-1][1], made_in(study), made_in(study, "FAIL"), len(fresh), spreads)
-    what = f"{given.name}, {spread} on {len(fresh)} drawn machines; in use before: {found.first_spread}"
+    what = f"{own_class.name}, {spread} on {len(fresh)} drawn machines; in use before: {found.first_spread}"
     write_found(folder, what, spread.worst, fresh, "parameters", values, {})
     return found
 
@@ -171,19 +171,19 @@ def bounds_of(own: str) -> dict[str, Bound]:
     InputError
         It says nothing, or something else than parameters with their bounds.
     """
-    given = named(own)
-    assert given is not None
-    kind = vars(run(given.file))[given.name]
+    own_class = named(own)
+    assert own_class is not None
+    kind = vars(run(own_class.file))[own_class.name]
     declared = getattr(kind, "BOUNDS", None)
     if not isinstance(declared, Mapping) or not declared:
-        raise InputError(f"{given.name} does not say what is searched: give it {_RULE}", given.file)
+        raise InputError(f"{own_class.name} does not say what is searched: give it {_RULE}", own_class.file)
     known = inspect.signature(kind).parameters
     found = {}
     for name, ends in declared.items():
         if name not in known:
             has = ", ".join(known)
-            raise InputError(f"BOUNDS of {given.name} name {name!r}; its parameters are {has}", given.file)
-        found[name] = _bound(name, ends, given.file)
+            raise InputError(f"BOUNDS of {own_class.name} name {name!r}; its parameters are {has}", own_class.file)
+        found[name] = _bound(name, ends, own_class.file)
     return found
 
 
@@ -217,8 +217,8 @@ def _judged_again(
     """Return values and spread of trials by number, on machines that they were not chosen by."""
     found = {}
     for trial, answer in engine.done(judge_trial, iter([replace(trial, seeds=fresh) for trial in trials])):
-        worth = TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
-        if worth.error is not None:
-            raise InputError(f"the settings of trial {trial.number} could not be tried again: {worth.error}")
-        found[trial.number] = dict(trial.values), Spread.of(worth)
+        result = TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
+        if result.error is not None:
+            raise InputError(f"the settings of trial {trial.number} could not be tried again: {result.error}")
+        found[trial.number] = dict(trial.values), Spread.of(result)
     return found

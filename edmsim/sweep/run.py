@@ -5,7 +5,7 @@ All combinations are looked at before the first run: what no cut can be made wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +15,8 @@ from edmsim.job.cut import planned, prepared
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose
+from edmsim.machine.setting import guide_bends
+from edmsim.program.outline import Program
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath
 from edmsim.sweep.engine import Engine, LostJob, Processes
@@ -91,20 +93,25 @@ def _said(value: Any) -> str:
 class _Planner:
     """Plans paths, each once: most settings of a cut do not change its path."""
 
-    _OPTIONS = "planner", "offset", "ignore", "layers", "unit", "offsets", "dialect", "conditions"
+    _OPTIONS = (
+        "planner", "offset", "ignore", "layers", "unit", "offsets", "dialect", "conditions", "upper_layer",
+        "taper_deg", "taper_corners", "guide_errors_mm",
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], CutPath | EdmsimError] = {}
 
     def __call__(
-        self, program: str | Path, settings: CutSettings, machine: Machine, passes: PassPlan | None = None
+        self, program: str | Path | Program, settings: CutSettings, machines: Sequence[Machine],
+        passes: PassPlan | None = None,
     ) -> CutPath:
         options: Mapping[str, Any] = dict(settings)
-        key = (str(program), machine.auto_offset_mm, machine.base.table.model_dump_json(), passes,
+        bends = tuple((one.height_mm, *guide_bends(one)) for one in machines)
+        key = (str(program), machines[0].auto_offset_mm, machines[0].base.table.model_dump_json(), passes, bends,
                *(options[name] for name in self._OPTIONS))  # fmt: skip
         if key not in self._known:
             try:
-                self._known[key] = planned(program, settings, machine, passes)
+                self._known[key] = planned(program, settings, machines, passes)
             except EdmsimError as error:
                 self._known[key] = error
         found = self._known[key]

@@ -18,12 +18,10 @@ from edmsim.controllers import from_text
 from edmsim.errors import InputError, one_of
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
+from edmsim.machine.options import USUAL_MACHINE, bare_name
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
 from edmsim.sweep.specification import SobolSample, Specification
-
-UNITS = "_mm", "_us", "_V", "_A", "_ohm", "_m_s", "_Pa", "_s"
-"""Ends of names that may be left out, as the options of the command line do: ``height`` for ``height_mm``."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ def runs_of(specification: Specification) -> Iterator[SweepRun]:
     Raises
     ------
     InputError
-        A name that is no option, or a value that no run can be made with.
+        A name that is not an option, or a value that no run can be made with.
     """
     spec = specification
     for task, bounds in combinations(spec):
@@ -109,10 +107,10 @@ def sobol_points(sobol: SobolSample, spec: Specification, chosen: Mapping[str, A
 def _published(name: str, chosen: Mapping[str, Any]) -> tuple[float, float]:
     """Return the range of a constant of the machine that is cut on."""
     parts = {part: chosen[part] for part in ("material", "wire") if part in chosen}
-    known = Machine.load(chosen.get("machine", "agiecut-dem15"), **parts).uncertain()
+    known = Machine.load(chosen.get("machine", USUAL_MACHINE), **parts).uncertain()
     bounds = known[name].range if name in known else None
     if bounds is None:
-        raise InputError(f"'{name}' is no constant with a published range; give one, as [low, high]")
+        raise InputError(f"'{name}' is not a constant with a published range; give one, as [low, high]")
     return bounds
 
 
@@ -125,7 +123,7 @@ def _option(name: str, spec: Specification) -> str:
     plain = name.replace("-", "_")
     if "." in name or spec.environment:
         return name if "." in name else plain
-    found = [option for option in CutSettings.model_fields if option in (plain, *(plain + u for u in UNITS))]
+    found = [option for option in CutSettings.model_fields if plain in (option, bare_name(option))]
     if not found or found[0] == "constants":
         raise InputError(f"a cut has no option '{name}'; there are: {one_of(name, CutSettings.model_fields)}")
     return found[0]

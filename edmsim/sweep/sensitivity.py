@@ -231,7 +231,7 @@ def _best(
 def _chance_does_as_well(
     tables: list[Array], offers: list[list[Term]], values: Array, folds: list[NDArray[np.bool_]], best: _Validated
 ) -> bool:
-    """Say whether a polynomial is as good for the same values in another order: so many terms fit few points."""
+    """Say whether a polynomial fits the same values in another order as well: it has terms enough for few points."""
     rng = np.random.default_rng(1)
     return any(
         _best(tables, offers, rng.permutation(values), folds)[0].error <= best.error for _ in range(SHUFFLES)
@@ -315,7 +315,7 @@ def _folds(points: NDArray[np.intp]) -> list[NDArray[np.bool_]]:
 
 
 class _Path:
-    """Terms taken in one by one, and what they make of cells that were left out."""
+    """Terms taken in one by one, and their error in cells that were left out."""
 
     def __init__(self, columns: Array, values: Array, others: Array, most: int) -> None:
         self.order: list[int] = []
@@ -384,8 +384,8 @@ def _shares_of_terms(
     takes = [{k for k, _ in terms[place]} for place in order]
     shares = list(zip(takes, (parts / whole).tolist(), strict=True))
 
-    def keep_if(wanted: bool, value: float) -> float:
-        return value if wanted else math.nan
+    def keep_if(condition: bool, value: float) -> float:
+        return value if condition else math.nan
 
     return Shares(
         [keep_if(known, sum(s for those, s in shares if those == {k})) for k, known in enumerate(parted)],
@@ -411,7 +411,7 @@ class Effect:
         The same with what it does together with others.
     rank_correlation : float
         Spearman's, over all runs: 1 if the figure only rises with the setting, -1 if it only falls; NaN of a setting
-        that is no number.
+        that is not a number.
     """
 
     first_order: float
@@ -474,9 +474,9 @@ def _shares(factors: list[Factor], values: NDArray[np.float64]) -> Shares:
 
 def _factor(setting: VariedSetting, known: NDArray[np.bool_]) -> Factor:
     """Return the levels of a setting in the runs whose figure is known."""
-    given = [value for value, is_known in zip(setting.values, known, strict=True) if is_known]
-    is_number = not setting.is_name and all(isinstance(value, int | float) for value in given)
-    keep_if = np.array(given, float) if is_number else np.array([str(value) for value in given])
+    known_values = [value for value, is_known in zip(setting.values, known, strict=True) if is_known]
+    is_number = not setting.is_name and all(isinstance(value, int | float) for value in known_values)
+    keep_if = np.array(known_values, float) if is_number else np.array([str(value) for value in known_values])
     kinds, levels = np.unique(keep_if, return_inverse=True)
     return Factor(levels, len(kinds), is_number)
 

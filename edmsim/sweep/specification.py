@@ -86,7 +86,7 @@ def flattened(table: Mapping[str, Any]) -> dict[str, Any]:
 MOST_SEEDS = 10_000_000
 """Seeds that a number may stand for (ours: their list takes some 400 MB; no sweep has cut as often)."""
 MOST_POINTS = 1 << 24
-"""Points of a Sobol sample (ours: so many of ten numbers take a gigabyte)."""
+"""Most points of a Sobol sample (ours: of ten numbers each they take a gigabyte)."""
 Recorded = Literal["report", "windows", "all"]
 """What is kept of each cut: ``report.json``, ``windows.parquet``, or all that ``edmsim cut`` writes."""
 
@@ -132,7 +132,7 @@ class Specification(_Strict):
     program, environment : list of str
         Part programs, or ids of environments (``FILE.py:ID`` for an own one); one kind of both.
     seeds : list of int
-        A number stands for so many: from 0 on for programs, held-back ones for environments, where gains and
+        A number is their count: from 0 on for programs, held-back ones for environments, where gains and
         policies may have been found on others.
     machine_samples : int
         Machines drawn within the ranges of their constants (`Machine.sample`); 0 for the one of the files. The
@@ -151,7 +151,7 @@ class Specification(_Strict):
     Raises
     ------
     InputError
-        What is no specification, in one line.
+        What is not a specification, in one line.
     """
 
     program: list[str] = []
@@ -217,7 +217,7 @@ class Specification(_Strict):
             if names.count(name) > 1:
                 raise InputError(f"{name} is given twice: in one of settings, grid and sobol")
             if name == "seed":
-                raise InputError("seed is no setting of a sweep: give seeds, a number of them or a list")
+                raise InputError("seed is not a setting of a sweep: give seeds, a number of them or a list")
         if self.environment and (self.machine_samples or self.sample_only):
             raise InputError("an environment draws its machines itself (randomise): machine_samples is for programs")
         if self.environment and self.recordings:
@@ -250,7 +250,7 @@ def read_specification(file: str | Path) -> Specification:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read: {error}", file) from None
     except (ValueError, RecursionError) as error:  # numbers of thousands of digits, and brackets within brackets, too
-        raise InputError(f"is no TOML: {error}", file) from None
+        raise InputError(f"is not TOML: {error}", file) from None
     try:
         return Specification.model_validate(data)
     except InputError as error:
@@ -276,7 +276,7 @@ def _first_seeds(count: int, held_back: bool) -> list[int]:
 
 
 def _check_range(name: str, value: Any) -> None:
-    """Raise `InputError` for what is no range of a Sobol sample."""
+    """Raise `InputError` for what is not a range of a Sobol sample."""
     low, high, scale = (*value, "linear")[:3] if isinstance(value, list) and len(value) in (2, 3) else (None,) * 3
     numbers = all(type(end) in (int, float) and abs(end) < 1e300 for end in (low, high))
     if not numbers or scale not in ("linear", "log") or not low < high or (scale == "log" and low <= 0):

@@ -119,8 +119,8 @@ def read_part(file: Path, columns: list[str] | None = None) -> pa.Table:
         missing = {"id", "error"} - set(table.column_names)  # which are decoded only here
     except (pa.ArrowException, OSError, UnicodeError) as error:
         reason = [*str(error).splitlines(), "damaged"][0]
-        told = f"no part of a sweep's results ({reason}): without it its runs are made again"
-        raise InputError(told, file) from None
+        message = f"no part of a sweep's results ({reason}): without it its runs are made again"
+        raise InputError(message, file) from None
     if missing:
         raise InputError(f"no part of a sweep's results: it has no column {min(missing)}", file)
     return table
@@ -136,10 +136,10 @@ def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
             kinds.setdefault(field.name, set()).add(field.type)
     mixed = {name for name, found in kinds.items() if len(found) > 1}
 
-    def told(schema: pa.Schema) -> pa.Schema:
+    def as_text(schema: pa.Schema) -> pa.Schema:
         return pa.schema([field.with_type(pa.string()) if field.name in mixed else field for field in schema])
 
-    return [table.cast(told(table.schema)) for table in tables]
+    return [table.cast(as_text(table.schema)) for table in tables]
 
 
 def journal_rows(folder: Path) -> list[dict[str, Any]]:

@@ -155,11 +155,11 @@ def _training(trial: Trial) -> TrialResult:
     from edmsim.learning.train import train
 
     usual = hyperparameters.load(trial.name, trial.algo)
-    given = usual.model_copy(update={"algorithm": {**usual.algorithm, **trial.values}})
+    changed = usual.model_copy(update={"algorithm": {**usual.algorithm, **trial.values}})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         trained = train(
-            trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], parameters=given
+            trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], parameters=changed
         )
         command = f"edmsim tune {trial.name} --algo {trial.algo}, trial {trial.number}"
         value = judge_policy(trained, command, folder, trial.seeds)
@@ -253,9 +253,9 @@ def tune(
     def made(number: int, values: dict[str, float]) -> Trial:
         return Trial(number, kind, env_id, values, judged_by, algo if kind == "training" else "", windows)
 
-    def ended(trial: Trial, worth: TrialResult) -> None:
-        if worth.error is None and study.best_trial.number == trial.number:
-            _write_best(folder, trial, worth)
+    def ended(trial: Trial, result: TrialResult) -> None:
+        if result.error is None and study.best_trial.number == trial.number:
+            _write_best(folder, trial, result)
         if watch is not None and made_in(study, "COMPLETE"):
             watch(_found(study))
 
@@ -288,17 +288,17 @@ def run_study(
     """
     under_way: dict[int, Any] = {}
 
-    def asked() -> Iterator[Trial]:
+    def new_trials() -> Iterator[Trial]:
         while made_in(study) + len(under_way) < trials:
             trial = study.ask()
             under_way[trial.number] = trial
             yield make_trial(trial.number, {key: _suggested(trial, key, bound) for key, bound in space.items()})
 
     try:
-        for trial, answer in engine.done(judge_trial, asked()):
-            worth = TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
-            _tell(study, under_way.pop(trial.number), worth)
-            ended(trial, worth)
+        for trial, answer in engine.done(judge_trial, new_trials()):
+            result = TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
+            _tell(study, under_way.pop(trial.number), result)
+            ended(trial, result)
     finally:
         for left in under_way.values():
             study.tell(left, state=_states().FAIL)
@@ -362,11 +362,11 @@ def made_in(study: Any, *states: str) -> int:
     return sum(trial.state.name in (states or ("COMPLETE", "FAIL")) for trial in study.get_trials(deepcopy=False))
 
 
-def _tell(study: Any, trial: Any, worth: TrialResult) -> None:
-    if worth.error is None:
-        study.tell(trial, worth.value)
+def _tell(study: Any, trial: Any, result: TrialResult) -> None:
+    if result.error is None:
+        study.tell(trial, result.value)
     else:
-        trial.set_user_attr("error", worth.error)
+        trial.set_user_attr("error", result.error)
         study.tell(trial, state=_states().FAIL)
 
 
@@ -377,11 +377,11 @@ def _found(study: Any) -> Tuned:
     return Tuned(values, float(best.value), first_value, made_in(study), made_in(study, "FAIL"))
 
 
-def _write_best(folder: Path, trial: Trial, worth: TrialResult) -> None:
+def _write_best(folder: Path, trial: Trial, result: TrialResult) -> None:
     """Write the best values, and of a training the policy."""
     what = f"{trial.algo} on {trial.name}, {trial.steps} windows" if trial.kind == "training" else trial.name
     table = "algorithm" if trial.kind == "training" else "gains"
-    write_found(folder, f"{what}; trial {trial.number}", worth.value, trial.seeds, table, trial.values, worth.files)
+    write_found(folder, f"{what}; trial {trial.number}", result.value, trial.seeds, table, trial.values, result.files)
 
 
 def write_found(

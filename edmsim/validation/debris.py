@@ -22,7 +22,7 @@ from edmsim.validation.ignition import (
     THESIS,
     THESIS_ON_US,
     hole_gap_um,
-    seen_gaps_um,
+    ray_gaps_um,
     thesis_machine,
 )
 from edmsim.validation.rows import Check, Row, mean_and_interval
@@ -68,7 +68,7 @@ COARSE_MJ, COARSE_ON_US = 10.0, 1.4
 SIDE_MM, SIDE_V, SIDE_PA = 5.0, 80.0, 0.2e5
 """Of both: height (ours: fine pulses cut slowly), open voltage, the nominal one of the ignition law, and pressure of
 the nozzles (ours: that of trims, as sheet is flushed)."""
-BEGUN_UM = 10.0
+START_GAP_UM = 10.0
 """Gap of the slot that is there (ours: no wider than what fine pulses leave, or the slot would be measured)."""
 SETTLED_UM, KERF_UM, LONGEST_S = 40.0, 20.0, 600.0
 """Travel until the kerf is that of the pulses, length of kerf that is measured, and machine time for both (ours)."""
@@ -102,7 +102,7 @@ def slot_rig(energy_mJ: float, t_on_us: float) -> Machine:
 
 def side_gap_um(machine: Machine, seed: int) -> float:
     """Cut a slot: half of what its kerf is wider than the wire; NaN if it jams or takes longer than `LONGEST_S`."""
-    plant = begin(machine, seed, gap_um=BEGUN_UM)
+    plant = begin(machine, seed, gap_um=START_GAP_UM)
     traverse = Traverse(plant, from_text(quick_counts(OPEN_SHARE)))
 
     def run_to(x_um: float) -> list[PulseWindow]:
@@ -219,12 +219,12 @@ def counted(gap_um: float, share: float, seed: int) -> float:
     state["debris"][:] = share
     plant.restore(state)
     windows = [plant.advance() for _ in range(LOADED_WINDOWS)]
-    none = max(sum(w.open for w in windows), 1)  # where every pulse finds one, at least so many are there
+    none = max(sum(w.open for w in windows), 1)  # where every pulse finds one, there is at least that number
     found = -math.log(none / sum(w.pulses for w in windows))
-    seen, size_um = seen_gaps_um(plant), mean_size_um(_at_80_V())
+    gaps_um, size_um = ray_gaps_um(plant), mean_size_um(_at_80_V())
     area_um2 = math.pi * machine.wire_diameter_um * machine.height_mm * 1e3
-    per_um3 = share / (math.pi * size_um**3) * np.exp(-(seen - gap.critical_um.value) / size_um)
-    return found / (area_um2 * float(np.mean(seen * per_um3)))
+    per_um3 = share / (math.pi * size_um**3) * np.exp(-(gaps_um - gap.critical_um.value) / size_um)
+    return found / (area_um2 * float(np.mean(gaps_um * per_um3)))
 
 
 def mean_size_um(machine: Machine) -> float:

@@ -56,12 +56,12 @@ def steady_coverage(covers: float) -> float:
     c = constants(Machine.load(), res)
     spans_us = np.arange(GRID + 1)[:, None] * PERIOD_US / GRID
     law = GasLaw(covers / 2 * c.slice_um, 0.0, 0.0, np.exp(-spans_us / np.array([LIFE_US, 1.0])))
-    seen = []
+    values = []
     for _ in range(round(8 * LIFE_US / PERIOD_US)):
         fade(a, law, GRID)
         blow(a, c, law, 0, 0.5, 1.0, GRID // 2, 0.0)
-        seen.append(float(a.steam[0]))
-    return float(np.mean(seen[len(seen) // 2 :]))
+        values.append(float(a.steam[0]))
+    return float(np.mean(values[len(values) // 2 :]))
 
 
 def check_gas_share(seeds: Sequence[int]) -> list[Row]:
@@ -138,12 +138,12 @@ def _let_go(plant: Plant, mode_um: float, pulses: int) -> tuple[Array, Array]:
     state["wire_q"][:], state["wire_v"][:] = 0.0, 0.0
     state["wire_q"][0, 0] = mode_um
     plant.restore(state)
-    seen = []
+    values = []
     for _ in range(pulses):
         state = plant.snapshot()
-        seen.append((state["wire_q"][0, 0], state["wire_v"][0, 0]))
+        values.append((state["wire_q"][0, 0], state["wire_v"][0, 0]))
         plant.advance_pulse()
-    place, speed = np.array(seen).T
+    place, speed = np.array(values).T
     return place, speed
 
 
@@ -199,7 +199,7 @@ def slot_frequency_Hz(machine: Machine) -> float:
 
 
 def check_added_mass(seeds: Sequence[int]) -> list[Row]:
-    """Water that the wire moves in its slot, and what it makes of the first frequency."""
+    """Added mass of the water in the slot, and the first frequency with it."""
     machine = Machine.load()
     wire = wire_setup(machine)
     ratio = 1 + 20.0 / 125.0

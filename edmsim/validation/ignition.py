@@ -55,10 +55,10 @@ def hole_gap_um(machine: Machine, gap_um: float, seed: int) -> float:
     """
     first = in_a_hole(machine, gap_um, seed)
     first.advance()
-    return 2 * gap_um - float(seen_gaps_um(first).mean())
+    return 2 * gap_um - float(ray_gaps_um(first).mean())
 
 
-def seen_gaps_um(plant: Plant) -> Array:
+def ray_gaps_um(plant: Plant) -> Array:
     """Gaps the rays of a plant see, of all slices."""
     return np.asarray(plant.snapshot()["edge_um"], float).ravel()
 
@@ -92,7 +92,7 @@ def delays_us(gap_um: float, seeds: Sequence[int], draws: int = DRAWS) -> tuple[
     for seed in seeds:
         plant = isolated_gap(patient, gap_um, 1000 * seed + round(gap_um))  # draws of their own at every gap
         drawn += [window.mean_delay_us for window in single_discharges(plant, draws)]
-    return np.array(drawn), seen_gaps_um(plant)
+    return np.array(drawn), ray_gaps_um(plant)
 
 
 def median_and_interval(values: Array) -> tuple[float, float]:
@@ -170,8 +170,8 @@ def _regime_rows(delays: dict[float, Array]) -> list[Row]:
     ]
 
 
-def _mixture_row(gap_um: float, delays: Array, seen_um: Array) -> Row:
-    claimed = mixture(delays, seen_um, Machine.load().base.gap)  # uniform, if the delays are what is claimed
+def _mixture_row(gap_um: float, delays: Array, gaps_um: Array) -> Row:
+    claimed = mixture(delays, gaps_um, Machine.load().base.gap)  # uniform, if the delays are what is claimed
     return Row.band(
         "ignition", f"Kolmogorov-Smirnov p of {len(delays)} delays at {gap_um:g} um", "the model's own claim",
         low=0.01, simulated=float(kstest(claimed, "uniform").pvalue), published="Weibull and exponential mixed",

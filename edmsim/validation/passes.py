@@ -141,7 +141,7 @@ class Corner(NamedTuple):
 
 @cache
 def corner(passes: int, seed: int) -> Corner:
-    """Cut an outer corner in so many passes."""
+    """Cut an outer corner in `passes` passes."""
     offsets_mm, setups, approach = _setups(HEIGHT_MM, passes)
     machine, controller = setups[0]
     edge = np.array([[0.0, 0.0], [CORNER_MM, 0.0], [CORNER_MM, -CORNER_MM]])

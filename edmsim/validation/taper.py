@@ -35,9 +35,9 @@ SHORTEST_MM = 0.4
 def _wall(angle_deg: float) -> Program:
     """A wall along x that leans towards the part by an angle, cut from a hole before it."""
     points = np.array([[0.0, 0.0], [LENGTH_MM, 0.0]])
-    beside_mm = -0.17 - max(0.0, -HEIGHT_MM * math.tan(math.radians(angle_deg)))
+    start_y_mm = -0.17 - max(0.0, -HEIGHT_MM * math.tan(math.radians(angle_deg)))
     outline = Outline(
-        points, (0,), False, "right", "left", np.array([[-0.6, beside_mm]]), (0,), 1, needs_lead_in=False,
+        points, (0,), False, "right", "left", np.array([[-0.6, start_y_mm]]), (0,), 1, needs_lead_in=False,
         elements=(1,), taper=Taper((angle_deg,), corners="sharp"),
     )  # fmt: skip
     return Program((outline,), (), "wall")
@@ -50,7 +50,7 @@ def wall_errors_um(
     machine = with_overrides(Machine.load(height_mm=HEIGHT_MM), (("guides.lower_error_mm", guide_error_mm),))
     path = plan_path(
         _wall(angle_deg), "auto" if offset_mm is None else offset_mm, auto_offset_mm=machine.auto_offset_mm,
-        start_hole_radius_mm=0.15, guides=guides_of(machine, (0.0, 0.0)),
+        start_hole_radius_mm=0.15, guides=[guides_of(machine, (0.0, 0.0))],
     )  # fmt: skip
     cut = Simulation(machine, path, make("counts"), planner="exact", seed=seed, resolution="fast")
     cut.run()

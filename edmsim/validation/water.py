@@ -113,15 +113,15 @@ def check_leakage(seeds: Sequence[int]) -> list[Row]:
         "base.dielectric.conductivity_uS_cm": 10.0,
     })
     window = in_a_hole(machine, 20.0, seeds[0], resolution="default").advance()
-    seen_V = window.mean_voltage_V * machine.t_period_us / machine.t_on_us
-    conductance_S = (voltage / seen_V - 1) / supply_ohm
+    measured_V = window.mean_voltage_V * machine.t_period_us / machine.t_on_us
+    conductance_S = (voltage / measured_V - 1) / supply_ohm
     return [
         Row.value(
             "dielectric", "leakage current at 20 um", LEAK, published=47.0, simulated=conductance_S * voltage * 1e3,
             within=0.05, unit="mA",
         ),
         Row.value(
-            "dielectric", "voltage lost in 100 ohm", LEAK, published=4.7, simulated=voltage - seen_V, within=0.1,
+            "dielectric", "voltage lost in 100 ohm", LEAK, published=4.7, simulated=voltage - measured_V, within=0.1,
             unit="V",
         ),
     ]

@@ -56,17 +56,17 @@ def _network(inputs: int, outputs: int) -> nn.Sequential:
 class Agent(nn.Module):
     """Two networks: the mean of the actions, and the value; the noise on actions is learned beside them."""
 
-    def __init__(self, seen: int, actions: int) -> None:
+    def __init__(self, inputs: int, actions: int) -> None:
         super().__init__()
-        self.mean = _network(seen, actions)
-        self.value = _network(seen, 1)
+        self.mean = _network(inputs, actions)
+        self.value = _network(inputs, 1)
         self.log_std = nn.Parameter(torch.full((actions,), -0.5))
         with torch.no_grad():
             self.mean[-1].weight.mul_(0.01)  # the first actions are those around 0
 
-    def chosen(self, seen: torch.Tensor) -> torch.distributions.Normal:
+    def chosen(self, observations: torch.Tensor) -> torch.distributions.Normal:
         """Return the distribution that actions are drawn from."""
-        return torch.distributions.Normal(self.mean(seen), self.log_std.exp())
+        return torch.distributions.Normal(self.mean(observations), self.log_std.exp())
 
 
 def advantages(rewards: np.ndarray, values: np.ndarray, ended: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -83,12 +83,12 @@ def update(agent: Agent, optimiser: torch.optim.Optimizer, rows: tuple[torch.Ten
     """Improve the networks on what was seen: observations, actions, log probabilities, advantages, returns."""
     for _ in range(EPOCHS):
         for chosen in torch.randperm(len(rows[0])).split(BATCH):
-            seen, actions, before, gain, returns = (row[chosen] for row in rows)
-            distribution = agent.chosen(seen)
+            observations, actions, before, gain, returns = (row[chosen] for row in rows)
+            distribution = agent.chosen(observations)
             ratio = (distribution.log_prob(actions).sum(1) - before).exp()
             gain = (gain - gain.mean()) / (gain.std() + 1e-8)
             policy_loss = -torch.min(ratio * gain, ratio.clamp(1 - CLIP, 1 + CLIP) * gain).mean()
-            value_loss = (agent.value(seen).squeeze(1) - returns).square().mean()
+            value_loss = (agent.value(observations).squeeze(1) - returns).square().mean()
             optimiser.zero_grad()
             (policy_loss + 0.5 * value_loss).backward()
             nn.utils.clip_grad_norm_(agent.parameters(), GREATEST_GRADIENT)
@@ -104,31 +104,31 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--steps", type=int, default=204_800, help="decisions, all lanes together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
-    asked = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)  # networks this small only wait for further threads
-    torch.manual_seed(asked.seed)
-    given = {} if asked.decision_s is None else {"decision_s": asked.decision_s}
+    torch.manual_seed(args.seed)
+    options = {} if args.decision_s is None else {"decision_s": args.decision_s}
     envs = gymnasium.make_vec(
-        asked.env, num_envs=LANES, vectorization_mode="vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP,
-        action=asked.action, servo_target_share=[0.0, 0.9], **given,
+        args.env, num_envs=LANES, vectorization_mode="vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP,
+        action=args.action, servo_target_share=[0.0, 0.9], **options,
     )
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])
     optimiser = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)
-    seen_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
-    observation, _ = envs.reset(seed=1000 * asked.seed)  # lanes count on from here: no two trainings share machines
+    inputs_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
+    observation, _ = envs.reset(seed=1000 * args.seed)  # lanes count on from here: no two trainings share machines
     last_twenty: deque[tuple[float, float]] = deque(maxlen=20)
     discounted, episode, cost = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
     curve = [("decisions", "return", "cost")]
-    for done in range(LANES * STEPS, asked.steps + 1, LANES * STEPS):
-        kept: list[tuple] = []
+    for done in range(LANES * STEPS, args.steps + 1, LANES * STEPS):
+        rollout: list[tuple] = []
         over: list[tuple[float, float]] = []
         for _ in range(STEPS):
-            seen_so_far.see(observation)
-            seen = seen_so_far.scaled(observation)
+            inputs_so_far.see(observation)
+            inputs = inputs_so_far.scaled(observation)
             with torch.no_grad():
-                distribution = agent.chosen(seen)
+                distribution = agent.chosen(inputs)
                 action = distribution.sample()
-                kept_now = seen, action, distribution.log_prob(action).sum(1), agent.value(seen).squeeze(1).numpy()
+                step = inputs, action, distribution.log_prob(action).sum(1), agent.value(inputs).squeeze(1).numpy()
             observation, reward, terminated, truncated, info = envs.step(action.numpy())
             ended = terminated | truncated
             step_cost = info["cost"].copy()
@@ -142,14 +142,14 @@ def main() -> None:
             if truncated.any():  # what comes after a time limit counts: add what the episode was still worth
                 last = np.stack([info["final_obs"][lane] for lane in np.flatnonzero(truncated)])
                 with torch.no_grad():
-                    scaled[truncated] += GAMMA * agent.value(seen_so_far.scaled(last)).squeeze(1).numpy()
+                    scaled[truncated] += GAMMA * agent.value(inputs_so_far.scaled(last)).squeeze(1).numpy()
             episode[ended] = cost[ended] = discounted[ended] = 0.0
-            kept.append((*kept_now, scaled, ended.astype(float)))
-        seen, action, log_probability, values, rewards, ended = zip(*kept, strict=True)
+            rollout.append((*step, scaled, ended.astype(float)))
+        inputs, action, log_probability, values, rewards, ended = zip(*rollout, strict=True)
         with torch.no_grad():
-            last = agent.value(seen_so_far.scaled(observation)).squeeze(1).numpy()
+            last = agent.value(inputs_so_far.scaled(observation)).squeeze(1).numpy()
         gain = advantages(np.array(rewards), np.array(values), np.array(ended), last)
-        rows = torch.cat(seen), torch.cat(action), torch.cat(log_probability), *(
+        rows = torch.cat(inputs), torch.cat(action), torch.cat(log_probability), *(
             torch.as_tensor(values.reshape(-1), dtype=torch.float32) for values in (gain, gain + np.array(values))
         )
         update(agent, optimiser, rows)
@@ -157,7 +157,7 @@ def main() -> None:
         if last_twenty:
             curve.append((done, *np.mean(last_twenty, axis=0).round(3).tolist()))
             print(f"{done:8} decisions, return {curve[-1][1]:8.1f}, cost {curve[-1][2]:.2f}", flush=True)
-    with asked.out.open("w", newline="") as file:
+    with args.out.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(curve)
 
 

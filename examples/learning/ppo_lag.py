@@ -65,17 +65,17 @@ def _network(inputs: int, outputs: int) -> nn.Sequential:
 class Agent(nn.Module):
     """Three networks: the mean of the actions, the value, and the cost to come; noise is learned beside them."""
 
-    def __init__(self, seen: int, actions: int) -> None:
+    def __init__(self, inputs: int, actions: int) -> None:
         super().__init__()
-        self.mean = _network(seen, actions)
-        self.value = _network(seen, 2)
+        self.mean = _network(inputs, actions)
+        self.value = _network(inputs, 2)
         self.log_std = nn.Parameter(torch.full((actions,), -0.5))
         with torch.no_grad():
             self.mean[-1].weight.mul_(0.01)  # the first actions are those around 0
 
-    def chosen(self, seen: torch.Tensor) -> torch.distributions.Normal:
+    def chosen(self, observations: torch.Tensor) -> torch.distributions.Normal:
         """Return the distribution that actions are drawn from."""
-        return torch.distributions.Normal(self.mean(seen), self.log_std.exp())
+        return torch.distributions.Normal(self.mean(observations), self.log_std.exp())
 
 
 def advantages(rewards: np.ndarray, values: np.ndarray, ended: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -94,13 +94,13 @@ def update(
     """Improve the networks on what was seen: observations, actions, log probabilities, advantages, returns."""
     for _ in range(EPOCHS):
         for chosen in torch.randperm(len(rows[0])).split(BATCH):
-            seen, actions, before, gain, returns = (row[chosen] for row in rows)
-            distribution = agent.chosen(seen)
+            observations, actions, before, gain, returns = (row[chosen] for row in rows)
+            distribution = agent.chosen(observations)
             ratio = (distribution.log_prob(actions).sum(1) - before).exp()
             gain = (gain - gain.mean(0)) / (gain.std(0) + 1e-8)
             gain = (gain[:, 0] - multiplier * gain[:, 1]) / (1.0 + multiplier)
             policy_loss = -torch.min(ratio * gain, ratio.clamp(1 - CLIP, 1 + CLIP) * gain).mean()
-            value_loss = (agent.value(seen) - returns).square().mean()
+            value_loss = (agent.value(observations) - returns).square().mean()
             optimiser.zero_grad()
             (policy_loss + 0.5 * value_loss).backward()
             nn.utils.clip_grad_norm_(agent.parameters(), GREATEST_GRADIENT)
@@ -114,30 +114,30 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=20_480, help="decisions, all lanes together")
     parser.add_argument("--limit", type=float, default=0.1, help="cost of an episode, in the mean")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
-    asked = parser.parse_args()
+    args = parser.parse_args()
     torch.set_num_threads(1)  # networks this small only wait for further threads
-    torch.manual_seed(asked.seed)
+    torch.manual_seed(args.seed)
     envs = gymnasium.make_vec(
         "edmsim/GapFeed-v2", num_envs=LANES, vectorization_mode="vector_entry_point",
         autoreset_mode=AutoresetMode.SAME_STEP, **THIN_WIRE,
     )
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])
     optimiser = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)
-    seen_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
-    observation, _ = envs.reset(seed=1000 * asked.seed)  # lanes count on from here: no two trainings share machines
+    inputs_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
+    observation, _ = envs.reset(seed=1000 * args.seed)  # lanes count on from here: no two trainings share machines
     last_twenty: deque[tuple[float, float]] = deque(maxlen=20)
     discounted, episode, cost = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
     multiplier, curve = 1.0, [("decisions", "return", "cost")]
-    for done in range(LANES * STEPS, asked.steps + 1, LANES * STEPS):
-        kept: list[tuple] = []
+    for done in range(LANES * STEPS, args.steps + 1, LANES * STEPS):
+        rollout: list[tuple] = []
         over: list[tuple[float, float]] = []
         for _ in range(STEPS):
-            seen_so_far.see(observation)
-            seen = seen_so_far.scaled(observation)
+            inputs_so_far.see(observation)
+            inputs = inputs_so_far.scaled(observation)
             with torch.no_grad():
-                distribution = agent.chosen(seen)
+                distribution = agent.chosen(inputs)
                 action = distribution.sample()
-                kept_now = seen, action, distribution.log_prob(action).sum(1), agent.value(seen).numpy()
+                step = inputs, action, distribution.log_prob(action).sum(1), agent.value(inputs).numpy()
             observation, reward, terminated, truncated, info = envs.step(action.numpy())
             ended = terminated | truncated
             step_cost = info["cost"].copy()
@@ -152,25 +152,25 @@ def main() -> None:
             if truncated.any():  # what comes after a time limit counts: add what the episode was still worth
                 last = np.stack([info["final_obs"][lane] for lane in np.flatnonzero(truncated)])
                 with torch.no_grad():
-                    both[truncated] += GAMMA * agent.value(seen_so_far.scaled(last)).numpy()
+                    both[truncated] += GAMMA * agent.value(inputs_so_far.scaled(last)).numpy()
             episode[ended] = cost[ended] = discounted[ended] = 0.0
-            kept.append((*kept_now, both, ended.astype(float)))
-        seen, action, log_probability, values, rewards, ended = zip(*kept, strict=True)
+            rollout.append((*step, both, ended.astype(float)))
+        inputs, action, log_probability, values, rewards, ended = zip(*rollout, strict=True)
         with torch.no_grad():
-            last = agent.value(seen_so_far.scaled(observation)).numpy()
+            last = agent.value(inputs_so_far.scaled(observation)).numpy()
         gain = advantages(np.array(rewards), np.array(values), np.array(ended), last)
-        rows = torch.cat(seen), torch.cat(action), torch.cat(log_probability), *(
+        rows = torch.cat(inputs), torch.cat(action), torch.cat(log_probability), *(
             torch.as_tensor(values.reshape(-1, 2), dtype=torch.float32) for values in (gain, gain + np.array(values))
         )
         update(agent, optimiser, rows, multiplier)
         if over:
-            beyond = np.mean([spent for _, spent in over]) - asked.limit
+            beyond = np.mean([spent for _, spent in over]) - args.limit
             multiplier = max(0.0, multiplier + MULTIPLIER_RATE * beyond)
         last_twenty += over
         if last_twenty:
             curve.append((done, *np.mean(last_twenty, axis=0).round(3).tolist()))
             print(f"{done:8} decisions, return {curve[-1][1]:8.1f}, cost {curve[-1][2]:.2f}", flush=True)
-    with asked.out.open("w", newline="") as file:
+    with args.out.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(curve)
 
 

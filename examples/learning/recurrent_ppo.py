@@ -37,7 +37,7 @@ class Curve(BaseCallback):
     def _on_step(self) -> bool:
         for lane, info in enumerate(self.locals["infos"]):
             self._costs[lane] += info["cost"]
-            if "episode" in info:  # told by the monitor within make_sb3_vec_env
+            if "episode" in info:  # of the monitor within make_sb3_vec_env
                 self._last.append((info["episode"]["r"], self._costs[lane]))
                 self._costs[lane] = 0.0
         return True
@@ -45,8 +45,8 @@ class Curve(BaseCallback):
     def _on_rollout_end(self) -> None:
         if not self._last:
             return
-        told = np.mean(self._last, axis=0).round(3).tolist()
-        self.rows.append((self.num_timesteps, *told))
+        means = np.mean(self._last, axis=0).round(3).tolist()
+        self.rows.append((self.num_timesteps, *means))
         print("{:8} decisions, return {:8.1f}, cost {:.2f}".format(*self.rows[-1]), flush=True)
 
 
@@ -56,19 +56,19 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--steps", type=int, default=20_480, help="decisions, all lanes together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     torch.set_num_threads(1)  # networks this small only wait for further threads
     lanes = make_sb3_vec_env(
         "edmsim/GapFeed-v2", LANES, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0, history=1,
     )
     model = RecurrentPPO(
-        "MlpLstmPolicy", VecNormalize(lanes, gamma=0.99), seed=1000 * asked.seed, device="cpu", n_steps=STEPS,
+        "MlpLstmPolicy", VecNormalize(lanes, gamma=0.99), seed=1000 * arguments.seed, device="cpu", n_steps=STEPS,
         batch_size=256, n_epochs=5, gamma=0.99, learning_rate=1e-3,
         policy_kwargs={"lstm_hidden_size": 32, "net_arch": [32], "log_std_init": -0.5},
     )
     curve = Curve()
-    model.learn(asked.steps // (LANES * STEPS) * LANES * STEPS, callback=curve)
-    with asked.out.open("w", newline="") as file:
+    model.learn(arguments.steps // (LANES * STEPS) * LANES * STEPS, callback=curve)
+    with arguments.out.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(curve.rows)
 
 

@@ -52,13 +52,13 @@ class Pins:
         """Return whether the program has switched the gap off."""
         return not self.component["enable"]
 
-    def show(self, seen: WindowObservation) -> None:
+    def show(self, observation: WindowObservation) -> None:
         """Set the pins to what a window shows."""
         pins = self.component
-        pins["short-ratio"], pins["open-ratio"] = seen.short / 255, seen.open / 255
-        pins["spark-ratio"] = 1.0 - (seen.short + seen.open) / 255
-        pins["gap-voltage"], pins["gap-current"] = seen.mean_voltage_V, seen.mean_current_A
-        pins["path"] = seen.path_um * 1e-3
+        pins["short-ratio"], pins["open-ratio"] = observation.short / 255, observation.open / 255
+        pins["spark-ratio"] = 1.0 - (observation.short + observation.open) / 255
+        pins["gap-voltage"], pins["gap-current"] = observation.mean_voltage_V, observation.mean_current_A
+        pins["path"] = observation.path_um * 1e-3
 
     def rest(self, broken: bool) -> None:
         """Set the pins to those of a gap that is not cut: all open, so that nothing holds the axes back."""
@@ -87,7 +87,7 @@ def without_words(program: str, folder: str) -> Path:
 
 
 def serve(component: Any, chosen: argparse.Namespace, folder: str, cuts: int | None = None) -> None:
-    """Cut whenever ``enable`` rises, until the component is unloaded, or so many times."""
+    """Cut whenever ``enable`` rises, until the component is unloaded, or for a number of cuts."""
     pins, made = Pins(component), 0
     program = without_words(chosen.program, folder)
     pins.rest(False)

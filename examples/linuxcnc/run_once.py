@@ -13,8 +13,8 @@ WAIT_S = 600.0
 
 def is_cutting() -> bool:
     """Return whether the gap still cuts, or writes its results."""
-    asked = subprocess.run(["halcmd", "getp", "edm-gap.cutting"], capture_output=True, text=True, check=True)
-    return asked.stdout.strip() == "TRUE"
+    answer = subprocess.run(["halcmd", "getp", "edm-gap.cutting"], capture_output=True, text=True, check=True)
+    return answer.stdout.strip() == "TRUE"
 
 
 def main() -> int:

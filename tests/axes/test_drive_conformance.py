@@ -69,7 +69,7 @@ def test_state_outside_the_record_is_refused():
 
 
 def test_what_cannot_be_used_is_refused():
-    with pytest.raises(InputError, match="is no drive"):
+    with pytest.raises(InputError, match="is not a drive"):
         axes.check_drive(object)
     with pytest.raises(InputError, match="period of 1/1 ns"):
         axes.check_drive(lambda: _with_period(1, 1))

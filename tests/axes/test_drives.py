@@ -155,7 +155,7 @@ def test_a_drive_whose_command_is_no_number_is_taken_out_of_service(machine, mec
     for _ in range(3):
         plant.advance()
     assert plant.drive_faults == 0b01
-    assert plant.fault_reason == "the drive of x is out of service: it commanded what is no share of its supply"
+    assert plant.fault_reason == "the drive of x is out of service: it commanded what is not a share of its supply"
 
 
 @pytest.mark.parametrize("mechanics", ["modal", "mujoco"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmsim.controllers.axis.elcam_registers import Function, Mode
+from edmsim.controllers.axis.elcam.registers import Function, Mode
 
 from .cam_bench import COUNTS, HAT, X, Y, go, jumps, read, rig_of, run, settle, table, watch
 

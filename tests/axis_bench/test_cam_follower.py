@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from edmsim.controllers.axis.elcam_registers import CallStatus, Function, Mode
+from edmsim.controllers.axis.elcam.registers import CallStatus, Function, Mode
 
 from .cam_bench import (
     COUNTS,

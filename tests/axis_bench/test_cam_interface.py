@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edmsim.controllers.axis.elcam_registers import (
+from edmsim.controllers.axis.elcam.registers import (
     ACCESS,
     CallStatus,
     Descriptor,

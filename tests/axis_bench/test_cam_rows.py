@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edmsim.controllers.axis.elcam_registers import CallStatus, Error, Function, Mode
+from edmsim.controllers.axis.elcam.registers import CallStatus, Error, Function, Mode
 
 from .cam_bench import COUNTS, U, X, Y, enter, go, read, rig_of, run, settle, stop, table, write
 

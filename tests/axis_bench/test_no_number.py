@@ -1,4 +1,4 @@
-"""What is no number is refused at the bench at once, by either mechanics, and an axis that runs away ends the run."""
+"""The bench refuses what is not a number at once, by either mechanics; an axis that runs away ends the run."""
 
 from __future__ import annotations
 

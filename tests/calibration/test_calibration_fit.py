@@ -182,8 +182,8 @@ def test_errors_that_hang_together_are_told() -> None:
 
 def test_constants_that_cannot_be_fitted_are_refused(known: SimpleNamespace) -> None:
     log = log_of(known.table)
-    for only, said in ((["gap.nonsense"], "'gap.nonsense' is no section or constant"),
-                       (["gap.contact_um"], "'gap.contact_um' is no section or constant with a range")):  # fmt: skip
+    for only, said in ((["gap.nonsense"], "'gap.nonsense' is not a section or constant"),
+                       (["gap.contact_um"], "'gap.contact_um' is not a section or constant with")):  # fmt: skip
         with pytest.raises(edmsim.InputError, match=said):
             calibrate(log, known.machine, only)
     with pytest.raises(edmsim.InputError, match=r"\d\d constants cannot be told from 10 statistics"):
@@ -219,7 +219,7 @@ def log_file(known: SimpleNamespace, tmp_path: Path) -> Path:
     [
         (("--out", "fitted.json"), "must end in .toml"),
         (("--out", "missing/fitted.toml"), "cannot be written: No such file"),
-        (("--out", "fitted.toml", "--fit", "gap.nonsense"), "'gap.nonsense' is no section"),
+        (("--out", "fitted.toml", "--fit", "gap.nonsense"), "'gap.nonsense' is not a section"),
         (("--out", "fitted.toml", "--resolution", "finest"), "finest"),
         (("--out", "fitted.toml", "--material", "butter"), "unknown material 'butter'"),
     ],

@@ -115,10 +115,10 @@ HEADING = ",".join(COLUMNS) + "\n"
         ("log.csv", b"", "is empty"),
         ("log.csv", b" \n\n", "is empty"),
         ("log.csv", b"\xff\xfe", "is empty"),
-        ("log.parquet", b"feed_um_s\n1\n", "is no Parquet file; a log as CSV has a name that ends in .csv"),
+        ("log.parquet", b"feed_um_s\n1\n", "is not a Parquet file; a log as CSV has a name that ends in .csv"),
         ("log.parquet", b"PAR1 and nothing", "is a damaged Parquet file"),
         ("log.csv", b"PK\x03\x04\x14\x00\x06\x00\x08\x00\x00\x00!\x00", "save a spreadsheet as CSV"),
-        ("log.csv", b"\x1f\x8b\x08\xff\xfe", "is no text"),
+        ("log.csv", b"\x1f\x8b\x08\xff\xfe", "is not text"),
         ("log.csv", b"\xff\xfea\x00b", "its encoding is not that of its byte order mark"),
         ("log.csv", b"feed_um_s,short\n1,2\n", "column open is missing; a log needs feed_um_s short open"),
         ("log.csv", b"20,1,2,20,1,9,30,100\n", "column feed_um_s is missing; .* its first line has: 20, 1, 2"),
@@ -154,7 +154,7 @@ def test_a_folder_and_text_in_parquet_are_refused(tmp_path: Path) -> None:
         read_log(tmp_path)
     table = pa.table({**rows(2), "short": ["a", "b"]})
     pa.parquet.write_table(table, tmp_path / "log.parquet")
-    with pytest.raises(InputError, match="column short holds something that is no number"):
+    with pytest.raises(InputError, match="column short holds something that is not a number"):
         read_log(tmp_path / "log.parquet")
 
 

@@ -65,9 +65,9 @@ def drive(name: str) -> Read:
 def terminal(data: bytes, folder: Path) -> object:
     """Let an operator type it, in the monitor if it begins so; the machine has `TERMINAL_S`."""
     from edmsim import Machine
-    from edmsim.terminal.devices import Interrupts
-    from edmsim.terminal.rig import Rig
-    from edmsim.terminal.session import Session
+    from edmsim.consoles.computer_1982.devices import Interrupts
+    from edmsim.consoles.computer_1982.rig import Rig
+    from edmsim.consoles.computer_1982.session import Session
 
     class LosesPatience(Interrupts):
         """Ctrl-C after some time of the machine: a cut, a jog and WAIT take as long as they are said to."""
@@ -103,9 +103,9 @@ CALL = struct.Struct("<BBhhd")
 
 def elcam(data: bytes, _folder: Path) -> object:
     """Call the object interface: every record of `CALL` is a call."""
-    from edmsim.controllers.axis.elcam import Elcam
-    from edmsim.controllers.axis.elcam_places import CamPlace
-    from edmsim.controllers.axis.elcam_registers import Descriptor
+    from edmsim.controllers.axis.elcam.module import Elcam
+    from edmsim.controllers.axis.elcam.places import CamPlace
+    from edmsim.controllers.axis.elcam.registers import Descriptor
 
     places = [CamPlace(), CamPlace(1.0, 1.5), CamPlace(2.0, 2.0, 2.5)]
     elcam = Elcam(places, buffer_bytes=4096)

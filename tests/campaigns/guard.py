@@ -26,6 +26,7 @@ _MOVES = {
     "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.symlink", "os.link", "os.truncate", "os.chmod",
     "shutil.rmtree", "shutil.move", "shutil.copyfile",
 }  # fmt: skip
+_COMPILERS = ("edmsim.compiled.jit", "edmsim.compiled.specialised")
 _PROGRAMS = {"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.spawn"}
 _WATCHED = {"open", "pickle.find_class", "socket.bind", "socket.connect", *_MOVES, *_PROGRAMS}
 _active: list[Path] = []
@@ -52,11 +53,14 @@ def _audit(event: str, args: tuple[Any, ...]) -> None:
 
 
 def _is_the_compilers() -> bool:
-    """Whether code is being compiled, or its cache read or written, which stands in a folder of the user's own."""
+    """Whether code is being compiled, by a process of its own too, or its cache read or written.
+
+    The cache stands in a folder of the user's own; on an empty one the first input that needs the pulse loop waits.
+    """
     frame = sys._getframe(2)
     while frame is not None:
         name = frame.f_globals.get("__name__", "")
-        if name.startswith("numba.core.") or name == "edmsim.compiled.jit":
+        if name.startswith("numba.core.") or name in _COMPILERS:
             return True
         frame = frame.f_back  # type: ignore[assignment]
     return False

@@ -250,9 +250,9 @@ def _results(data: bytes, folder: Path) -> object:
 def _options(data: bytes, _folder: Path) -> object:
     """Read a text as each option that has a language of its own; the first byte says which."""
     from edmsim import controllers
+    from edmsim.consoles.servo.positioner import press_of
     from edmsim.controllers import axis
     from edmsim.program.heights import parse_height
-    from edmsim.servo.positioner import press_of
     from edmsim.sweep.specification import values_of
 
     readers: tuple[Callable[[str], object], ...] = (
@@ -263,7 +263,7 @@ def _options(data: bytes, _folder: Path) -> object:
 
 
 def _compensation(file: Path) -> object:
-    from edmsim.controllers.axis.elcam_file import load_tables, read_tables
+    from edmsim.controllers.axis.elcam.file import load_tables, read_tables
 
     return load_tables(read_tables(file), file)
 

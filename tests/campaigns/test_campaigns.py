@@ -14,10 +14,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from edmsim.terminal.session import FINE, STOPPED
-from tests.campaigns import devices
+from edmsim.compiled import specialised
+from edmsim.consoles.computer_1982.session import FINE, STOPPED
+from tests.campaigns import devices, guard
 from tests.campaigns.__main__ import nth, run
-from tests.campaigns.guard import MOST_CPU_S, judged
+from tests.campaigns.guard import judged
 from tests.campaigns.mutation import mutated
 from tests.campaigns.readers import READERS, Reader
 
@@ -102,7 +103,7 @@ def raises(_data: bytes, _folder: Path) -> None:
 def takes_long(_data: bytes, _folder: Path) -> None:
     import time
 
-    until = time.process_time() + 1.2 * MOST_CPU_S
+    until = time.process_time() + 1.2 * guard.MOST_CPU_S
     while time.process_time() < until:
         pass
 
@@ -112,10 +113,21 @@ def takes_long(_data: bytes, _folder: Path) -> None:
     (unpickles, "unpickled"), (writes_elsewhere, "outside its folder"), (begins_a_program, "began a program"),
     (listens_to_all, "socket.bind"), (raises, "KeyError"), (takes_long, "slow"),
 ])  # fmt: skip
-def test_the_guard_notices(read: object, named: str, tmp_path: Path) -> None:
+def test_the_guard_notices(read: object, named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "MOST_CPU_S", 0.2)
     folder = tmp_path / "own"
     folder.mkdir()
     assert named in " ".join(judged(read, b"", folder)[1])
+
+
+def test_the_guard_lets_the_compiler_begin_its_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """On an empty cache an input may be the first that needs the pulse loop."""
+    monkeypatch.setattr(specialised, "_PROGRAM", "print('code')")
+
+    def compiles(_data: bytes, _folder: Path) -> None:
+        assert specialised._compile_elsewhere(unpickles, (), ()) == b"code\n"
+
+    assert judged(compiles, b"", tmp_path) == ("taken", [])
 
 
 @pytest.mark.slow

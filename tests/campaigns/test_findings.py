@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from edmsim import controllers, models
-from edmsim.controllers.axis.elcam_file import read_tables
-from edmsim.controllers.axis.elcam_table import CamTable
+from edmsim.controllers.axis.elcam.file import read_tables
+from edmsim.controllers.axis.elcam.table import CamTable
 from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import LONGEST_REASON, InputError
 from edmsim.files import read_arrays
@@ -101,8 +101,8 @@ def test_compensation_of_hundreds_of_digits_is_refused(changed: str, tmp_path: P
     ('environment = "edmsim/GapFeed-v2"\nseeds = 1000000000000', "seeds are too many"),
     (f'program = "{"a" * 5000}"', "no such program"),
     ('program = "a\\u0000b"', "no such program"),
-    (f"seeds = {'9' * 5000}", "is no TOML"),
-    ("grid = " + "[" * 50_000, "is no TOML"),
+    (f"seeds = {'9' * 5000}", "is not TOML"),
+    ("grid = " + "[" * 50_000, "is not TOML"),
     ('environment = "a/b-v1"\n[grid' + ".a" * 5000 + "]\nb = [1]", "too deep"),
     ('environment = "a/b-v1"\n[sobol]\nsamples = 4\n[sobol.ranges]\na = [1, ' + "9" * 400 + "]", "Sobol sample is"),
     ('environment = "a/b-v1"\n[sobol]\nsamples = 1152921504606846976\n[sobol.ranges]\na = [1, 2]', "samples"),

@@ -57,7 +57,7 @@ class Polyline:
                     f"point {i} of the path lies at ({x}, {y}) um, outside the table's 0..{WORD * unit_um} um"
                 )
             if x % unit_um or y % unit_um:
-                raise InputError(f"point {i} of the path, ({x}, {y}) um, is no whole number of {unit_um} um steps")
+                raise InputError(f"point {i} of the path, ({x}, {y}) um, is not a whole number of {unit_um} um steps")
         kept = [point for i, point in enumerate(points) if i == 0 or point != points[i - 1]]
         if len(kept) < 2:
             raise InputError(f"a path needs two different points, not {len(kept)}")

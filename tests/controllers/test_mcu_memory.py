@@ -86,7 +86,7 @@ def test_the_jump_table_decides_what_an_interrupt_runs():  # T-82
     computer.write(0x3FE0 + 4 * pic.Y_STEPPER, 0x08)
     computer.run_until(3_000_000_000)
     assert computer.state == "emergency"
-    assert computer.cause == ("interrupt: 08H at 3FE8H is no instruction of the 8085",)
+    assert computer.cause == ("interrupt: 08H at 3FE8H is not an instruction of the 8085",)
     computer.init()  # the jump table comes from the start values again
     assert computer.read(0x3FE0 + 4 * pic.Y_STEPPER) == 0xC3
 
@@ -243,7 +243,7 @@ def test_instructions_do_what_the_manual_says(code, wanted, cost):
 
 @pytest.mark.parametrize("op", [0x08, 0x10, 0x18, 0x28, 0x38, 0xCB, 0xD9, 0xDD, 0xED, 0xFD])
 def test_what_is_no_instruction_is_told(op):
-    with pytest.raises(NoCodeError, match=f"{op:02X}H at 3400H is no instruction of the 8085"):
+    with pytest.raises(NoCodeError, match=f"{op:02X}H at 3400H is not an instruction of the 8085"):
         run(bytes([op]))
 
 

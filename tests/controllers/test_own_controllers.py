@@ -152,7 +152,7 @@ def test_a_policy_conforms_and_so_may_an_own_one() -> None:
     (Counting, "remembers something across reset"), (Restless, "made again"), (Delayed, "feed of nan um/s"),
     (Fast, "50 um/s where the machine runs 33.3375"), (Number, "answered 5.0: it must return a FeedCommand"),
     (Forgetful, "does not go on from its snapshot"), (Unwritable, "snapshot that JSON cannot hold"),
-    (object, "is no feed controller: it has no name, reset, update, snapshot, restore"),
+    (object, "is not a feed controller: it has no name, reset, update, snapshot, restore"),
 ])  # fmt: skip
 def test_what_does_not_conform_is_told(kind: Callable[[], Any], told: str) -> None:
     with pytest.raises(InputError, match=told):
@@ -182,7 +182,7 @@ def test_an_object_of_ours_cuts_as_its_name_does(small_punch: Path) -> None:
 @pytest.mark.parametrize(("rest", "told"), [
     ("", r"law.py: name the feed controller in this file, .*law.py:CLASS; there are: Half"),
     (":", "there are: Half"), (":Whole", "no feed controller 'Whole'; there are: Half"),
-    (":Bare", "Bare is no feed controller: it has no update, snapshot, restore"),
+    (":Bare", "Bare is not a feed controller: it has no update, snapshot, restore"),
     (":Half:gain=2", "Half has no parameter 'gain'; it has share"), (":Half:share", "must read name=number"),
 ])  # fmt: skip
 def test_what_a_file_does_not_have_is_told(law: Path, rest: str, told: str) -> None:
@@ -191,7 +191,7 @@ def test_what_a_file_does_not_have_is_told(law: Path, rest: str, told: str) -> N
 
 
 @pytest.mark.parametrize(("text", "told"), [
-    ("def law(:", r"law.py:1: is no Python: invalid syntax"), ("x = 1\ny = x / 0\n", r"law.py:2: .*ZeroDivision"),
+    ("def law(:", r"law.py:1: is not Python: invalid syntax"), ("x = 1\ny = x / 0\n", r"law.py:2: .*ZeroDivision"),
     ("import lathe_of_nobody", r"law.py:1: fails when it is run: ModuleNotFoundError"), ("", "the file has no class"),
 ])  # fmt: skip
 def test_a_file_that_cannot_be_run_is_one_line(law: Path, text: str, told: str) -> None:
@@ -234,7 +234,7 @@ def test_a_changed_file_is_run_again_and_a_resumed_cut_notices(
 def test_what_is_given_in_place_of_a_controller_is_told() -> None:
     with pytest.raises(InputError, match=r"Law is a class: give an object of it, Law\(\)"):
         make_controller(Law)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="3 is no feed controller"):
+    with pytest.raises(InputError, match="3 is not a feed controller"):
         make_controller(3)  # type: ignore[arg-type]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -70,6 +71,25 @@ def test_a_trim_takes_from_one_side_what_the_rough_pass_left() -> None:
     assert trim.sums.crater_um3 < 0.5 * rough.sums.crater_um3
     assert rough.sums.pulses + trim.sums.pulses < simulation.sums.pulses  # the lead-in is neither's
     assert trim.begin_s >= rough.end_s
+
+
+def test_a_dwell_in_a_pass_is_waited_for_and_is_part_of_it() -> None:
+    simulation, waits_s = begun(0.3), 2.0
+    contour = simulation.path.contours[0]
+    rough, trim = contour.passes
+    passes = (rough, replace(trim, dwells=((1, waits_s),)))
+    path = replace(simulation.path, contours=(replace(contour, passes=passes),))
+    both, ended = setups(), []
+    for one in (simulation.path, path):
+        cut = Simulation(
+            both[0].machine, one, setups()[0].controller, planner="exact", resolution="fast", setups=setups()
+        )
+        assert cut.run() == "finished"
+        ended.append(cut)
+    plain, waiting = ([(r.number, r.end_s - r.begin_s) for r in cut.passes.records] for cut in ended)
+    assert [number for number, _ in waiting] == [1, 2]
+    assert waiting[0] == plain[0]
+    assert waiting[1][1] - plain[1][1] == pytest.approx(waits_s, abs=0.5)
 
 
 def test_a_plant_goes_on_under_another_setting() -> None:

@@ -150,9 +150,10 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     from edmsim import validation
     from edmsim.bench import figures as bench
     from edmsim.bench import pairs, profile, serial
-    from edmsim.calibration import comparison, fit
+    from edmsim.calibration import comparison, fit, simulate
     from edmsim.envs.episode import Task
     from edmsim.hil import delays
+    from edmsim.recording import html_report
     from edmsim.recording.rerun import viewer
 
     def shown(command: list[str], env: dict[str, str]) -> int:
@@ -162,6 +163,8 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
 
     # tests/recording/test_recording_viewer.py opens recordings
     patch.setattr(viewer, "subprocess", SimpleNamespace(call=shown))
+    # tests/recording and tests/test_cut.py draw them: half of what a cut of 5 s takes
+    patch.setattr(html_report, "pictures", lambda *_: iter(()))
     # tests/bench measures, tests/validation runs all checks
     patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})
     rates = {"pulses_per_s_fast": np.array([1e6, 2e6])}
@@ -174,7 +177,8 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     # tests/calibration finds constants again
     patch.setattr(comparison, "NOISE_CUTS", 8)
     patch.setattr(fit, "MOST_STRETCHES", 2)
-    patch.setattr(fit, "MOST_ROUNDS", 2)
+    patch.setattr(fit, "MOST_ROUNDS", 1)
+    patch.setattr(simulate, "WHOLLY_SETTLED_DIAMETERS", simulate.SETTLED_DIAMETERS)
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
     if find_spec("stable_baselines3"):

@@ -43,9 +43,9 @@ NOT_RUN = {
 }
 """Commands of blocks that are checked but not run, and why."""
 ELSEWHERE = {
-    "session": "tests/terminal/test_terminal_docs.py",
-    "program": "tests/terminal/test_terminal_docs.py",
-    "tape": "tests/terminal/test_terminal_docs.py",
+    "session": "tests/consoles/computer_1982/test_terminal_docs.py",
+    "program": "tests/consoles/computer_1982/test_terminal_docs.py",
+    "tape": "tests/consoles/computer_1982/test_terminal_docs.py",
     "text": "tests/program/test_dialect_pages.py",
 }
 """Kinds of blocks that other tests run."""

@@ -164,9 +164,10 @@ def test_what_cannot_be_is_refused_in_one_line(small):
     with pytest.raises(InvalidAction):
         env.step(np.full(len(ACTIONS), np.nan, np.float32))
     for arguments, named in (
-        ({"only_pass": 3}, "only_pass"), ({"passes": 12}, "passes"), ({"passes": 1}, "passes"), ({"height_mm": 300.0}, "height"),
+        ({"only_pass": 3}, "only_pass"), ({"passes": 12}, "passes"), ({"passes": 1}, "passes"),
+        ({"height_mm": 300.0}, "height"), ({"program": "none.ngc"}, "none.ngc"),
         ({"technology": "brass"}, "technology"), ({"objectives": ["progress"]}, "objective"),
-        ({"offset_um": 0.0}, "offset_um"), ({"weights": {"speed": 1}}, "weights"), ({"program": "none.ngc"}, "none.ngc"),
+        ({"offset_um": 0.0}, "offset_um"), ({"weights": {"speed": 1}}, "weights"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=named):
             gym.make(ID, **{**small, **arguments})

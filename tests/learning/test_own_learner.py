@@ -153,7 +153,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     scaled = DummyVecEnv([lambda: gym.wrappers.RescaleAction(gym.make("edmsim/GapFeed-v2"), -1.0, 1.0)])
     refused(new("ppo", scaled), scaled, "RescaleAction around the lanes")
     other = DummyVecEnv([lambda: gym.make("Pendulum-v1")])
-    refused(new("ppo", other), other, "PendulumEnv is no environment of edmsim")
+    refused(new("ppo", other), other, "PendulumEnv is not an environment of edmsim")
     with pytest.raises(InputError, match=r"name the policy's file NAME\.json"):
         export_sb3(new("ppo", bare), bare, tmp_path / "policy.zip")
 

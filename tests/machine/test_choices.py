@@ -10,6 +10,7 @@ import pytest
 
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.machine.options import bare_name, unit_of
 from edmsim.machine.setting import (
     LIMITS,
     discharge_current_A,
@@ -135,7 +136,7 @@ def test_choices_have_limits(name: str) -> None:
     limit = LIMITS[name]
     for value in (limit.low - 1.0, 1.01 * limit.high, math.nan, math.inf, -math.inf):
         text = refusal(**{name: value, "generator": "iso-energetic"})
-        assert f"{limit.what} {value:g} {limit.unit} is not within" in text
+        assert f"{limit.what or bare_name(name).replace('_', ' ')} {value:g} {unit_of(name)} is not within" in text
 
 
 def test_a_generator_s_own_ranges_hold_in_place_of_the_field_s(own_file: OwnFile) -> None:

@@ -13,8 +13,8 @@ import pytest
 
 import edmsim
 from edmsim.errors import InputError
-from edmsim.machine.files import Kind, available
 from edmsim.machine.machine import Machine
+from edmsim.machine.options import Kind, available
 from edmsim.machine.setting import (
     discharge_current_A,
     least_period_us,

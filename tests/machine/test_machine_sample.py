@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.errors import InputError
-from edmsim.machine.files import available
 from edmsim.machine.machine import Machine
+from edmsim.machine.options import available
 from edmsim.machine.ranges import LOG_FROM_RATIO, MOST_DRAWS, share_of, value_at
 from edmsim.machine.setting import discharge_current_A, flushing_Pa, wire_speed_m_s
 
@@ -110,7 +110,7 @@ def test_only_draws_what_it_names_and_draws_it_alike() -> None:
 
 @pytest.mark.parametrize("name", ["gravity", "generator", "gap.contact_um", "critical_um", "gap."])
 def test_a_name_without_a_range_is_refused_with_those_that_have_one(name: str) -> None:
-    with pytest.raises(InputError, match=f"'{name}' is no section or constant with a range") as caught:
+    with pytest.raises(InputError, match=f"'{name}' is not a section or constant with a range") as caught:
         MACHINE.sample(np.random.default_rng(1), only=["wire", name])
     assert "gap.critical_um" in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -64,7 +64,7 @@ def test_what_it_has_no_settings_for_is_refused_with_what_to_do() -> None:
         ("height_mm = 76.2", "height_mm = 20", "heights must rise"),
         ("t_on_us = 1.1", "t_on_us = 0", "t_on_us"),
         ("t_on_us = 1.1", "on_us = 1.1", "on_us"),
-        ("machine = ", "machine ", "this is no technology that can be read"),
+        ("machine = ", "machine ", "this is not a technology that can be read"),
     ],
 )
 def test_a_damaged_file_is_refused_with_its_key(tmp_path: Path, before: str, now: str, named: str) -> None:

@@ -19,7 +19,7 @@ from edmsim.plant.mechanics.model import (
     reduce_model,
 )
 from edmsim.plant.mechanics.modes import linearise
-from edmsim.plant.mechanics.strung import modes_with, strung
+from edmsim.plant.mechanics.string_modes import modes_with, string_modes
 from tests.plant.oscillators import propagator_table
 
 Array = NDArray[np.float64]
@@ -108,7 +108,7 @@ def test_first_mode_has_the_asked_damping_and_none_is_neglected(wire: WireSetup)
 @pytest.mark.parametrize("wire", [*WIRES, dataclasses.replace(BRASS, slot_m=0.02, slot_mass_kg_m=1e-3)])
 def test_a_wire_strung_by_formula_has_the_modes_of_its_own_model(wire: WireSetup) -> None:
     heights = slice_heights(wire.guide_distance_m / 2, wire.guide_distance_m, 9)
-    built, by_formula = reduce_model(build_model(wire), 8, heights), strung(wire, MODEL_FILE, 8, heights)
+    built, by_formula = reduce_model(build_model(wire), 8, heights), string_modes(wire, MODEL_FILE, 8, heights)
     for field in dataclasses.fields(ModalModel):
         expected = np.asarray(getattr(built, field.name))
         scale = np.abs(expected).max()
@@ -120,7 +120,7 @@ def test_a_wire_strung_by_formula_has_the_modes_of_its_own_model(wire: WireSetup
 def test_wires_one_after_another_have_the_modes_of_each_strung_alone() -> None:
     for wire in (BRASS, *WIRES, dataclasses.replace(BRASS, slot_m=0.02, slot_mass_kg_m=1e-3)):
         heights = tuple(slice_heights(wire.guide_distance_m / 2, wire.guide_distance_m, 9))
-        alone, one_of_many = strung(wire, MODEL_FILE, 8, heights), modes_with(wire, MODEL_FILE, 8, heights)
+        alone, one_of_many = string_modes(wire, MODEL_FILE, 8, heights), modes_with(wire, MODEL_FILE, 8, heights)
         for field in dataclasses.fields(ModalModel):
             expected, found = (np.asarray(getattr(modes, field.name)) for modes in (alone, one_of_many))
             assert found.tobytes() == expected.tobytes(), field.name

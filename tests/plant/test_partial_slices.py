@@ -1,4 +1,4 @@
-"""Heights that are no whole number of slices: the topmost slice stands for what is over or lacking."""
+"""Heights that are not whole numbers of slices: the topmost slice stands for what is over or lacking."""
 
 from __future__ import annotations
 

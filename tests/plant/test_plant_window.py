@@ -241,7 +241,7 @@ def told(machine, change, kind):
 
 
 def test_a_wire_that_leaves_its_guides_is_told(machine):
-    """A wire bent by metres is no wire any more: the error says when, where, and what the window was like."""
+    """A wire bent by metres is not a wire any more: the error says when, where, and what the window was like."""
 
     def bend(state):
         state["wire_q"][0, 0] = 1e9

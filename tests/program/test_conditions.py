@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.job.settings import CutSettings
-from edmsim.machine.parts import Choices
+from edmsim.machine.options import Choices
 from edmsim.program import load_program
 from edmsim.program.dialects.condition_tables import SETTINGS, key_of, read_conditions
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,12 @@ import numpy as np
 import pytest
 import shapely
 
+from edmsim.cosim.legs import legs_of
 from edmsim.errors import InputError
+from edmsim.program.outline import Corners
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath, WireContour, plan_path
+from edmsim.program.taper import GuideHeights
 
 SQUARE = "G21 G90\nG0 X-1.5 Y2\nG41 G1 X0\n{}G40\nM2\n"
 ROUND = "Y4\nX4\nY0\nX0\nY2\n"
@@ -83,6 +87,109 @@ def test_points_are_on_the_grid_and_within_the_table(tmp_path: Path, offsets_mm:
         assert not (way % 2).any()
         assert way.min() >= 0
         assert way.max() <= 65_000
+
+
+@pytest.mark.parametrize("tab_mm", [0.0, 0.5, 1.0, 1.8, 1.9, 1.95, 2.0, 2.05, 3.0])
+@pytest.mark.parametrize(
+    "begin", ["X-1.5 Y2\nG41 G1 X0\nY4\nX4\nY0\nX0\nY2", "X-1 Y-1\nG41 G1 X0 Y0\nY4\nX4\nY0\nX0"]
+)
+def test_no_way_from_one_pass_to_the_next_cuts_a_corner(tmp_path: Path, tab_mm: float, begin: str) -> None:
+    """Where a tab ends just behind an outer corner, the wire goes round it to the next pass, not straight there."""
+    offsets_mm = (0.27, 0.203, 0.158, 0.14)
+    text = f"G21 G90\nG0 {begin}\nG40\nM2\n"
+    contour = plan(tmp_path, text, passes=PassPlan(offsets_mm, tab_mm=tab_mm)).contours[0]
+    edge = shapely.LineString(contour.nominal_mm)
+    for before, one in pairwise(contour.passes):
+        nearest = min(before.offset_um, one.offset_um) * 1e-3
+        assert edge.distance(shapely.LineString(one.points_um * 1e-3)) > nearest - 2e-3
+        place = shapely.Point(one.points_um[one.approach_moves] * 1e-3)
+        assert edge.distance(place) == pytest.approx(one.offset_um * 1e-3, abs=2e-3)
+
+
+@pytest.mark.parametrize("tab_mm", [0.0, 1.5])
+def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path: Path, tab_mm: float) -> None:
+    text = SQUARE.format("Y3\nG4 P2.5\nY4\nX4\nY0\nX0\nY2\n")
+    contour = plan(tmp_path, text, passes=PassPlan(OFFSETS_MM, tab_mm=tab_mm)).contours[0]
+    profile = [one for one in contour.passes if one.piece == "profile"]
+    corner = contour.nominal_mm[0] + (0.0, 1.0)
+    for one in profile:
+        ((i, seconds),) = one.dwells
+        assert seconds == 2.5
+        np.testing.assert_allclose(one.points_um[i], 1e3 * (corner - (one.offset_um * 1e-3, 0.0)), atol=1.0)
+    assert all(not one.dwells for one in contour.passes if one.piece == "tab")
+    assert contour.waiting_s == 2.5 * len(profile)
+    legs = legs_of(contour)
+    assert [leg.dwell_s for leg in legs if leg.dwell_s] == [2.5] * len(profile)
+    for before, leg in pairwise(legs):
+        np.testing.assert_array_equal(before.points_um[-1], leg.points_um[0])
+
+
+def test_dwells_of_a_program_stay_in_its_passes(tmp_path: Path) -> None:
+    """On the way to the first pass, and within the second alone."""
+    back = "Y0\nX4\nG4 P3\nY4\nX0\nY2\n"
+    text = "G21 G90\nD1=0.25\nD2=0.2\nG0 X-1.5 Y2\nG41 D1 G1 X-1\nG4 P1\nX0\n" + ROUND + "G40\n"
+    contour = plan(tmp_path, text + AGAIN.format("G42", "D2", back) + "M2\n").contours[0]
+    first, second = contour.passes
+    assert [seconds for _, seconds in first.dwells] == [1.0]
+    assert first.dwells[0][0] <= first.approach_moves
+    assert [seconds for _, seconds in second.dwells] == [3.0]
+    place = second.points_um[second.dwells[0][0]] * 1e-3 - contour.nominal_mm[0]
+    np.testing.assert_allclose(place, (4.2, -2.0), atol=0.21)
+
+
+GUIDES = GuideHeights(-10.0, 20.0, 10.0, 30.0)
+
+
+@pytest.mark.parametrize("corners", ["conical", "sharp"])
+@pytest.mark.parametrize("angle_deg", [3.0, -3.0])
+def test_passes_of_a_leaning_wire_keep_their_offsets_at_every_height(
+    tmp_path: Path, angle_deg: float, corners: Corners
+) -> None:
+    """Beside a wall that leans by a, a wire's centre is its offset over cos a away in a horizontal plane."""
+    contour = plan(
+        tmp_path, passes=PassPlan(OFFSETS_MM, tab_mm=1.2), taper_deg=angle_deg, corners=corners, guides=[GUIDES]
+    ).contours[0]
+    assert [(p.number, p.piece, p.reversed) for p in contour.passes] == [
+        (1, "profile", False), (2, "profile", True), (3, "profile", False),
+        (1, "tab", False), (2, "tab", True), (3, "tab", False),
+    ]  # fmt: skip
+    cosine = np.cos(np.radians(angle_deg))
+    for one, leg in zip(contour.passes, legs_of(contour)[1:], strict=True):
+        for z in (0.0, 5.0, 10.0):
+            wall = shapely.LineString(contour.at_height(z).nominal_mm)
+            way = one.at_height(z).points_um[one.approach_moves :] * 1e-3
+            assert wall.distance(shapely.LineString(way)) == pytest.approx(one.offset_um * 1e-3 / cosine, abs=3e-3)
+        assert leg.lead_um is not None
+        np.testing.assert_array_equal(leg.lead_um[-1], one.lean.upper_um[-1])
+    for before, now in pairwise(contour.passes):
+        np.testing.assert_array_equal(before.points_um[-1], now.points_um[0])
+        np.testing.assert_array_equal(before.lean.upper_um[-1], now.lean.upper_um[0])
+
+
+@pytest.mark.parametrize("corners", ["conical", "sharp"])
+def test_every_place_of_a_leaning_wall_is_passed_by_every_pass(tmp_path: Path, corners: Corners) -> None:
+    contour = plan(
+        tmp_path, passes=PassPlan(OFFSETS_MM, tab_mm=1.2), taper_deg=3.0, corners=corners, guides=[GUIDES]
+    ).contours[0]
+    for number in (1, 2, 3):
+        for z in (0.0, 10.0):
+            wall = shapely.LineString(contour.at_height(z).nominal_mm)
+            ways = [p.at_height(z).points_um[p.approach_moves :] * 1e-3 for p in contour.passes if p.number == number]
+            lines = shapely.union_all([shapely.LineString(way) for way in ways])
+            places = shapely.line_interpolate_point(wall, np.arange(0.0, wall.length, 0.02))
+            corner_mm = np.sqrt(2) if corners == "sharp" else 1.0
+            assert shapely.distance(places, lines).max() < OFFSETS_MM[number - 1] * corner_mm + 3e-3
+
+
+def test_the_passes_of_two_contours_go_round_as_often(tmp_path: Path) -> None:
+    file = Path(__file__).parents[2] / "examples" / "square_to_round.dxf"
+    path = plan_path(
+        file, auto_offset_mm=0.2, upper_layer="UPPER", passes=PassPlan(OFFSETS_MM), guides=[GUIDES]
+    )
+    contour = path.contours[0]
+    assert [one.number for one in contour.passes] == [1, 2, 3, 1, 2, 3]
+    assert path.leans
+    assert contour.length_um == pytest.approx(sum(one.way.along_um[-1] for one in contour.passes))
 
 
 AGAIN = "G0 X-1.5 Y2\n{} G1 X0 {}\n{}G40\n"

@@ -71,7 +71,7 @@ def test_the_wire_is_beside_a_wall_by_the_ellipse(angle_deg, height_mm):
 
 
 def test_guides_stand_where_the_wire_would_pass_them():
-    path = plan_path(Program((square(3.0),), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=GUIDES)
+    path = plan_path(Program((square(3.0),), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=[GUIDES])
     contour = path.contours[0]
     lead = contour.lean.upper_um[contour.lead_in_moves :]
     # |UV| = (z_U - z_L) tan a, along both axes at a corner
@@ -259,7 +259,7 @@ def test_a_wire_without_a_way_to_its_contour_is_threaded_upright():
         np.array([[0.0, 0.0], [2.0, 0.0]]), (0,), False, "right", "left", np.empty((0, 2)), needs_lead_in=False,
         elements=(1,), taper=Taper((5.0,)),
     )  # fmt: skip
-    path = plan_path(Program((outline,), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=GUIDES)
+    path = plan_path(Program((outline,), (), "test"), OFFSET, auto_offset_mm=OFFSET, guides=[GUIDES])
     contour = path.contours[0]
     assert contour.lean.upper_um[0].tolist() == [0, 0]
     assert contour.lead_in_moves == 1
@@ -308,14 +308,14 @@ def test_an_approach_that_leans_into_the_part_is_refused(tmp_path):
     file.write_text("G21 G90\nG92 X1 Y-0.8\nG41 D1 G1 X1 Y0\nX0\nY4\nX4\nY0\nX1\nG40 Y-1\nM02\n")
     guides = GuideHeights(-10, 14, 4, 30)
     with pytest.raises(InputError, match="leans into the part"):
-        plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-15.0, guides=guides)
+        plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-15.0, guides=[guides])
     with pytest.raises(InputError, match="no guides that lead are known"):
         plan_path(file, OFFSET, auto_offset_mm=OFFSET, taper_deg=-5.0)
 
 
 def test_without_taper_a_path_is_what_it_was():
     plain = plan_path(EXAMPLES / "punch.ngc", OFFSET, auto_offset_mm=OFFSET)
-    known = plan_path(EXAMPLES / "punch.ngc", OFFSET, auto_offset_mm=OFFSET, guides=GUIDES, taper_deg=0.0)
+    known = plan_path(EXAMPLES / "punch.ngc", OFFSET, auto_offset_mm=OFFSET, guides=[GUIDES], taper_deg=0.0)
     assert (plain.contours[0].points_um == known.contours[0].points_um).all()
     assert known.contours[0].lean is None
 

@@ -181,8 +181,8 @@ def test_a_folder_that_cannot_be_used_is_refused_in_one_line(folder: Path, chang
 def test_another_layout_and_an_unknown_kind_are_refused(folder: Path) -> None:
     with np.load(folder / "part.npz") as stored:
         arrays = dict(stored)
-    told = json.loads(arrays["told"].tobytes()) | {"version": 99}
-    arrays["told"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    document = json.loads(arrays["fields"].tobytes()) | {"version": 99}
+    arrays["fields"] = np.frombuffer(json.dumps(document).encode(), np.uint8)
     np.savez(folder / "part.npz", **arrays)
     with pytest.raises(InputError, match="layout 99"):
         read_cut(folder)

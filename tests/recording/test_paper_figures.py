@@ -193,7 +193,7 @@ def test_what_cannot_be_sampled_is_said(cut: SimpleNamespace) -> None:
     machine = edmsim.Machine.load(generator="iso-energetic")
     with pytest.raises(edmsim.InputError, match="generators of a fixed period"):
         sample_pulses(machine, 20.0)
-    with pytest.raises(edmsim.InputError, match="at 0 um/s are no cut"):
+    with pytest.raises(edmsim.InputError, match="at 0 um/s are not a cut"):
         sample_pulses(edmsim.Machine.load(), 0.0)
     with pytest.raises(edmsim.InputError, match="no window with metal"):
         sample_like(cut.report, WindowTable().to_arrow())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import inspect
 import json
 import re
 import sys
@@ -50,21 +49,10 @@ def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
         assert tables.refreshed(text) == text, f"{file.name} is out of date; run: python docs/make/tables.py"
 
 
-def test_every_option_of_every_command_is_told(tables: ModuleType) -> None:
-    text = "\n".join(tables.commands())
-    for name, callback in tables.every_command():
-        section = text.split(f"## edmsim {name}\n")[1].split("\n## ")[0]
-        told = {name.split()[0].strip(",") for name in cells(section)}
-        asked = set(inspect.signature(callback).parameters)
-        assert {name.lstrip("-").lower().replace("-", "_").rstrip(".") for name in told} - {"env_id"} == asked - {
-            "env_id", "env_ids", "context",
-        }
-
-
-def test_the_guide_explains_every_option_of_a_cut() -> None:
-    told = set(re.findall(r"--[a-z-]+", " ".join(cells(page("guide/cutting")))))
-    asked = {"--" + name.replace("_", "-") for name in inspect.signature(cli.cut).parameters}
-    assert told == asked - {"--program", "--out"}
+def test_the_guide_explains_every_option_of_a_cut(tables: ModuleType) -> None:
+    said = set(re.findall(r"--[a-z-]+", " ".join(cells(page("guide/cutting")))))
+    section = "\n".join(tables.commands()).split("## edmsim cut\n")[1].split("\n## ")[0]
+    assert said == {name.split()[0] for name in cells(section) if name.startswith("--")} - {"--out"}
 
 
 def test_resolutions() -> None:

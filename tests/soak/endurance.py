@@ -82,7 +82,7 @@ def step(steps: int, seed: int = 1) -> dict[str, Any]:
             break
         observations, rewards, terminated, truncated, infos = env.step(env.action_space.sample())
         if not (np.isfinite(observations).all() and np.isfinite(rewards).all()):
-            raise RuntimeError(f"step {turn}: an observation or reward is no number")
+            raise RuntimeError(f"step {turn}: an observation or reward is not a number")
         ended += int((terminated | truncated).sum())
         machine_s += float(np.sum(infos["dt_s"])) if "dt_s" in infos else 0.0
     env.close()

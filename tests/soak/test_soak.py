@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,13 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="it looks into /proc"),
     pytest.mark.filterwarnings("ignore"),  # of Python, that threads and fork do not mix
 ]
+
+
+@pytest.fixture
+def young() -> None:
+    """Let the garbage collector skip what other tests hold: every look at the memory took half a second."""
+    gc.collect()
+    gc.freeze()
 
 
 def test_growth_is_found_and_none_is_none() -> None:
@@ -46,6 +54,7 @@ def test_memory_that_is_held_is_seen() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("young")
 def test_a_plant_goes_on_from_its_snapshots(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(endurance, "SAMPLES", 14)
     monkeypatch.setattr(endurance, "CHECKED", 2)
@@ -55,6 +64,7 @@ def test_a_plant_goes_on_from_its_snapshots(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("young")
 def test_environments_step_in_a_memory_of_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(endurance, "SAMPLES", 14)
     found = endurance.step(448)
@@ -62,6 +72,7 @@ def test_environments_step_in_a_memory_of_one_size(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("young")
 def test_plants_and_environments_leave_nothing_open() -> None:
     assert set(vectors.open_and_close(3)["left"].values()) == {0}
 

@@ -154,7 +154,7 @@ def test_programs_samples_and_environments_are_looked_at_as_well(
     for given, named in (
         ({"program": [str(line), str(odd)]}, "odd.ngc"),
         ({"program": str(line), "sobol": {"samples": 4, "ranges": {"tension": [8, 80]}}}, "with tension "),
-        ({"program": str(line), "machine_samples": 2, "sample_only": ["nonsense"]}, "'nonsense' is no section"),
+        ({"program": str(line), "machine_samples": 2, "sample_only": ["nonsense"]}, "'nonsense' is not a section"),
     ):
         with pytest.raises(InputError, match=named):
             sweep(Specification(settings=short, **given), tmp_path / "out", engine=Here())

@@ -77,7 +77,7 @@ def test_the_mean_gap_that_rays_see_is_the_one_asked_for():
     for gap in (8.0, 12.5, 30.0):
         plant = ignition.isolated_gap(machine, gap, seed=1)
         plant.advance()
-        assert ignition.seen_gaps_um(plant).mean() == pytest.approx(gap, abs=0.1)
+        assert ignition.ray_gaps_um(plant).mean() == pytest.approx(gap, abs=0.1)
 
 
 def test_the_claimed_mixture_is_a_distribution_with_the_published_median():

@@ -74,7 +74,7 @@ class Bus:
         Raises
         ------
         InputError
-            If there can be no such address, or the value is no byte.
+            If there can be no such address, or the value is not a byte.
         """
         found = self._chips.get(address)
         if found is not None and 0 <= byte <= BYTE:

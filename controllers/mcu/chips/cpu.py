@@ -57,7 +57,7 @@ class Cpu8085:
         Raises
         ------
         NoCodeError
-            For a byte that is no documented instruction.
+            For a byte that is not a documented instruction.
         """
         if self.pc in EPROM:
             cost = self._routine(self.pc)
@@ -154,7 +154,7 @@ class Cpu8085:
         if op == 0x20:
             self.registers[A] = self.enabled << 3  # RIM: no line is wired to it
         elif op not in (0x00, 0x30):  # NOP, SIM
-            raise NoCodeError(f"{op:02X}H at {at:04X}H is no instruction of the 8085")
+            raise NoCodeError(f"{op:02X}H at {at:04X}H is not an instruction of the 8085")
         return 4
 
     def _through_memory(self, op: int, pair: int) -> int:
@@ -304,4 +304,4 @@ class Cpu8085:
             if op == 0xDB:
                 self.registers[A] = BYTE
             return 10
-        raise NoCodeError(f"{op:02X}H at {at:04X}H is no instruction of the 8085")
+        raise NoCodeError(f"{op:02X}H at {at:04X}H is not an instruction of the 8085")

@@ -70,7 +70,7 @@ class PulseSettings:
         Current of a pulse (ours: 6.6 A, that of the default machine).
     law : {"period", "frequency"}
         What rises with V(t(p)), see row T-A16. By the law of frequency code 1 is the longest period, that of code 255
-        by the other, and 0 V are no pulses.
+        by the other, and 0 V are not pulses.
     """
 
     t_i: Dac = Dac(T_I_FULL_V)
@@ -92,7 +92,7 @@ class PulseSettings:
         return self.pulse_A * min(t_i_us / t_p_us, 1.0)
 
     def check(self, t_i_code: int, t_p_code: int) -> None:
-        """Refuse a pair of codes that draws more than 2 A (row T-34), or is no pair of codes.
+        """Refuse a pair of codes that draws more than 2 A (row T-34), or is not a pair of codes.
 
         Raises
         ------

@@ -16,8 +16,8 @@ from edmsim.controllers.mcu.dialogue.part_program import Move, Setting, check_sp
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
 
 KEYS = {
     name: 10 + k

@@ -224,7 +224,8 @@ class Monitor:
         letter = normal(bytes([character])).decode("ascii", "replace")
         self._echo(ord(letter) & BYTE)
         if letter not in self._commands:
-            raise InputError(f"{letter if letter.isprintable() else f'{character:02X}H'} is no command; ? shows them")
+            shown = letter if letter.isprintable() else f"{character:02X}H"
+            raise InputError(f"{shown} is not a command; ? shows them")
         self._typing = self._commands[letter]()
         next(self._typing)
         return False
@@ -344,7 +345,7 @@ class Monitor:
         tape = read_tape(text)
         outside = [address for address in tape.bytes if address not in bus.RAM]
         if outside:
-            raise InputError(f"the tape is for {outside[0]:04X}H, which is no RAM; nothing was loaded")
+            raise InputError(f"the tape is for {outside[0]:04X}H, which is not RAM; nothing was loaded")
         for address, byte in tape.bytes.items():
             self._bench.write(address, byte)
         where = f", {min(tape.bytes):04X}H TO {max(tape.bytes):04X}H" if tape.bytes else ""
@@ -355,7 +356,7 @@ class Monitor:
         name = yield from self._name()
         self._new_line()
         if last not in bus.RAM and last not in bus.EPROM:
-            raise InputError(f"{last:04X}H is no memory; {bus.EPROM[0]:04X}H to {bus.RAM[-1]:04X}H are punched")
+            raise InputError(f"{last:04X}H is not memory; {bus.EPROM[0]:04X}H to {bus.RAM[-1]:04X}H are punched")
         self._bench.put_away(name, punch(bytes(map(self._bench.read, range(first, last + 1))), first))
         self._say(f"{last - first + 1} BYTES ON TAPE {name}")
 

@@ -50,7 +50,7 @@ START_AREAS = (
 Position counters, targets and what the operator set are not among them: they outlive INIT (row T-A14).
 """
 PROGRAM, PROGRAM_ENTRIES, ENTRY_MOST_BYTES = 0x2180, 500, 9
-"""The program from the host: so many entries (ours) of up to so many bytes each, and 00H behind the last."""
+"""The program from the host: greatest number of entries (ours), bytes of each at most, and 00H behind the last."""
 FREE = 0x3320
 """From here to the stack nothing is used: room for tapes."""
 STACK = 0x3FD0

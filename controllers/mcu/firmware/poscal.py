@@ -24,7 +24,7 @@ def unit_um(unit: Unit, step_um: int = STEP_UM) -> int:
 
 
 def unit_for(travel_um: float, step_um: int = STEP_UM) -> Unit:
-    """Unit in which positions on a table fit 16 bits: um up to 65 535 um of travel, steps up to so many steps.
+    """Unit in which positions on a table fit 16 bits: um up to 65 535 um of travel, steps up to 65 535 steps.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from edmsim.plant.kernel.state import TILED_UM, Arrays, Axes, Propagators, Timin
 from edmsim.plant.mechanics.modal import step_table
 
 LOST, TRIPPED = -1, -2
-"""What is returned instead of the next event: a wire or an axis has left every reason; the machine stops an axis."""
+"""What is returned instead of the next event: the state is out of range or not finite; the machine stops an axis."""
 
 
 @compiled

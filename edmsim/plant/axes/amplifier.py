@@ -1,4 +1,4 @@
-"""Velocity amplifiers: what an analogue drive makes of the reference voltage at its input.
+"""Velocity amplifiers: analogue drives from their reference voltage to the motor's current.
 
 A reference of 10 V asks for the rotor's speed ``10 * amplifier_rad_s_V``. The amplifier compares that with its
 tachometer and asks a current of the winding, proportional and integral to the error of speed and limited; the bridge
@@ -16,7 +16,7 @@ from edmsim.compiled.jit import compiled
 
 
 @compiled
-def _wanted_rad_s(row: Any, motor: Any) -> float:
+def _target_rad_s(row: Any, motor: Any) -> float:
     """Speed that the amplifier makes of the voltage at its input."""
     warmth = 1.0 - math.exp(-row.moved_ns * 1e-9 / motor.warm_s) if motor.warm_s > 0.0 else 1.0
     volts = row.duty * REFERENCE_V + motor.offset_V + motor.drift_V * warmth
@@ -28,10 +28,10 @@ def _wanted_rad_s(row: Any, motor: Any) -> float:
 @compiled
 def share_of_supply(row: Any, motor: Any, dt: float) -> float:
     """Share of the bridge's voltage (-1 to 1) for the current asked for; carry the integral on over a time (s)."""
-    error = _wanted_rad_s(row, motor) - row.speed_rad_s
-    wanted_A = motor.amplifier_A_s * error + row.integral_A
-    held_A = min(max(wanted_A, -motor.limit_A), motor.limit_A)
-    if held_A == wanted_A:
+    error = _target_rad_s(row, motor) - row.speed_rad_s
+    target_A = motor.amplifier_A_s * error + row.integral_A
+    held_A = min(max(target_A, -motor.limit_A), motor.limit_A)
+    if held_A == target_A:
         row.integral_A += motor.amplifier_A * error * dt
     volts = held_A * motor.resistance_ohm + motor.torque_Nm_A * row.speed_rad_s
     return float(min(max(volts / max(row.link_V, 1.0), -1.0), 1.0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from edmsim.compiled.axis_rows import (
     FAULT_IN,
     FAULT_OUT,
+    FOLLOWING_ERROR,
     FREEWHEEL,
     HOLDS_OUTPUT,
     N_AXES,
@@ -13,7 +14,6 @@ from edmsim.compiled.axis_rows import (
     NO_COMMAND,
     SAMPLE,
     SHARED_IN,
-    STRAYED,
     WATCHDOG,
 )
 from edmsim.compiled.calls import call_with_two
@@ -26,7 +26,7 @@ NEVER = 1 << 62
 NOBODY = -1
 """Nobody is due."""
 NOWHERE_UM = 1e9
-"""An axis that is not within this is nowhere: it has run out of every reason, or its place is no number."""
+"""Largest valid place; beyond it, or not finite, the axis has run away."""
 _OUTPUT, _DUTY, _SAMPLE, _ALARM = (kind * N_AXES for kind in range(4))
 """Who is due: one of these and the number of the axis."""
 
@@ -120,7 +120,7 @@ def _take_sample(axes: Axes, axis: int) -> bool:
 
 @compiled
 def serve(axes: Axes, who: int, now_ns: int) -> bool:
-    """Let happen what `first_due` found; false if a drive commands what is no share of its supply."""
+    """Let happen what `first_due` found; false if a drive commands what is not a share of its supply."""
     axis = who % N_AXES
     drive, row = axes.drives[axis], axes.rows[axis]
     if who >= _ALARM:
@@ -143,7 +143,7 @@ def serve(axes: Axes, who: int, now_ns: int) -> bool:
 
 @compiled
 def shut_off(axes: Axes, axis: int, now_ns: int) -> None:
-    """Take a drive out of service that commands what is no share of its supply."""
+    """Take a drive out of service that commands what is not a share of its supply."""
     hold_in_reset(axes, axis)
     axes.drives[axis].command = axes.rows[axis].duty = 0.0
     axes.rows[axis].trip |= NO_COMMAND
@@ -162,16 +162,16 @@ def tripped(axes: Axes) -> int:
 
 @compiled
 def watch(axes: Axes, now_ns: int) -> None:
-    """See which axes are too far from where the planner has them; a place that is no number is nowhere."""
+    """See which axes are too far from where the planner has them; a place that is not a number is nowhere."""
     for axis in range(N_AXES):
         row = axes.rows[axis]
         if axes.drives[axis].sample == 0:
             continue
         place, most = row.place_um, row.stray_um
         if abs(place) < NOWHERE_UM and place - row.most_um <= most and row.least_um - place <= most:
-            row.trip &= ~STRAYED
-        elif row.trip & STRAYED == 0:
-            row.trip |= STRAYED
+            row.trip &= ~FOLLOWING_ERROR
+        elif row.trip & FOLLOWING_ERROR == 0:
+            row.trip |= FOLLOWING_ERROR
             row.trip_ns = now_ns
 
 

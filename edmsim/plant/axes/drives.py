@@ -67,13 +67,13 @@ class Drives:
     ----------
     axes : Axes
         The rows as the loop has them.
-    given, by_axis : dict
+    options, by_axis : dict
         The drives as they were given, and the plant's own copies.
 
     Raises
     ------
     InputError
-        If there is no such axis, or a drive's record, period or motor is none.
+        If there is no such axis, or a drive's record, period or motor is invalid.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Drives:
         for name in drives:
             if name not in AXIS_NAMES:
                 raise InputError(f"there is no axis {name!r} to drive; there are: {one_of(name, AXIS_NAMES)}")
-        self.given = dict(drives)
+        self.options = dict(drives)
         self.by_axis: dict[str, AxisDrive] = {name: copy.deepcopy(drive) for name, drive in drives.items()}
         made = allocate(Axes, sizes, loops=0, errs=0)
         made.ways[:] = no_ways() if ways is None else ways
@@ -193,16 +193,16 @@ class Drives:
         moves = straight_moves(counts, start_ns, rapid_um_s / step_um, at_once)
         rows["least_um"], rows["most_um"] = np.minimum(rows["least_um"], to_um), np.maximum(rows["most_um"], to_um)
         until_ns, late_s = start_ns + duration_ns, 0.0
-        seen_ns, before_um = until_ns, np.inf * np.ones(N_AXES)
+        check_ns, before_um = until_ns, np.inf * np.ones(N_AXES)
         while run_moves(self.axes, moves, until_ns) and not self.faults():
             away_um = self.away_um(state)
             if np.all(away_um <= step_um):
                 break
-            if until_ns >= seen_ns:
+            if until_ns >= check_ns:
                 late_s = time_left_s(before_um, away_um, constants()["settled_s"], step_um)
                 if late_s > constants()["longest_s"]:
                     break
-                seen_ns, before_um, late_s = until_ns + round(constants()["settled_s"] * 1e9), away_um, 0.0
+                check_ns, before_um, late_s = until_ns + round(constants()["settled_s"] * 1e9), away_um, 0.0
             until_ns += _LOOK_NS
         rows["least_um"] = rows["most_um"] = to_um
         self._show(state)
@@ -306,7 +306,7 @@ class Drives:
         Raises
         ------
         InputError
-            A period or a due time is none, or was due long before `now_ns`.
+            A period or a due time is invalid, or was due long before `now_ns`.
         """
         for k in self._looped:
             name, drive = AXIS_NAMES[k], state["drives"][k : k + 1]

@@ -54,8 +54,8 @@ def _phases_at_input(row: Any) -> Any:
 def read_phases(row: Any) -> None:
     """Let the input count what it sees now."""
     phases = _phases_at_input(row)
-    step = ((phases ^ phases >> 1) - (row.seen_state ^ row.seen_state >> 1)) & 3
-    row.seen_state = phases
+    step = ((phases ^ phases >> 1) - (row.latched_state ^ row.latched_state >> 1)) & 3
+    row.latched_state = phases
     if step == 2:
         row.illegal += 1
     elif step != 0:
@@ -66,7 +66,7 @@ def read_phases(row: Any) -> None:
 @compiled
 def _catch_up(row: Any, now_ns: float, hold_ns: float) -> None:
     """Read the phases if an edge has waited for the input to be ready."""
-    if row.ready_ns <= now_ns and row.seen_state != _phases_at_input(row):
+    if row.ready_ns <= now_ns and row.latched_state != _phases_at_input(row):
         read_phases(row)
         row.ready_ns += hold_ns
 

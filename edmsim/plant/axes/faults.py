@@ -81,7 +81,7 @@ _FORM = "an axis' fault is AXIS:FAULT@SECONDS, x:stuck@2.5 say"
 
 
 def parse_fault(text: str) -> AxisFault:
-    """Read a fault; raises `InputError` if it is none."""
+    """Parse a fault; raises `InputError` if it is invalid."""
     where, _, at = text.partition("@")
     axis, _, fault = where.partition(":")
     if axis not in ("x", "y"):

@@ -24,7 +24,7 @@ _LONGEST_NS = 20_000
 """Time step (ours): a hundredth of the electrical time constant of small motors, as long as half a bridge's pulse."""
 _FURTHEST_UM = 1e9
 """Travel of rotor or table beyond which an axis has run away (ours: a kilometre)."""
-_SWING = 0.2
+_STEP_RAD = 0.2
 """Time step as a share of the radian of the fastest swing (ours)."""
 
 
@@ -32,7 +32,7 @@ def longest_step_ns(motor: NDArray[np.void]) -> int:
     """Return the time step for a motor, a row of `MOTOR`."""
     m = motor[0]
     omega2 = m["screw_N_m"] * (1 / m["table_kg"] + (m["um_per_rad"] * 1e-6) ** 2 / m["inertia_kg_m2"])
-    return max(int(min(_LONGEST_NS, _SWING / math.sqrt(omega2) * 1e9)), 1)
+    return max(int(min(_LONGEST_NS, _STEP_RAD / math.sqrt(omega2) * 1e9)), 1)
 
 
 @compiled
@@ -121,7 +121,7 @@ def coast(axes: Axes, axis: int, until_ns: int) -> bool:
 
 @compiled
 def coast_all(axes: Axes, first: int, until_ns: int) -> bool:
-    """Move the axes from `first` on whose drives have a loop; false if one is no place, or beyond every reason."""
+    """Move the axes from `first` on whose drives have a loop; false if a place is out of range or not finite."""
     for axis in range(first, N_AXES):
         if axes.drives[axis].sample != 0 and not coast(axes, axis, until_ns):
             return False

@@ -25,7 +25,7 @@ def _of_axis(drives: Drives, k: int) -> str:
     row, name = drives.axes.rows[k], AXIS_NAMES[k]
     why, off_um = _own_words(drives, k), _off_um(row)
     if row["trip"] & NO_COMMAND:
-        text = f"the drive of {name} is out of service: it commanded what is no share of its supply"
+        text = f"the drive of {name} is out of service: it commanded what is not a share of its supply"
     elif drives.axes.drives["lines"][k] & FAULT and not why and (pulled_by := _line_low(drives, k)):
         return f"the drive of {name} was stopped by its fault line, pulled low {pulled_by}"
     elif drives.axes.drives["lines"][k] & FAULT:

@@ -154,7 +154,7 @@ def _primed_weights(gap: Any, law: BlockLaw) -> Any:
 def _particle_weights(gap: Any, held: Any, law: BlockLaw) -> Any:
     """Primed weights of a block of rays by particles over `GapLaw.particles_um` and debris share, from their gaps.
 
-    `held` are the gaps, or what stands for those that are none.
+    `held` are the gaps, or what stands in for invalid ones.
     """
     return power_of_half(highest(gap * law.particle_gaps - law.particle_offset, np.float32(0.0))) * held
 

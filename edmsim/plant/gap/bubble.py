@@ -117,5 +117,5 @@ def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: Bubble
     escape = law.escape_Ns_J * narrow
     driving_J = energy_J * (1.0 + LATE_SHARE * (1.0 - confined_us / vent_us))
     water_Ns = law.impulse_Ns * math.sqrt(driving_J / REFERENCE_J * narrow)
-    kept_N = max(0.0, escape * power_W - law.ambient_N)
-    return water_Ns + 0.5 * escape * energy_J + kept_N * (burn_us - confined_us) * 1e-6
+    escape_N = max(0.0, escape * power_W - law.ambient_N)
+    return water_Ns + 0.5 * escape * energy_J + escape_N * (burn_us - confined_us) * 1e-6

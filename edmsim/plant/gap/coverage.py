@@ -16,7 +16,7 @@ from typing import Annotated, NamedTuple
 
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import COORDINATES, load, store
-from edmsim.plant.kernel.declare import Kept
+from edmsim.plant.kernel.declare import Stored
 from edmsim.plant.kernel.state import GRID, Array, Arrays, Constants
 
 AMBIENT_PA = 101_325.0
@@ -28,7 +28,7 @@ LEAST_POCKET = 1e-6
 
 
 class GasLaw(NamedTuple):
-    """What discharges make of gas.
+    """Gas of discharges: how much, and how long it lives.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class GasLaw(NamedTuple):
     steam_um_J: float
     gas_um_J: float
     refill_um_s: float
-    fading: Annotated[Array, Kept(GRID + 1, 2)]
+    fading: Annotated[Array, Stored(GRID + 1, 2)]
 
 
 def cover_um2_J(pressure_energy_share: float, kerf_um: float) -> float:
@@ -63,7 +63,7 @@ def cover_um2_J(pressure_energy_share: float, kerf_um: float) -> float:
 
 
 def steam_life_us(half_length_um: float, periods: float, density_kg_m3: float) -> float:
-    """Lifetime of a pocket of steam: so many times Rayleigh's time of collapse, ``0.915 R sqrt(rho / p0)``."""
+    """Lifetime of a pocket of steam: `periods` times Rayleigh's time of collapse, ``0.915 R sqrt(rho / p0)``."""
     return periods * 0.915 * half_length_um * math.sqrt(density_kg_m3 / AMBIENT_PA)
 
 

@@ -20,7 +20,8 @@ LEFT_UM = 0.1
 MOST_TRIES = 64
 """A delay that the flow has put off so often does not end within the wait (ours: by then it has passed)."""
 MOST_SWEEPS = 8
-"""So many sweeps over the slices push the wire out; what is left is judged at the window's end (ours)."""
+"""Greatest number of sweeps over the slices that push the wire out; what is left is judged at the window's end
+(ours)."""
 
 
 @compiled

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import load, passed, spread, total
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.gap.rays import Rays, arc, face, narrowest, turned
-from edmsim.plant.kernel.state import NO_METAL_UM, PULSES_PER_WINDOW, Array, Arrays, Constants
+from edmsim.plant.kernel.state import NO_METAL_UM, Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import metal_height, trace
 
 OVERLAP_UM = 8.0
@@ -21,8 +22,8 @@ KNOWN_MOVE_UM = 20.0
 """Known edges are of use only while the wire moved less than this since."""
 BARE_UM = np.float32(0.5 * NO_METAL_UM)
 """A gap beyond this is that of a ray that meets no metal."""
-BLIND_PULSES = 32 * PULSES_PER_WINDOW
-"""A ray that met no metal is looked along again only after so many pulses: what comes within its range at the feed of
+BLIND_PULSES = 32 * WINDOW_PULSES
+"""Pulses until a ray that met no metal is traced again: what comes within its range at the feed of
 such a machine is then still far away."""
 
 

@@ -40,7 +40,7 @@ class Rays(NamedTuple):
 
 @compiled
 def places(rays: int) -> int:
-    """How many places the arrays have for so many rays."""
+    """Places of the arrays for a number of rays: whole vectors."""
     return filled(rays, GAPS)
 
 
@@ -70,7 +70,7 @@ def narrowest(rays: Rays, s: int, shift_x: np.float32, shift_y: np.float32) -> t
 
 @compiled
 def turned(ray: int, by: int, count: int) -> int:
-    """Ray so many further around, of `count`; `by` is less than a turn either way."""
+    """``(ray + by) mod count``, for a `by` of less than a turn either way."""
     ray += by
     if ray >= count:
         ray -= count

@@ -45,7 +45,7 @@ class ArraySizes(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Kept:
+class Stored:
     """Shape and lifetime of a declared array.
 
     Parameters
@@ -73,15 +73,15 @@ class Kept:
 
 
 class Field(NamedTuple):
-    """One declared field: ``kept`` is None for a plain number."""
+    """One declared field: ``stored`` is None for a plain number."""
 
     name: str
     dtype: np.dtype[Any]
-    kept: Kept | None
+    stored: Stored | None
 
 
 def sizes_of(slices: int, rays: int, coordinates: int) -> ArraySizes:
-    """Return the lengths of a plant with so many slices, rays, and modes or nodes of the wire."""
+    """Return the lengths by the numbers of slices, rays, and modes or nodes of the wire."""
     return ArraySizes(
         slices=slices, slices_filled=filled(slices), rays=rays, places=filled(rays, GAPS), modes=filled(coordinates),
         nodes=coordinates, dofs=2 * coordinates + 4,
@@ -96,9 +96,9 @@ def fields_of(group: type) -> tuple[Field, ...]:
         if hint in (int, float):
             found.append(Field(name, np.dtype("i8" if hint is int else "f8"), None))
             continue
-        array, kept = get_args(hint)
+        array, stored = get_args(hint)
         element = get_args(get_args(array)[1])[0]
-        found.append(Field(name, np.dtype(element) if kept.record is None else kept.record, kept))
+        found.append(Field(name, np.dtype(element) if stored.record is None else stored.record, stored))
     return tuple(found)
 
 
@@ -111,25 +111,25 @@ def numbers_of(group: type) -> np.dtype[np.void]:
 @functools.cache
 def entries_of(group: type) -> np.dtype[np.void]:
     """Return the record with which the loop finds a group: its numbers themselves, and its arrays' addresses."""
-    return np.dtype([(name, dtype if kept is None else np.dtype("i8")) for name, dtype, kept in fields_of(group)])
+    return np.dtype([(name, dtype if stored is None else np.dtype("i8")) for name, dtype, stored in fields_of(group)])
 
 
 def lasting(group: type, *lives: int) -> tuple[str, ...]:
     """Return the names of a group's arrays that last so long."""
-    return tuple(name for name, _, kept in fields_of(group) if kept is not None and kept.life in lives)
+    return tuple(name for name, _, stored in fields_of(group) if stored is not None and stored.life in lives)
 
 
 def allocate(group: type[_Group], sizes: ArraySizes, **numbers: float) -> _Group:
     """Return a group with its plain numbers, its arrays full of zeros."""
     made: dict[str, Any] = {
-        name: np.zeros(kept.lengths(sizes), dtype) for name, dtype, kept in fields_of(group) if kept is not None
+        name: np.zeros(stored.lengths(sizes), dtype) for name, dtype, stored in fields_of(group) if stored is not None
     }
     return cast("_Group", cast(Any, group)(**made, **numbers))
 
 
 def check(field: Field, array: NDArray[Any], sizes: ArraySizes) -> None:
     """Refuse an array that is not what was declared: compiled code would read beyond it."""
-    assert field.kept is not None
-    declared: tuple[DTypeLike, tuple[int, ...]] = field.dtype, field.kept.lengths(sizes)
+    assert field.stored is not None
+    declared: tuple[DTypeLike, tuple[int, ...]] = field.dtype, field.stored.lengths(sizes)
     if (array.dtype, array.shape) != declared or not array.flags.c_contiguous:
         raise TypeError(f"{field.name} is {array.dtype} {array.shape}, declared as {declared[0]} {declared[1]}")

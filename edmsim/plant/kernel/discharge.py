@@ -25,14 +25,14 @@ PLACE_SD_UM = 2000.0
 """Standard deviation of the height at which a discharge is located (ours). That its current divides between two
 contacts as the wire's resistances do, and so tells its height, is the method of Shoda, Kaneko, Nishimura, Kunieda and
 Fan (ISEM X, 1992)."""
-_WITHIN, _ASTRAY = np.uint64(0x5BD1E995A1B2C3D5), np.uint64(0xC2B2AE3D27D4EB4F)
+_HEIGHT_STREAM, _ERROR_STREAM = np.uint64(0x5BD1E995A1B2C3D5), np.uint64(0xC2B2AE3D27D4EB4F)
 """What makes keys of draws that are only for the measurement out of the plant's: they leave its own draws alone."""
 
 
 @compiled
 def _within(state: NDArray[np.void]) -> float:
     """Where in the metal of its slice this pulse's discharge strikes, as a share of that metal's height."""
-    return uniform(state[0].key ^ _WITHIN, np.uint64(state[0].pulses))
+    return uniform(state[0].key ^ _HEIGHT_STREAM, np.uint64(state[0].pulses))
 
 
 @compiled
@@ -46,7 +46,7 @@ def locate(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Cons
     """Count a discharge in a slice in the fifth of the height where its currents put it, with their error."""
     key, count = state[0].key, np.uint64(state[0].pulses)
     height_um = (s + _within(state) * a.metal[s]) * c.slice_um
-    height_um += PLACE_SD_UM * normal(uniform(key ^ _ASTRAY, count))
+    height_um += PLACE_SD_UM * normal(uniform(key ^ _ERROR_STREAM, count))
     fifth = int(5.0 * height_um / (a.debris.shape[0] * c.slice_um))
     window[0].fifths[min(max(fifth, 0), 4)] += 1
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.compiled.jit import compiled
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.axes.advance import LOST, advance_axes, apply_geometric_errors, indicate
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
@@ -32,7 +33,6 @@ from edmsim.plant.kernel.state import (
     NOT_FINITE,
     OPEN,
     OUTSIDE,
-    PULSES_PER_WINDOW,
     SHORT,
     STEP_EARLY,
     STEP_WRONG,
@@ -63,7 +63,7 @@ LOST_UM = -1e9
 FINITE = 1e15
 """No sum of lengths, times or temperatures is as large as this."""
 MOST_DEFLECTION_UM = 2000.0
-"""A wire bent further than this is no wire between guides any more: the model has left its validity."""
+"""A wire bent further than this is not a wire between guides any more: the model has left its validity."""
 
 
 @compiled
@@ -71,7 +71,7 @@ def _carve(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
     index: NDArray[np.int32], c: Constants,
 ) -> None:
-    """Carve the craters on the rays from the field; what found no metal there was none."""
+    """Carve the craters on the rays from the field; volume that finds no metal counts as missed."""
     missed = carve(a, tiles, index, c, draw(state) - 0.5)
     state[0].carved_pulses = state[0].pulses
     state[0].missed_um3 += missed
@@ -146,7 +146,7 @@ def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None
         w.deflection_um[axis] = w.deflection2_um2[axis] = 0.0
     for s in range(a.temperature_K.shape[0]):
         w.temperature_max_K = max(w.temperature_max_K, a.temperature_K[s])
-    # gas that is no number may have faded by the window's end, but for this
+    # gas that is not a number may have faded by the window's end, but for this
     slices = a.debris.shape[0]
     w.coverage = mean_of_slices(a.steam, slices) + mean_of_slices(a.gas, slices) + mean_of_slices(a.wake_gas, slices)
 
@@ -201,7 +201,7 @@ def _grid_steps(spans: float, most: int) -> int:
 
 
 @compiled
-def _swing(
+def _move_wire(
     a: Arrays, c: Constants, t: Timing, p: Propagators, loads: Array, held: Array, k: int, scale: float, film: float,
     resistance: float, narrow: bool, upward: bool, films: Array,
 ) -> None:
@@ -266,7 +266,7 @@ def fire_window(
     burn_scale = open_scale * (t.burning_V / open_V) ** 2
     per_grid = 1.0 / t.grid_us
     next_event = 0
-    for n in range(PULSES_PER_WINDOW):
+    for n in range(WINDOW_PULSES):
         place_wire(state, a, position)
         totals = sum_rays(a, c, law, position, sums, contact)
         if state[0].traced_pulses == state[0].pulses:
@@ -315,15 +315,15 @@ def fire_window(
             k_end = _grid_steps((delay + burn) * per_grid, k_period)
             pulled = (open_scale * delay + burn_scale * burn) / max(delay + burn, t.grid_us)
             upward = state[0].pulses % 2 == 0
-            _swing(a, c, t, p, load, held, k_end, pulled, film, resistance, found > 0, upward, films)
+            _move_wire(a, c, t, p, load, held, k_end, pulled, film, resistance, found > 0, upward, films)
             if impulse != 0.0:
                 kick(a, at, kick_x, kick_y)
-            spans, begun = c.film_spans if found > 0 else 1, k_end
+            spans, k_before = c.film_spans if found > 0 else 1, k_end
             for n_span in range(1, spans + 1):
                 k_now = k_end + (k_period - k_end) * n_span // spans
                 upward = not upward
-                _swing(a, c, t, p, load, held, k_now - begun, 0.0, film, resistance, found > 0, upward, films)
-                begun = k_now
+                _move_wire(a, c, t, p, load, held, k_now - k_before, 0.0, film, resistance, found > 0, upward, films)
+                k_before = k_now
             ring(a, p, k_period)
             state[0].time_ns += period_ns
             next_event = advance_axes(
@@ -348,7 +348,7 @@ def fire_window(
             return _end(state, window, a, LOST_UM if next_event == LOST else 0.0)
         if state[0].broken != 0 or n + 1 == count:
             break
-    if state[0].broken != 0 or count < PULSES_PER_WINDOW or _is_due(state, c):
+    if state[0].broken != 0 or count < WINDOW_PULSES or _is_due(state, c):
         _carve(state, window, a, tiles, index, c)
     # what the last pulse drove into the metal must be out of it before the rays are traced again
     place_wire(state, a, position)

@@ -62,7 +62,7 @@ class Memory:
         self._sizes = sizes
         self._table = np.zeros(1, _TABLE)
         self.address: int = self._table.ctypes.data
-        self._kept: dict[tuple[str, str], NDArray[Any]] = {}
+        self._alive: dict[tuple[str, str], NDArray[Any]] = {}
 
     def put(self, group: NamedTuple) -> None:
         """Put a group: its numbers, and the addresses of its arrays, which must be as they were declared."""
@@ -70,7 +70,7 @@ class Memory:
         name = _NAMES[kind]
         if name in _RECORDS:
             record = np.array([tuple(group)], numbers_of(kind))
-            self._table[name], self._kept[name, ""] = record.ctypes.data, record
+            self._table[name], self._alive[name, ""] = record.ctypes.data, record
         else:
             fields = zip(fields_of(kind), group, strict=True)
             self._table[name] = tuple([self._entry(name, field, value) for field, value in fields])
@@ -92,16 +92,16 @@ class Memory:
 
     def _entry(self, name: str, field: Field, value: Any) -> Any:
         """Return what the table has for a field: the number, or the address of the array, which is kept alive."""
-        if field.kept is None:
+        if field.stored is None:
             return value
         check(field, value, self._sizes)
-        self._kept[name, field.name] = value
+        self._alive[name, field.name] = value
         return value.ctypes.data  # the array's interface would describe the type of its records every time
 
 
 def _group_of(group: Any) -> Any:
     """In compiled code, a declared group by its record in the table and the numbers of `ArraySizes`."""
-    fields = {f.name: GroupField(f.dtype, None if f.kept is None else f.kept.shape) for f in fields_of(group)}
+    fields = {f.name: GroupField(f.dtype, None if f.stored is None else f.stored.shape) for f in fields_of(group)}
     return group_of(group.__name__, entries_of(group), fields, ArraySizes._fields)
 
 

@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import AXIS, DRIVE, MOTOR, N_AXES
 from edmsim.plant.axes.ways import WAY
-from edmsim.plant.kernel.declare import CHANGING, WALL, Kept
+from edmsim.plant.kernel.declare import CHANGING, WALL, Stored
 
 Array = NDArray[np.float64]
 
-PULSES_PER_WINDOW = 255
-"""The analyser's cycle (row T-40)."""
 TILE = 32
 """Cells along the side of a tile of the kerf field."""
 GRID = 1000
@@ -114,9 +112,9 @@ NO_METAL_UM = 1.0e6
 BARE = 2
 """What `broken` is (1 if the wire broke) once the machine goes on without it."""
 FINE, NO_TILES, STEP_WRONG, STEP_EARLY, BROKEN, NOT_FINITE, OUTSIDE, INSIDE = range(8)
-"""How a window ended: as it should; not begun, for want of tiles of the field, because of a step that no motor makes
-or that is out of order, or because the wire broke before; a number that is none; the wire beyond its guides; the wire
-deeper in the metal than its rays see."""
+"""How a window ended: as it should; not started: tiles of the field missing, an invalid step event, a step out of
+order, or the wire broken before; stopped: NaN or infinite state, the wire beyond its guides, the wire deeper in the
+metal than its rays reach."""
 TILED_UM = 64.0
 """The field has all the tiles a window may need as long as the wire is within this of where they were made."""
 
@@ -240,13 +238,13 @@ class Propagators(NamedTuple):
     table11, table12, table21, table22 : (GRID + 1, 2, 2)
     """
 
-    wire: Annotated[Array, Kept(GRID + 1, 4, "modes")]
-    wire_compliance: Annotated[Array, Kept("modes")]
-    yielding: Annotated[Array, Kept(GRID + 1, "slices", 2)]
-    table11: Annotated[Array, Kept(GRID + 1, 2, 2)]
-    table12: Annotated[Array, Kept(GRID + 1, 2, 2)]
-    table21: Annotated[Array, Kept(GRID + 1, 2, 2)]
-    table22: Annotated[Array, Kept(GRID + 1, 2, 2)]
+    wire: Annotated[Array, Stored(GRID + 1, 4, "modes")]
+    wire_compliance: Annotated[Array, Stored("modes")]
+    yielding: Annotated[Array, Stored(GRID + 1, "slices", 2)]
+    table11: Annotated[Array, Stored(GRID + 1, 2, 2)]
+    table12: Annotated[Array, Stored(GRID + 1, 2, 2)]
+    table21: Annotated[Array, Stored(GRID + 1, 2, 2)]
+    table22: Annotated[Array, Stored(GRID + 1, 2, 2)]
 
 
 class Axes(NamedTuple):
@@ -266,11 +264,11 @@ class Axes(NamedTuple):
         Whether ``ways`` has any.
     """
 
-    rows: Annotated[NDArray[np.void], Kept(N_AXES, life=CHANGING, record=AXIS)]
-    drives: Annotated[NDArray[np.void], Kept(N_AXES, life=CHANGING, record=DRIVE)]
-    motors: Annotated[NDArray[np.void], Kept(N_AXES, record=MOTOR)]
-    ways: Annotated[NDArray[np.void], Kept(2, record=WAY)]
-    step_ns: Annotated[NDArray[np.int64], Kept(N_AXES)]
+    rows: Annotated[NDArray[np.void], Stored(N_AXES, life=CHANGING, record=AXIS)]
+    drives: Annotated[NDArray[np.void], Stored(N_AXES, life=CHANGING, record=DRIVE)]
+    motors: Annotated[NDArray[np.void], Stored(N_AXES, record=MOTOR)]
+    ways: Annotated[NDArray[np.void], Stored(2, record=WAY)]
+    step_ns: Annotated[NDArray[np.int64], Stored(N_AXES)]
     loops: int
     errs: int
 
@@ -352,54 +350,54 @@ class Arrays(NamedTuple):
     table_shape, table_participation : (2, 2)
     """
 
-    edge_um: Annotated[NDArray[np.float32], Kept("slices", "rays", life=WALL)]
-    reference_um: Annotated[Array, Kept(2, "slices_filled", life=WALL)]
-    pending_um2: Annotated[Array, Kept("slices", "places", life=WALL)]
-    wire_q: Annotated[Array, Kept(2, "modes", life=CHANGING)]
-    wire_v: Annotated[Array, Kept(2, "modes", life=CHANGING)]
-    table_q: Annotated[Array, Kept(2, 2, life=CHANGING)]
-    table_v: Annotated[Array, Kept(2, 2, life=CHANGING)]
-    steady: Annotated[Array, Kept(2, "modes", life=CHANGING)]
-    temperature_K: Annotated[Array, Kept("slices", life=CHANGING)]
-    debris: Annotated[Array, Kept("slices", life=CHANGING)]
-    carry_um2: Annotated[Array, Kept("slices", life=WALL)]
-    current2_us: Annotated[Array, Kept(2, "slices", life=CHANGING)]
-    steam: Annotated[Array, Kept("slices_filled", life=CHANGING)]
-    gas: Annotated[Array, Kept("slices_filled", life=CHANGING)]
-    covered: Annotated[Array, Kept("slices_filled", life=CHANGING)]
-    wake_debris: Annotated[Array, Kept("slices", life=CHANGING)]
-    wake_gas: Annotated[Array, Kept("slices_filled", life=CHANGING)]
-    distance: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
-    cosine: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
-    sine: Annotated[NDArray[np.float32], Kept("slices", "places", life=WALL)]
-    first: Annotated[NDArray[np.int64], Kept("slices", life=WALL)]
-    blocks: Annotated[NDArray[np.int64], Kept("slices", life=WALL)]
-    unbroken: Annotated[NDArray[np.int64], Kept("slices", life=WALL)]
-    ray_cosine: Annotated[Array, Kept("rays")]
-    ray_sine: Annotated[Array, Kept("rays")]
-    reach_x: Annotated[Array, Kept("rays", life=WALL)]
-    reach_y: Annotated[Array, Kept("rays", life=WALL)]
-    across_x: Annotated[Array, Kept("rays", life=WALL)]
-    across_y: Annotated[Array, Kept("rays", life=WALL)]
-    upright: Annotated[Array, Kept(1, life=WALL)]
-    shape: Annotated[Array, Kept("slices", "modes")]
-    sway: Annotated[Array, Kept("modes", "slices_filled")]
-    mean_shape: Annotated[Array, Kept("modes")]
-    slice_mass_kg: Annotated[Array, Kept("slices")]
-    mobility: Annotated[Array, Kept("modes")]
-    inertia: Annotated[Array, Kept("modes")]
-    lean_share: Annotated[Array, Kept("slices_filled", life=WALL)]
-    height_share: Annotated[Array, Kept("slices_filled")]
-    carried_per_us: Annotated[Array, Kept("slices")]
-    convection_W_m2K: Annotated[Array, Kept("slices")]
-    critical_W_m2: Annotated[Array, Kept("slices")]
-    jet_um_kg_s2: Annotated[Array, Kept("slices")]
-    flow_share: Annotated[Array, Kept(2, "slices")]
-    table_shape: Annotated[Array, Kept(2, 2)]
-    table_participation: Annotated[Array, Kept(2, 2)]
-    ray_metal: Annotated[NDArray[np.float32], Kept("slices", "rays", life=WALL)]
-    metal: Annotated[Array, Kept("slices", life=WALL)]
-    entering: Annotated[Array, Kept(2, "slices", life=WALL)]
+    edge_um: Annotated[NDArray[np.float32], Stored("slices", "rays", life=WALL)]
+    reference_um: Annotated[Array, Stored(2, "slices_filled", life=WALL)]
+    pending_um2: Annotated[Array, Stored("slices", "places", life=WALL)]
+    wire_q: Annotated[Array, Stored(2, "modes", life=CHANGING)]
+    wire_v: Annotated[Array, Stored(2, "modes", life=CHANGING)]
+    table_q: Annotated[Array, Stored(2, 2, life=CHANGING)]
+    table_v: Annotated[Array, Stored(2, 2, life=CHANGING)]
+    steady: Annotated[Array, Stored(2, "modes", life=CHANGING)]
+    temperature_K: Annotated[Array, Stored("slices", life=CHANGING)]
+    debris: Annotated[Array, Stored("slices", life=CHANGING)]
+    carry_um2: Annotated[Array, Stored("slices", life=WALL)]
+    current2_us: Annotated[Array, Stored(2, "slices", life=CHANGING)]
+    steam: Annotated[Array, Stored("slices_filled", life=CHANGING)]
+    gas: Annotated[Array, Stored("slices_filled", life=CHANGING)]
+    covered: Annotated[Array, Stored("slices_filled", life=CHANGING)]
+    wake_debris: Annotated[Array, Stored("slices", life=CHANGING)]
+    wake_gas: Annotated[Array, Stored("slices_filled", life=CHANGING)]
+    distance: Annotated[NDArray[np.float32], Stored("slices", "places", life=WALL)]
+    cosine: Annotated[NDArray[np.float32], Stored("slices", "places", life=WALL)]
+    sine: Annotated[NDArray[np.float32], Stored("slices", "places", life=WALL)]
+    first: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
+    blocks: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
+    unbroken: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
+    ray_cosine: Annotated[Array, Stored("rays")]
+    ray_sine: Annotated[Array, Stored("rays")]
+    reach_x: Annotated[Array, Stored("rays", life=WALL)]
+    reach_y: Annotated[Array, Stored("rays", life=WALL)]
+    across_x: Annotated[Array, Stored("rays", life=WALL)]
+    across_y: Annotated[Array, Stored("rays", life=WALL)]
+    upright: Annotated[Array, Stored(1, life=WALL)]
+    shape: Annotated[Array, Stored("slices", "modes")]
+    sway: Annotated[Array, Stored("modes", "slices_filled")]
+    mean_shape: Annotated[Array, Stored("modes")]
+    slice_mass_kg: Annotated[Array, Stored("slices")]
+    mobility: Annotated[Array, Stored("modes")]
+    inertia: Annotated[Array, Stored("modes")]
+    lean_share: Annotated[Array, Stored("slices_filled", life=WALL)]
+    height_share: Annotated[Array, Stored("slices_filled")]
+    carried_per_us: Annotated[Array, Stored("slices")]
+    convection_W_m2K: Annotated[Array, Stored("slices")]
+    critical_W_m2: Annotated[Array, Stored("slices")]
+    jet_um_kg_s2: Annotated[Array, Stored("slices")]
+    flow_share: Annotated[Array, Stored(2, "slices")]
+    table_shape: Annotated[Array, Stored(2, 2)]
+    table_participation: Annotated[Array, Stored(2, 2)]
+    ray_metal: Annotated[NDArray[np.float32], Stored("slices", "rays", life=WALL)]
+    metal: Annotated[Array, Stored("slices", life=WALL)]
+    entering: Annotated[Array, Stored(2, "slices", life=WALL)]
 
 
 class Scratch(NamedTuple):
@@ -416,12 +414,12 @@ class Scratch(NamedTuple):
         See `film.find_films`.
     """
 
-    position: Annotated[Array, Kept(2, "slices_filled")]
-    load: Annotated[Array, Kept(2, "modes")]
-    held: Annotated[Array, Kept(2, "modes")]
-    sums: Annotated[Array, Kept("slices", 4)]
-    contact: Annotated[Array, Kept("slices")]
-    films: Annotated[Array, Kept("slices", 6)]
+    position: Annotated[Array, Stored(2, "slices_filled")]
+    load: Annotated[Array, Stored(2, "modes")]
+    held: Annotated[Array, Stored(2, "modes")]
+    sums: Annotated[Array, Stored("slices", 4)]
+    contact: Annotated[Array, Stored("slices")]
+    films: Annotated[Array, Stored("slices", 6)]
 
 
 class Own(NamedTuple):
@@ -430,9 +428,9 @@ class Own(NamedTuple):
     ``levels``, the heights of the blank over a slice's, is empty where the blank is as high everywhere.
     """
 
-    state: Annotated[NDArray[np.void], Kept(1, record=STATE)]
-    window: Annotated[NDArray[np.void], Kept(1, record=WINDOW)]
-    tiles: Annotated[NDArray[np.uint16], Kept("tiles", "slices", TILE, TILE)]
-    tile_index: Annotated[NDArray[np.int32], Kept("index_side", "index_side")]
-    levels: Annotated[NDArray[np.float32], Kept("levels", TILE, TILE)]
-    pulses: Annotated[NDArray[np.void], Kept("pulses", record=PULSE)]
+    state: Annotated[NDArray[np.void], Stored(1, record=STATE)]
+    window: Annotated[NDArray[np.void], Stored(1, record=WINDOW)]
+    tiles: Annotated[NDArray[np.uint16], Stored("tiles", "slices", TILE, TILE)]
+    tile_index: Annotated[NDArray[np.int32], Stored("index_side", "index_side")]
+    levels: Annotated[NDArray[np.float32], Stored("levels", TILE, TILE)]
+    pulses: Annotated[NDArray[np.void], Stored("pulses", record=PULSE)]

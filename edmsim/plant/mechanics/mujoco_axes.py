@@ -17,7 +17,7 @@ from edmsim.plant.axes.encoder import position, see_edges
 from edmsim.plant.axes.marks import watch_cam
 from edmsim.plant.axes.motor import energise
 from edmsim.plant.axes.shaft import rubbed_rotor, rubbed_table, screw_damping
-from edmsim.plant.kernel.declare import CHANGING, Kept
+from edmsim.plant.kernel.declare import CHANGING, Stored
 from edmsim.plant.kernel.state import Array, Axes
 
 
@@ -66,24 +66,24 @@ class FullLink(NamedTuple):
     mj_step: int
     model: int
     data: int
-    timestep: Annotated[Array, Kept(1)]
-    qpos: Annotated[Array, Kept("dofs")]
-    qvel: Annotated[Array, Kept("dofs")]
-    force: Annotated[Array, Kept("dofs")]
-    wire: Annotated[NDArray[np.int64], Kept(2, "nodes")]
-    carriage: Annotated[NDArray[np.int64], Kept(2)]
-    rotor: Annotated[NDArray[np.int64], Kept(2)]
+    timestep: Annotated[Array, Stored(1)]
+    qpos: Annotated[Array, Stored("dofs")]
+    qvel: Annotated[Array, Stored("dofs")]
+    force: Annotated[Array, Stored("dofs")]
+    wire: Annotated[NDArray[np.int64], Stored(2, "nodes")]
+    carriage: Annotated[NDArray[np.int64], Stored(2)]
+    rotor: Annotated[NDArray[np.int64], Stored(2)]
     longest_us: float
     reach_m: float
-    node_kg: Annotated[Array, Kept("nodes")]
+    node_kg: Annotated[Array, Stored("nodes")]
     most_force_N: float
-    rad_per_um: Annotated[Array, Kept(2)]
+    rad_per_um: Annotated[Array, Stored(2)]
     step_um: float
-    holding_Nm: Annotated[Array, Kept(2)]
+    holding_Nm: Annotated[Array, Stored(2)]
     teeth: float
     friction_N: float
     presliding_m: float
-    friction_share: Annotated[Array, Kept(2, life=CHANGING)]
+    friction_share: Annotated[Array, Stored(2, life=CHANGING)]
 
 
 @compiled
@@ -210,7 +210,7 @@ def coast_table(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: i
     Returns
     -------
     bool
-        False if a number is none, or beyond every reason; nothing is stepped any more then.
+        False if the state is out of range or not finite; nothing is stepped any more then.
     """
     start_ns = state[0].time_ns
     span_ns = until_ns - start_ns

@@ -170,8 +170,8 @@ def move_full(
     -------
     int
         First event after this period; `TRIPPED` if an axis has to be stopped (see `advance_axes`); `LOST` if a
-        coordinate is not finite or beyond every reason. Nothing is stepped any more then, and the arrays hold what
-        was found.
+        coordinate is out of range or not finite. Nothing is stepped any more then, and the arrays hold what was
+        found.
     """
     period_us = period_ns * 1e-3
     n_steps = math.ceil(period_us / link.longest_us)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 FULL = 32768
 """Parts in a full cell."""
 PROUD_SHARE = 3.0
-"""Metal that stands out goes up to so many times as fast beside the rest (ours)."""
+"""Largest ratio of removal rates, protruding metal to flat metal (ours)."""
 PARALLEL = 1e-9
 """A direction is parallel to an axis of the grid if its cosine is below this."""
 
@@ -127,7 +127,7 @@ class KerfField:
     Raises
     ------
     InputError
-        If a step of the stock cannot be told by these slices.
+        If a step of the stock falls within a slice.
     """
 
     def __init__(

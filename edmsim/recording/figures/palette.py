@@ -1,4 +1,4 @@
-"""Colours shared by figure and recording: told apart with every common colour blindness, and in grey."""
+"""Colours shared by figure and recording: distinct with every common colour blindness, and in grey."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ VERMILION = "#d55e00"
 PURPLE = "#cc79a7"
 SKY = "#56b4e9"
 YELLOW = "#f0e442"
-# Ours: gas is pale, so that its bubbles are told from sparks
+# Ours: gas is pale, so that its bubbles differ from sparks
 GAS = "#cfe8f4"
 
 SHARE_COLOURS = {"spark": BLUE, "arc": PURPLE, "short": VERMILION, "open": "#c9d1d9"}

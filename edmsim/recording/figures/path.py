@@ -41,7 +41,7 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     from edmsim.recording.figures.canvas import NotebookFigure
 
     figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
-    leans = any(contour.lean is not None for contour in path.contours)
+    leans = path.leans
     axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if leans else 0.82))
     quiet(axes)
     axes.grid(visible=False)
@@ -50,11 +50,11 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     for number, contour in enumerate(path.contours):
         faces = _faces(contour)
         for name, (edge_colour, way_colour), face in faces:
-            edge, way = face.nominal_mm - path.origin_mm, face.points_um / 1e3 - path.origin_mm
-            labels = (f"edge as drawn{name}", f"wire's centre{name}") if number == 0 else (None, None)
-            axes.plot(*edge.T, color=edge_colour, linewidth=0.9, zorder=4, label=labels[0])
-            axes.plot(*way.T, color=way_colour, linewidth=0.9, zorder=3, label=labels[1])
-            _draw_arrows(axes, way)
+            edge = face.nominal_mm - path.origin_mm
+            label = f"edge as drawn{name}" if number == 0 else None
+            axes.plot(*edge.T, color=edge_colour, linewidth=0.9, zorder=4, label=label)
+            _draw_ways(axes, path, face, (name, way_colour), number == 0)
+            _draw_arrows(axes, face.points_um / 1e3 - path.origin_mm)
         if len(faces) == 2:
             _draw_wires(axes, *(face.points_um / 1e3 - path.origin_mm for _, _, face in faces))
         way = contour.points_um / 1e3 - path.origin_mm
@@ -94,14 +94,18 @@ def _draw_wires(axes: Axes, below: np.ndarray, above: np.ndarray) -> None:
     axes.add_collection(wires)
 
 
-def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, labelled: bool) -> None:
-    """Draw the wire's centre, of every pass in its colour; a tab's passes are dashed."""
+def _draw_ways(
+    axes: Axes, path: CutPath, contour: WireContour, face: tuple[str, str], labelled: bool
+) -> None:
+    """Draw the wire's centre on a face, of every pass in its colour; a tab's passes are dashed."""
+    where, colour = face
     if not contour.passes:
-        way = contour.points_um / 1e3 - path.origin_mm
-        axes.plot(*way.T, color=BLUE, linewidth=0.9, zorder=3, label="wire's centre" if labelled else None)
+        way, label = contour.points_um / 1e3 - path.origin_mm, f"wire's centre{where}" if labelled else None
+        axes.plot(*way.T, color=colour, linewidth=0.9, zorder=3, label=label)
         return
     for one in contour.passes:
-        name = f"pass {one.number}, {one.offset_um / 1e3:.3f} mm" if one.piece == "profile" else None
+        said = one.piece == "profile" and where in ("", ", below")
+        name = f"pass {one.number}, {one.offset_um / 1e3:.3f} mm" if said else None
         style = "-" if one.piece == "profile" else (0, (3, 1.5))
         way = one.points_um / 1e3 - path.origin_mm
         axes.plot(

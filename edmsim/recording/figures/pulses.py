@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 BINS = 250
 """Most points a series is drawn with: two a pixel at one column's width."""
 PATH_STEPS = 120
-"""Points of the controller's path (ours: so many that it can still be followed)."""
+"""Points of the controller's path (ours: few enough to be followed by eye)."""
 TAIL_US = 10.0
 """From this delay on only the long branch of breakdowns is left (see `edmsim.validation.ignition`)."""
 LEAST_TAIL = 20

@@ -1,4 +1,4 @@
-"""The look shared by the figures for a paper: one column wide, small type, colours told apart by everyone."""
+"""The look shared by the figures for a paper: one column wide, small type, colours that everyone can distinguish."""
 
 from __future__ import annotations
 

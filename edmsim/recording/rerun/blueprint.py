@@ -34,7 +34,7 @@ class Plot(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """What the views need to know of a cut; the recording keeps it for whoever lays it out again.
+    """What the views need to know of a cut; the recording stores it, so that it can be laid out again.
 
     Attributes
     ----------

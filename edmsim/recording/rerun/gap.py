@@ -163,7 +163,7 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
     lines = np.stack([starts[meets], ends[meets]], axis=1)
     rays = rr.LineStrips2D.columns(strips=lines, colors=colours.astype(np.uint8))
     recording.send_columns("top/rays", when, rays.partition(meets.sum(axis=1)))
-    # a piece of wall between two neighbouring rays that both meet metal; the jump to another wall is none
+    # a piece of wall between two neighbouring rays that both meet metal; the jump to another wall is left out
     after = np.roll(np.arange(gaps.shape[1]), -1)
     wall = meets & meets[:, after] & (np.abs(gaps - gaps[:, after]) < radius)
     behind = wire[:, None, :] + (radius + gaps + WALL_UM)[..., None] * way

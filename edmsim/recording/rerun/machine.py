@@ -206,7 +206,7 @@ def _way(places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> BaseGe
 
 
 def _steps(ahead_um: NDArray[np.float64], most: int) -> list[tuple[int, int]]:
-    """Return the first and last window of at most so many pieces of path that are about equally long."""
+    """Return the first and last window of each piece of path; at most `most` pieces, about equally long."""
     if len(ahead_um) == 0 or ahead_um[-1] <= ahead_um[0]:
         return []
     steps = int(np.clip((ahead_um[-1] - ahead_um[0]) / KERF_STEP_UM, 1, most))

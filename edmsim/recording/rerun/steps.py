@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.blueprint import Plot, Series
 
-EARNED, COST = "earned", "cost"
+RETURN, COST = "return", "cost"
 """Where what was earned and what it cost stand in a recording."""
 TOTAL = "total"
 """Curve of their sums from the beginning on."""

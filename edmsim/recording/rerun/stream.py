@@ -47,13 +47,13 @@ def saved(recording: rr.RecordingStream, file: str | Path, layout: rrb.Blueprint
     OSError
         The file cannot be written.
     """
-    kept = recording.memory_recording()
+    memory = recording.memory_recording()
     try:
         recording.send_blueprint(layout, make_active=False, make_default=True)
         yield
         recording.flush()
         with replacing(file) as partial:
-            partial.write_bytes(kept.drain_as_bytes())
+            partial.write_bytes(memory.drain_as_bytes())
     finally:
         recording.disconnect()
 

@@ -106,9 +106,9 @@ def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, st
         for (place, letter, _), size, name in zip(SIDES, sizes, names, strict=True)
     ]  # fmt: skip
     plots = [plot_view([f"{place}/{entity}" for place, *_ in SIDES], title) for entity, title in curves]
-    told = rrb.Horizontal(*(events_view(f"/{place}", f"{letter}, events") for place, letter, _ in SIDES))
+    event_views = rrb.Horizontal(*(events_view(f"/{place}", f"{letter}, events") for place, letter, _ in SIDES))
     return rrb.Blueprint(
-        rrb.Horizontal(*columns, rrb.Vertical(*plots, told), column_shares=[3, 3, 4]),
+        rrb.Horizontal(*columns, rrb.Vertical(*plots, event_views), column_shares=[3, 3, 4]),
         rrb.TimePanel(state="collapsed", timeline=PATH, playback_speed=playback_speed(max(s.end_s for s in sizes))),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -181,11 +181,11 @@ def has_screen(environment: Mapping[str, str], platform: str) -> bool:
     return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
 
 
-def free_port(wanted: int) -> int:
+def free_port(port: int) -> int:
     """Return a port of this machine that nothing listens on: the one wanted, or another."""
     with socket.socket() as probe:
         try:
-            probe.bind((HERE, wanted))
+            probe.bind((HERE, port))
         except OSError:
             probe.bind((HERE, 0))
         return int(probe.getsockname()[1])

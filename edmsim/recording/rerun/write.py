@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.pulse_counters import WINDOW_PULSES
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.figures import palette
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 MOST = 300
-"""Most events of a kind that are told; of more, evenly spaced ones."""
+"""Most events of a kind that are listed; of more, evenly spaced ones."""
 _NEAR_MM = 0.5
 """The wire passes a corner of the drawing at most this far away."""
 _LEVELS = {words.report: words.level for words in WORDS.values()}
@@ -173,7 +173,7 @@ def write_recording(
     machine : Machine
         The set-up, whose MJCF is drawn.
     report : mapping
-        Of `edmsim.recording.report.build_report`; the outcome, times and settings of it are told.
+        Of `edmsim.recording.report.build_report`; its outcome, times and settings are recorded.
     title : str
         What was cut, usually the program's name.
     steps : Steps, optional
@@ -181,8 +181,8 @@ def write_recording(
     """
     import rerun as rr
 
-    kept = closeups.table()
-    shapes = Shapes(frames, kept)
+    closeup_rows = closeups.table()
+    shapes = Shapes(frames, closeup_rows)
     factor = round_factor(np.hypot(*np.moveaxis(shapes.deflection_um, -1, 0)).ravel(), 0.05 * scene.size_mm())
     # batches cut off by a clock would differ from run to run
     recording = rr.RecordingStream(
@@ -195,24 +195,24 @@ def write_recording(
         made = {"format": FORMAT, "version": report["edmsim_version"], "sizes": list(sizes)}
         recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
         tolerance_mm = _log_machine(recording, scene, windows, machine, shapes, factor)
-        log_gap.log_discharges(recording, scene, kept)
-        above = _at_mid_height(scene, kept)
+        log_gap.log_discharges(recording, scene, closeup_rows)
+        above = _at_mid_height(scene, closeup_rows)
         log_gap.log_gap(recording, scene, above)
-        log_gap.log_scope(recording, kept)
+        log_gap.log_scope(recording, closeup_rows)
         log_gas.log_coverage(recording, scene, shapes)
         log_gas.log_bubbles(recording, scene, shapes, log_gas.travel_at(windows, shapes.t_s), factor)
         log_gas.log_top_bubbles(recording, scene, above)
-        told = events(windows, scene, report)
-        rows = np.array([event.row for event in told], np.int64)
+        shown = events(windows, scene, report)
+        rows = np.array([event.row for event in shown], np.int64)
         group = _log_series(recording, windows, rows, report.get("passes") or [])
-        _log_events(recording, windows, told)
+        _log_events(recording, windows, shown)
         if steps is not None:
             _log_steps(recording, steps)
         recording.log(
             "about",
             rr.TextDocument(
                 about(scene, report, title, factor, [
-                    *(_kept_of(frames, closeups) if steps is None else steps.notes), _drawn(group, tolerance_mm),
+                    *(_thinning(frames, closeups) if steps is None else steps.notes), _drawn(group, tolerance_mm),
                 ]),
                 media_type=rr.MediaType.MARKDOWN,
             ),
@@ -245,7 +245,7 @@ def _log_machine(
     return growth.tolerance_mm
 
 
-def _kept_of(frames: Frames, closeups: Closeups) -> list[str]:
+def _thinning(frames: Frames, closeups: Closeups) -> list[str]:
     """Say what of the cut's windows is in the recording and what was left out."""
     return [
         f"The wire's shape and its gas: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
@@ -298,15 +298,15 @@ def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, th
     return "\n\n".join(lines[:3]) + "\n\n" + "\n".join(lines[3:])
 
 
-def _log_events(recording: rr.RecordingStream, windows: pa.Table, told: list[Event]) -> None:
+def _log_events(recording: rr.RecordingStream, windows: pa.Table, shown: list[Event]) -> None:
     import rerun as rr
 
-    if told:
-        rows = np.array([event.row for event in told])
+    if shown:
+        rows = np.array([event.row for event in shown])
         recording.send_columns(
             "events",
             indexes(column(windows, "t_s")[rows], column(windows, "path_um")[rows]),
-            rr.TextLog.columns(text=[event.text for event in told], level=[event.level for event in told]),
+            rr.TextLog.columns(text=[event.text for event in shown], level=[event.level for event in shown]),
         )
 
 

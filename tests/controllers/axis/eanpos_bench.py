@@ -8,7 +8,7 @@ from __future__ import annotations
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
-from edmsim.controllers.axis.eanpos_registers import COMMANDS, PARAMETERS
+from edmsim.controllers.axis.eanpos.registers import COMMANDS, PARAMETERS
 
 STANDARD = {
     "measure": 10000, "pulse": 40000, "maxvel": 100000, "maxfollerr": 10000, "taccdec": 100, "toll": 5, "toldly": 10,

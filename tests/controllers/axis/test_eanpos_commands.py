@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edmsim.controllers.axis.eanpos_registers import COMMANDS
+from edmsim.controllers.axis.eanpos.registers import COMMANDS
 from edmsim.errors import InputError
 from tests.controllers.axis.eanpos_bench import Positioner, moving, refused
 

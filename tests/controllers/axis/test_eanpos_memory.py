@@ -9,8 +9,8 @@ import pytest
 from edmsim.axis_bench import AxisBench
 from edmsim.compiled.axis_rows import FAULT
 from edmsim.controllers import axis
-from edmsim.controllers.axis import eanpos_registers as at
 from edmsim.controllers.axis.eanpos import Eanpos
+from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.errors import InputError
 from tests.controllers.axis.eanpos_bench import Positioner
 

@@ -7,9 +7,9 @@ import pytest
 
 import edmsim
 from edmsim.axis_bench import AxisBench
-from edmsim.controllers.axis import eanpos_registers as at
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
+from edmsim.controllers.axis.eanpos import registers as at
 
 SETTINGS = {**at.DATA["tuned"]["analogue-table"], "prsvel": 1000, "sprsvel": 200, "setvel": 2000}
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from edmsim.axis_bench import AxisBench
-from edmsim.controllers.axis import ServoModule, extensions, servo_module_law
-from edmsim.controllers.axis import servo_module_registers as at
+from edmsim.controllers.axis import ServoModule, extensions
 from edmsim.controllers.axis.drive import axis_row
+from edmsim.controllers.axis.servo_module import law as servo_module_law
+from edmsim.controllers.axis.servo_module import registers as at
 
 from .module_bench import NO_TRIP, get, locked, on_bench, say, status
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import ServoModule, Uhu
-from edmsim.controllers.axis import servo_module_registers as at
 from edmsim.controllers.axis.drive import axis_row
+from edmsim.controllers.axis.servo_module import registers as at
 
 from .module_bench import NO_TRIP, get, on_bench, say, status, words
 

@@ -14,7 +14,7 @@ from edmsim.controllers.axis import make
 from edmsim.controllers.axis import tuned as commissioned
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.uhu import Uhu
-from edmsim.controllers.axis.uhu_law import LATCHED, TARGET
+from edmsim.controllers.axis.uhu.registers import LATCHED, TARGET
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 

@@ -8,8 +8,8 @@ import pytest
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.uhu import Uhu
-from edmsim.controllers.axis.uhu_law import ERROR_INPUT, INTEGRAL, LATCHED, TARGET, TRACKING, WATCHDOG
-from edmsim.controllers.axis.uhu_law import O as OVERRUNS
+from edmsim.controllers.axis.uhu.registers import ERROR_INPUT, INTEGRAL, LATCHED, TARGET, TRACKING, WATCHDOG
+from edmsim.controllers.axis.uhu.registers import O as OVERRUNS
 
 from .uhu_bench import BANNER, SAMPLE_SET, ask, bench_with, count, error, register, start_stream, traced, tuned
 

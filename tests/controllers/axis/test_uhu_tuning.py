@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from edmsim.axis_bench import AxisBench
-from edmsim.controllers.axis.uhu_law import LATCHED
+from edmsim.controllers.axis.uhu.registers import LATCHED
 
 from .uhu_bench import ask, error, register, traced, tuned
 

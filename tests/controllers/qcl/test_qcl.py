@@ -31,10 +31,10 @@ def test_the_second_declaration_of_the_manual():  # Q-83, Q-2
         ("A EANPOS 2 2.CNT02 0 3.INP01 3.AN01", "IntL of A is '0'; it must be 1 to 8, or X"),
         ("A EANPOS 2 2.CNT02 9 3.INP01 3.AN01", "IntL of A is '9'"),
         ("A EANPOS 2 2.CNT02 3\n3.INP01 3.AN01", "all on one line"),
-        ("A EANPOS 2 2.INP02 3 3.INP01 3.AN01", "'2.INP02' is no address; it must be SLOT.CNTNN"),
+        ("A EANPOS 2 2.INP02 3 3.INP01 3.AN01", "'2.INP02' is not an address; it must be SLOT.CNTNN"),
         ("A EANPOS 2 4.CNT02 3 3.INP01 3.AN01", "slot 4, which has no card"),
         ("A CAMMING 2 2.CNT02 3 3.INP01 3.AN01", "A is a CAMMING"),
-        ("2A EANPOS 2 2.CNT02 3 3.INP01 3.AN01", "'2A' is no name"),
+        ("2A EANPOS 2 2.CNT02 3 3.INP01 3.AN01", "'2A' is not a name"),
     ],
 )
 def test_a_wrong_declaration_is_refused(line, reason):
@@ -48,7 +48,7 @@ def test_a_wrong_declaration_is_refused(line, reason):  # Q-1, Q-83
     [
         ("GLOBAL\na L\nA F", "A is declared twice"), ("SYSTEM\na X", "a has size 'X'; it must be F, B, W, L or S"),
         ("CONST\na 1.5", "it must be a whole number"), ("TIMER\nt 10", "'t 10' must be NAME, all on one line"),
-        ("TIMER\nt\nt", "t is declared twice"), ("TIMER\n3t", "'3t' is no name"),
+        ("TIMER\nt\nt", "t is declared twice"), ("TIMER\n3t", "'3t' is not a name"),
         ("DATAGROUP\nSTEP", "STEP comes before the name of its data group"),
         ("DATAGROUP\ng\nplace L", "'place L' comes before DATAPROGRAM"),
         ("DATAGROUP\ng\nSTEP\n4\nplace L", "STEP comes before DATAPROGRAM"),
@@ -164,7 +164,7 @@ def test_a_data_groups_errors_name_their_line(line, reason):
         ("speed = 1", r"speed is a data group's variable; it is written speed\[recipe\]"),
         ("a = place[1]", r"it is written place\[recipe, step\]"), ("a = speed[1, 2]", r"written speed\[recipe\]"),
         ("a = speed[1", r"written speed\[recipe\]"), ("speed[1] 2 = 3", "'2' is left over before ="),
-        ("dgParts = 1", "dgParts is no variable"), ("a = dgParts", "dgParts is no name"),
+        ("dgParts = 1", "dgParts is not a variable"), ("a = dgParts", "dgParts is not a name"),
         ("a[1] = 2", "nothing that can be assigned to"), ("a = b[1]", r"'\[ 1 \]' is left over"),
     ],
 )  # fmt: skip
@@ -194,13 +194,14 @@ def test_a_loop_without_wait_ends_its_pass():
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
-        ("c = 1", "c is no variable or output"), ("a = c", "c is no name"), ("Axis = 1", "Axis is no variable"),
-        ("seven = 8", "seven is no variable"), ("a = Axis", "Axis is no name"), ("START a", "a is no device"),
-        ("GO Axis", "'GO Axis' is no statement"), ("Axis:speed = 1", "no parameter 'speed'"),
+        ("c = 1", "c is not a variable or output"), ("a = c", "c is not a name"),
+        ("Axis = 1", "Axis is not a variable"), ("seven = 8", "seven is not a variable"),
+        ("a = Axis", "Axis is not a name"), ("START a", "a is not a device"),
+        ("GO Axis", "'GO Axis' is not a statement"), ("Axis:speed = 1", "no parameter 'speed'"),
         ("Axis:st_still = 1", "no parameter 'st_still'"), ("a = Axis:st_moving", "no state 'st_moving'"),
-        ("Bxis:setpos = 1", "Bxis is no device"), ("a = (1", "a bracket is not closed"),
+        ("Bxis:setpos = 1", "Bxis is not a device"), ("a = (1", "a bracket is not closed"),
         ("a = 1)", "')' is left over"),
-        ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is no value"),
+        ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is not a value"),
         ("a = 1.5", "is not a word of QCL"),
         ("IF a", "IF without ENDIF"), ("ENDIF", "ENDIF without IF"), ("ELSE", "ELSE without IF"),
         ("JUMP AWAY", "no label 'away'"), ("M:\nM:", "stands twice"), ("WAIT", "an expression ends early"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from edmsim.consoles.servo.positioner import Station
 from edmsim.controllers.qcl import QclError, read_configuration, read_program
-from edmsim.servo.positioner import Station
 from tests.controllers.qcl.manual_example import CONFIGURATION, PROGRAM, in_second_half, readable, repaired
 
 

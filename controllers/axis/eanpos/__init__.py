@@ -1,0 +1,5 @@
+"""QEM EANPOS, an analogue positioner."""
+
+from edmsim.controllers.axis.eanpos.drive import Eanpos
+
+__all__ = ["Eanpos"]

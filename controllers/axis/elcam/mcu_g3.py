@@ -1,0 +1,211 @@
+"""The control MCU-G3: axes with setpoint, actual place and auxiliary encoder, travel commands, and ELCAM on them.
+
+Commands have PLCopen's names (`move_absolute`, `halt`, `cam_in`, `cam_out`, `in_sync`); ``docs/cam-tables.md`` has
+the document's. Ramps are plain: the document leaves them to others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from edmsim.controllers.axis.elcam.extensions import blend
+from edmsim.controllers.axis.elcam.module import Elcam
+from edmsim.controllers.axis.elcam.registers import DATA, Function, Mode
+from edmsim.errors import InputError
+
+CYCLE_S = DATA["axis"]["cycle_ns"] * 1e-9
+"""Interpolator's cycle."""
+
+
+@dataclass
+class ControlAxis:
+    """An axis as the control has it; places in its unit, mm in most cases.
+
+    Attributes
+    ----------
+    counts_per_unit : float
+        Encoder counts, or a stepper's steps, in one unit.
+    stepper : bool
+        Without a loop: steps go out, nobody looks where the motor is.
+    use_encoder : bool
+        "Use encoder for position feedback" of the system data: a stepper's own encoder is its auxiliary register.
+    auxiliary_factor : float
+        Counts of that encoder in one unit (gfaux); it may change at any time.
+    accel : float
+        Of its ramps, units per s2.
+    compensation_rate : float
+        Extension: units per s at which a compensation that is switched comes in; 0 for at once.
+    """
+
+    counts_per_unit: float
+    stepper: bool = False
+    use_encoder: bool = False
+    auxiliary_factor: float = 1.0
+    accel: float = DATA["axis"]["accel"]
+    compensation_rate: float = 0.0
+    setpoint: float = 0.0
+    velocity: float = 0.0
+    count: int = 0
+    auxiliary_count: int = 0
+    compensation: float = 0.0
+    target: float | None = field(default=None, repr=False)
+    speed: float = field(default=0.0, repr=False)
+
+    @property
+    def actual(self) -> float:
+        """The place it shows: what was counted, less its compensation (a stepper has counted its own steps)."""
+        return self.count / self.counts_per_unit - self.compensation
+
+    @property
+    def auxiliary(self) -> float | None:
+        """A stepper's place by its own encoder; None where that is not used."""
+        return self.auxiliary_count / self.auxiliary_factor if self.stepper and self.use_encoder else None
+
+    def travel(self, dt: float) -> None:
+        """Carry speed and setpoint on over a cycle, towards a target or at the speed wanted."""
+        demand = self.speed
+        if self.target is not None:
+            rest = self.target - self.setpoint
+            demand = math.copysign(min(self.speed, math.sqrt(2.0 * self.accel * abs(rest))), rest)
+            if abs(rest) <= max(abs(self.velocity), self.accel * dt) * dt:
+                self.setpoint, self.velocity, self.speed, self.target = self.target, 0.0, 0.0, None
+                return
+        change = self.accel * dt
+        self.velocity += min(max(demand - self.velocity, -change), change)
+        self.setpoint += self.velocity * dt
+
+
+class MotionControl:
+    """Axes under one control.
+
+    Parameters
+    ----------
+    axes : sequence of ControlAxis
+    **options
+        As `Elcam` takes them.
+
+    Attributes
+    ----------
+    elcam : Elcam
+    """
+
+    def __init__(self, axes: Sequence[ControlAxis], **options: Any) -> None:
+        self.axes = list(axes)
+        self.elcam = Elcam(self.axes, **options)
+        self._followers: set[int] = set()
+        self._ramps: dict[int, tuple[float, float, float]] = {}  # offset at first, time passed, time it takes
+
+    def move_absolute(self, axis: int, target: float, speed: float) -> bool:
+        """Move an axis to a place; False for one that follows a cam table, which takes no travel commands."""
+        if axis in self._release():
+            return False
+        self.axes[axis].target, self.axes[axis].speed = target, abs(speed)
+        return True
+
+    def move_velocity(self, axis: int, speed: float) -> bool:
+        """Move an axis at a speed until another command; False for one that follows a cam table."""
+        if axis in self._release():
+            return False
+        self.axes[axis].target, self.axes[axis].speed = None, speed
+        return True
+
+    def halt(self, axis: int) -> bool:
+        """Stop an axis on its ramp (the control's js); False for one that follows a cam table."""
+        return self.move_velocity(axis, 0.0)
+
+    def cam_in(self, table: int, ramp_s: float = 0.0) -> bool:
+        """Let a table's follower follow it.
+
+        Parameters
+        ----------
+        table : int
+            Number of a table that is ready to run.
+        ramp_s : float
+            Extension: in how long the follower comes from where it is to where it belongs, without a jump.
+
+        Returns
+        -------
+        bool
+            Whether it does; see the register ERROR if not.
+        """
+        at = self.elcam.at(table)
+        if at.write_int(Function.MODE, int(at.read_int(Function.MODE).value) | Mode.RUN):
+            return False
+        axis = self.elcam.tables[table].axis
+        if ramp_s > 0.0 and axis in (places := self.elcam.follow()):
+            self._ramps[axis] = self.axes[axis].setpoint - places[axis], 0.0, ramp_s
+        return True
+
+    def cam_out(self, table: int) -> None:
+        """End following a table; a follower in motion goes on at its speed until another command."""
+        at = self.elcam.at(table)
+        at.write_int(Function.MODE, int(at.read_int(Function.MODE).value) & ~Mode.RUN)
+
+    def in_sync(self, table: int) -> bool:
+        """Return whether a table's follower is where the table says."""
+        found = self.elcam.tables.get(table)
+        return found is not None and found.runs and found.axis not in self._ramps
+
+    def resource(self, number: int, axis: int) -> float:
+        """Return a resource of an axis: 73, its compensation, the sum of all tables that act.
+
+        Raises
+        ------
+        InputError
+            There is no such resource in this firmware.
+        """
+        if number != DATA["elcam"]["compensation_resource"] or not self.elcam.has("resource"):
+            first = DATA["since"]["resource"]
+            raise InputError(f"this control has no resource {number}; there is 73, with firmware from {first} on")
+        return self.axes[axis].compensation
+
+    def turn(self, counts: Sequence[int], auxiliary_counts: Sequence[int] | None = None) -> None:
+        """Run one cycle.
+
+        Parameters
+        ----------
+        counts : sequence of int
+            What every axis' encoder has counted, or how many steps a stepper was sent.
+        auxiliary_counts : sequence of int, optional
+            What steppers' own encoders have counted.
+        """
+        for k, axis in enumerate(self.axes):
+            axis.count = counts[k]
+            axis.auxiliary_count = auxiliary_counts[k] if auxiliary_counts is not None else 0
+        cams = self._release()
+        for k, axis in enumerate(self.axes):
+            if k not in cams:
+                axis.travel(CYCLE_S)
+        followed = self.elcam.follow()
+        for k, place in followed.items():
+            self._place(k, place)
+        self._followers = set(followed)
+        for k, axis in enumerate(self.axes):
+            demand = self.elcam.compensation(k) - axis.compensation
+            most = axis.compensation_rate * CYCLE_S or math.inf
+            axis.compensation += min(max(demand, -most), most)
+
+    def _release(self) -> set[int]:
+        """Let axes go on at their speed that follow no longer; return those that do."""
+        cams = {table.axis for table in self.elcam.tables.values() if table.leads}
+        for k in self._followers - cams:
+            self.axes[k].target, self.axes[k].speed = None, self.axes[k].velocity
+        self._followers &= cams
+        return cams
+
+    def _place(self, k: int, place: float) -> None:
+        """Put a follower where its table says, or on the ramp to there."""
+        axis = self.axes[k]
+        if k in self._ramps:
+            offset, passed_s, ramp_s = self._ramps[k]
+            passed_s += CYCLE_S
+            place += offset * (1.0 - blend(passed_s / ramp_s))
+            if passed_s >= ramp_s:
+                del self._ramps[k]
+            else:
+                self._ramps[k] = offset, passed_s, ramp_s
+        axis.velocity = (place - axis.setpoint) / CYCLE_S
+        axis.setpoint, axis.target = place, None

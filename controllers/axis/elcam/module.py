@@ -1,0 +1,392 @@
+"""ELCAM, the cam tables of the control MCU-G3: its object interface, and the places that the tables give.
+
+>>> elcam = Elcam([CamPlace(), CamPlace(setpoint=5.0)])
+>>> table = elcam.at(0)
+>>> for function, value in ((Function.BUFFER_SIZE, 3), (Function.AXIS, 0), (Function.MASTER, 1)):
+...     assert table.write_int(function, value) == 0
+>>> for x, y in ((0.0, 0.0), (10.0, 5.0), (20.0, 0.0)):
+...     assert table.write_double(Function.ADD_MASTER, x) == table.write_double(Function.ADD_FOLLOW, y) == 0
+>>> table.write_int(Function.MODE, Mode.RUN), elcam.follow()
+(<CallStatus.OK: 0>, {0: 2.5})
+
+The sign of a compensation: an entry is the error of the axis, what it indicates less where it truly is. Some other
+controls have it the other way round.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from edmsim.controllers.axis.elcam.memory import PhysicalMemory, buffer_bytes_chosen
+from edmsim.controllers.axis.elcam.places import CamAxis, CamPlace, ControlFaults
+from edmsim.controllers.axis.elcam.registers import (
+    ACCESS,
+    DATA,
+    KNOWN,
+    NEEDS,
+    CallStatus,
+    Descriptor,
+    Error,
+    Function,
+    LoadStatus,
+    Mode,
+    ObjectAnswer,
+    version_of,
+)
+from edmsim.controllers.axis.elcam.table import CamTable
+from edmsim.errors import InputError
+from edmsim.numeric import whole
+
+__all__ = ["CamPlace", "Elcam", "Function", "Mode", "TableAccess"]
+
+_AUXILIARY = Mode.AUXILIARY | Mode.AUXILIARY_ROW
+_PLAIN: dict[Function, str] = {
+    Function.AXIS: "axis", Function.MASTER: "master", Function.GAIN: "gain", Function.PHASE: "phase",
+    Function.SHIFT: "shift", Function.SIZE_MASTER: "size_master", Function.SIZE_FOLLOW: "size_follow",
+    Function.ROW_AXIS: "row_axis", Function.ROW_START: "row_start", Function.ROW_END: "row_end",
+    Function.ROW_COUNT: "row_count", Function.PHYSICAL_ADDRESS: "physical_address",
+}  # fmt: skip
+"""Functions that read a number as it stands."""
+_WHILE_RUNNING = frozenset({
+    Function.ERROR, Function.RESET, Function.GAIN, Function.PHASE, Function.SHIFT, Function.MODE,
+    Function.INTERPOLATE_ROWS,
+})  # fmt: skip
+"""What may be written while the table runs (ours: the document forbids only the number of rows)."""
+
+
+@dataclass(frozen=True)
+class TableAccess:
+    """One table's object, its number kept: the calls of `Elcam` without the descriptor."""
+
+    elcam: Elcam
+    index: int
+
+    def _descriptor(self, function: int) -> Descriptor:
+        return Descriptor(DATA["elcam"]["bus"], 1, self.index, function)
+
+    def write_int(self, function: int, value: int) -> CallStatus:
+        """As `Elcam.write_int`."""
+        return self.elcam.write_int(self._descriptor(function), value)
+
+    def write_double(self, function: int, value: float) -> CallStatus:
+        """As `Elcam.write_double`."""
+        return self.elcam.write_double(self._descriptor(function), value)
+
+    def read_int(self, function: int) -> ObjectAnswer:
+        """As `Elcam.read_int`."""
+        return self.elcam.read_int(self._descriptor(function))
+
+    def read_double(self, function: int) -> ObjectAnswer:
+        """As `Elcam.read_double`."""
+        return self.elcam.read_double(self._descriptor(function))
+
+    def load(self, data: bytes, single: bool = False) -> LoadStatus:
+        """As `Elcam.load`."""
+        return self.elcam.load(self.index, data, single)
+
+
+class Elcam:
+    """The ELCAM module of a control.
+
+    Parameters
+    ----------
+    axes : sequence of CamAxis
+        The control's axes, whose places are read whenever they are needed.
+    buffer_bytes : int, optional
+        Room for the points of all tables; by default what the environment variable SZELCAMPUFFER says, 100 000 where
+        it says nothing.
+    firmware, library : str, optional
+        Versions of the control's firmware and of the computer's library; by default the newest of the document.
+    option : bool
+        Whether the firmware has ELCAM at all.
+    memory : PhysicalMemory, optional
+        The computer's memory, for tables that stay there.
+
+    Attributes
+    ----------
+    tables : dict of int to CamTable
+        Those that were written to, by their numbers.
+    compensating : bool
+        The switch of the compensation of all tables (device 0, index 30).
+    faults : ControlFaults
+
+    Raises
+    ------
+    InputError
+        More room than the control has, or SZELCAMPUFFER is not a number of bytes.
+    """
+
+    def __init__(
+        self, axes: Sequence[CamAxis], *, buffer_bytes: int | None = None, firmware: str | None = None,
+        library: str | None = None, option: bool = True, memory: PhysicalMemory | None = None,
+    ) -> None:
+        data = DATA["elcam"]
+        self.buffer_bytes = buffer_bytes_chosen() if buffer_bytes is None else buffer_bytes
+        if not 0 <= self.buffer_bytes <= data["most_bytes"]:
+            raise InputError(
+                f"cam tables cannot have {self.buffer_bytes} bytes: this control has 0 to {data['most_bytes']}"
+            )
+        self.axes = axes
+        self.option = option
+        self.memory = memory or PhysicalMemory()
+        self.tables: dict[int, CamTable] = {}
+        self.compensating = False
+        self.faults = ControlFaults()
+        self._firmware = version_of(firmware or data["firmware"])
+        self._library = version_of(library or data["library"])
+        self._readers: dict[Function, Callable[[CamTable], ObjectAnswer]] = {
+            Function.ERROR: lambda table: ObjectAnswer(CallStatus.OK, self._error(table)),
+            Function.RESET: lambda table: ObjectAnswer(CallStatus.OK, 0),
+            Function.BUFFER_SIZE: lambda table: ObjectAnswer(CallStatus.OK, len(table.points)),
+            Function.MODE: lambda table: ObjectAnswer(CallStatus.OK, int(table.mode)),
+            Function.TARGET_POSITION: self._target_position,
+            Function.MEMORY_ADDRESS: lambda table: ObjectAnswer(CallStatus.OK, table.physical_address),
+            Function.COMPENSATION: lambda table: ObjectAnswer(CallStatus.OK, int(table.marked and table.compensates)),
+            Function.INTERPOLATE_ROWS: lambda table: ObjectAnswer(
+                CallStatus.OK, int(Mode.INTERPOLATE_ROWS in table.mode)
+            ),
+        }
+        self._writers: dict[Function, Callable[[CamTable, Any], CallStatus]] = {
+            Function.ERROR: self._clear_error, Function.RESET: self._reset, Function.BUFFER_SIZE: self._reserve,
+            Function.GAIN: self._set_gain, Function.SHIFT: self._set_shift, Function.MODE: self._set_mode,
+            Function.ADD_MASTER: lambda table, value: _done(table.add_master(value)),
+            Function.ADD_FOLLOW: lambda table, value: _done(table.add_follow(value)),
+            Function.ROW_COUNT: self._set_row_count, Function.TABLE_SIZE: self._set_size,
+            Function.COMPENSATION: lambda table, value: _done(table.mark(bool(value))),
+            Function.INTERPOLATE_ROWS: lambda table, value: _done(table.set_bit(Mode.INTERPOLATE_ROWS, bool(value))),
+        }
+
+    def has(self, what: str) -> bool:
+        """Return whether the firmware has ELCAM, and something that came later, by the key in the data."""
+        return self.option and self._firmware >= version_of(DATA["since"][what])
+
+    def at(self, index: int) -> TableAccess:
+        """Return a table's object."""
+        return TableAccess(self, index)
+
+    def write_int(self, to: Descriptor, value: int) -> CallStatus:
+        """Write a whole number (wrOptionInt)."""
+        number = whole(value)
+        if number is None or not self._is_switch(to):
+            return CallStatus.REFUSED if number is None else self._write(to, number, int)
+        self.compensating = bool(number)
+        return CallStatus.OK
+
+    def write_double(self, to: Descriptor, value: float) -> CallStatus:
+        """Write a number (wrOptionDbl)."""
+        return self._write(to, float(value), float)
+
+    def read_int(self, of: Descriptor) -> ObjectAnswer:
+        """Read a whole number (rdOptionInt)."""
+        if self._is_switch(of):
+            return ObjectAnswer(CallStatus.OK, int(self.compensating))
+        return self._read(of, int)
+
+    def read_double(self, of: Descriptor) -> ObjectAnswer:
+        """Read a number (rdOptionDbl)."""
+        return self._read(of, float)
+
+    def load(self, index: int, data: bytes, single: bool = False) -> LoadStatus:
+        """Load all points of a table at once: pairs of master and follower, little endian.
+
+        Parameters
+        ----------
+        index : int
+            Number of the table, whose axes and size are set.
+        data : bytes
+            Numbers of 64 bits (wrEICamTable64) or, with `single`, of 32 bits (wrEICamTable32).
+        """
+        table = self.tables.get(index)
+        if len(data) % (8 if single else 16):
+            return LoadStatus.NOT_WHOLE
+        if not self.option or table is None or table.runs or single != (Mode.SINGLE in table.mode):
+            return LoadStatus.NO_ACCESS
+        count = len(data) // (8 if single else 16)
+        if not 2 <= count <= len(table.points):
+            return LoadStatus.SIZE
+        if not self.has("block_load") or self._library < version_of(DATA["elcam"]["library"]):
+            return LoadStatus.NO_ADDRESS
+        if self.faults.memory or table.in_computer:
+            return LoadStatus.NO_MEMORY
+        if self.faults.rebooted or self.faults.system:
+            return LoadStatus.REBOOTED if self.faults.rebooted else LoadStatus.SYSTEM
+        table.points[:count] = np.frombuffer(data, "<f4" if single else "<f8").reshape(-1, 2)
+        table.size_master = table.size_follow = count
+        return LoadStatus.OK
+
+    def follow(self) -> dict[int, float]:
+        """Return where the axes belong that follow a cam table now, by their numbers."""
+        found = {}
+        for table in self.tables.values():
+            if table.runs and self._memory_lost(table):
+                table.mode &= ~Mode.RUN
+                table.error |= Error.MEMORY
+            elif table.leads:
+                found[table.axis] = table.follow(*self._places(table))
+        return found
+
+    def compensation(self, axis: int) -> float:
+        """Return the error to compensate of an axis now: the sum of all its tables that act."""
+        if not (self.compensating and self.has("compensation")):
+            return 0.0
+        return sum(
+            table.compensation(*self._places(table)) for table in self.tables.values()
+            if table.axis == axis and table.corrects
+        )
+
+    def _is_switch(self, what: Descriptor) -> bool:
+        known = what.bus == DATA["elcam"]["bus"] and what.device == 0 and what.index == Function.COMPENSATION
+        return known and self.has("compensation")
+
+    def _function(self, what: Descriptor, kind: type, right: str) -> Function | None:
+        """Return the function that a descriptor names; None if there is none for such a call."""
+        if what.bus != DATA["elcam"]["bus"] or what.device != 1 or what.index < 0 or not self.option:
+            return None
+        if what.sub_index not in set(ACCESS):
+            return None
+        function = Function(what.sub_index)
+        own_kind, rights = ACCESS[function]
+        old = function in NEEDS and not self.has(NEEDS[function])
+        return None if own_kind is not kind or right not in rights or old else function
+
+    def _write(self, to: Descriptor, value: float, kind: type) -> CallStatus:
+        function = self._function(to, kind, "w")
+        if function is None or (not math.isfinite(value) and function is not Function.ADD_MASTER):
+            return CallStatus.REFUSED
+        table = self.tables.setdefault(to.index, CamTable())
+        if table.runs and function not in _WHILE_RUNNING:
+            return CallStatus.BUSY
+        if function in self._writers:
+            return self._writers[function](table, value)
+        setattr(table, _PLAIN[function], value)
+        return CallStatus.OK
+
+    def _read(self, of: Descriptor, kind: type) -> ObjectAnswer:
+        function = self._function(of, kind, "r")
+        if function is None:
+            return ObjectAnswer(CallStatus.REFUSED, 0)
+        table = self.tables.setdefault(of.index, CamTable())
+        if function in _PLAIN:
+            return ObjectAnswer(CallStatus.OK, getattr(table, _PLAIN[function]))
+        return self._readers[function](table)
+
+    def _error(self, table: CamTable) -> int:
+        """Return the register ERROR: with points entered, also what would forbid to run with the present bits."""
+        entered = table.size_master + table.size_follow > 0
+        return int(table.error | table.faults(len(self.axes)) if entered else table.error)
+
+    def _clear_error(self, table: CamTable, _: int) -> CallStatus:
+        table.error = Error(0)
+        return CallStatus.OK
+
+    def _reset(self, table: CamTable, _: int) -> CallStatus:
+        table.clear()
+        return CallStatus.OK
+
+    def _reserve(self, table: CamTable, count: int) -> CallStatus:
+        """Reserve room for points: once, in the control's memory or in a piece of the computer's."""
+        if len(table.points) or count < 1:
+            return CallStatus.REFUSED
+        size = count * 2 * np.dtype(table.dtype).itemsize
+        if table.physical_address:
+            piece = self.memory.at(table.physical_address)
+            if piece is None or len(piece) < size:
+                table.error |= Error.MEMORY
+                return CallStatus.REFUSED
+            table.points = np.frombuffer(piece, table.dtype, 2 * count).reshape(-1, 2)
+            table.in_computer = True
+            return CallStatus.OK
+        taken = sum(other.points.nbytes for other in self.tables.values() if not other.in_computer)
+        if taken + size > self.buffer_bytes:
+            table.error |= Error.MEMORY
+            return CallStatus.REFUSED
+        table.points = np.zeros((count, 2), table.dtype)
+        return CallStatus.OK
+
+    def _set_gain(self, table: CamTable, gain: float) -> CallStatus:
+        table.change_gain(gain, *(self._places(table) if table.runs else (0.0, 0.0)))
+        return CallStatus.OK
+
+    def _set_shift(self, table: CamTable, shift: float) -> CallStatus:
+        table.base += shift - table.shift
+        table.shift = shift
+        return CallStatus.OK
+
+    def _set_row_count(self, table: CamTable, count: int) -> CallStatus:
+        if table.was_started or count < 0:
+            return CallStatus.REFUSED
+        table.row_count = count
+        table.mode = table.mode | Mode.ROWS if count else table.mode & ~Mode.ROWS
+        return CallStatus.OK
+
+    def _set_size(self, table: CamTable, count: int) -> CallStatus:
+        if not table.in_computer or not 0 <= count <= len(table.points):
+            return CallStatus.REFUSED
+        table.size_master = table.size_follow = count
+        return CallStatus.OK
+
+    def _set_mode(self, table: CamTable, value: int) -> CallStatus:
+        """Write MODE: all bits, set or clear; Run only of a table without an error, and of one table per follower."""
+        new_mode = Mode(value) & KNOWN
+        if (new_mode ^ table.mode) & Mode.SINGLE and len(table.points):
+            return CallStatus.LOCKED
+        if value & ~int(KNOWN) or (new_mode & _AUXILIARY and not self.has("auxiliary")):
+            return CallStatus.REFUSED
+        if table.runs and Mode.RUN in new_mode and (new_mode ^ table.mode) & Mode.COMPENSATION:
+            return CallStatus.BUSY
+        new_mode = new_mode & ~Mode.ROWS | table.mode & Mode.ROWS
+        started = Mode.RUN in new_mode and not table.runs
+        table.mode = new_mode & ~Mode.RUN | table.mode & new_mode & Mode.RUN
+        return self._start(table) if started else CallStatus.OK
+
+    def _start(self, table: CamTable) -> CallStatus:
+        table.error |= table.faults(len(self.axes))
+        if self._memory_lost(table):
+            table.error |= Error.MEMORY
+        rivals = [other for other in self.tables.values() if other.runs and other.axis == table.axis]
+        if table.compensates:
+            same_pair = any(other.compensates and other.master == table.master for other in rivals)
+            refused = same_pair or not self.has("compensation")
+        else:
+            rivals = [other for other in rivals if not other.compensates]
+            refused = bool(rivals) and not self.has("several_tables")
+        if table.error or refused:
+            return CallStatus.REFUSED
+        if not table.compensates:
+            for other in rivals:
+                other.mode &= ~Mode.RUN
+        table.mode |= Mode.RUN
+        table.base, table.was_started, table.held, table.direction = table.shift, True, False, 0
+        return CallStatus.OK
+
+    def _target_position(self, table: CamTable) -> ObjectAnswer:
+        if table.runs:
+            return ObjectAnswer(CallStatus.BUSY, 0.0)
+        if table.error or table.faults(len(self.axes)):
+            return ObjectAnswer(CallStatus.REFUSED, 0.0)
+        return ObjectAnswer(CallStatus.OK, table.follow(*self._places(table)))
+
+    def _memory_lost(self, table: CamTable) -> bool:
+        return table.in_computer and self.memory.at(table.physical_address) is None
+
+    def _places(self, table: CamTable) -> tuple[float, float]:
+        """Return the places of a table's master and of the axis that chooses its row."""
+        master = self._place(table.master, table.mode, Mode.ACTUAL, Mode.AUXILIARY)
+        if table.row_count == 0:
+            return master, 0.0
+        return master, self._place(table.row_axis, table.mode, Mode.ACTUAL_ROW, Mode.AUXILIARY_ROW)
+
+    def _place(self, number: int, mode: Mode, actual: Mode, auxiliary: Mode) -> float:
+        axis = self.axes[number]
+        if actual not in mode:
+            return axis.setpoint
+        return axis.auxiliary if auxiliary in mode and axis.auxiliary is not None else axis.actual
+
+
+def _done(fine: bool) -> CallStatus:
+    return CallStatus.OK if fine else CallStatus.REFUSED

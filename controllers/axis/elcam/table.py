@@ -1,0 +1,243 @@
+"""A cam table: points of master and follower, in rows where a third axis chooses among them, and its lookup.
+
+>>> table = CamTable()
+>>> table.put(np.array([(0.0, 0.0), (10.0, 5.0), (20.0, 0.0)]))
+>>> table.curve(5.0), table.curve(25.0), table.curve(-5.0)
+(2.5, 2.5, 2.5)
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.axis.elcam.extensions import CamExtensions, cubic
+from edmsim.controllers.axis.elcam.registers import Error, Mode
+
+UNSET = -1
+"""Number of an axis that nobody has named yet."""
+_ROW_FAULTS = Error.ROW_SIZE | Error.ROW_START | Error.ROW_END | Error.ROW_AXIS
+
+
+class CamTable:
+    """One table.
+
+    Attributes
+    ----------
+    points : float64 or float32 array (buffer size, 2)
+        Master and follower, row after row; those from ``size_master`` and ``size_follow`` on are not entered.
+    error : Error
+        What was wrong when points were entered; what they are wrong in stands in `faults`.
+    mode : Mode
+    marked : bool
+        Whether function 30 has made it a table of errors; bit 5 of ``mode`` alone does not.
+    gain, phase, shift : float
+        The follower is at ``shift + gain * curve(master - phase)``.
+    base : float
+        What is added in place of ``shift`` alone since the table runs: a change of gain acts from its place on.
+    direction : int
+        Which way the master of a compensation table moved last: 1, -1, or 0 before it moved.
+    held : bool
+        Whether a compensation table was asked for a place beyond its ends since it was last started.
+    in_computer : bool
+        Whether the points stand in a piece of the computer's memory, at ``physical_address``.
+    extensions : CamExtensions
+        What the document does not know; all off.
+    """
+
+    def __init__(self) -> None:
+        self.error, self.mode = Error(0), Mode(0)
+        self.marked = False
+        self.axis = self.master = self.row_axis = UNSET
+        self.gain, self.phase, self.shift, self.base = 1.0, 0.0, 0.0, 0.0
+        self.row_start = self.row_end = 0.0
+        self.row_count = 0
+        self.physical_address = 0
+        self.extensions = CamExtensions()
+        self.held = False
+        self.direction, self._last_master = 0, math.nan
+        self.clear()
+
+    def clear(self) -> None:
+        """Discard points, sizes, errors and Run; axes, gain, phase, shift, rows and the mark stay."""
+        self.points: NDArray[Any] = np.zeros((0, 2))
+        self.size_master = self.size_follow = 0
+        self.error, self.mode = Error(0), self.mode & ~Mode.RUN
+        self.was_started = self.in_computer = False
+
+    @property
+    def dtype(self) -> type[np.floating[Any]]:
+        """Kind of number of a point."""
+        return np.float32 if Mode.SINGLE in self.mode else np.float64
+
+    @property
+    def runs(self) -> bool:
+        """Whether the table is being followed."""
+        return Mode.RUN in self.mode
+
+    @property
+    def compensates(self) -> bool:
+        """Whether its bit says that the follower's values are errors to compensate."""
+        return Mode.COMPENSATION in self.mode
+
+    @property
+    def corrects(self) -> bool:
+        """Whether it acts as a table of errors: it runs, has the bit, and function 30 has marked it (chapter 3.1)."""
+        return self.runs and self.compensates and self.marked
+
+    @property
+    def leads(self) -> bool:
+        """Whether it acts as a cam; with only the mark, or only the bit, it does nothing."""
+        return self.runs and not self.compensates and not self.marked
+
+    def set_bit(self, bit: Mode, on: bool) -> bool:
+        """Set or clear a bit of MODE."""
+        self.mode = self.mode | bit if on else self.mode & ~bit
+        return True
+
+    def mark(self, on: bool) -> bool:
+        """Make it a table of errors, or none (function 30); its bit of MODE follows."""
+        self.marked = on
+        return self.set_bit(Mode.COMPENSATION, on)
+
+    def put(self, points: NDArray[Any]) -> None:
+        """Take all points at once, without a look at them."""
+        self.points = points
+        self.size_master = self.size_follow = len(points)
+
+    def add_master(self, value: float) -> bool:
+        """Enter the next point of the master; a value that does not rise begins a row, if there is one left."""
+        if self.size_master == len(self.points):
+            self.error |= Error.SIZE_MASTER
+            return False
+        number = self.dtype(value)  # as it will be looked up
+        last = self.points[self.size_master - 1, 0] if self.size_master else -math.inf
+        if not math.isfinite(number) or (number <= last and self._rows_started() >= self.row_count):
+            self.error |= Error.NOT_ASCENDING
+            return False
+        self.points[self.size_master, 0] = number
+        self.size_master += 1
+        return True
+
+    def add_follow(self, value: float) -> bool:
+        """Enter the next point of the follower."""
+        if self.size_follow == len(self.points):
+            self.error |= Error.SIZE_FOLLOW
+            return False
+        self.points[self.size_follow, 1] = value
+        self.size_follow += 1
+        return True
+
+    def _rows_started(self) -> int:
+        entered = self.points[: self.size_master, 0]
+        return 1 + int(np.count_nonzero(entered[1:] <= entered[:-1]))
+
+    def faults(self, axes: int) -> Error:
+        """Return what forbids to follow the table, of what does not already stand in ``error``.
+
+        Parameters
+        ----------
+        axes : int
+            How many the control has.
+        """
+        found = Error(0)
+        if self.size_master != self.size_follow or self.size_master < 2:
+            found |= Error.SIZE
+        own_master = self.master == self.axis and not self.compensates
+        if not (0 <= self.master < axes and 0 <= self.axis < axes) or own_master:
+            found |= Error.MASTER
+        if not np.isfinite(self.points[: self.size_master]).all():
+            found |= Error.NOT_ASCENDING
+        if self.row_count > 0:
+            found |= self._row_faults(axes)
+        return found | Error.ROW_TABLE if found & _ROW_FAULTS else found
+
+    def _row_faults(self, axes: int) -> Error:
+        found = Error(0)
+        if not 0 <= self.row_axis < axes or (self.row_count > 1 and self.row_start == self.row_end):
+            found |= Error.ROW_AXIS
+        if self.size_master % self.row_count or self.size_master < 2 * self.row_count:
+            return found | Error.ROW_SIZE
+        rows = self.points[: self.size_master, 0].reshape(self.row_count, -1)
+        if (rows[:, 0] != rows[0, 0]).any():
+            found |= Error.ROW_START
+        if (rows[:, -1] != rows[0, -1]).any():
+            found |= Error.ROW_END
+        return found
+
+    def follow(self, master: float, row_place: float) -> float:
+        """Return where the follower belongs.
+
+        Parameters
+        ----------
+        master, row_place : float
+            Places of the master, and of the axis that chooses the row.
+        """
+        offset = self.base if self.runs else self.shift
+        return offset + self.gain * self.curve(master - self.phase, row_place)
+
+    def compensation(self, master: float, row_place: float) -> float:
+        """Return the error to compensate, with the reversal of the way the master moves; see `follow`."""
+        if master != self._last_master:
+            self.direction = (master > self._last_master) - (master < self._last_master)
+            self._last_master = master
+        return self.follow(master, row_place) + 0.5 * self.direction * self.extensions.reversal
+
+    def go_on(self, direction: int, master: float) -> None:
+        """Let the master of a compensation table have come to its place in some direction, as before a restart."""
+        self.direction, self._last_master = direction, master
+
+    def change_gain(self, gain: float, master: float, row_place: float) -> None:
+        """Change the gain; where each pass adds something, it acts from the present place on, without a jump."""
+        if self.runs and self._adds_up():
+            self.base += (self.gain - gain) * self.curve(master - self.phase, row_place)
+        self.gain = gain
+
+    def _adds_up(self) -> bool:
+        per_row = self.size_master // max(self.row_count, 1)
+        follow = self.points[: self.size_master, 1]
+        return not self.compensates and bool((follow[::per_row] != follow[per_row - 1 :: per_row]).any())
+
+    def curve(self, master: float, row_place: float = 0.0) -> float:
+        """Return the table's own value, as entered."""
+        low, high, share = self._rows_at(row_place)
+        value = self._row(low, master)
+        return value if share == 0.0 else value + share * (self._row(high, master) - value)
+
+    def _rows_at(self, place: float) -> tuple[int, int, float]:
+        """Return the rows around a place of their axis, and the share of the second of them."""
+        last = self.row_count - 1
+        if last < 1:
+            return 0, 0, 0.0
+        at = (place - self.row_start) / (self.row_end - self.row_start) * last
+        at = min(max(at, 0.0), float(last))
+        if Mode.INTERPOLATE_ROWS not in self.mode:
+            nearest = math.floor(at + 0.5)
+            return nearest, nearest, 0.0
+        low = min(int(at), last - 1)
+        return low, low + 1, at - low
+
+    def _row(self, row: int, x: float) -> float:
+        """Look a place up in a row: the bracket by bisection, finite whatever the order of the points."""
+        count = self.size_master // max(self.row_count, 1)
+        rows = self.points[row * count : (row + 1) * count]
+        xs, ys = rows[:, 0], rows[:, 1]
+        first, last = float(xs[0]), float(xs[-1])
+        passes = 0
+        if self.compensates:
+            self.held = self.held or not first <= x <= last
+            x = min(max(x, first), last)
+        elif last > first:
+            turns = (x - first) / (last - first)
+            if math.isfinite(turns):  # else the master spans less, or more, than numbers can tell: the ends hold
+                passes = math.floor(turns)
+                x -= passes * (last - first)
+        k = min(max(bisect_right(xs, x) - 1, 0), count - 2)
+        y0, y1, width = float(ys[k]), float(ys[k + 1]), float(xs[k + 1]) - float(xs[k])
+        share = min(max((x - float(xs[k])) / width, 0.0), 1.0) if width > 0.0 else 0.0
+        value = cubic(xs, ys, k, share) if self.extensions.cubic else y0 + share * (y1 - y0)
+        return value + passes * (float(ys[-1]) - float(ys[0]))

@@ -1,0 +1,150 @@
+"""Options of a cut as options of commands: names, types, defaults and help from where they are declared."""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+from collections.abc import Callable
+from copy import copy
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
+
+import typer
+from typer.core import TyperCommand
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
+_Command = TypeVar("_Command", bound=Callable[..., None])
+_TAKEN = "_options_taken"
+
+
+SET_UP = "set-up"
+"""In the place of names: all options of a set-up but the machine."""
+
+
+class Unset(NamedTuple):
+    """In the place of a default: there is none, and the help says what holds."""
+
+    text: str
+
+
+class _Taken(NamedTuple):
+    names: tuple[str, ...]
+    instead: dict[str, Any]
+
+
+def takes(*names: str, **instead: Any) -> Callable[[_Command], _Command]:
+    """Give a command with ``**options`` options of a cut; it gets those that are not None by their names in Python.
+
+    Parameters
+    ----------
+    *names : str
+        Which; all if none is named.
+    **instead
+        Defaults of this command that are not those of a cut, or `Unset`.
+    """
+
+    def mark(command: _Command) -> _Command:
+        setattr(command, _TAKEN, _Taken(names, instead))
+        whole = inspect.signature(command, eval_str=True)
+        own = [parameter for parameter in whole.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
+        command.__signature__ = whole.replace(parameters=own)  # type: ignore[attr-defined]
+        return command
+
+    return mark
+
+
+def with_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command with the options that `takes` gives it in its signature."""
+    taken: _Taken | None = getattr(command, _TAKEN, None)
+    if taken is None:
+        return command
+    from edmsim.job.settings import CutOptions
+    from edmsim.machine.options import SetUpOptions
+
+    fields = CutOptions.model_fields
+    named = [[*SetUpOptions.model_fields] if name == SET_UP else [name] for name in taken.names or fields]
+    names = [name for name in itertools.chain(*named) if name not in _NO_FLAG]
+    own = [_with_names(parameter) for parameter in inspect.signature(command).parameters.values()]
+    shown = [_parameter(name, fields[name], taken) for name in names]
+
+    def run(**values: Any) -> None:
+        left_out = [name for name in names if values[name] in (None, [])]
+        command(**{name: value for name, value in values.items() if name not in left_out})
+
+    run.__signature__ = inspect.Signature([*own, *shown])  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, *shown)}
+    run.__name__, run.__doc__ = command.__name__, command.__doc__
+    return run
+
+
+_NO_FLAG = {"height_areas", "watch", "enter"}
+"""Options that are no text: a polygon, functions."""
+
+
+class Command(TyperCommand):
+    """A command that looks up the options it takes when it is run or explained, not when all commands are listed."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return arguments and options."""
+        self._complete()
+        return super().get_params(ctx)
+
+    def _complete(self) -> None:
+        plain = inspect.unwrap(self.callback) if self.callback is not None else None
+        if plain is not None and hasattr(plain, _TAKEN):
+            app = typer.Typer(add_completion=False)
+            app.command()(with_options(plain))
+            made = typer.main.get_command(app)
+            self.params, self.callback = made.params, made.callback
+
+
+def _with_names(parameter: inspect.Parameter) -> inspect.Parameter:
+    """Return a command's own argument or option, with the controllers' names for ``{controllers}`` in its help."""
+    kind, info = get_args(parameter.annotation)
+    if "{controllers}" not in info.help:
+        return parameter
+    from edmsim.controllers import choices
+
+    listing = copy(info)
+    listing.help = info.help.replace("{controllers}", ", ".join(choices()))
+    return parameter.replace(annotation=Annotated[kind, listing])
+
+
+def flag(name: str, field: FieldInfo) -> str:
+    """Return an option as it is typed."""
+    from edmsim.machine.options import Flag, bare_name, fact
+
+    own = fact(field, Flag)
+    return "--" + (own.name if own is not None and own.name else bare_name(name).replace("_", "-"))
+
+
+def _parameter(name: str, field: FieldInfo, taken: _Taken) -> inspect.Parameter:
+    from edmsim.machine.options import Flag, fact, meaning
+
+    own, help_text = fact(field, Flag) or Flag(), meaning(name, field).replace("``", "").replace("`", "")
+    if own.many:
+        help_text += " May be given again."
+    kind, default = _kind(field.annotation, own.many), taken.instead.get(name, field.default)
+    if isinstance(default, Unset):
+        help_text, default = f"{help_text} {default.text}", None
+    if kind is not bool and default in (None, ()):
+        kind, default = kind | None, None
+    option = typer.Option(flag(name, field), help=help_text, metavar=own.metavar)
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option]
+    )
+
+
+def _kind(kind: Any, is_list: bool) -> Any:
+    """Return the type that the command line reads an option as; what it does not know is a text."""
+    if is_list:
+        return list[str]
+    if get_origin(kind) is Annotated:
+        return _kind(get_args(kind)[0], False)
+    if get_origin(kind) in (UnionType, Union):
+        kinds = {_kind(part, False) for part in get_args(kind) if part is not NoneType}
+        return next((known for known in (Path, str) if known in kinds), None) or kinds.pop()
+    return kind if kind in (bool, int, float, Path) else str

@@ -1,0 +1,1 @@
+"""Consoles: what a person, a script or another program operates by hand."""

@@ -1,0 +1,153 @@
+"""Where the terminal's bytes come from and go to: a pipe or file, or a person's terminal, character by character."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+import termios
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from edmsim.consoles.computer_1982.operation import Operation
+
+_CHUNK = 4096
+_POLL_S = 0.2
+"""A wait for input is broken this often, to see whether Ctrl-C was pressed."""
+
+
+class Interrupts:
+    """Ctrl-C as the emergency stop: counted where it can be asked for, instead of raised anywhere.
+
+    A third one that nobody has asked for means that nothing is alive here: it raises `KeyboardInterrupt`.
+    """
+
+    _PATIENCE = 2
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def take(self) -> bool:
+        """Whether Ctrl-C was pressed since the last call."""
+        pressed, self._count = self._count > 0, 0
+        return pressed
+
+    @property
+    def pending(self) -> bool:
+        """Whether one waits to be taken."""
+        return self._count > 0
+
+    def press(self) -> None:
+        """Count one."""
+        self._count += 1
+        if self._count > self._PATIENCE:
+            raise KeyboardInterrupt
+
+    @contextmanager
+    def caught(self) -> Iterator[None]:
+        """Catch Ctrl-C; and let a hang-up or SIGTERM unwind, so that the terminal is restored."""
+
+        def leave(number: int, frame: FrameType | None) -> None:
+            raise SystemExit(128 + number)
+
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+        signal.signal(signal.SIGINT, lambda number, frame: self.press())
+        signal.signal(signal.SIGTERM, leave)
+        signal.signal(signal.SIGHUP, leave)
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+class Pipe:
+    """Input from a pipe or file, output to standard output.
+
+    Parameters
+    ----------
+    interrupts : Interrupts
+    source, sink : int
+        File descriptors.
+    """
+
+    def __init__(self, interrupts: Interrupts, source: int = 0, sink: int = 1) -> None:
+        self._interrupts = interrupts
+        self._source, self._sink = source, sink
+        self.at_end = False
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """Bytes that have come; empty after the timeout, at the end, and after Ctrl-C.
+
+        Parameters
+        ----------
+        timeout_s : float or None
+            How long to wait for the first one; None waits for ever.
+        """
+        if self.at_end:
+            time.sleep(timeout_s or 0.0)
+            return b""
+        until = None if timeout_s is None else time.monotonic() + timeout_s
+        while not self._interrupts.pending:
+            left = _POLL_S if until is None else min(_POLL_S, max(until - time.monotonic(), 0.0))
+            if select.select([self._source], [], [], left)[0]:
+                return self._receive()
+            if until is not None and time.monotonic() >= until:
+                break
+        return b""
+
+    def _receive(self) -> bytes:
+        try:
+            data = os.read(self._source, _CHUNK)
+        except OSError:  # a pseudo-terminal whose other side is gone
+            data = b""
+        self.at_end = not data
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Print; the display adds the CR before every LF."""
+        view = memoryview(data.replace(b"\r\n", b"\n"))
+        try:
+            while view:
+                view = view[os.write(self._sink, view) :]
+        except BrokenPipeError:  # nobody reads any more
+            raise SystemExit(128 + signal.SIGPIPE) from None
+
+    def refresh(self, operation: Operation) -> None:
+        """Show nothing but the dialogue."""
+
+
+class Keyboard(Pipe):
+    """A person's terminal: characters come as they are typed, and nothing but the program echoes them."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+    @contextmanager
+    def in_character_mode(self) -> Iterator[None]:
+        """Read character by character, with Ctrl-C alone kept as a signal; restored however the block ends."""
+        before = termios.tcgetattr(self._source)
+        try:
+            tty.setcbreak(self._source)
+            now = termios.tcgetattr(self._source)
+            off = os.fpathconf(self._source, "PC_VDISABLE")
+            for key in (termios.VQUIT, termios.VSUSP):
+                now[6][key] = bytes([off])
+            termios.tcsetattr(self._source, termios.TCSANOW, now)
+            yield
+        finally:
+            termios.tcsetattr(self._source, termios.TCSADRAIN, before)
+
+
+def is_terminal() -> bool:
+    """Whether a person sits at both standard input and output; either may be closed."""
+    return all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stdout))

@@ -1,0 +1,298 @@
+"""What an operator may do to the rig, and when: the machine as MAIN knows it, and presses of the 64 keys."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+
+from edmsim.consoles.computer_1982.rig import END_SWITCHES, Point, Rig, lay_out
+from edmsim.controllers.mcu.board import Board
+from edmsim.controllers.mcu.chips.display import CTRL, SCAN_NS, SHIFT
+from edmsim.controllers.mcu.chips.switches import STOP_BUTTON
+from edmsim.controllers.mcu.computer import OFF
+from edmsim.controllers.mcu.dialogue.front_panel import KEYS, FrontPanel, read_keys
+from edmsim.controllers.mcu.dialogue.part_program import Codes, Entry, Setting
+from edmsim.controllers.mcu.dialogue.status import Status
+from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.generator_control import set_tension
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM
+from edmsim.errors import InputError
+
+HELD_NS, RELEASED_NS = 60_000_000, 40_000_000
+"""How long a key is held, and until the next one (ours: a quick typist)."""
+TOGGLE = 0x0B
+"""Ctrl-K."""
+TYPED = {
+    **{bytes([character]): digit for digit, character in enumerate(b"0123456789")},
+    b"c": KEYS["CLEAR"], b"\b": KEYS["CLEAR"], b"\x7f": KEYS["CLEAR"],
+    b"x": KEYS["X"], b"y": KEYS["Y"], b"X": KEYS["X"] | SHIFT, b"Y": KEYS["Y"] | SHIFT,
+    b"i": KEYS["T(I)"], b"p": KEYS["T(P)"], b"v": KEYS["SPEED"], b"\r": KEYS["START"], b"\n": KEYS["START"],
+    b" ": KEYS["STOP"], b"g": KEYS["GO"], b"n": KEYS["INIT"],
+    b"\x1b[C": KEYS["X+"], b"\x1b[D": KEYS["X-"], b"\x1b[A": KEYS["Y+"], b"\x1b[B": KEYS["Y-"],
+}  # fmt: skip
+"""Keys of the panel by what a person types at a terminal; the last four are the arrows."""
+LEGEND = (
+    "Ctrl-K ends  0-9  c CLEAR  x X  y Y (capital: SHIFT)  i T(I)  p T(P)\n"
+    "v SPEED  Enter START  space STOP  g GO  n INIT  arrows X+ X- Y+ Y-"
+)
+
+
+def typed_keys(data: bytes) -> list[int]:
+    """Return the codes of the keys that were typed; other characters are skipped."""
+    codes, at = [], 0
+    while at < len(data):
+        size = 3 if data[at : at + 2] == b"\x1b[" else 1
+        if data[at : at + size] in TYPED:
+            codes.append(TYPED[data[at : at + size]])
+        at += size
+    return codes
+
+
+class KeyPresses:
+    """Keys of a board that are pressed one after the other, in machine time.
+
+    Parameters
+    ----------
+    board : Board
+    """
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._waiting: deque[int] = deque()
+        self._down_ns = self._scan_ns = 0
+
+    @property
+    def busy(self) -> bool:
+        """Whether a key is to be pressed or released yet."""
+        return bool(self._waiting)
+
+    def press(self, codes: Iterable[int], now_ns: int) -> None:
+        """Press keys, after those that wait."""
+        if not self.busy:
+            self._down_ns = self._scan_ns = now_ns
+        self._waiting.extend(codes)
+
+    def scan_until(self, end_ns: int) -> Iterator[None]:
+        """Let the 8279 scan up to a time; yields whenever a key waits in it."""
+        while self.busy and self._scan_ns < end_ns:
+            self._scan_ns += SCAN_NS
+            code, held_ns = self._waiting[0], self._scan_ns - self._down_ns
+            closed = frozenset([code & 0x3F] if held_ns <= HELD_NS else ())
+            self._board.scan_keys(closed, bool(code & SHIFT), bool(code & CTRL))
+            if self._board.display.waiting:
+                yield
+            if held_ns >= HELD_NS + RELEASED_NS:
+                self._waiting.popleft()
+                self._down_ns = self._scan_ns
+
+
+class Operation:
+    """The operator's hands on a rig; see `edmsim.controllers.mcu.dialogue.main_program.MachinePort`.
+
+    Parameters
+    ----------
+    rig : Rig
+
+    Attributes
+    ----------
+    at_panel : bool
+        Whether what a person types goes to the keys of the front panel.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self._panel = FrontPanel(rig.computer, self)
+        self._presses = KeyPresses(rig.board)
+        self.at_panel = False
+
+    @property
+    def greeting(self) -> str:
+        """What the terminal prints first."""
+        machine = self.rig.plant.machine
+        lines = [
+            f"{machine.name.upper()}   WIRE SPARK EROSION   8085 CONTROLLER",
+            f"{machine.material_name.upper()} {machine.height_mm:g} mm HIGH, ITS EDGE 30 um AHEAD OF THE WIRE IN +X",
+        ]
+        if self.rig.unit == "step":
+            travel = machine.base.table.travel_mm.value
+            lines.append(f"THE TABLE HAS {travel:g} mm: PLACES AND WAYS ARE STEPS OF {STEP_UM} um HERE, NOT um")
+        return "\n".join([*lines, "HELP LEADS THROUGH A JOB; BYE LEAVES"])
+
+    @property
+    def codes(self) -> Codes:
+        """How us become codes."""
+        return Codes(self.rig.board.settings.code_of_t_i, self.rig.board.settings.code_of_t_p)
+
+    def status(self) -> Status:
+        """What the machine shows."""
+        rig, computer = self.rig, self.rig.computer
+        t_i, t_p = computer.pulse_codes
+        t_i_us, t_p_us = rig.board.times_us
+        voltage, current = rig.gap
+        way = "NOT INITIALISED" if computer.state == OFF else rig.way
+        return Status(
+            state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else way,
+            position=computer.position,
+            unit=rig.unit_name,
+            speed=computer.speed,
+            running=computer.signed(at.CUTVEL),
+            short=computer.word(at.SHORTS),
+            open=computer.word(at.OPENS),
+            counted=computer.word(at.COUNTED),
+            windows=rig.windows,
+            missed=rig.board.counters.missed,
+            t_i=t_i,
+            t_p=t_p,
+            t_i_us=t_i_us,
+            t_p_us=t_p_us,
+            generator_on=rig.board.generator_on,
+            voltage_V=voltage,
+            current_A=current,
+            time_s=rig.time_ns * 1e-9,
+            move=rig.move,
+        )
+
+    def advance(self) -> list[str]:
+        """Let a window pass, with keys scanned, obeyed, and digits written; return why keys did nothing."""
+        self.rig.advance()
+        refused = []
+        for _ in self._presses.scan_until(self.rig.time_ns):
+            self.rig.computer.serve()
+            refused += self._panel.serve()
+        self._panel.show()
+        return refused
+
+    @property
+    def pressing(self) -> bool:
+        """Whether keys are still to be pressed."""
+        return self._presses.busy
+
+    def press(self, names: str) -> None:
+        """Press keys of the front panel by their names."""
+        self._presses.press(read_keys(names), self.rig.time_ns)
+
+    def press_typed(self, data: bytes) -> None:
+        """Press the keys of the front panel that a person's keyboard stands for."""
+        self._presses.press(typed_keys(data), self.rig.time_ns)
+
+    def digits(self) -> list[int]:
+        """Write the display, and return what its 32 digits show."""
+        self._panel.show()
+        return self.rig.board.display.digits
+
+    def set_position(self, position: Point) -> None:
+        """Set the position counters; they count on from there."""
+        self._check_still()
+        self.rig.computer.set_position(*position)
+
+    def set(self, setting: Setting) -> None:
+        """Take over codes and speed, also while cutting."""
+        self._check_alive()
+        if setting.t_i and not (self.rig.computer.pulse_codes[1] or setting.t_p):
+            raise InputError("t(p) is not set yet; TI us TP us sets both")
+        self.rig.set(setting)
+
+    def cut(self, program: Sequence[Entry]) -> None:
+        """Start timers and generator along a path; settings that stand before its first move are taken over first."""
+        self._check_still()
+        route = lay_out(self.rig.computer.position, program, self.rig.unit_um)
+        while route.dues and not route.dues[0].path_um:
+            self.rig.set(route.dues.pop(0).setting)
+        self._check_pulses()
+        self.rig.begin_cut(route)
+
+    def go_on(self) -> None:
+        """Go on with the cut that was stopped, from where it was stopped."""
+        self._check_still()
+        if self.rig.held is None:
+            raise InputError("no cut was stopped; START or RUN begins one")
+        planner, route, (x, y) = self.rig.held
+        if (x, y) != self.rig.computer.position:
+            raise InputError(f"the cut stopped at X {x} Y {y}; bring the wire back there first")
+        self._check_pulses()
+        self.rig.resume_cut(planner, route)
+
+    def jog(self, axis: int, way: int) -> None:
+        """Move one axis with the generator off, as fast as the timers run; the way is counted as positions are.
+
+        The operator's hand on the keys bridges a switch that is open: an end switch only to lead back from it.
+        """
+        self._check_still()
+        if abs(way) * self.rig.unit_um < STEP_UM:
+            raise InputError(f"a motor step is {STEP_UM} um; jog by at least that")
+        x, y = self.rig.computer.position
+        target = (x, y + way) if axis else (x + way, y)
+        if not 0 <= target[axis] <= WORD:
+            raise InputError(f"soft limit: the counters hold 0 to {WORD} {self.rig.unit_name}, not {target[axis]}")
+        direction = 1 if way > 0 else -1
+        if self.rig.ends.switch_open(axis, direction, self.rig.place_um[axis]):
+            raise InputError(f"the {END_SWITCHES[axis]} switch is open; jog back from it")
+        self.rig.board.switches.release()
+        self.rig.computer.stop()
+        self.rig.begin_jog(target)
+
+    def stop(self) -> None:
+        """Stop timers and generator."""
+        self._check_alive()
+        if not self.rig.moving and not self.rig.board.generator_line.running:
+            raise InputError("the machine is not moving")
+        self.rig.stand("STOPPED")
+
+    def generator(self, on: bool) -> None:
+        """Run or stop the generator, with the table at rest."""
+        self._check_still()
+        if on:
+            self._check_pulses()
+            self.rig.computer.start()
+        else:
+            self.rig.computer.stop()
+
+    def emergency(self) -> None:
+        """The operator's emergency stop."""
+        self.rig.trip(STOP_BUTTON, "STOP BY THE OPERATOR")
+
+    def init(self) -> None:
+        """INIT: a safe stand-by; the position stays (rows T-50, T-51). The stop button is pulled out before it."""
+        switches = self.rig.board.switches
+        still_open = [name for name in switches.open if name != STOP_BUTTON]
+        switches.release()
+        for name in still_open:
+            switches.trip(name)
+        self.rig.put_down()
+        self.rig.computer.init()
+
+    def reset(self) -> None:
+        """The reset button, which power-up presses as well: the machine safe, and the monitor listening."""
+        self.init()
+        self.rig.computer.reset()
+
+    def thread_wire(self) -> None:
+        """Thread a new wire where the carriage stands."""
+        self._check_still()
+        if self.rig.wire:
+            raise InputError("the wire is whole")
+        self.rig.thread()
+        self.rig.say("NEW WIRE")
+
+    def tension(self, low: bool) -> None:
+        """Lower the wire's tension, or give it back in full."""
+        self._check_alive()
+        set_tension(self.rig.board, low)
+
+    def _check_alive(self) -> None:
+        if self.rig.computer.state == OFF:
+            raise InputError("the machine is not initialised: INIT first")
+        if self.rig.in_emergency:
+            raise InputError(f"emergency ({self.rig.cause}): only INIT helps")
+
+    def _check_still(self) -> None:
+        self._check_alive()
+        if self.rig.moving:
+            raise InputError("the machine moves already; STOP stops it, WAIT waits for its end")
+
+    def _check_pulses(self) -> None:
+        if not all(self.rig.computer.pulse_codes):
+            raise InputError("t(i) and t(p) are not set; TI us TP us sets them")
+        if self.rig.misses_wire:
+            raise InputError("the wire is broken; WIRE threads a new one")

@@ -1,0 +1,531 @@
+"""The rig: the 1982 controller's computer and the simulated machine, wired together and run window by window."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from edmsim.controllers import make
+from edmsim.controllers.feed.counts import CountsController
+from edmsim.controllers.mcu.board import Board, Faults
+from edmsim.controllers.mcu.chips.dac import PulseSettings
+from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END, SafetySwitches
+from edmsim.controllers.mcu.computer import EMERGENCY, Computer
+from edmsim.controllers.mcu.computer import STAND_BY as COMPUTER_STAND_BY
+from edmsim.controllers.mcu.dialogue.part_program import Entry, Move, Setting
+from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware import optimiser_words
+from edmsim.controllers.mcu.firmware.arcs import arc_points
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982, unit_for, unit_um
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
+from edmsim.controllers.mcu.firmware.tstates import seconds
+from edmsim.controllers.mcu.path_run import PathRun
+from edmsim.controllers.planner.record import LITERAL
+from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
+from edmsim.controllers.protocols import Step
+from edmsim.cosim.stops import switches_open
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, open_V
+from edmsim.plant.constants import table_mechanics
+from edmsim.plant.plant import Plant
+from edmsim.plant.window import PlantError, PulseWindow
+
+Point = tuple[int, int]
+"""A place by the position counters, in um or steps."""
+
+
+class SettingChange(NamedTuple):
+    """A setting of a program and the length of path from which on it holds."""
+
+    path_um: float
+    setting: Setting
+
+
+class RouteMove(NamedTuple):
+    """A move of a program and the length of path up to its end."""
+
+    end_um: float
+    move: Move
+
+
+class Route(NamedTuple):
+    """A program laid out from where the wire is.
+
+    Attributes
+    ----------
+    corners : list of Point
+    lengths_um : list of float
+        Length of path up to every corner but the first.
+    dues : list of Due
+        In order.
+    moves: list of RouteMove
+        In order.
+    """
+
+    corners: list[Point]
+    lengths_um: list[float]
+    dues: list[SettingChange]
+    moves: list[RouteMove]
+
+    def move_at(self, path_um: float) -> Move:
+        """Return the move that is under way."""
+        number = bisect_right([stretch.end_um for stretch in self.moves], path_um)
+        return self.moves[min(number, len(self.moves) - 1)].move
+
+    def corner_ahead(self, path_um: float) -> Point:
+        """Corner that the wire runs to."""
+        return self.corners[min(bisect_right(self.lengths_um, path_um), len(self.lengths_um) - 1) + 1]
+
+
+def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
+    """Lay a program out from a start on; `unit_um` is a counter's unit.
+
+    Raises
+    ------
+    InputError
+        If an arc has no circle through its ends, or the program moves nowhere.
+    """
+    corners, lengths, dues, moves = [start], [0.0], [], []
+    for entry in program:
+        if isinstance(entry, Setting):
+            dues.append(SettingChange(lengths[-1], entry))
+            continue
+        for corner in _corners_of(corners[-1], entry):
+            way = float(np.hypot(corner[0] - corners[-1][0], corner[1] - corners[-1][1]))
+            lengths.append(lengths[-1] + unit_um * way)
+            corners.append(corner)
+        moves.append(RouteMove(lengths[-1], entry))
+    if not lengths[-1]:
+        raise InputError("the wire is there already; give another new position")
+    return Route(corners, lengths[1:], dues, moves)
+
+
+def _corners_of(start: Point, move: Move) -> list[Point]:
+    """Corner points of one move after its start."""
+    if move.centre_um is None:
+        return [move.end_um]
+    return [(int(x), int(y)) for x, y in arc_points(start, move.centre_um, move.end_um, move.clockwise)][1:]
+
+
+def moved(place_um: tuple[float, float], steps: Iterable[Step]) -> tuple[float, float]:
+    """Return a place after some steps."""
+    place = [*place_um]
+    for step in steps:
+        place[step.axis] += STEP_UM * step.direction
+    return place[0], place[1]
+
+
+def check_counts(planner: str) -> str:
+    """Refuse an unknown planner, or one without position counters, before anything moves."""
+    if not kind_of(planner).counts:
+        counting = ", ".join(name for name, kind in PLANNERS.items() if kind.counts)
+        raise InputError(f"the terminal's computer cannot count along with the planner {planner}: choose {counting}")
+    return planner
+
+
+END_SWITCHES = (X_END, Y_END)
+
+
+class TableEnds:
+    """What keeps the carriage on its table.
+
+    Parameters
+    ----------
+    machine : Machine
+        Its MJCF has the stops.
+    switches : SafetySwitches
+        Those that are stuck never open.
+    """
+
+    def __init__(self, machine: Machine, switches: SafetySwitches) -> None:
+        self._travel_um = machine.base.table.travel_mm.value * 1e3
+        self._stops_um = table_mechanics(machine, longest_us=1e3).stops_um
+        self._switches = switches
+
+    def switch_open(self, axis: int, direction: int, place_um: float) -> bool:
+        """Whether a step of an axis in that direction has led to where its end switch opens."""
+        if END_SWITCHES[axis] in self._switches.stuck:
+            return False
+        return switches_open(place_um, self._travel_um, STEP_UM) == direction
+
+    def passed(self, place_um: tuple[float, float], steps: Iterable[Step]) -> list[Step]:
+        """Return the steps that the table makes from a place; a motor that drives it against a stop loses its own."""
+        place, made = [*place_um], []
+        low_um, high_um = self._stops_um
+        for step in steps:
+            there_um = place[step.axis] + STEP_UM * step.direction
+            if low_um <= there_um <= high_um:
+                place[step.axis] = there_um
+                made.append(step)
+        return made
+
+
+STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
+LOW_TENSION = 0.5
+"""Share of the wire's tension that is left while its spare line is up (ours: half)."""
+BENT_SHARE = 0.01
+"""A wire bent by more than this share of its free length breaks (ours: the model of a taut string does not hold that
+far; cuts bend it ten times less)."""
+UNKNOWN_CAUSE = "NO SWITCH IS OPEN: CALLED BY A PROGRAM, OR BY A SPARK ON THE SWITCHES' LINE"
+
+
+class Rig:
+    """Computer and machine.
+
+    Parameters
+    ----------
+    machine : Machine
+        Its generator must have a fixed period, and its motors steps of 2 um, as those of 1982 have.
+    seed : int
+    resolution : str
+    planner : str
+        Name of the planner that cuts; one that counts as the computer does, so not ``exact``. ``poscal-literal`` is
+        the computer's own motion, by its timers; so are all jogs.
+    faults : Faults
+        Faults of 1982 to be injected.
+
+    Attributes
+    ----------
+    plant : Plant
+    board : Board
+    computer : Computer
+    ends : TableEnds
+    way : str
+        ``STAND-BY``, ``CUTTING`` or ``JOGGING``.
+    cause : str
+        Of the last emergency.
+    held : (Planner, Route, Point) or None
+        An unfinished cut, and where it stopped.
+    wire : bool
+        Whether there is one.
+    windows : int
+        Windows read while cutting.
+    unit : {"um", "step"}
+        What the position counters count, by the table's travel (row T-61).
+    unit_um : int
+        Its length in um.
+    """
+
+    def __init__(
+        self, machine: Machine, seed: int = 0, *, resolution: str = "default", planner: str = "poscal",
+        faults: Faults | None = None,
+    ) -> None:
+        check_1982(machine.base.table.step_um.value)
+        self.plant = Plant(machine, seed, resolution=resolution)
+        self._tensions = machine, machine.with_(tension=LOW_TENSION * machine.tension)
+        self.board = Board(PulseSettings(pulse_A=discharge_current_A(machine)), faults=faults)
+        self.board.open_V = open_V(machine)
+        self.board.on_step = self._carry
+        self.unit = unit_for(machine.base.table.travel_mm.value * 1e3)
+        self.unit_um = unit_um(self.unit)
+        self._planner_name = check_counts(planner)
+        self._literal = kind_of(planner).number == LITERAL
+        self.computer = Computer(self.board, unit=self.unit, wrap=self._literal)
+        self.way, self.cause = STAND_BY, ""
+        self.held: tuple[Planner, Route, Point] | None = None
+        self.wire = True
+        self.windows = 0
+        law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
+        optimiser_words.set_constants(self.board.bus, law._replace(limit=MAX_SPEED))
+        self._events: list[str] = []
+        self._planner: Planner | None = None
+        self._carriage = [*self.place_um]
+        self.ends = TableEnds(machine, self.board.switches)
+        self._window: PulseWindow | None = None
+        self._codes = (0, 0)
+        self.computer.init()
+        x, y = self.plant.commanded_um
+        self.computer.set_position(round(x / self.unit_um), round(y / self.unit_um))
+
+    def warm_up(self) -> None:
+        """Have the pulse loop compiled, so that nobody waits for it later; nothing else changes."""
+        before = self.plant.snapshot()
+        self.plant.advance()
+        self.plant.restore(before)
+
+    @property
+    def time_ns(self) -> int:
+        """Machine time."""
+        return self.plant.time_ns
+
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Where the carriage is on the table, whatever the counters say."""
+        return self.plant.commanded_um
+
+    @property
+    def misses_wire(self) -> bool:
+        """Whether the wire is known to be broken: a stuck sensor never tells."""
+        return not self.wire and WIRE_BREAK not in self.board.switches.stuck
+
+    @property
+    def moving(self) -> bool:
+        """Whether a cut or a jog is under way."""
+        return self._planner is not None
+
+    @property
+    def move(self) -> Move | None:
+        """The move of the cut under way, wherever it was given; None without a cut."""
+        return self._route.move_at(self._planner.path_um) if self._planner and self.way == CUTTING else None
+
+    @property
+    def in_emergency(self) -> bool:
+        """Whether nothing moves until INIT."""
+        return self.computer.state == EMERGENCY
+
+    @property
+    def gap(self) -> tuple[float, float]:
+        """Mean voltage and current; after the generator has stopped, the voltage that is left (row T-27)."""
+        if self._window is not None and self.plant.generator_on and self.board.generator_on:
+            return self._window.mean_voltage_V, self._window.mean_current_A
+        return self.board.generator_line.voltage_V(self.time_ns), 0.0
+
+    @property
+    def unit_name(self) -> str:
+        """What the position counters count, as the terminal prints it."""
+        return "um" if self.unit == "um" else "STEPS"
+
+    def take_events(self) -> list[str]:
+        """What the machine has to say since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    def say(self, text: str) -> None:
+        """Add an event, with the place at which it happened."""
+        x, y = self.computer.position
+        self._events.append(f"{text}   X {x} Y {y} {self.unit_name}")
+
+    def refuse(self, reason: str) -> None:
+        """Add an event: what could not be done."""
+        self._events.append(f"? {reason}")
+
+    def set(self, setting: Setting) -> None:
+        """Take over codes and speed.
+
+        Raises
+        ------
+        InputError
+            If the pair draws more than 2 A or leaves no pause; the old pair stays (row T-34).
+        """
+        old = self.computer.pulse_codes
+        t_i = old[0] if setting.t_i is None else setting.t_i
+        t_p = old[1] if setting.t_p is None else setting.t_p
+        self.board.settings.check(t_i, t_p)
+        if t_i and t_p:
+            self.plant.set_generator(*self.board.settings.times_us(t_i, t_p))
+        self.computer.set_pulse_codes(t_i, t_p)
+        self._codes = self.computer.pulse_codes
+        if setting.speed is not None:
+            self.computer.set_speed(setting.speed)
+
+    def begin_cut(self, route: Route) -> None:
+        """Start timers and generator along a route that begins where the wire is."""
+        own = PathRun(self.computer, route.corners) if self._literal else None
+        self.resume_cut(own or self._plan(self._planner_name, route.corners), route)
+
+    def resume_cut(self, planner: Planner, route: Route) -> None:
+        """Start timers and generator where a planner is on its route."""
+        self.computer.start()
+        self._planner, self._route, self.held, self.way = planner, route, None, CUTTING
+        start = min(optimiser_words.constants(self.board.bus).start, self.computer.speed, MAX_SPEED)
+        optimiser_words.set_variables(self.board.bus, State(clock=self.time_ns // TICK_NS & WORD, speed=start))
+        self._run_at(start)
+
+    def begin_jog(self, target: Point) -> None:
+        """Start the timers towards a place, with the generator off."""
+        self.computer.start(generator=False)
+        self._planner, self.way = PathRun(self.computer, [self.computer.position, target]), JOGGING
+        self._run_at(MAX_SPEED)
+
+    def _plan(self, name: str, corners: list[Point]) -> Planner:
+        """Make a planner from corner points by the counters."""
+        return make_planner(name, np.array(corners) * self.unit_um, unit=self.unit)
+
+    def _run_at(self, units: int) -> None:
+        self._units = units
+        self._busy_until_ns = self.time_ns
+        self.computer.store(at.CUTVEL, units)
+
+    def stand(self, text: str) -> None:
+        """Stop timers and generator in good order, and say so."""
+        self.computer.stop()
+        self.put_down()
+        self.say(text)
+
+    def put_down(self) -> None:
+        """Keep an unfinished cut for later; nothing is under way any more."""
+        if self.way == CUTTING and self._planner is not None:
+            self.held = self._planner, self._route, self.computer.position
+        self._planner, self.way = None, STAND_BY
+        self.board.mean_current_A = 0.0
+
+    def trip(self, switch: str, cause: str) -> None:
+        """Open a switch: the hardware acts at once, the emergency routine by interrupt, or here if they are off."""
+        self.board.switches.trip(switch)
+        self.computer.serve()
+        if not self.in_emergency:
+            self.computer.emergency()
+        self._stopped(cause)
+
+    def stop_all(self, cause: str) -> None:
+        """Call the emergency routine, with no switch open."""
+        self.computer.emergency()
+        self._stopped(cause)
+
+    def thread(self) -> None:
+        """Thread a new wire where the carriage stands, by hand."""
+        by_hand_ns = round(self.plant.machine.base.table.threading_s.value * 1e9)
+        self.plant.rethread(self.place_um, by_hand_ns)
+        self.wire = True
+        self.board.switches.release()
+
+    def advance(self) -> None:
+        """Let one window pass."""
+        self._obey_lines()
+        self._follow_tension()
+        start_ns = self.time_ns
+        end_ns = start_ns + self.plant.window_ns
+        steps = self.ends.passed(self.place_um, self._make_steps(start_ns, end_ns))
+        self._fire(steps, moved(self.place_um, steps))
+        self.computer.run_until(end_ns)
+        if self._planner is not None and self._planner.done:
+            self._planner = None
+            self.stand("READY")
+
+    def _follow_tension(self) -> None:
+        """Give the wire the tension that the spare line asks for; its shape and all else stay."""
+        tensioned = self._tensions[self.board.low_tension]
+        if self.plant.machine.tension != tensioned.tension:
+            before, resolution = self.plant.snapshot(), self.plant.resolution
+            self.plant = Plant(tensioned, stock=self.plant.field.stock, resolution=resolution)
+            self.plant.restore(before)
+
+    def _obey_lines(self) -> None:
+        """Set the generator to what ports 4020H to 4022H hold; a length of 0 switches it off."""
+        on = self.board.generator_on and all(self.board.codes)
+        if on and self.computer.pulse_codes != self._codes:
+            self._codes = self.computer.pulse_codes
+            try:
+                self.plant.set_generator(*self.board.times_us)
+            except InputError as error:
+                self.refuse(f"{error.reason}; the generator keeps its old setting")
+        if self.plant.generator_on != on:
+            self.plant.switch_generator(on)
+
+    def _make_steps(self, start_ns: int, end_ns: int) -> list[Step]:
+        """Motor steps of a window, by hand, program, timers and planner, as far as no end switch opens."""
+        stopped = self.in_emergency
+        self._carriage = [*moved(self.place_um, self.board.steps)]
+        try:
+            self.computer.code.run_until(end_ns)
+        except InputError as error:
+            self.refuse(error.reason)
+        if self._planner is not None and self.computer.state == COMPUTER_STAND_BY:
+            self.stand("STOPPED BY A PROGRAM")
+        try:
+            made = self._motion(start_ns, end_ns)
+        except InputError as error:  # a counter that was altered runs off the table
+            made = self.computer.take_steps(end_ns)
+            self.computer.emergency()
+            self.computer.cause = (error.reason,)
+        self.computer.serve()
+        if self.in_emergency and (self.moving or not stopped):
+            self._planner = None  # off the table there is nothing to go on with
+            self._stopped(" AND ".join(map(_named, self.computer.cause)).upper() or UNKNOWN_CAUSE)
+        return sorted(step._replace(time_ns=max(step.time_ns, start_ns)) for step in made)
+
+    def _motion(self, start_ns: int, end_ns: int) -> list[Step]:
+        """Advance timers and planner by a window; a new speed counts from when the optimising routine is done."""
+        if self._planner is None:
+            return self.computer.run_until(end_ns)
+        change_ns = min(max(self._busy_until_ns, start_ns), end_ns)
+        planned = self._planner.advance(start_ns, change_ns, self._units)
+        next_units = max(-MAX_SPEED, min(self.computer.signed(at.CUTVEL), MAX_SPEED))
+        planned += self._planner.advance(change_ns, end_ns, next_units)
+        if change_ns < end_ns:
+            self._units = next_units
+        return planned if isinstance(self._planner, PathRun) else self.computer.drive(planned)
+
+    def _carry(self, step: Step) -> None:
+        """Carry the wire by a step; where that leads the carriage beyond its travel, the end switch opens."""
+        self._carriage[step.axis] += STEP_UM * step.direction
+        if self.ends.switch_open(step.axis, step.direction, self._carriage[step.axis]):
+            self.board.switches.trip(END_SWITCHES[step.axis])
+
+    def _fire(self, steps: list[Step], place_um: tuple[float, float]) -> None:
+        """Let the plant pass a window that ends at a place, and the computer see it."""
+        pressed = "THE WIRE WAS PRESSED AGAINST THE WORKPIECE AND BROKE"
+        try:
+            window = self.plant.advance(steps)
+        except PlantError:
+            self._lose_wire(pressed, place_um)
+            return
+        self._window = window
+        self.board.mean_current_A = window.mean_current_A
+        if window.spark or window.arc:
+            self.board.spark()
+        if window.broken:
+            height = self.plant.broken_height_mm
+            self._lose_wire(f"WIRE BREAK {height:.1f} mm ABOVE THE WORKPIECE'S LOWER FACE", place_um)
+        elif math.hypot(*window.deflection_um) > BENT_SHARE * 1e3 * self.plant.machine.guide_distance_mm:
+            self._lose_wire(pressed, place_um)
+        elif self.in_emergency:
+            return  # its counters are reset, and the generator stands from now on
+        elif self.plant.generator_on and window.pulses == WINDOW_PULSES:
+            self.board.counters.count_window(window.short, window.open)
+            self._read_counts()
+        elif self.way == CUTTING:
+            self.stand("NO PULSES COME: THE GENERATOR DROPPED OUT AT LOW V(t(p)); STOPPED")
+
+    def _read_counts(self) -> None:
+        """Poll the latches once the last counts are dealt with; while cutting, decide on the speed."""
+        computer, now_ns = self.computer, self.plant.time_ns
+        if self.way != CUTTING or self._planner is None:
+            computer.read_counts()
+            return
+        if now_ns < max(self._busy_until_ns, computer.steppers.free_ns) or not computer.result_waits():
+            return
+        path_um = self._planner.path_um
+        if not self._literal:
+            computer.steppers.look_to(*self._route.corner_ahead(path_um))
+        _, t_states = computer.optimise(now_ns // TICK_NS & WORD, int(path_um) & WORD)
+        self.windows += 1
+        self._busy_until_ns = now_ns + round(seconds(t_states) * 1e9)
+        if optimiser_words.variables(self.board.bus).phase == ALARM:
+            self.trip(STOP_BUTTON, "PERSISTENT SHORT")
+            return
+        self._take_over(path_um)
+
+    def _take_over(self, path_um: float) -> None:
+        """Take over the program's settings that are due."""
+        dues = self._route.dues
+        while dues and path_um >= dues[0].path_um:
+            try:
+                self.set(dues.pop(0).setting)
+            except InputError as error:
+                self.refuse(f"{error.reason}; the old setting stays")
+
+    def _lose_wire(self, cause: str, place_um: tuple[float, float]) -> None:
+        """The wire is gone; the carriage made the window's steps, as the counters have it. If seen, all stops."""
+        self.plant.rethread(place_um, 0)
+        self.plant.go_bare()
+        self.wire = False
+        if self.misses_wire:
+            self.trip(WIRE_BREAK, cause)
+
+    def _stopped(self, cause: str) -> None:
+        self.put_down()
+        self.cause = cause
+        self.say(f"EMERGENCY: {cause}; NOTHING MOVES UNTIL INIT")
+
+
+def _named(cause: str) -> str:
+    """A switch, or what led to an emergency else."""
+    return cause if ":" in cause else f"{cause} SWITCH"

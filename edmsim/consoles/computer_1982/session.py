@@ -1,0 +1,547 @@
+"""The session: bytes through LINE to MAIN, machine time between them, and what the machine says by itself.
+
+Live, the machine runs at a multiple of the clock on the wall and lines are taken as they come. In a script, time
+stands still while lines are read: WAIT lets it pass, and the end of the input waits until the machine stands still.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Protocol
+
+from edmsim.consoles.computer_1982.devices import Interrupts
+from edmsim.consoles.computer_1982.operation import TOGGLE, Operation
+from edmsim.consoles.computer_1982.rig import Rig
+from edmsim.controllers.mcu.chips import bus
+from edmsim.controllers.mcu.computer import Computer
+from edmsim.controllers.mcu.dialogue.line_input import (
+    CANCEL,
+    DELETE,
+    LINE_FEED,
+    RETURN,
+    SPACE,
+    TAB,
+    InputBuffer,
+    Line,
+)
+from edmsim.controllers.mcu.dialogue.main_program import MainProgram
+from edmsim.controllers.mcu.dialogue.monitor import STARTS, Monitor
+from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware.memory_map import CIADR, HOST_IN, TERMINAL_IN
+from edmsim.errors import InputError
+
+
+class SerialLines:
+    """Bytes through the 8251s and the routines that CIADR and COADR name (rows T-58, T-59).
+
+    Parameters
+    ----------
+    computer : Computer
+    """
+
+    def __init__(self, computer: Computer) -> None:
+        self._computer = computer
+
+    def heard(self, data: bytes) -> bytes:
+        """Return what the program fetches of the bytes an operator sent; sparks may disturb them."""
+        return self._fetch(data, from_host=False)
+
+    def heard_from_host(self, data: bytes) -> bytes:
+        """Return what the program fetches of the bytes the host sent: the input stream is redirected meanwhile."""
+        self._computer.store(CIADR, HOST_IN)
+        try:
+            return self._fetch(data, from_host=True)
+        finally:
+            self._computer.store(CIADR, TERMINAL_IN)
+
+    def spoken(self, data: bytes) -> bytes:
+        """Return what arrives at the operator's screen of the bytes the program sends."""
+        board = self._computer.board
+        for byte in data:
+            self._computer.streams.co(byte)
+        sent = bytes(board.sent)
+        board.sent.clear()
+        noise = board.faults.noise
+        return sent if noise is None else bytes(noise(byte, board.mean_current_A) for byte in sent)
+
+    def _fetch(self, data: bytes, from_host: bool) -> bytes:
+        fetched = bytearray()
+        for byte in data:
+            self._computer.board.receive(byte, from_host)
+            character = self._computer.streams.ci()
+            if character is not None:
+                fetched.append(character)
+        return bytes(fetched)
+
+
+def read_host(file: Path, lines: SerialLines) -> list[bytes]:
+    """Lines of the host's file as LINE takes them from the second channel: 64 characters, in capitals, no echo.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a line is too long or holds what no line can.
+    """
+    data = bytes_of(file)
+    buffer, taken = InputBuffer(), []
+    line = Line(buffer, lambda echo: None)
+    for number, text in enumerate(lines.heard_from_host(data).splitlines(), 1):
+        try:
+            for character in text:
+                if not (SPACE <= character < DELETE or character == TAB):
+                    raise InputError(f"{character:02X}H is not a character of a line")
+                line.take(character)
+            line.take(LINE_FEED)
+        except InputError as error:
+            raise InputError(f"line {number} of the host's program: {error.reason}") from None
+        taken.append(buffer.text)
+    return taken
+
+
+def bytes_of(file: Path) -> bytes:
+    """What a file of the host holds; raises `InputError` if it cannot be read."""
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise InputError(f"the host's file cannot be read: {error.strerror}", file) from None
+
+
+class MonitorBench:
+    """See `edmsim.controllers.mcu.dialogue.monitor.Bench`.
+
+    Parameters
+    ----------
+    operation : Operation
+    tapes : path
+        Folder of the tapes.
+    from_host : callable
+        Returns what the host sends.
+    reset : callable
+        Presses the reset button.
+    to_main : callable
+        Gives the terminal to MAIN, as it was left or, if its argument says so, from its beginning.
+    """
+
+    def __init__(
+        self, operation: Operation, tapes: Path, from_host: Callable[[], bytes], reset: Callable[[], None],
+        to_main: Callable[[bool], None],
+    ) -> None:
+        self._operation = operation
+        self._computer = operation.rig.computer
+        self._tapes = tapes
+        self.from_host = from_host
+        self._reset = reset
+        self._to_main = to_main
+
+    def read(self, address: int) -> int:
+        """Byte at an address."""
+        return self._computer.read(address)
+
+    def write(self, address: int, byte: int) -> None:
+        """Put a byte at an address; raises `InputError` where none can be written."""
+        self._computer.board.bus.check_writable(address)
+        self._computer.write(address, byte)
+
+    def tape(self, name: str) -> bytes:
+        """What stands on a tape."""
+        try:
+            return (self._tapes / name).read_bytes()
+        except OSError as error:
+            raise InputError(f"the tape {name} cannot be read: {error.strerror}") from None
+
+    def put_away(self, name: str, text: str) -> None:
+        """Keep a tape that was punched; one that was punched before is not punched again."""
+        try:
+            with (self._tapes / name).open("x", encoding="ascii") as file:
+                file.write(text)
+        except FileExistsError:
+            raise InputError(f"there is a tape {name} already, and no hole can be closed: name another") from None
+        except OSError as error:
+            raise InputError(f"the tape {name} cannot be punched: {error.strerror}") from None
+
+    def go(self, address: int | None) -> None:
+        """Start at an address, or go back to MAIN."""
+        code = self._computer.code
+        if address is None or address == at.MAIN:
+            self._to_main(address is not None)
+        elif address == at.MONITOR:
+            self._reset()
+        elif address == at.INIT:
+            self._operation.init()
+        elif address == at.EMERGENCY_ROUTINE:
+            self._operation.rig.stop_all("CALLED FROM THE MONITOR")
+        elif address in STARTS:
+            code.call(address)
+        elif address in bus.RAM:
+            code.begin(address)
+        else:
+            raise InputError(f"there is no 8085 code at {address:04X}H: the listings are lost; M shows what starts")
+
+
+ETX, EOT, RESET = 0x03, 0x04, 0x1C
+"""Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves, Ctrl-\\ is the reset button."""
+FINE, REFUSED, STOPPED = 0, 2, 3
+"""Exit statuses: all was done; a line of a script was refused; the machine was left in an emergency."""
+_BEHIND_S = 0.5
+"""A machine that cannot keep up with the clock on the wall catches up by no more than this."""
+PROGRAM_NS = 60_000_000_000
+"""A script waits no longer for a program that the monitor started."""
+_IDLE_S = 0.05
+"""Longest wait between two looks at the machine."""
+
+
+class Screen(Protocol):
+    """Where the operator's bytes come from and go to."""
+
+    @property
+    def at_end(self) -> bool:
+        """Whether nothing more will come."""
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """Bytes that have come."""
+
+    def write(self, data: bytes) -> None:
+        """Print."""
+
+    def refresh(self, operation: Operation) -> None:
+        """Show the machine as it is now, where there is something to show it on."""
+
+
+class Session:
+    """An operator at the machine.
+
+    Parameters
+    ----------
+    rig : Rig
+    screen : Screen
+    interrupts : Interrupts
+    speed : float or None
+        Machine seconds per second, live; None for a script.
+    host : path, optional
+        File that the host minicomputer sends.
+    person : bool
+        A person types: refused lines are part of the work and do not count for the exit status.
+    monitor : bool
+        The session begins where power-up leads, in the monitor, and MAIN is started from it; else in MAIN.
+    tapes : path, optional
+        Folder of the monitor's tapes; the current one, if not given.
+
+    Attributes
+    ----------
+    refused : int
+        Lines that were refused.
+    """
+
+    def __init__(
+        self, rig: Rig, screen: Screen, interrupts: Interrupts, *, speed: float | None = None,
+        host: Path | None = None, person: bool = False, monitor: bool = False, tapes: Path | None = None,
+    ) -> None:
+        self.refused = 0
+        self._rig = rig
+        self._operation = Operation(rig)
+        self._lines = SerialLines(rig.computer)
+        self._screen = screen
+        self._interrupts = interrupts
+        self._speed = speed
+        self._host = host
+        self._person = person
+        self._pending = bytearray()
+        self._leaving = False
+        self._wait_until_ns: int | None = None
+        self._waits_for_rest = False
+        self._program_until_ns: int | None = None
+        self._buffer = InputBuffer(streams=rig.computer.streams)
+        self._line = Line(self._buffer, self._transmit)
+        self._main = MainProgram(self._operation, self, self._say, rig.board.bus)
+        bench = MonitorBench(self._operation, tapes or Path(), self._sent_by_host, self._press_reset, self._to_main)
+        self._monitor = Monitor(bench, self._transmit, self._say)
+        self._begins_in_monitor = self._in_monitor = monitor
+        self._main_waits = False
+        self._character = LINE_FEED
+        self._passes_line = False
+        self._prompted = False
+
+    def run(self) -> int:
+        """Serve the operator until he leaves; return the exit status."""
+        if self._begins_in_monitor:
+            self._press_reset()
+        else:
+            self._say(self._operation.greeting)
+        if self._speed is None:
+            self._run_script()
+        else:
+            self._run_live(self._speed)
+        stopped = self._rig.in_emergency
+        self._operation.init()
+        if stopped:
+            return STOPPED
+        return REFUSED if self.refused and not self._person else FINE
+
+    def _run_script(self) -> None:
+        while not self._leaving:
+            if self._interrupts.take():
+                self._leaving = True
+                self._stop_everything()
+            elif self._waiting:
+                self._advance()
+            elif self._pending:
+                for character in self._heard(bytes([self._pending.pop(0)])):
+                    self._take(character)
+            elif self._screen.at_end:
+                self._waits_for_rest = self._rig.moving
+                self._leaving = not self._rig.moving
+            else:
+                self._prompt()
+                self._pending += self._screen.read(None)
+        self._end_line()
+
+    def _run_live(self, speed: float) -> None:
+        began_s, began_ns = time.monotonic(), self._rig.time_ns
+        while not self._leaving:
+            self._hear_interrupts()
+            while self._pending and not self._waiting and not self._leaving:
+                self._take(self._pending.pop(0))
+            if not self._waiting:
+                self._prompt()
+            due_s = (self._rig.time_ns - began_ns) * 1e-9 / speed - (time.monotonic() - began_s)
+            if due_s < -_BEHIND_S:
+                began_s, began_ns = time.monotonic(), self._rig.time_ns
+            if due_s <= 0:
+                self._advance()
+            self._screen.refresh(self._operation)
+            self._receive(min(max(due_s, 0.0), _IDLE_S))
+            if self._screen.at_end and not self._pending and not self._rig.moving and not self._waiting:
+                self._leaving = True
+        self._end_line()
+
+    def _receive(self, timeout_s: float) -> None:
+        """Take in what was typed; Ctrl-C acts at once, and what was typed before it is forgotten.
+
+        A program that the monitor started fetches for itself what is typed.
+        """
+        typed = self._to_panel(self._screen.read(timeout_s))
+        if typed and self._rig.computer.code.running and not {ETX, CANCEL, RESET} & set(typed):
+            for byte in typed:
+                self._rig.board.receive(byte)
+            return
+        if RESET in typed:
+            self._pending.clear()
+        data = self._heard(typed)
+        if ETX in data:
+            self._interrupts.press()
+            data = data[data.rindex(ETX) + 1 :]
+        self._pending += data
+        if self._waiting and CANCEL in self._pending:
+            self._end_wait()
+            del self._pending[: self._pending.rindex(CANCEL) + 1]
+
+    def _heard(self, data: bytes) -> bytes:
+        """Return what the program fetches of what was typed; the reset button needs no program."""
+        if RESET in data:
+            data = data[data.rindex(RESET) + 1 :]
+            self._press_reset()
+        try:
+            return self._lines.heard(data)
+        except InputError as error:
+            self._lose(error, data[-1])
+            return b""
+
+    def _lose(self, error: InputError, character: int) -> None:
+        """A stream leads nowhere: only the reset button helps; what a script's line still has is not a command."""
+        self._press_reset()
+        self._passes_line = not self._person and character not in (RETURN, LINE_FEED)
+        self._refuse(error.reason)
+
+    def _press_reset(self) -> None:
+        self._forget_line()
+        self._operation.reset()
+        self._clear_line()
+        self._program_until_ns = None
+        self._in_monitor, self._main_waits = True, False
+        self._say("MONITOR 8085   8 K EPROM   8 K RAM   ? SHOWS THE COMMANDS, G 0400 STARTS MAIN")
+
+    def _forget_line(self) -> None:
+        self._line.clear()
+        self._monitor.clear()
+
+    def _to_panel(self, data: bytes) -> bytes:
+        """Give what is typed between two Ctrl-K to the keys of the front panel; return the rest."""
+        rest = b""
+        for number, part in enumerate(data.split(bytes([TOGGLE]))):
+            if number:
+                self._operation.at_panel = not self._operation.at_panel
+            if self._operation.at_panel and ETX not in part:
+                self._operation.press_typed(part)
+            else:
+                rest += part
+        return rest
+
+    def _hear_interrupts(self) -> None:
+        if self._interrupts.take():
+            self._pending.clear()
+            self._forget_line()
+            self._stop_everything()
+
+    def _stop_everything(self) -> None:
+        self._operation.emergency()
+        self._tell()
+
+    def _take(self, character: int) -> None:
+        """Give a character to LINE, which gives a finished line to MAIN, or to the monitor at once."""
+        self._character = character
+        if character == ETX:
+            self._stop_everything()
+        elif character == EOT:
+            self._leaving |= not self._typed
+        elif self._passes_line:
+            self._passes_line = character not in (RETURN, LINE_FEED)
+        else:
+            self._prompt()
+            self._obey(character)
+
+    def _obey(self, character: int) -> None:
+        try:
+            if self._in_monitor:
+                if self._monitor.take(character):
+                    self._prompted = False
+            elif self._line.take(character):
+                self._prompted = False
+                self._main.obey(self._buffer)
+        except InputError as error:
+            # what a script has behind a mistake is not a command of its own
+            self._passes_line = self._in_monitor and not self._person and character not in (RETURN, LINE_FEED)
+            self._prompted = False
+            self._refuse(error.reason)
+        self._tell()
+
+    def _advance(self) -> None:
+        """Let a window of machine time pass."""
+        for reason in self._operation.advance():
+            self._refuse(reason)
+        self._tell()
+        over = self._wait_until_ns is not None and self._rig.time_ns >= self._wait_until_ns
+        if over or (self._waits_for_rest and not self._rig.moving):
+            self._end_wait()
+        if self._program_until_ns is not None:
+            self._show_program()
+            if not self._rig.computer.code.running:
+                self._program_until_ns = None
+                self._clear_line()
+            elif self._rig.time_ns >= self._program_until_ns and not self._person:
+                self._end_wait()
+
+    def _show_program(self) -> None:
+        """Print what a program has sent; the line it began is left when it ends."""
+        if sent := bytes(self._rig.board.sent):
+            self._transmit(b"")
+            self._prompted = not sent.endswith(b"\n")
+
+    def _tell(self) -> None:
+        """Print what the machine has to say; an emergency ends every wait."""
+        events = self._rig.take_events()
+        if events:
+            self._clear_line()
+            self._say("\n".join(events))
+        if self._rig.in_emergency:
+            self._end_wait()
+
+    def _refuse(self, reason: str) -> None:
+        """Say why a line or a key did nothing."""
+        self._clear_line()
+        self.refused += 1
+        self._say(f"? {reason}")
+
+    @property
+    def _waiting(self) -> bool:
+        code = self._rig.computer.code
+        if code.running and self._program_until_ns is None:
+            self._program_until_ns = self._rig.time_ns + PROGRAM_NS
+        waits = self._waits_for_rest or self._wait_until_ns is not None or self._program_until_ns is not None
+        return waits or self._operation.pressing
+
+    def _end_wait(self) -> None:
+        """Take lines again; a program that runs is broken off."""
+        self._waits_for_rest, self._wait_until_ns, self._program_until_ns = False, None, None
+        code = self._rig.computer.code
+        if code.running:
+            code.running = False
+            self._refuse(f"the program was broken off at {code.cpu.pc:04X}H")
+
+    def _prompt(self) -> None:
+        """Print the prompt and what was typed after it, if they are not on the screen."""
+        if not self._prompted and not self._leaving:
+            prompt = self._monitor.prompt if self._in_monitor else self._main.prompt
+            self._transmit(prompt.encode("ascii") + self._typed)
+            self._prompted = True
+
+    @property
+    def _typed(self) -> bytes:
+        """What stands behind the prompt."""
+        return self._monitor.typed if self._in_monitor else self._line.typed
+
+    def _clear_line(self) -> None:
+        """Leave a line that is begun on the screen."""
+        if self._prompted:
+            self._transmit(b"\r\n")
+            self._prompted = False
+
+    def _end_line(self) -> None:
+        """Close the dialogue; a line without its end is not executed (row T-53)."""
+        self._clear_line()
+        if self._typed:
+            self.refused += 1
+            self._say("? the last line has no end; nothing was done")
+
+    def _say(self, text: str) -> None:
+        for line in text.splitlines():
+            self._transmit(line.encode("ascii", "replace") + b"\r\n")
+
+    def _transmit(self, data: bytes) -> None:
+        try:
+            shown = self._lines.spoken(data)
+        except InputError as error:
+            self._lose(error, self._character)
+            return
+        self._screen.write(shown)
+
+    def wait(self, seconds: int | None) -> None:
+        """Take no further line until some machine time has passed, or the machine stands still."""
+        if seconds is None:
+            self._waits_for_rest = self._rig.moving
+        else:
+            self._wait_until_ns = self._rig.time_ns + seconds * 1_000_000_000
+        if self._person and self._waiting:
+            self._say("WAITING; CTRL-X ENDS IT, CTRL-C IS THE EMERGENCY STOP")
+
+    def host_lines(self) -> Iterable[bytes]:
+        """Lines the host sends through the second serial channel (row T-59)."""
+        if self._host is None:
+            raise InputError("no host is connected; edmsim console 1982 --host FILE connects one")
+        if self._rig.moving:
+            raise InputError("the machine moves; a program is loaded while it stands still")
+        return read_host(self._host, self._lines)
+
+    def _sent_by_host(self) -> bytes:
+        """What the host sends, for the monitor."""
+        if self._host is None:
+            raise InputError("no host is connected; edmsim console 1982 --host FILE connects one")
+        return self._lines.heard_from_host(bytes_of(self._host))
+
+    def monitor(self) -> None:
+        """Let the monitor take what is typed next; the machine goes on."""
+        self._in_monitor = self._main_waits = True
+
+    def _to_main(self, from_its_beginning: bool) -> None:
+        """Give the terminal to MAIN, which begins with INIT (row T-52)."""
+        if not from_its_beginning and not self._main_waits:
+            raise InputError(f"MAIN was not started yet; G {at.MAIN:04X} starts it")
+        self._in_monitor = False
+        if from_its_beginning:
+            self._operation.init()
+            self._say(self._operation.greeting)
+
+    def leave(self) -> None:
+        """End the session."""
+        self._leaving = True

@@ -1,0 +1,246 @@
+"""A drive behind a terminal: the bench runs in simulated real time, and bytes pass as they would over a wire.
+
+A pseudo-terminal is a serial port of this computer without a wire. Keys are those of the UHU's terminal program (rows
+U-37 and U-60): the space bar for the analyser, cursors for quick moves, ESC to leave. Others go to the drive.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import time
+import tty
+from collections.abc import Callable
+from typing import Protocol
+
+from edmsim.axis_bench import AxisBench
+from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, is_terminal
+from edmsim.consoles.servo.scope import Scope
+from edmsim.controllers.axis.uhu import Uhu
+from edmsim.errors import InputError
+
+LEAVE = b"\x1b"
+"""ESC, where no more follows: it ends the program."""
+_MOVES = {
+    b"\x1b[C": 32, b"\x1b[A": 32, b"\x1b[D": -32, b"\x1b[B": -32,
+    b"\x1b[1;5C": 64, b"\x1b[1;5A": 64, b"\x1b[1;5D": -64, b"\x1b[1;5B": -64,
+}  # fmt: skip
+"""Counts of the cursor keys, and of those with Ctrl, as terminals send them: right and up are positive."""
+
+
+def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, bool]:
+    r"""Return what some keys, as they came at once, send to a drive.
+
+    Parameters
+    ----------
+    keys : bytes
+    streams : bool
+        Whether the drive has an analyser (``A`` and ``Z``) and moves by ``G``, as the UHU; the servo module moves by
+        ``+`` and ``-``.
+    analysing : bool
+        Whether the analyser is on.
+
+    Returns
+    -------
+    bytes, bool, bool
+        What is sent, whether the analyser is on then, and whether the program is to be left.
+
+    Examples
+    --------
+    >>> sent_for(b" ", True, False)
+    (b'A\r', True, False)
+    >>> sent_for(b"\x1b[1;5D", False, False)
+    (b'-64\r', False, False)
+    """
+    if keys == LEAVE:
+        return b"", analysing, True
+    if keys in _MOVES:
+        counts = _MOVES[keys]
+        return (b"G%d\r" if streams else b"%+d\r") % counts, analysing, False
+    if keys == b" " and streams:
+        return b"Z\r" if analysing else b"A\r", not analysing, False
+    return keys.replace(b"\n", b"\r"), analysing, False
+
+
+_CHUNK = 4096
+
+
+class PseudoTerminal:
+    """Both ends of a pseudo-terminal, in raw mode.
+
+    Attributes
+    ----------
+    name : str
+        What a terminal program opens, for example ``/dev/pts/3``.
+    """
+
+    def __init__(self) -> None:
+        self._ours, self._theirs = os.openpty()  # theirs stays open here, so that it outlasts who opens and closes it
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.name = os.ttyname(self._theirs)
+
+    def fileno(self) -> int:
+        """Return the descriptor of this side, to wait for with others."""
+        return self._ours
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """Return the bytes that have come; none after the timeout."""
+        if not select.select([self._ours], [], [], timeout_s)[0]:
+            return b""
+        return os.read(self._ours, _CHUNK)
+
+    def write(self, data: bytes) -> None:
+        """Send some bytes; what nobody reads is lost when the system's buffer is full, as on an open line."""
+        while data and (sent := self.send(data)):
+            data = data[sent:]
+
+    def send(self, data: bytes) -> int:
+        """Send as many bytes as there is room for, and return how many."""
+        try:
+            return os.write(self._ours, data)
+        except BlockingIOError:
+            return 0
+
+    def close(self) -> None:
+        """Let the pseudo-terminal go."""
+        for end in (self._ours, self._theirs):
+            os.close(end)
+
+
+FRAME_S = 0.01
+"""Simulated time between two looks at the terminal (ours): far below what a person notices."""
+_START_S, _LAST_S = 0.1, 0.1
+"""Time for the start-up text, and for the last answer, of a script (ours)."""
+_STDIN = 0
+_DATA = 0x80
+"""Bytes from here on are the analyser's (row U-35)."""
+
+
+class _Device(Protocol):
+    def read(self, timeout_s: float | None) -> bytes:
+        """Bytes that have come; none after the timeout."""
+
+    def write(self, data: bytes) -> None:
+        """Send some bytes."""
+
+
+def serve(
+    bench: AxisBench, *, pty: bool, speed: float | None, scope: Scope | None, say: Callable[[str], None]
+) -> None:
+    """Serve the terminal of the bench's drive: a person's, a pseudo-terminal, or a script from a pipe.
+
+    Parameters
+    ----------
+    bench : AxisBench
+        With one drive, on x.
+    pty : bool
+        Whether to open a pseudo-terminal; Ctrl-C ends it.
+    speed : float or None
+        Simulated seconds per second, by default 1; a script runs as fast as it goes.
+    scope : Scope or None
+        What draws the tracking error.
+    say : callable
+        Prints a line for the user.
+
+    Raises
+    ------
+    InputError
+        If the speed is not a number above zero.
+    """
+    if speed is not None and not speed > 0:
+        raise InputError(f"--speed is above 0, in simulated seconds per second, not {speed:g}")
+    interrupts = Interrupts()
+    with interrupts.caught():
+        if pty:
+            port = PseudoTerminal()
+            say(f"the drive's serial port is {port.name}; Ctrl-C ends it")
+            try:
+                _run(bench, port, interrupts, speed or 1.0, scope)
+            finally:
+                port.close()
+        elif is_terminal():
+            keyboard = _DriveKeyboard(bench, interrupts)
+            say("ESC leaves")
+            with keyboard.in_character_mode():
+                _run(bench, keyboard, interrupts, speed or 1.0, scope)
+        else:
+            run_script(bench, _read_script(), scope)
+
+
+def _run(bench: AxisBench, device: _Device, interrupts: Interrupts, speed: float, scope: Scope | None) -> None:
+    began, from_s = time.monotonic(), bench.time_s
+    while not interrupts.pending and not (isinstance(device, _DriveKeyboard) and device.left):
+        due = began + (bench.time_s - from_s) / speed
+        bench.send(device.read(max(due - time.monotonic(), 0.0)))
+        device.write(_advance(bench, scope))
+
+
+def _advance(bench: AxisBench, scope: Scope | None) -> bytes:
+    """Let a frame pass and return what the drive has sent."""
+    bench.run(FRAME_S)
+    if scope is None:
+        return bench.received()
+    heard = bench.received_at()
+    scope.draw(heard, bench.samples())
+    return bytes(value for value, _ in heard)
+
+
+def _read_script() -> bytes:
+    """Read standard input to its end; one that is closed has nothing."""
+    if sys.stdin is None:
+        return b""
+    with open(_STDIN, "rb", closefd=False) as opened:
+        return opened.read()
+
+
+def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:
+    """Send a script line by line, each when the drive has answered the one before, and print all it sends."""
+    _pause(bench, _START_S, scope)
+    for line in script.splitlines():
+        bench.send(line + b"\r")
+        quiet = 0
+        while quiet < 3:
+            heard = _advance(bench, scope)
+            _print(heard)
+            quiet = 0 if any(byte < _DATA for byte in heard) or bench.sending() else quiet + 1
+    _pause(bench, _LAST_S, scope)
+
+
+def _pause(bench: AxisBench, seconds: float, scope: Scope | None) -> None:
+    until_s = bench.time_s + seconds
+    while bench.time_s < until_s:
+        _print(_advance(bench, scope))
+
+
+def _print(data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(sys.stdout.fileno(), view) :]
+
+
+class _DriveKeyboard(Keyboard):
+    """A person's keys as the UHU's terminal program sends them, and the drive's text without the analyser's bytes.
+
+    What a drive does not echo is echoed here, as the servo module's guide has a terminal set up.
+    """
+
+    def __init__(self, bench: AxisBench, interrupts: Interrupts) -> None:
+        super().__init__(interrupts)
+        self._streams = isinstance(bench.drive(), Uhu)
+        self._analysing = False
+        self.left = False
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """Return what the keys pressed send."""
+        keys = super().read(timeout_s)
+        sent, self._analysing, self.left = sent_for(keys, self._streams, self._analysing)
+        self.left |= self.at_end
+        if not self._streams:
+            super().write(sent.replace(b"\r", b"\r\n"))
+        return sent
+
+    def write(self, data: bytes) -> None:
+        """Print the drive's text."""
+        super().write(bytes(byte for byte in data if byte < _DATA))

@@ -1,0 +1,257 @@
+"""The options of a set-up: each declared once, with what signatures, docstrings, commands and checks need of it.
+
+An option is an attribute of a class below: name (it ends in the unit), type, default, meaning in the docstring under
+it, and in ``Annotated`` its limits, the names it may have, and how the command line spells it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib import resources
+from pkgutil import resolve_name
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
+
+from edmsim.errors import InputError, one_of
+from edmsim.numeric import Number
+
+Kind = Literal["machines", "wires", "materials", "generators"]
+_Fact = TypeVar("_Fact")
+
+UNITS = {"mm": "mm", "us": "us", "V": "V", "A": "A", "ohm": "ohm", "m_s": "m/s", "Pa": "Pa", "s": "s"}
+"""Units that names end in, and how they are written; where nothing else is meant, the ending may be left out."""
+
+
+def available(kind: Kind) -> list[str]:
+    """Names that exist under `models/` for machines, wires, materials or generators."""
+    folder = resources.files("edmsim.models") / kind
+    return sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml"))
+
+
+def registered(place: str) -> Callable[[], list[str]]:
+    """Return what lists the names of a registry, ``module:mapping`` or ``module:Literal``, and loads it only then."""
+
+    def listed() -> list[str]:
+        found = resolve_name(place)
+        return [*(get_args(found) or found)]
+
+    return listed
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Least and greatest value, and what messages call it if not by its name."""
+
+    low: float
+    high: float
+    what: str = ""
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Least and greatest value."""
+        return self.low, self.high
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names that an option may have, from the registry that knows them.
+
+    Attributes
+    ----------
+    listed : callable
+        Returns the names.
+    or_else : str
+        What else it may be, for the help; if that is empty, other names are refused.
+    """
+
+    listed: Callable[[], Iterable[str]]
+    or_else: str = ""
+
+
+@dataclass(frozen=True)
+class Flag:
+    """How the command line spells an option, where its name and type do not say it."""
+
+    name: str = ""
+    metavar: str | None = None
+    many: bool = False
+
+
+class Options(BaseModel):
+    """Options that are checked together and never changed."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", arbitrary_types_allowed=True, use_attribute_docstrings=True
+    )
+
+
+class PartOptions(Options):
+    """Which files a set-up is read from, and what every set-up has a value for."""
+
+    material: Annotated[str, Names(lambda: available("materials"), "an own TOML file")] = "tool-steel"
+    """Material of the workpiece."""
+    wire: Annotated[str, Names(lambda: available("wires"), "an own TOML file")] = "brass"
+    """Wire, with a diameter in um if it is not the usual one: ``copper-100``."""
+    generator: Annotated[str, Names(lambda: available("generators"), "an own TOML file")] = "iso-pulse"
+    """Pulse generator."""
+    # from sheet to the tallest machines' work areas (ours)
+    height_mm: Annotated[Number, Limits(0.5, 400.0, "workpiece height")] = 20.0
+    """Workpiece height in mm."""
+    tension: Number | None = None
+    """Wire tension in N; by default the wire's usual stress."""
+    # row T-1; a range in the generator's file holds in place of this one and of those below
+    t_on_us: Annotated[Number | None, Limits(1.0, 1000.0, "t_on")] = None
+    """On-time in us; by default the generator's own."""
+    # 500 kHz (row T-36) to 10 ms (row T-2)
+    t_period_us: Annotated[Number | None, Limits(2.0, 10_000.0, "t_period")] = None
+    """Pulse period in us; by default the generator's own."""
+
+
+class Choices(Options):
+    """What an operator may set in place of a constant of the files; None leaves the constant in force.
+
+    Nothing but `edmsim.machine.setting` reads these: its functions return what is in force. The limits reach from
+    trim cuts to the largest roughing generators, from a wire that creeps to the 10 m/s of machines that reuse it,
+    from a nozzle that is off to pumps of 30 bar, from a nozzle on the workpiece to one that is out of the way (ours).
+    A range in the generator's file holds in their place.
+    """
+
+    open_voltage_V: Annotated[Number | None, Limits(10.0, 500.0)] = None
+    """Voltage until ignition in V; by default the generator's own. It drives the discharge, too, where the generator
+    has no supply of its own for that."""
+    peak_current_A: Annotated[Number | None, Limits(0.1, 2000.0)] = None
+    """Peak current of a discharge in A, at most what the supply drives through the generator's resistor, which is the
+    default."""
+    resistance_ohm: Annotated[Number | None, Limits(0.01, 10_000.0)] = None
+    """Resistor in series with the gap in ohm, in place of the generator's own and of a peak current."""
+    ignition_wait_us: Annotated[Number | None, Limits(0.1, 10_000.0)] = None
+    """Longest wait for ignition in us, by default the generator's own; an iso-pulse generator has none."""
+    pulse_shape: str | None = None
+    """Shape of the current, rectangle or triangle, by default the generator's own; a triangle not for an iso-pulse
+    generator."""
+    wire_speed_m_s: Annotated[Number | None, Limits(0.001, 15.0)] = None
+    """Speed of the running wire in m/s; by default the machine's own."""
+    flushing_lower_Pa: Annotated[Number | None, Limits(0.0, 3e6, "pressure of the lower nozzle")] = None
+    """Pressure of the lower nozzle in Pa over the surroundings, 0 where it is off; by default the machine's own."""
+    flushing_upper_Pa: Annotated[Number | None, Limits(0.0, 3e6, "pressure of the upper nozzle")] = None
+    """Pressure of the upper nozzle in Pa, likewise."""
+    standoff_lower_mm: Annotated[Number | None, Limits(0.0, 100.0, "stand-off of the lower nozzle")] = None
+    """Distance of the lower nozzle from the workpiece in mm; by default it lies on it. Off the workpiece its water
+    escapes sideways, and less of the pressure is left."""
+    standoff_upper_mm: Annotated[Number | None, Limits(0.0, 100.0, "stand-off of the upper nozzle")] = None
+    """Distance of the upper nozzle from the workpiece in mm, likewise."""
+
+
+class SetUpOptions(Choices, PartOptions):
+    """What `edmsim.Machine.load` takes beside the machine's name."""
+
+
+USUAL_MACHINE = "agiecut-dem15"
+
+
+class MachineOption(Options):
+    """The machine by name, where it is one option of several."""
+
+    machine: Annotated[str, Names(lambda: available("machines"), "an own TOML file")] = USUAL_MACHINE
+    """Machine by name."""
+
+
+def fact(field: FieldInfo, kind: type[_Fact]) -> _Fact | None:
+    """Return what an option declares of a kind, `Limits`, `Names` or `Flag`."""
+    return next((found for found in field.metadata if isinstance(found, kind)), None)
+
+
+def bare_name(name: str) -> str:
+    """Return an option's name without its unit: ``wire_speed`` for ``wire_speed_m_s``."""
+    return next((name.removesuffix(f"_{end}") for end in UNITS if name.endswith(f"_{end}")), name)
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that an option's name ends in, as it is written."""
+    return next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}")), "")
+
+
+def limits_of(options: type[BaseModel]) -> dict[str, Limits]:
+    """Return the limits of options by name."""
+    found = {name: fact(field, Limits) for name, field in options.model_fields.items()}
+    return {name: limits for name, limits in found.items() if limits is not None}
+
+
+def meaning(name: str, field: FieldInfo) -> str:
+    """Return what help and docstrings say of an option: meaning, names and limits."""
+    text, limits, names = " ".join((field.description or "").split()), fact(field, Limits), fact(field, Names)
+    if names is not None:
+        text += f" One of: {', '.join(names.listed())}{f', or {names.or_else}' if names.or_else else ''}."
+    if limits is not None:
+        text += f" {limits.low:g} to {limits.high:g} {unit_of(name)}."
+    return text
+
+
+def checked_name(options: type[BaseModel], name: str, value: Any) -> Any:
+    """Return an option's value; raises `InputError` for a name that its registry does not have."""
+    names = fact(options.model_fields[name], Names)
+    known = [] if names is None or names.or_else else [*names.listed()]
+    if known and value not in known:
+        raise InputError(f"unknown {name.replace('_', ' ')} '{value}'; there are: {one_of(str(value), known)}")
+    return value
+
+
+def refusal(error: ValidationError, options: type[BaseModel], of: str) -> InputError:
+    """Return one line that says what is wrong with the first option that cannot be used."""
+    first = error.errors()[0]
+    name = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        return InputError(f"{of} has no option '{name}'; there are: {one_of(name, options.model_fields)}")
+    if not name:
+        return InputError(f"these are no options of {of}: {first['msg']}")
+    return InputError(f"option {name} cannot be {first['input']!r}: {first['msg']}")
+
+
+def show(function: Callable[..., Any], options: type[BaseModel]) -> None:
+    """Let a function with ``**options`` show them: names, types and defaults in its signature, meanings in its help.
+
+    The docstring's line ``{options}`` is where the meanings go.
+    """
+    fields = options.model_fields
+    shown = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=kind_of(field))
+        for name, field in fields.items()
+    ]
+    signature = inspect.signature(function)
+    own = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+    function.__signature__ = signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]
+    indent = re.search(r"^( *)\{options\}", function.__doc__ or "", re.MULTILINE)
+    if function.__doc__ and indent:  # there are none with python -OO
+        entries = [
+            f"{name} : {kind_of(field)}, {_default(field)}\n{indent[1]}    {meaning(name, field)}"
+            for name, field in fields.items()
+        ]
+        function.__doc__ = function.__doc__.replace("{options}", f"\n{indent[1]}".join(entries))
+
+
+def kind_of(field: FieldInfo) -> str:
+    """Return an option's type as signatures show it."""
+    return _written(field.annotation)
+
+
+def _written(kind: Any) -> str:
+    if get_origin(kind) is Annotated:
+        return _written(get_args(kind)[0])
+    if get_origin(kind) in (UnionType, Union):
+        return " | ".join(map(_written, get_args(kind)))
+    if isinstance(kind, list):
+        return f"[{', '.join(map(_written, kind))}]"
+    if get_args(kind):
+        inner = ", ".join("..." if part is Ellipsis else _written(part) for part in get_args(kind))
+        return f"{_written(get_origin(kind))}[{inner}]"
+    return "None" if kind is NoneType else str(getattr(kind, "__name__", kind))
+
+
+def _default(field: FieldInfo) -> str:
+    return "optional" if field.default in (None, ()) else f"default {field.default!r}"

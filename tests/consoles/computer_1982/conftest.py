@@ -1,0 +1,72 @@
+"""A machine with a thin workpiece, coarsely resolved, and a screen that types a script and keeps what is printed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+import edmsim
+from edmsim.consoles.computer_1982.devices import Interrupts
+from edmsim.consoles.computer_1982.rig import Rig
+from edmsim.consoles.computer_1982.session import Session
+
+
+class Script:
+    """Types bytes, then nothing more; keeps what is printed."""
+
+    def __init__(self, typed: bytes) -> None:
+        self._typed = typed
+        self.at_end = False
+        self.printed = bytearray()
+
+    def read(self, timeout_s: float | None) -> bytes:
+        data, self._typed = self._typed, b""
+        self.at_end = not data
+        return data
+
+    def write(self, data: bytes) -> None:
+        self.printed += data
+
+    def refresh(self, rig: Rig) -> None:
+        pass
+
+
+class Told(NamedTuple):
+    """What a session came to: exit status, every line printed, and the machine."""
+
+    status: int
+    lines: list[str]
+    rig: Rig
+
+    def after(self, line: str) -> str:
+        """What was printed right after a line was typed."""
+        return self.lines[self.lines.index(f"> {line}") + 1]
+
+    @property
+    def refusals(self) -> list[str]:
+        return [line for line in self.lines if line.startswith("? ")]
+
+
+@pytest.fixture(scope="session")
+def machine() -> edmsim.Machine:
+    return edmsim.Machine.load(height_mm=5.0)
+
+
+@pytest.fixture
+def rig(machine: edmsim.Machine) -> Rig:
+    return Rig(machine, seed=1, resolution="fast")
+
+
+@pytest.fixture
+def operate(rig: Rig) -> Callable[..., Told]:
+    """Type a script, line by line, at a fresh machine."""
+
+    def run(*lines: str, host: Path | None = None, **options: Any) -> Told:
+        screen = Script("".join(f"{line}\n" for line in lines).encode())
+        status = Session(rig, screen, Interrupts(), host=host, **options).run()
+        return Told(status, screen.printed.decode().split("\r\n"), rig)
+
+    return run

@@ -1,0 +1,155 @@
+"""Programs from the host through the second serial channel, and what a script's exit status says."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from edmsim.cli import app as cli
+from edmsim.consoles.computer_1982.devices import Interrupts
+from edmsim.consoles.computer_1982.rig import Rig
+from edmsim.consoles.computer_1982.session import Session
+from edmsim.controllers.mcu.firmware.memory_map import CIADR, TERMINAL_IN
+
+from .conftest import Script
+
+PROGRAM = """\
+* two settings, a line and a quarter of a circle
+ti 20 tp 100 speed 100
+new 32520 32500
+
+TI 20 TP 150
+ccw 32540 32520 32520 32520
+END
+what stands behind END is not read
+"""
+
+
+@pytest.fixture
+def host(tmp_path):
+    def write(text, name="program.txt"):
+        file = tmp_path / name
+        file.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return file
+
+    return write
+
+
+# T-59, T-58: through the second channel, by the redirected input stream
+@pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
+def test_a_program_is_loaded_listed_and_run(operate, host, ends):
+    told = operate("LOAD", "LIST", "RUN", "WAIT", "STATUS", host=host(PROGRAM.replace("\n", ends)))
+    assert told.after("LOAD") == "LOADED: 2 MOVES, 2 SETTINGS"
+    listed = told.lines.index("> LIST")
+    assert told.lines[listed + 1 : listed + 5] == [
+        "TI 66H TP AAH SPEED 100", "NEW 32520 32500", "TI 66H TP FFH", "CCW 32540 32520 32520 32520",
+    ]  # fmt: skip
+    assert "READY   X 32540 Y 32520 um" in told.lines
+    assert "OF 100 UNITS" in told.lines[-5]
+    assert told.lines[-4] == "t(i) 20 us (66H)   t(p) 150 us (FFH)"
+    assert told.rig.computer.word(CIADR) == TERMINAL_IN
+    assert told.status == 0
+
+
+def test_status_shows_the_move_of_the_program_that_is_under_way(operate, host):
+    told = operate("NEW 5 5", "LOAD", "RUN", "STATUS", "WAIT 1", "STATUS", "WAIT", "STATUS", host=host(PROGRAM))
+    shown = [line.split(" um   ")[1] for line in told.lines if " POSITION X " in line]
+    assert shown == ["NEW 32520 32500", "CCW 32540 32520 32520 32520", "NEW 5 5"]
+
+
+def test_settings_are_taken_over_where_they_stand(operate, host):
+    told = operate("LOAD", "RUN", "WAIT 0", "STATUS", "WAIT", "STATUS", host=host(PROGRAM))
+    periods = [line.split("t(p) ")[1].split(" us")[0] for line in told.lines if line.startswith("t(i)")]
+    assert periods == ["100", "150"]
+
+
+def test_a_setting_refused_on_the_way_is_told_and_the_cut_goes_on(operate, host):
+    told = operate("LOAD", "RUN", "WAIT", host=host(PROGRAM.replace("TI 20 TP 150", "TI 50")))
+    (told_of,) = [line for line in told.lines if "the old setting stays" in line]
+    assert told_of.startswith("? t(i) 50 us in t(p) 100 us draws 3.3")
+    assert "READY   X 32540 Y 32520 um" in told.lines
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("NEW 1 2\n", "the host's program ends without END"),
+        ("", "the host's program ends without END"),
+        ("SPEED 9\nEND\n", "the host's program moves nothing"),
+        ("NEW 1 2\nNEW 1\nEND\n", "line 2 of the host's program: NEW x y is wanted"),
+        ("NEW 1 70000\nEND\n", "line 1 of the host's program: a number has 16 bits, 0..65535, not 70000"),
+        ("START\nEND\n", "line 1 of the host's program: START is not one of NEW, CW, CCW, TI, TP, SPEED, END"),
+        ("NEW 1 2" + 60 * " " + "\nEND\n", "line 1 of the host's program: a line has at most 64 characters"),
+        (b"NEW 1 2\x08\nEND\n", "line 1 of the host's program: 08H is not a character of a line"),
+        ("NEW 1 2\n" * 501 + "END\n", "line 501 of the host's program is one more than the 500 that fit"),
+    ],
+)
+def test_a_faulty_program_is_refused_whole(operate, host, text, reason):
+    told = operate("LOAD", "LIST", "RUN", host=host(text))
+    assert told.after("LOAD").startswith(f"? {reason}")
+    assert told.after("LIST") == "NO PROGRAM"
+    assert told.after("RUN") == "? there is no program; LOAD takes one from the host"
+    assert told.status == 2
+
+
+def test_a_faulty_program_leaves_the_old_one(operate, host, rig):
+    file = host(PROGRAM)
+    told = operate("LOAD", host=file)
+    assert told.status == 0
+    assert operate("LOAD", "LOAD", "LIST", host=file).lines.count("LOADED: 2 MOVES, 2 SETTINGS") == 2
+
+
+def test_an_arc_of_the_program_that_is_none_stops_it_before_anything_moves(operate, host):
+    told = operate("LOAD", "RUN", host=host("NEW 32510 32500\nCW 32530 32500 32540 32500\nEND\n"))
+    assert len(told.refusals) == 1
+    assert not told.rig.moving
+    assert told.rig.place_um == (32_500.0, 32_500.0)
+
+
+@pytest.mark.slow
+def test_a_whole_job_in_a_pipe(host):
+    command = [sys.executable, "-m", "edmsim", "console", "1982", "--resolution", "fast"]
+    done = subprocess.run(
+        [*command, "--height", "5", "--host", str(host(PROGRAM))], input="HELP\nLOAD\nRUN\nWAIT\nSTATUS\nBYE\n",
+        capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "100"},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "READY   X 32540 Y 32520 um" in done.stdout
+    assert "\r" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--host", "no-such-file"], "no-such-file: cannot be read; --host takes a file with the host's program"),
+        (["--tapes", "no-such"], "no-such: is not a folder; --tapes takes the one in which tapes lie"),
+        (["--speed", "0"], "--speed is above 0, in machine seconds per second, not 0"),
+        (["--fault", "rust"], "there is no fault 'rust'; there are serial-noise, drop-out"),
+        (["--planner", "spline"], "planner"),
+        (["--planner", "exact"], "cannot count along with the planner exact"),
+        (["--resolution", "coarse"], "unknown resolution 'coarse'"),
+    ],
+)
+def test_bad_options_are_one_line_and_status_2(options, reason, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["edmsim", "console", "1982", *options])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    told = capsys.readouterr()
+    assert left.value.code == 2
+    assert reason in told.err
+    assert len(told.err.splitlines()) == 1
+    assert told.out == ""
+
+
+@pytest.mark.slow
+def test_the_same_script_gives_the_same_session_bit_for_bit(machine):
+    def session(seed):
+        screen = Script(b"TI 30 TP 100\nNEW 32600 32500\nSTART\nWAIT 2\nSTATUS\nEM\nINIT\nSTATUS\n")
+        Session(Rig(machine, seed, resolution="fast"), screen, Interrupts()).run()
+        return bytes(screen.printed)
+
+    assert session(7) == session(7)
+    assert session(7) != session(8)

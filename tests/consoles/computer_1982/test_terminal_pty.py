@@ -1,0 +1,172 @@
+"""A person at a pseudo-terminal: characters echoed and corrected as they are typed, and the tty always restored."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Iterator
+
+import pytest
+
+TIMEOUT_S = 300.0  # the pulse loop may have to be compiled first
+
+
+class Operator:
+    """Types at a pseudo-terminal and reads what it shows."""
+
+    def __init__(self, *options: str, term: str = "dumb") -> None:
+        self.master, self.slave = pty.openpty()
+        self.before = termios.tcgetattr(self.slave)
+        command = "from edmsim.cli.app import main; main()"
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", command, "console", "1982", "--resolution", "fast", "--height", "5", *options],
+            stdin=self.slave, stdout=self.slave, stderr=self.slave, start_new_session=True,
+            env={**os.environ, "TERM": term, "COLUMNS": "100", "LINES": "40"},
+            preexec_fn=lambda: os.close(os.open(os.ttyname(0), os.O_RDWR)),
+        )  # fmt: skip
+        self.shown = ""
+
+    def type(self, keys: bytes) -> None:
+        os.write(self.master, keys)
+
+    def see(self, text: str) -> str:
+        """Wait until a text is shown; return what was shown up to it, and forget that."""
+        until = time.monotonic() + TIMEOUT_S
+        while text not in self.shown:
+            left = until - time.monotonic()
+            if left <= 0 or not select.select([self.master], [], [], left)[0]:
+                raise AssertionError(f"{text!r} was not shown; shown was {self.shown!r}")
+            self.shown += os.read(self.master, 4096).decode("utf-8", "replace")
+        before, self.shown = self.shown.split(text, 1)
+        return before + text
+
+    def leave(self) -> int:
+        """Wait for the end, reading on, as an unread screen blocks who writes to it; return the exit status."""
+        until = time.monotonic() + TIMEOUT_S
+        while self.process.poll() is None:
+            assert time.monotonic() < until, f"it did not end; shown was {self.shown!r}"
+            if select.select([self.master], [], [], 0.05)[0]:
+                self.shown += os.read(self.master, 4096).decode("utf-8", "replace")
+        assert termios.tcgetattr(self.slave) == self.before
+        return self.process.wait()
+
+
+@pytest.fixture
+def sit_down() -> Iterator[type[Operator]]:
+    seats: list[Operator] = []
+
+    class Seat(Operator):
+        def __init__(self, *options: str, term: str = "dumb") -> None:
+            super().__init__(*options, term=term)
+            seats.append(self)
+
+    yield Seat
+    for seat in seats:
+        seat.process.kill()
+        seat.process.wait()
+        os.close(seat.master)
+        os.close(seat.slave)
+
+
+# T-53, T-A10: echo and the four correction characters, at the keyboard
+@pytest.mark.slow
+def test_a_person_types_corrects_jogs_and_leaves(sit_down):
+    operator = sit_down("--speed", "50")
+    operator.see("> ")
+    operator.type(b"PO\x08OSS\x7f\r")
+    shown = operator.see(" um\r\n")
+    assert "\b \b" in shown
+    assert shown.endswith("POSITION X 32500 Y 32500 um\r\n")
+    operator.type(b"garbage\x18x 20\x12\r")
+    assert "X 20" not in operator.see("READY   X 32520 Y 32500 um")
+    operator.type(b"foo\r")
+    operator.see("? FOO is not a word of this machine; HELP shows them")
+    operator.type(b"BYE\r")
+    assert operator.leave() == 0  # a person's typing errors are part of the work
+
+
+@pytest.mark.slow
+def test_ctrl_c_is_the_emergency_stop_and_nothing_moves_until_init(sit_down):
+    operator = sit_down("--speed", "1")
+    operator.see("> ")
+    operator.type(b"X 1000\r")
+    operator.see("\n> ")
+    operator.type(b"\x03")
+    operator.see("EMERGENCY: STOP BY THE OPERATOR; NOTHING MOVES UNTIL INIT")
+    operator.type(b"X 20\r")
+    operator.see("only INIT helps")
+    operator.type(b"POS\r")
+    stopped_at = operator.see(" um\r\n> ")
+    operator.type(b"INIT\rPOS\r")
+    assert re.findall(r"POSITION X \d+ Y \d+", operator.see(" um\r\n> ")) == re.findall(
+        r"POSITION X \d+ Y \d+", stopped_at
+    )
+    operator.type(b"X 20\rWAIT\r")
+    operator.see("READY")
+    operator.type(b"\x04")  # Ctrl-D on an empty line leaves
+    assert operator.leave() == 0
+
+
+@pytest.mark.slow
+def test_ctrl_x_ends_a_wait(sit_down):
+    operator = sit_down("--speed", "1")
+    operator.see("> ")
+    operator.type(b"X 1000\rWAIT\r")
+    operator.see("WAITING")
+    operator.type(b"\x18")
+    operator.type(b"STOP\rBYE\r")
+    operator.see("STOPPED")
+    assert operator.leave() == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_the_tty_is_restored_when_the_session_is_ended_from_outside(sit_down, number):
+    operator = sit_down()
+    operator.see("> ")
+    assert termios.tcgetattr(operator.slave) != operator.before
+    operator.process.send_signal(number)
+    assert operator.leave() == 128 + number
+
+
+@pytest.mark.slow
+def test_a_real_terminal_shows_digits_and_pulses(sit_down):
+    operator = sit_down("--speed", "20", term="xterm")
+    operator.see("STAND-BY")
+    operator.type(b"TI 30 TP 100\rNEW 32700 32500\rSTART\r")
+    shown = operator.see("CUTTING")
+    shown += operator.see("READY")
+    assert "short" in shown
+    assert "erosion" in shown
+    operator.type(b"\x0b")  # T-28: Ctrl-K gives the keyboard to the front panel, whose arrows jog
+    operator.see("Ctrl-K ends")
+    operator.type(b"20\x1b[D")
+    operator.see("READY   X 32680 Y 32500 um")
+    operator.type(b"\x0bBYE\r")
+    assert operator.leave() == 0
+
+
+@pytest.mark.slow
+def test_ctrl_c_in_a_pipe_stops_the_machine_and_the_script():
+    command = [sys.executable, "-m", "edmsim", "console", "1982", "--resolution", "fast"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen([*command, "--speed", "1"], stdin=pipe, stdout=pipe, text=True) as run:
+        assert run.stdin is not None
+        assert run.stdout is not None
+        run.stdin.write("X 1000\nSTATUS\n")
+        run.stdin.flush()
+        while not run.stdout.readline().startswith("JOGGING"):
+            assert run.poll() is None
+        run.send_signal(signal.SIGINT)
+        while not (line := run.stdout.readline()).startswith("EMERGENCY"):
+            assert run.poll() is None
+        assert line.startswith("EMERGENCY: STOP BY THE OPERATOR; NOTHING MOVES UNTIL INIT")
+        run.stdin.close()
+        assert run.wait(TIMEOUT_S) == 3

@@ -1,0 +1,130 @@
+"""``edmsim console servo --autotune``: values found are better than those of delivery, can be typed in and saved."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from edmsim.axis_bench import AxisBench
+from edmsim.consoles.servo.autotune import STEP_COUNTS, Tuning, autotune, oscillation_of
+from edmsim.consoles.servo.operator import AxisTrace, ModuleOperator, UhuOperator
+from edmsim.controllers.axis import CHIPS, tuned
+from edmsim.controllers.axis.drive import axis_row, data_of
+from edmsim.errors import InputError
+
+FILES = {"uhu": "uhu", "servo-module": "servo_module"}
+ONE_COUNT = 1 / STEP_COUNTS
+
+
+@cache
+def tuning(drive: str, axis: str) -> Tuning:
+    return autotune(drive, axis_row(axis), lambda line: None)
+
+
+@pytest.mark.slow
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("drive", "axis"),
+    [("uhu", "bench"), ("uhu", "table"), *(("servo-module", axis) for axis in ("bench", "table", "fast"))],
+)
+def test_a_tuned_drive_follows_better_than_as_delivered(drive, axis):  # U-25, U-58, M-37
+    before, after = tuning(drive, axis).before.figures, tuning(drive, axis).after.figures
+    assert after.rms < 0.7 * before.rms
+    assert after.settling_s < 0.8 * before.settling_s
+    assert after.overshoot < max(0.85 * before.overshoot, 1.5 * ONE_COUNT)  # the module begins without any
+
+
+@pytest.mark.slow
+def test_what_is_found_can_be_typed_in_and_is_there_after_power_up():  # U-58 step 5
+    for drive in CHIPS:
+        found = tuning(drive, "bench")
+        bench = AxisBench({"x": CHIPS[drive](axis_row("bench"))})
+        bench.run(0.2)
+        for line in found.lines:
+            assert b"?" not in bench.talk(line.encode() + b"\r")
+        bench.run(0.2)
+        bench.power_cycle("x")
+        bench.run(0.2)
+        names = {row["letter"]: row["name"] for row in data_of(FILES[drive])["parameter"]}
+        assert {bench.drive().parameters[names[letter]] for letter in found.values} == set(found.values.values())
+        assert bench.pins().enabled
+        bench.steps("x", 50)
+        bench.run(0.4)
+        assert int(bench.axis()["count"]) == pytest.approx(50, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("drive", "axis"),
+    [("uhu", "bench"), ("uhu", "table"), *(("servo-module", axis) for axis in ("bench", "table", "fast"))],
+)
+def test_a_drive_that_is_called_tuned_takes_a_jump_and_rests(drive, axis):
+    bench = AxisBench({"x": tuned(drive, axis)})
+    bench.run(0.1)
+    bench.trace = True
+    bench.talk(b"G50\r" if drive == "uhu" else b"+50\r")
+    bench.run(0.4)
+    place = bench.samples()["count"]
+    assert place.max() < 1.6 * 50  # V adds to a jump, which no motion is
+    assert place[-1] == pytest.approx(50, abs=2)
+    assert np.ptp(place[-200:]) <= 1
+
+
+@pytest.mark.parametrize("axis", ["bench", "table", "fast"])
+def test_both_drives_make_an_axis_swing_alike(axis):
+    uhu, module = (oscillation_of(kind(axis_row(axis))) for kind in (UhuOperator, ModuleOperator))
+    assert module.period_s == pytest.approx(uhu.period_s, rel=0.25)
+    assert 8 <= uhu.amplitude < 50
+    duty = data_of("uhu")["pins"]["duty_high"] - data_of("uhu")["pins"]["duty_low"]
+    full = data_of("servo_module")["chip"]["duty_centre"]
+    assert module.gain / full == pytest.approx(uhu.gain * duty / 255, rel=0.6)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"friction_Nm": 20.0, "stiction_Nm": 20.0}, {"backlash_um": 2000.0, "on_table": 1.0}]
+)
+def test_an_axis_that_cannot_be_tuned_is_told_in_a_line(changes):  # U-59
+    for drive in CHIPS:
+        with pytest.raises(InputError, match="does not swing") as told:
+            autotune(drive, axis_row("bench", **changes), lambda line: None)
+        assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("error", "swings"),
+    [
+        ([50, 20, 5, 0, 0, 0, 0, 0], False),  # there and stays
+        ([50, 20, -6, -2, 0, 0, 0, 0], False),  # beyond by an eighth
+        ([50, 20, -12, -2, 0, 0, 0, 0], True),  # beyond by a quarter
+        ([50, 20, -6, 6, 0, 0, 0, 0], True),  # and back
+        ([50, -50, 50, -50, 50, -50, 50, -50], True),
+        ([50, 40, 35, 35, 35, 35, 35, 35], False),  # friction holds it
+        ([], True),  # the drive shows nothing
+    ],
+)
+def test_an_answer_that_swings_is_told_from_one_that_rests(error, swings):
+    answer = AxisTrace(np.arange(len(error)) * 1e-3, np.array(error, np.int64))
+    assert answer.oscillates(50, 0.15) == swings
+
+
+def test_the_figures_of_an_answer():
+    answer = AxisTrace(np.arange(6) * 1e-3, np.array([50, 20, -5, 2, 1, -1], np.int64))
+    assert answer.overshoot(50) == pytest.approx(0.1)
+    assert answer.settling_s == pytest.approx(3e-3)
+    assert AxisTrace(answer.time_s, np.array([3, -4, 3, -4, 3, -4])).rms == pytest.approx(np.sqrt(12.5))
+
+
+@pytest.mark.slow
+def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path: Path):
+    words = ["console", "servo", "servo-module", "--axis", "table", "--autotune"]
+    words += ["--out", str(tmp_path / "steps.png")]
+    told = subprocess.run([sys.executable, "-m", "edmsim", *words], capture_output=True, text=True, check=True)
+    assert told.stdout.splitlines() == list(tuning("servo-module", "table").lines)
+    assert "as delivered: overshoot" in told.stderr
+    picture = np.asarray(Image.open(tmp_path / "steps.png").convert("RGB")).reshape(-1, 3)
+    assert len(np.unique(picture, axis=0)) > 10

@@ -1,0 +1,177 @@
+"""``edmsim console positioner``: a QCL program on its axes, from files, inputs pressed by time."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from edmsim.cli import app as cli
+from edmsim.consoles.servo.positioner import Press, Station, press_of, run_and_tell
+from edmsim.errors import InputError
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "positioner"
+FILES = EXAMPLE / "table.cnf", EXAMPLE / "table.mod"
+
+
+def station():
+    return Station.of_files(*FILES, "analogue")
+
+
+@pytest.mark.slow
+def test_the_example_homes_and_places():
+    one = station()
+    one.bench.home_cam("x", 300.0, 2000.0)
+    one.run(0.1)
+    one.press("ifHome")
+    one.run(0.05)
+    one.press("ifHome", False)
+    one.run(5.0)
+    device = one.device("Axis")
+    assert device.states["st_prsok"]
+    assert float(one.bench.axis()["place_um"]) == pytest.approx(300, abs=2)
+    one.press("ifStart")
+    one.run(0.05)
+    one.press("ifStart", False)
+    one.run(4.0)
+    assert float(one.bench.axis()["place_um"]) == pytest.approx(2300, abs=3)
+    assert one.control.outputs["2.OUT01"]
+    assert device.parameters["wrncode"] == 0
+
+
+@pytest.mark.slow
+def test_it_tells_what_changes():
+    said: list[str] = []
+    run_and_tell(station(), 1.0, [Press("ifForward", 0.2, 0.4)], said.append)
+    told = [line.split(" s  ")[1] for line in said[:-1]]
+    assert told[:7] == [
+        "axis:st_init 1", "axis:st_loopon 1", "ofstill 1", "ifForward on", "axis:st_still 0", "ofstill 0",
+        "ifForward off",
+    ]  # fmt: skip
+    assert told[-1].startswith("axis: posit 66, setpos 0")
+    assert said[-1].startswith("the program is at line")
+
+
+def test_two_devices_on_one_output_take_turns():
+    text = FILES[0].read_text(encoding="utf-8").replace("END", "Other EANPOS 2 2.CNT02 X X.X 2.AN01\nEND")
+    program = "\n".join(
+        f"{name}:{key} = {value}" for name in ("Axis", "Other") for key, value in (
+            ("measure", 10000), ("pulse", 40000), ("maxvel", 100000), ("taccdec", 50), ("setpos", 500),
+            ("setvel", 50000), ("pgain", 20), ("feedfw", 1000),
+        )
+    )  # fmt: skip
+    program += "\nINIT Axis\nREGOFF Axis\nWAIT Axis:st_init\nINIT Other\nLOOPON Other\nSTART Other\nEND"
+    one = Station(text, program)
+    assert one.axes == {"axis": "x", "other": "y"}
+    one.bench.share_output("xy", "y")
+    one.run(3.0)
+    assert one.device("Other").parameters["posit"] == pytest.approx(500, abs=3)
+    assert one.device("Axis").parameters["posit"] == 0
+    assert not one.device("Axis").states["st_error"]
+
+
+TWO = EXAMPLE / "two_axes.cnf", EXAMPLE / "two_axes.mod"
+CONTACTORS = {"ofMotorX": "AxisX", "OFMOTORY": "axisy"}
+
+
+@pytest.mark.slow
+def test_a_program_leads_one_drive_to_two_motors():  # 1.4.1, Q-79; timers and a data group as well
+    one = Station.of_files(*TWO, "analogue", CONTACTORS)
+    ways, connected = {"x": [0.0], "y": [0.0]}, set()
+    for _ in range(400):
+        one.run(0.01)
+        closed = one.control.outputs["2.OUT01"], one.control.outputs["2.OUT02"]
+        moved = tuple(abs(float(one.bench.axis(name)["place_um"]) - way[-1]) > 0.5 for name, way in ways.items())
+        assert not any(m and not c for m, c in zip(moved, closed, strict=True))  # a motor without contact stays
+        connected.add(closed)
+        for name, way in ways.items():
+            way.append(float(one.bench.axis(name)["place_um"]))
+    assert connected == {(False, False), (True, False), (False, True)}
+    assert max(ways["x"]) == pytest.approx(600, abs=8)
+    assert [way[-1] for way in ways.values()] == pytest.approx([200, 400], abs=3)
+    assert one.control.line == 0
+    for name in ("AxisX", "AxisY"):
+        assert one.device(name).parameters["errcode"] == one.device(name).parameters["wrncode"] == 0
+
+
+def test_a_contactor_that_the_program_leaves_open_leads_nowhere():
+    program = TWO[1].read_text(encoding="utf-8")
+    one = Station(TWO[0].read_text(encoding="utf-8"), program.replace("ofMotorX = 1", ""), contactors=CONTACTORS)
+    one.run(1.0)
+    assert one.device("AxisX").states["st_regoff"] is False  # it writes to the drive, but no motor hangs on it
+    assert abs(float(one.bench.axis("x")["place_um"])) < 0.5
+    both_on = program.replace("ofMotorX = 1", "ofMotorY = 1\nWAIT 1\nofMotorX = 1")
+    both = Station(TWO[0].read_text(encoding="utf-8"), both_on, contactors=CONTACTORS)
+    both.run(1.0)
+    assert both.control.outputs == {"2.OUT01": True, "2.OUT02": True}  # the first one keeps the other open
+    assert [abs(float(both.bench.axis(name)["place_um"])) > 100.0 for name in "xy"] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("contactors", "reason"),
+    [
+        ({"ofMotor": "AxisX"}, "no output 'ofMotor' for a contactor; there are: ofmotorx, ofmotory"),
+        ({"ofMotorX": "AxisZ"}, "no device 'AxisZ'; there are: axisx, axisy"),
+        ({"ofMotorX": "AxisX"}, "axisy shares 2.AN01, whose other motors have contactors; it must have one"),
+        ({"ofMotorX": "AxisX", "ofMotorY": "AxisX"}, "ofMotorY=AxisX is a second contactor"),
+        ({"ofMotorX": "AxisX", "ofmotorx": "AxisY"}, "ofmotorx=AxisY is a second contactor"),
+    ],
+)
+def test_wrong_contactors_are_refused(contactors, reason):
+    with pytest.raises(InputError, match=reason):
+        Station.of_files(*TWO, "analogue", contactors)
+
+
+@pytest.mark.slow
+def test_the_command_takes_contactors(monkeypatch, capsys):
+    words = ["edmsim", "console", "positioner", *map(str, TWO), "--contactor", "ofMotorX=AxisX", "--seconds", "0.2"]
+    for more, status, said in (
+        (["--contactor", "ofMotorY=AxisY"], 0, "axisx:st_still 0"), ([], 2, "it must have one"),
+        (["--contactor", "ofMotorY"], 2, "--contactor is OUTPUT=DEVICE, as ofMotorX=AxisX, not 'ofMotorY'"),
+        (["--contactor", "ofMotorX=AxisY"], 2, "--contactor gives the output ofMotorX twice"),
+    ):  # fmt: skip
+        monkeypatch.setattr(sys, "argv", [*words, *more])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        assert left.value.code == status
+        told = capsys.readouterr()
+        assert said in told.out + told.err
+
+
+def test_the_command_runs(monkeypatch, capsys):
+    words = ["edmsim", "console", "positioner", *map(str, FILES), "--press", "ifStart=0.1:0.2", "--seconds", "0.5"]
+    monkeypatch.setattr(sys, "argv", words)
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == 0
+    assert "axis:st_still 0" in capsys.readouterr().out
+
+
+def test_the_command_lists_what_cannot_be_read(monkeypatch, capsys, tmp_path):
+    (tmp_path / "a.mod").write_text("Axis:posit = 0\nspeed = 1\nGO Axis\n", encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["edmsim", "console", "positioner", str(FILES[0]), str(tmp_path / "a.mod")])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == 2
+    said = capsys.readouterr().err
+    assert "a.mod:2: speed is not a variable" in said
+    assert "a.mod:3: 'GO Axis' is not a statement" in said
+
+
+def test_bad_words_are_refused(tmp_path):
+    assert press_of("ifStart=0.5:0.6") == ("ifStart", 0.5, 0.6)
+    for text in ("ifStart", "=1:2", "ifStart=2:1", "ifStart=a:b", "ifStart=1:2:3"):
+        with pytest.raises(InputError, match="--press is NAME=FROM:TO"):
+            press_of(text)
+    one = station()
+    with pytest.raises(InputError, match="no input 'ifstrat'; there are: ifforward"):
+        one.press("ifstrat")
+    with pytest.raises(InputError, match="no device 'Bxis'; there are: axis"):
+        one.device("Bxis")
+    with pytest.raises(InputError, match="declares 0 devices"):
+        Station("END", "END")
+    with pytest.raises(InputError, match="cannot be read"):
+        Station.of_files(tmp_path / "none.cnf", FILES[1], "analogue")
+    with pytest.raises(InputError, match="no axis 'belt'"):
+        Station.of_files(*FILES, "belt")

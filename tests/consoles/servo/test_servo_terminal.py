@@ -1,0 +1,185 @@
+"""``edmsim console servo``: scripts in a pipe, a terminal program on a pseudo-terminal, keys, axes, refusals."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import pytest
+
+import edmsim
+from edmsim.cli import app as cli
+from edmsim.consoles.servo.command import bench_for
+from edmsim.consoles.servo.session import sent_for
+
+COMMAND = [sys.executable, "-m", "edmsim", "console", "servo"]
+
+
+Piped = Callable[..., SimpleNamespace]
+
+
+@pytest.fixture
+def piped(monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]) -> Piped:
+    """Run the command in this process with a script in a pipe as its standard input."""
+
+    def run(script: bytes, *arguments: str) -> SimpleNamespace:
+        monkeypatch.setattr(sys, "argv", ["edmsim", "console", "servo", *arguments])
+        before, (reading, writing) = os.dup(0), os.pipe()
+        os.write(writing, script)
+        os.close(writing)
+        os.dup2(reading, 0)
+        try:
+            with pytest.raises(SystemExit) as left:
+                cli.main()
+        finally:
+            os.dup2(before, 0)
+            os.close(before)
+            os.close(reading)
+        out, err = capfdbinary.readouterr()
+        return SimpleNamespace(returncode=left.value.code or 0, stdout=out, stderr=err)
+
+    return run
+
+
+def test_a_script_gets_the_drive_s_bytes_as_they_are(piped: Piped):
+    told = piped(b"R\nP\n\nP600\n", "uhu")
+    assert told.returncode == 0
+    assert told.stdout == (
+        b"UHU Servo Controller 3.00 (c) Snr: 134\r\nEEPROM: Error!\r\nHelp by (?)\r\n>R\r\nOK\r\n>P\r\n"
+        b"(P)rop.      1000: \r\n>P600\r\nOK\r\n>"
+    )
+
+
+def test_the_module_does_not_echo(piped: Piped):
+    told = piped(b"P1234\nGV\n", "servo-module", "--axis", "table", "--tuned")
+    assert told.stdout.endswith(b"(P) - Kp: 1234\r\nVelocity: 0\r\n")
+    assert b"P1234\r" not in told.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drive", ["uhu", "servo-module"])
+def test_garbage_from_a_pipe_and_an_overlong_line_are_answered_and_nothing_moves(drive, piped: Piped):
+    told = piped(bytes(range(1, 256)) + b"\n" + b"P" * 5000 + b"\n", drive)
+    assert (told.returncode, told.stderr) == (0, b"")
+    assert told.stdout.count(b"?\r\n") >= 2
+
+
+@pytest.mark.slow
+def test_a_closed_input_is_an_empty_script_and_a_reader_that_leaves_ends_it_quietly():
+    closed = subprocess.run(["sh", "-c", '"$0" "$@" <&-', *COMMAND, "uhu"], capture_output=True, check=False)
+    assert (closed.returncode, closed.stderr) == (0, b"")
+    assert closed.stdout.endswith(b"Help by (?)\r\n>")
+    script = '{ yes "#" | head -500; } | "$0" "$@" | head -c 5'
+    left = subprocess.run(["sh", "-c", script, *COMMAND, "uhu"], capture_output=True, check=False)
+    assert (left.stdout, left.stderr) == (b"UHU S", b"")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_the_machine_s_own_axis_has_its_screw_its_mass_and_the_ends_of_its_travel(axis):
+    table = edmsim.Machine.load().base.table
+    bench = bench_for("uhu", axis, True)
+    bench.run(0.1)
+    assert bench.motor()["table_kg"] == pytest.approx({"x": 45.3, "y": 20.0}[axis])
+    middle_um = 500.0 * table.travel_mm.value
+    assert bench.axis()["place_um"] == pytest.approx(middle_um, abs=1.0)
+    assert bench.talk(b"G100\r").endswith(b"OK\r\n>")
+    bench.run(1.0)
+    assert bench.axis()["place_um"] == pytest.approx(middle_um + 20.0, abs=1.0)  # 500 lines, 0.4 mm a turn
+    bench.steps(axis, 15_000, 2_500.0, 10_000.0)  # 2 um each
+    bench.run(7.0)
+    assert bench.pins().enabled
+    bench.steps(axis, 2_000, 2_500.0, 10_000.0)  # 1.5 mm beyond the travel
+    bench.run(2.0)
+    assert not bench.pins().enabled  # it met the end, tripped, and springs back
+    assert bench.axis()["place_um"] < 1e3 * table.travel_mm.value + 1_000.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["servo"], "choose one of uhu, servo-module"),
+        (["uhu", "--axis", "z"], "there is no axis 'z'"),
+        (["uhu", "--axis", "fast", "--tuned"], "no UHU is tuned"),
+        (["uhu", "--axis", "z", "--autotune"], "there is no axis 'z'"),
+        (["steam", "--autotune"], "choose one of uhu, servo-module"),
+        (["uhu", "--autotune", "--out", "/dev/null/before.png"], "/dev/null"),
+        (["uhu", "--speed", "0"], "--speed is above 0"),
+    ],
+)
+def test_what_cannot_be_is_told_in_a_line(arguments, reason, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["edmsim", "console", "servo", *arguments])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == 2
+    said = capsys.readouterr()
+    assert reason in said.err
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+
+
+def answer_of(port: int, wanted: bytes) -> bytes:
+    heard, until = b"", time.monotonic() + 60.0
+    while wanted not in heard and time.monotonic() < until:
+        if select.select([port], [], [], 1.0)[0]:
+            heard += os.read(port, 4096)
+    return heard
+
+
+@contextmanager
+def pseudo_terminal(*arguments: str) -> Iterator[str]:
+    """Run the command, yield the port's name, and end it by Ctrl-C."""
+    words = [*COMMAND, *arguments, "--pty", "--speed", "10"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as program:
+        assert program.stderr is not None
+        line = program.stderr.readline()
+        try:
+            yield line.split("serial port is ")[1].split(";")[0]
+        finally:
+            program.send_signal(signal.SIGINT)
+    assert program.returncode == 0
+
+
+@pytest.mark.slow
+def test_a_pseudo_terminal_is_raw_and_outlasts_the_program_that_opened_it():
+    with pseudo_terminal("uhu") as name:
+        for _ in range(2):
+            port = os.open(name, os.O_RDWR | os.O_NOCTTY)
+            os.write(port, b"P700\r")
+            assert b"P700\r\nOK\r\n>" in answer_of(port, b"OK\r\n>")
+            os.close(port)
+
+
+@pytest.mark.slow
+def test_pyserial_talks_to_both_drives():
+    serial = pytest.importorskip("serial")
+    for drive, baud, wanted in (("uhu", 38400, b"P\r\n(P)rop.      1000: "), ("servo-module", 57600, b"(P) - Kp: ")):
+        with pseudo_terminal(drive) as name, serial.Serial(name, baud, timeout=30) as port:
+            port.write(b"P\r")
+            assert wanted in port.read_until(wanted)
+
+
+def test_the_space_bar_switches_the_analyser_and_escape_leaves():  # U-37
+    assert sent_for(b" ", True, False) == (b"A\r", True, False)
+    assert sent_for(b" ", True, True) == (b"Z\r", False, False)
+    assert sent_for(b"\x1b", True, False) == (b"", False, True)
+    assert sent_for(b"p9\n", True, False) == (b"p9\r", False, False)
+
+
+@pytest.mark.parametrize(("keys", "counts"), [(b"\x1b[C", 32), (b"\x1b[D", -32), (b"\x1b[1;5C", 64)])
+def test_cursor_keys_move_the_axis(keys, counts):  # U-60
+    bench = bench_for("uhu", "bench", True)
+    bench.run(0.1)
+    bench.talk(sent_for(keys, True, False)[0])
+    bench.run(0.5)
+    assert bench.axis()["count"] == pytest.approx(counts, abs=1)
+    module = bench_for("servo-module", "table", True)
+    module.run(0.1)
+    assert module.talk(sent_for(keys, False, False)[0]) == b"Move %+d\r\n" % counts
