@@ -1,8 +1,8 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
 ``import edmsim`` registers ``edmsim/GapFeed-v2``, ``edmsim/HeightStep-v2``, ``edmsim/Corner-v2``,
-``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1`` and ``edmsim/Trim-v1``; each has a file whose
-environment class describes action, observation and reward.
+``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1``, ``edmsim/Trim-v1`` and ``edmsim/Part-v0``, which
+is decided on pass by pass; each has a file whose environment class describes action, observation and reward.
 """
 
 from __future__ import annotations

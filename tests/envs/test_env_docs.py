@@ -25,7 +25,7 @@ SECTIONS = (
 )  # fmt: skip
 
 
-@pytest.fixture(params=(*NAMES, "MaxRate"))
+@pytest.fixture(params=(*NAMES, "MaxRate", "Part"))
 def env_name(request):
     return request.param
 
