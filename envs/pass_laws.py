@@ -75,10 +75,10 @@ class Corrected(Constant):
 
     fast: float = 0.7
     short_share: float = 0.05
-    gain: float = 1.2
-    bias_um: float = -6.0
-    last_gain: float = 0.8
-    last_bias_um: float = 3.0
+    gain: float = 1.0
+    bias_um: float = -4.0
+    last_gain: float = 0.6
+    last_bias_um: float = 2.5
     calm: float = 0.5
     offset_um: float = 20.0
 
