@@ -8,10 +8,11 @@ reset all counters for the next cycle (rows T-39, T-40).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.snapshots import Snapshots
 
 
 def percent_of_window(pulses: float) -> float:
@@ -37,7 +38,7 @@ class PulseCounts(NamedTuple):
         return WINDOW_PULSES - self.short - self.open
 
 
-class PulseCounters(ABC):
+class PulseCounters(Snapshots, ABC):
     """The three counters and what happens at 255 pulses; who takes the result over is a subclass's matter.
 
     Attributes
@@ -47,6 +48,8 @@ class PulseCounters(ABC):
     missed : int
         Cycles lost because the one before had not been read (row T-44).
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("pulses", "short", "open", "missed")
 
     def __init__(self) -> None:
         self.pulses = self.short = self.open = self.missed = 0
@@ -118,26 +121,20 @@ class PulseCounters(ABC):
 
 
 class PulseAnalyser(PulseCounters):
-    """The counters, the 8255's two input latches (mode 1) and their flags.
+    """The counters and the 8255's two input latches (mode 1). The result is polled (row T-43).
 
     Attributes
     ----------
     buffer_full : bool
         IBFA and IBFB, which always go together: a result waits to be read.
-    interrupt_enable_a, interrupt_enable_b : bool
-        INTE A and INTE B; 0 after initialisation (row T-43): the result is polled.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("buffer_full", "_latch")
 
     def __init__(self) -> None:
         super().__init__()
         self.buffer_full = False
-        self.interrupt_enable_a = self.interrupt_enable_b = False
         self._latch = PulseCounts(0, 0)
-
-    @property
-    def interrupt_requests(self) -> tuple[bool, bool]:
-        """INTR A and INTR B: a waiting result asks for attention where its INTE flag is set."""
-        return self.buffer_full and self.interrupt_enable_a, self.buffer_full and self.interrupt_enable_b
 
     def result_waits(self) -> bool:
         """Whether a result waits to be read."""
@@ -152,26 +149,3 @@ class PulseAnalyser(PulseCounters):
         """Read both ports: the latched counts, which clears IBF; without a new result the old one again."""
         self.buffer_full = False
         return self._latch
-
-    def snapshot(self) -> dict[str, int | bool]:
-        """Everything that changes while counting."""
-        return {
-            "pulses": self.pulses,
-            "short": self.short,
-            "open": self.open,
-            "buffer_full": self.buffer_full,
-            "interrupt_enable_a": self.interrupt_enable_a,
-            "interrupt_enable_b": self.interrupt_enable_b,
-            "missed": self.missed,
-            "latched_short": self._latch.short,
-            "latched_open": self._latch.open,
-        }
-
-    def restore(self, state: dict[str, int | bool]) -> None:
-        """Continue where `snapshot` was taken."""
-        self.pulses, self.short, self.open = state["pulses"], state["short"], state["open"]
-        self.buffer_full = bool(state["buffer_full"])
-        self.interrupt_enable_a = bool(state["interrupt_enable_a"])
-        self.interrupt_enable_b = bool(state["interrupt_enable_b"])
-        self.missed = state["missed"]
-        self._latch = PulseCounts(state["latched_short"], state["latched_open"])

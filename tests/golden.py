@@ -73,8 +73,8 @@ SESSIONS = {
 }  # fmt: skip
 REFUSED = f"""|saw|cut|cut punch.ngc|cut no.ngc --out o|cut no.dxf --out o|cut punch.ngc --out bad.txt/o|view|view .
 evaluate no|evaluate {IDS[0]} --seeds 1|evaluate {IDS[0]} --controllers no|evaluate own.py:no|train no --out o|view no
-train {IDS[0]} --out o --score 1|train {IDS[0]} --out o --algo no|train {IDS[0]} --out o --resume|render . --out a.gif
-report no|report . --format bmp|report .|render .|view --compare no .|terminal --machine no|terminal --speed 0|--help
+train {IDS[0]} --out o --score 1|train {IDS[0]} --out o --algo no|train {IDS[0]} --out o --resume|view no .
+report no|report . --format bmp|report .|report . --film a.gif|terminal --machine no|terminal --speed 0|--help
 terminal --fault no|terminal --planner no|terminal --host no|calibrate bad.txt --out o.toml|validate --write no
 calibrate no.csv --out no/o.toml|bench --planners no/p.md|cut --help|evaluate --help|console 1982 --help"""
 CUT_WITH = """--material no|--machine no|--machine no.toml|--wire brass-10|--generator no|--planner no|--drive no

@@ -50,20 +50,8 @@ def test_unread_result_stays_and_the_new_one_is_missed():  # T-44
     assert analyser.read() == (7, 8)
 
 
-def test_interrupts_are_off_after_initialisation():  # T-43
-    analyser = PulseAnalyser()
-    assert (analyser.interrupt_enable_a, analyser.interrupt_enable_b) == (False, False)
-    analyser.count_window(0, 0)
-    assert analyser.interrupt_requests == (False, False)
-    analyser.interrupt_enable_b = True
-    assert analyser.interrupt_requests == (False, True)
-    analyser.read()
-    assert analyser.interrupt_requests == (False, False)
-
-
 def test_a_snapshot_continues_identically():
     analyser = PulseAnalyser()
-    analyser.interrupt_enable_a = True
     analyser.count_window(9, 99)
     analyser.count_window(9, 99)
     analyser.clock(True, False)

@@ -25,6 +25,7 @@ from edmsim.job.check import check, greatest_feed_um_s, lines_of
 from edmsim.job.cut import make_controller
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
+from edmsim.recording.figures.path import path_figure
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -276,3 +277,17 @@ def test_passes_are_estimated_by_their_technology() -> None:
     told = dict(lines_of(found))
     assert told["pass 3"].startswith(f"offset {found.passes[2].offset_mm:.3f} mm, ")
     assert "time" not in told  # the least time is that of one pass at the rough setting
+    drawn = path_figure(found.path, "punch", 300.0).axes[0].get_lines()
+    assert [f"pass {one.number}, {one.offset_mm:.3f} mm" for one in found.passes] == [
+        str(line.get_label()) for line in drawn if str(line.get_label()).startswith("pass ")
+    ]
+
+
+def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_to_run() -> None:
+    found = check(EXAMPLES / "punch.ngc", CutSettings(material="copper", passes=3, height_mm=25.4))
+    (told,) = [notice for notice in found.path.notices if "technology" in notice]
+    assert told.startswith("there is no technology for copper: the passes take the settings of 'tool-steel ")
+    assert "edmsim technology copper --height 25.4 --passes 3 --out copper.toml" in told
+    own = check(EXAMPLES / "punch.ngc", CutSettings(material="aluminium", passes=3, height_mm=25.4))
+    assert not any("technology" in notice for notice in own.path.notices)
+    assert own.passes[0].seconds < found.passes[0].seconds  # shops cut aluminium some twice as fast

@@ -104,8 +104,6 @@ def tuned(
         Motor, screw and table; ``table`` is that of the DEM-15, for ``eanpos`` with its velocity amplifier.
     changes : mapping of str to int
         Parameters that differ, by their names in Python or the manual's letters and names.
-    screw : Screw, optional
-        See `from_text`.
 
     Raises
     ------

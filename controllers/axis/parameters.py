@@ -24,7 +24,6 @@ def by_name(values: Mapping[str, float], table: Sequence[Mapping[str, Any]]) -> 
 
     Parameters
     ----------
-    values : mapping of str to number
     table : sequence of mappings
         ``letter`` and ``name`` of each parameter.
     """
@@ -44,7 +43,6 @@ def tuned_values(
         The drive's file, with its tables ``tuned`` and ``parameter``.
     what : str
         The drive, for a message.
-    axis : str
     changes : mapping of str to number
         By name or letter.
     screw : Screw or None

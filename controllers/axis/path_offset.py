@@ -6,7 +6,6 @@ and a finishing pass takes off more metal where they go nearer to the wall.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,11 +15,12 @@ from edmsim.controllers.planner.course import Course
 from edmsim.controllers.planner.lateral_offset import next_steps
 from edmsim.controllers.planner.record import EXACT
 from edmsim.controllers.protocols import Step
+from edmsim.snapshots import Snapshots
 
 Floats = NDArray[np.float64]
 
 
-class PathOffset:
+class PathOffset(Snapshots):
     """The offset of a cut, leg by leg.
 
     Parameters
@@ -33,6 +33,8 @@ class PathOffset:
     lateral_um : (float, float)
         By how much the motors stand beside the place of the program.
     """
+
+    STATE = ("_made",)
 
     def __init__(self, step_um: float) -> None:
         self._step_um = step_um
@@ -66,11 +68,3 @@ class PathOffset:
         )
         self._made += more
         return [Step(time_ns, axis, direction) for axis, direction in enumerate(more) if direction]
-
-    def snapshot(self) -> list[int]:
-        """Return what changes, fit for JSON."""
-        return [int(steps) for steps in self._made]
-
-    def restore(self, state: Sequence[int]) -> None:
-        """Continue where `snapshot` was taken, on the same leg."""
-        self._made[:] = state

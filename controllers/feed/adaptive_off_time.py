@@ -14,11 +14,11 @@ and its threshold are those of a production machine, where `adaptive-off-time` h
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, cast
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
-from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
+from edmsim.controllers.protocols import FeedCommand, WindowObservation
 from edmsim.machine.setting import WINDOW_PULSES
 
 COUNT_S = 0.1
@@ -101,18 +101,6 @@ class AdaptiveOffTimeController(ServoController):
         self._count(window)
         return command._replace(t_period_us=self._counter.period_us)
 
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        counter = {f"counter.{name}": value for name, value in asdict(self._counter).items()}
-        return {**super().snapshot(), **counter}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        values = cast(dict[str, Any], state)
-        counter = {k.removeprefix("counter."): v for k, v in values.items() if k.startswith("counter.")}
-        super().restore({k: v for k, v in values.items() if not k.startswith("counter.")})
-        self._counter = _Counter(**counter)
-
     def _count(self, window: WindowObservation) -> None:
         """Add a window; every 100 ms compare with the threshold and set the period."""
         counter = self._counter
@@ -191,12 +179,3 @@ class SatoController(AdaptiveOffTimeController):
         self._fresh = False
         self._counter.period_us = self._counter.base_us * max(self.slow_factor, 1.0)
         return command._replace(t_period_us=self._counter.period_us)
-
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        return {**super().snapshot(), "fresh": float(self._fresh)}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        super().restore({k: v for k, v in state.items() if k != "fresh"})
-        self._fresh = bool(state["fresh"])

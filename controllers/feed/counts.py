@@ -9,23 +9,18 @@ registers of the whole machine; both cut the same, bit for bit.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, ClassVar, cast
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.optimise import ALARM, ERROR, SHARE, TICK_NS, Settings, State, optimise
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.mcu.firmware.tstates import CPU_HZ
-from edmsim.controllers.protocols import (
-    ControllerState,
-    FeedCommand,
-    WindowObservation,
-    check_feed,
-    check_parameters,
-)
+from edmsim.controllers.protocols import FeedCommand, WindowObservation, check_feed, check_parameters
 from edmsim.controllers.pulse_counters import PulseAnalyser
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.snapshots import Snapshots
 
 PERSISTENT_SHORT = "persistent short"
 """The alarm's text."""
@@ -54,7 +49,7 @@ class Occupation:
 
 
 @dataclass
-class CountsController:
+class CountsController(Snapshots):
     """Feed from short and open counts; retracts from shorts, and gives up where one never clears.
 
     All constants are ours. Shares are fractions of the 255 pulses of a window. The feed is a whole number of speed
@@ -117,12 +112,12 @@ class CountsController:
     max_tries: int = 8
 
     _state: State = field(default_factory=State, init=False, repr=False)
-    _settings: Settings | None = field(default=None, init=False, repr=False)
     _cpu: Occupation = field(default_factory=Occupation, init=False, repr=False)
     _analyser: PulseAnalyser = field(default_factory=PulseAnalyser, init=False, repr=False)
 
     def __post_init__(self) -> None:
         check_parameters(self)
+        self._settings: Settings | None = None
 
     @property
     def missed_windows(self) -> int:
@@ -149,19 +144,6 @@ class CountsController:
             cpu.units, t_states = self._decide(tick, window.path_um)
             cpu.busy_until_ns = cpu.clock_ns + t_states * 1_000_000_000 // CPU_HZ
         return self._command(window.path_um)
-
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        latch = {f"analyser.{name}": value for name, value in self._analyser.snapshot().items()}
-        return {**asdict(self._state), **asdict(self._cpu), **latch}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken; the cut must have been begun with the same feed limit."""
-        values = cast(dict[str, Any], state)
-        self._state = State(**{f.name: values[f.name] for f in fields(State)})
-        self._cpu = Occupation(**{f.name: values[f.name] for f in fields(Occupation)})
-        latch = {k.removeprefix("analyser."): v for k, v in values.items() if k.startswith("analyser.")}
-        self._analyser.restore(latch)
 
     def settings(self, max_feed_um_s: float) -> Settings:
         """The constants as the routine's words.

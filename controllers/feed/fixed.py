@@ -5,17 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from edmsim.controllers.protocols import (
-    ControllerState,
-    FeedCommand,
-    WindowObservation,
-    check_feed,
-    check_parameters,
-)
+from edmsim.controllers.protocols import FeedCommand, WindowObservation, check_feed, check_parameters
+from edmsim.snapshots import Snapshots
 
 
 @dataclass
-class FixedController:
+class FixedController(Snapshots):
     """Commands the same feed for every window.
 
     Parameters
@@ -42,10 +37,3 @@ class FixedController:
     def update(self, window: WindowObservation) -> FeedCommand:
         """The same feed, whatever the window showed."""
         return FeedCommand(self.feed_um_s, offset_um=self.offset_um)
-
-    def snapshot(self) -> ControllerState:
-        """Nothing changes while cutting."""
-        return {}
-
-    def restore(self, state: ControllerState) -> None:
-        """Nothing to continue."""

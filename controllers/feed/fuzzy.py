@@ -17,11 +17,11 @@ short ratio is high   -2, whatever the open ratio
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, cast
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
-from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
+from edmsim.controllers.protocols import FeedCommand, WindowObservation
 from edmsim.machine.setting import WINDOW_PULSES
 
 _RULES = ((-1.0, -0.5, 0.5), (-1.0, 0.0, 1.0), (-0.5, 0.5, 1.0))
@@ -84,18 +84,6 @@ class FuzzyController(ServoController):
         """Begin a new cut."""
         self._ratios = _Ratios(open=self.open_target_share)
         return super().reset(max_feed_um_s)
-
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        ratios = {f"ratios.{name}": value for name, value in asdict(self._ratios).items()}
-        return {**super().snapshot(), **ratios}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        values = cast(dict[str, Any], state)
-        ratios = {k.removeprefix("ratios."): v for k, v in values.items() if k.startswith("ratios.")}
-        super().restore({k: v for k, v in values.items() if not k.startswith("ratios.")})
-        self._ratios = _Ratios(**ratios)
 
     def _infer(self, open_change_s: float) -> float:
         """What the rules say, from -2 to 1."""

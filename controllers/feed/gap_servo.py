@@ -16,11 +16,12 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, NamedTuple, cast
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
 
-from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation, check_feed, check_parameters
+from edmsim.controllers.protocols import FeedCommand, WindowObservation, check_feed, check_parameters
 from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.snapshots import Snapshots
 
 PERSISTENT_SHORT = "persistent short"
 """The alarm's text."""
@@ -70,7 +71,7 @@ class ServoState:
 
 
 @dataclass
-class ServoController(ABC):
+class ServoController(Snapshots, ABC):
     """What controllers with a servo share; `error` and `gains` are theirs.
 
     Parameters
@@ -137,14 +138,6 @@ class ServoController(ABC):
             servo.integral_um_s *= self.integral_share
         feed = servo.feed(error, window.duration_s, self.gains())
         return FeedCommand(min(max(feed, -self.retract_feed_um_s), servo.max_feed_um_s))
-
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        return asdict(self._servo)
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        self._servo = ServoState(**cast(dict[str, Any], state))
 
 
 @dataclass

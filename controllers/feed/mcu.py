@@ -9,11 +9,10 @@ itself, and its steps leave as on the machine: a timer runs out, the 8259 interr
 
 from __future__ import annotations
 
-import json
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +30,7 @@ from edmsim.controllers.mcu.path_run import PathRun
 from edmsim.controllers.planner.protocol import Planner
 from edmsim.controllers.planner.record import LITERAL
 from edmsim.controllers.planner.registry import kind_of
-from edmsim.controllers.protocols import ControllerState, FeedCommand, Step, WindowObservation
+from edmsim.controllers.protocols import FeedCommand, Step, WindowObservation
 from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A
@@ -100,9 +99,12 @@ class McuController(CountsController):
     corner_share: float = 0.6
 
     _computer: Computer = field(default_factory=Computer, init=False, repr=False)
-    _setup: _Setup = field(default_factory=lambda: _Setup(), init=False, repr=False)
     _move: int = field(default=-1, init=False, repr=False)
-    _run: PathRun | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._setup = _Setup()
+        self._run: PathRun | None = None
 
     @property
     def computer(self) -> Computer:
@@ -175,16 +177,6 @@ class McuController(CountsController):
     def drive(self, steps: list[Step]) -> list[Step]:
         """Make a planner's steps through timers, interrupts and port."""
         return self._computer.drive(steps)
-
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        return {**super().snapshot(), "move": self._move, "computer": json.dumps(self._computer.snapshot())}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken; the cut must have been begun alike."""
-        super().restore(state)
-        self._move = cast(int, state["move"])
-        self._computer.restore(json.loads(cast(str, state["computer"])))
 
     def _count(self, short: int, open: int) -> None:
         self._computer.board.counters.count_window(short, open)

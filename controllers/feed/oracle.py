@@ -8,15 +8,15 @@ several gaps and keeps the best. At corners, guides are led beside the path.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, cast
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
 from edmsim.controllers.feed.set_point import SetPointController
-from edmsim.controllers.protocols import ControllerState, FeedCommand, GapWindow, WindowObservation
+from edmsim.controllers.protocols import FeedCommand, GapWindow, WindowObservation
 from edmsim.errors import InputError
 from edmsim.geometry import left_of
 from edmsim.machine.machine import Machine
@@ -88,21 +88,6 @@ class OracleController(ServoController):
         self._truth = _Truth()
         return super().reset(max_feed_um_s)
 
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        truth = {f"truth.{name}": value for name, value in asdict(self._truth).items()}
-        return {**super().snapshot(), **truth}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        values = cast(dict[str, Any], state)
-        truth = {k.removeprefix("truth."): v for k, v in values.items() if k.startswith("truth.")}
-        super().restore({k: v for k, v in values.items() if not k.startswith("truth.")})
-        self._truth = _Truth(**truth)
-
-
-_MEAN_UM = "bent_x_um", "bent_y_um"
-
 
 @dataclass
 class LeadOracleController(SetPointController):
@@ -126,8 +111,11 @@ class LeadOracleController(SetPointController):
     _bent_um: tuple[float, float] = field(default=(0.0, 0.0), init=False, repr=False)
     _mean_um: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
     _last_s: float = field(default=0.0, init=False, repr=False)
-    _ends_um: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
-    _left: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 2)), init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._ends_um: NDArray[np.float64] = np.zeros(0)
+        self._left: NDArray[np.float64] = np.zeros((1, 2))
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Take in the path, too: where each of its pieces ends, and what is to the left of it."""
@@ -157,15 +145,3 @@ class LeadOracleController(SetPointController):
         """Return what brings the wire back on the path."""
         piece = min(int(np.searchsorted(self._ends_um, path_um, side="right")), len(self._left) - 1)
         return self.offset_um - float(self._mean_um @ self._left[piece])
-
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        places = dict(zip(_MEAN_UM, self._mean_um.tolist(), strict=True))
-        return {**super().snapshot(), **places, "seen_s": self._last_s}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        own = (*_MEAN_UM, "seen_s")
-        super().restore({name: value for name, value in state.items() if name not in own})
-        self._mean_um = np.array([float(state[name]) for name in _MEAN_UM])
-        self._last_s = float(state["seen_s"])

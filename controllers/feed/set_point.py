@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
-from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation
+from edmsim.controllers.protocols import FeedCommand, WindowObservation
 from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, least_period_us
@@ -78,15 +78,15 @@ class SetPointController(ServoController):
     pull_N_m: float = 0.0
     fade_um: float = 100.0
 
-    _machine: Machine | None = field(default=None, init=False, repr=False)
-    _corners_um: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
-    _turns_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), init=False, repr=False)
-    _lead_um: float = field(default=0.0, init=False, repr=False)
-    _start_um: float = field(default=0.0, init=False, repr=False)
-    _on_us: float = field(default=1.0, init=False, repr=False)
-    _least_us: float = field(default=0.0, init=False, repr=False)
-    _at_corner: float = field(default=1.0, init=False, repr=False)
     _factor: float = field(default=1.0, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._machine: Machine | None = None
+        self._corners_um: NDArray[np.float64] = np.zeros(0)
+        self._turns_rad: NDArray[np.float64] = np.zeros(0)
+        self._lead_um = self._start_um = self._least_us = 0.0
+        self._on_us = self._at_corner = 1.0
 
     def gains(self) -> Gains:
         """How the servo answers."""
@@ -122,15 +122,6 @@ class SetPointController(ServoController):
         self._servo.integral_um_s *= self._factor / factor
         self._factor = factor
         return self._with_setting(super().update(window))._replace(offset_um=self.offset(window.path_um))
-
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        return {**super().snapshot(), "factor": self._factor}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        self._factor = float(state["factor"])
-        super().restore({name: value for name, value in state.items() if name != "factor"})
 
     def factor(self, path_um: float) -> float:
         """Return the period at a place of the path, in the operator's, and not shorter than the supply gives."""
@@ -229,13 +220,3 @@ class ClimbController(SetPointController):
     def _slowing(self) -> float:
         """Period away from corners, in the operator's."""
         return self._climb["factor"]
-
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        return {**super().snapshot(), **{f"climb.{name}": value for name, value in self._climb.items()}}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        values = cast(dict[str, Any], state)
-        self._climb = {k.removeprefix("climb."): v for k, v in values.items() if k.startswith("climb.")}
-        super().restore({k: v for k, v in values.items() if not k.startswith("climb.")})

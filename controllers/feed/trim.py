@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
-from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation, check_feed
+from edmsim.controllers.protocols import FeedCommand, WindowObservation, check_feed
 from edmsim.machine.setting import WINDOW_PULSES
 
 
@@ -56,12 +56,3 @@ class TrimController(ServoController):
             return command
         share = self._shorts / self.stop_share if self.stop_share else float(self._shorts > 0)
         return FeedCommand(self.feed_um_s * max(1.0 - share, 0.0))
-
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        return {**super().snapshot(), "shorts": self._shorts}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        self._shorts = float(state["shorts"])
-        super().restore({name: value for name, value in state.items() if name != "shorts"})

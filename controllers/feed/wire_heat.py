@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, cast
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.feed.gap_servo import Gains, ServoController
-from edmsim.controllers.protocols import ControllerState, FeedCommand, GapWindow, WindowObservation
+from edmsim.controllers.protocols import FeedCommand, GapWindow, WindowObservation
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, pulse_form
 
@@ -109,16 +109,6 @@ class FixedPeriodController(ServoController):
         left = max(1.0 - self._rise.cutting_s / self.rise_s, 0.0) if self.rise_s else 0.0
         return float(max(self.slow_factor, 1.0) ** left)
 
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        return {**super().snapshot(), **{f"rise.{name}": value for name, value in asdict(self._rise).items()}}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        values = cast(dict[str, Any], state)
-        super().restore({k: v for k, v in values.items() if not k.startswith("rise.")})
-        self._rise = FreshWire(**{k.removeprefix("rise."): v for k, v in values.items() if k.startswith("rise.")})
-
 
 MOST_ERROR = 1.0
 """No larger deviation from what is held counts (ours: one window of few sparks tells little)."""
@@ -191,16 +181,6 @@ class PeriodFromHeat(FixedPeriodController):
         held.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
         return max(math.exp(held.log_us + self.proportional_share * error), self.shortest_us)
 
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        return {**super().snapshot(), **{f"held.{name}": value for name, value in asdict(self._held).items()}}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken."""
-        values = cast(dict[str, Any], state)
-        super().restore({k: v for k, v in values.items() if not k.startswith("held.")})
-        self._held = _HeatState(**{k.removeprefix("held."): v for k, v in values.items() if k.startswith("held.")})
-
 
 @dataclass
 class HeatFluxController(PeriodFromHeat):
@@ -224,8 +204,11 @@ class HeatFluxController(PeriodFromHeat):
     integral_per_s: float = 4.0
     flux_filter_s: float = 0.05
 
-    _per_ignition: NDArray[np.float64] = field(default_factory=lambda: np.zeros((5, 5)), init=False, repr=False)
     _flux: NDArray[np.float64] = field(default_factory=lambda: np.zeros(5), init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._per_ignition: NDArray[np.float64] = np.zeros((5, 5))
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Take in the dials: see `heat_per_ignition_s`."""
@@ -253,15 +236,6 @@ class HeatFluxController(PeriodFromHeat):
         """Begin with a fresh wire, which is cold."""
         self._flux[:] = 0.0
         return super().wire_lost()
-
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        return {**super().snapshot(), **{f"flux.{k}": float(value) for k, value in enumerate(self._flux)}}
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken; `set_up` must have been called."""
-        super().restore({k: v for k, v in state.items() if not k.startswith("flux.")})
-        self._flux = np.array([float(state[f"flux.{k}"]) for k in range(5)])
 
 
 def heat_per_ignition_s(machine: Machine) -> NDArray[np.float64]:
@@ -302,7 +276,10 @@ class HeatOracleController(PeriodFromHeat):
     proportional_share: float = 0.8
     integral_per_s: float = 2.0
     shortest_us: float = 18.0
-    _superheat_K: float = field(default=30.0, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._superheat_K = 30.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Take in where this machine's wire boils dry."""

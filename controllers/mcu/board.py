@@ -9,7 +9,7 @@ sparks away from the control.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from edmsim.controllers.mcu.chips import bus, ppi
 from edmsim.controllers.mcu.chips.bus import Bus
@@ -25,6 +25,7 @@ from edmsim.controllers.mcu.firmware.arithmetic import BYTE
 from edmsim.controllers.protocols import Step
 from edmsim.controllers.pulse_counters import PulseCounters
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 SPARK_IMPULSE_NS = 1_000
 """Length of the impulse that a spark couples into the lines (ours: the time in which its current rises and rings)."""
@@ -97,16 +98,13 @@ class _WiredCounters(PulseCounters):
         self._port.strobe(ppi.B, open)
 
 
-class Board:
+class Board(Snapshots):
     """Chips, wires and the machine's side of them.
 
     Parameters
     ----------
     settings : PulseSettings
         Trims of the DACs and what their voltages mean.
-    lines : LineOrder
-    faults : Faults
-    couplers : Optocouplers
 
     Attributes
     ----------
@@ -121,8 +119,14 @@ class Board:
     open_V, mean_current_A : float
         The generator's open voltage, and its present mean current, as the machine's side tells them.
     sent, sent_to_host : bytearray
-        What the two serial channels have transmitted.
+        What the two serial channels have transmitted; no part of the state.
     """
+
+    STATE = (
+        "now_ns", "codes", "_levels", "steps", "open_V", "mean_current_A", "bus", "faults", "counters", "timers",
+        "machine_port", "counter_port", "interrupts", "display", "terminal", "host", "switches", "generator_line",
+    )  # fmt: skip
+    steps: list[Step]
 
     def __init__(
         self, settings: PulseSettings | None = None, lines: LineOrder | None = None, faults: Faults | None = None,
@@ -135,7 +139,7 @@ class Board:
         self.faults = faults or Faults()
         self.couplers = couplers or Optocouplers()
         self.now_ns = 0
-        self.steps: list[Step] = []
+        self.steps = []
         self.on_step: Callable[[Step], None] = lambda step: None
         self.codes = [0, 0]
         self.open_V = 0.0
@@ -190,41 +194,6 @@ class Board:
         """Let the 8279 look at its keys once."""
         if self.display.scan(closed, shift, ctrl):
             self.interrupts.request(KEYBOARD)
-
-    def snapshot(self) -> dict[str, Any]:
-        """Everything that changes, fit for JSON; not what has been sent."""
-        faults = {name: fault.snapshot() for name, fault in self._faulty().items()}
-        return {
-            "now_ns": self.now_ns, "codes": list(self.codes), "levels": self._levels,
-            "steps": [list(step) for step in self.steps],
-            "open_V": self.open_V, "mean_current_A": self.mean_current_A, "ram": self.bus.ram.hex(),
-            "counters": [self.counters.pulses, self.counters.short, self.counters.open, self.counters.missed],
-            "faults": faults, **{name: chip.snapshot() for name, chip in self._chips().items()},
-        }  # fmt: skip
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `snapshot` was taken; the board must be wired alike."""
-        self.now_ns, self.codes, self._levels = state["now_ns"], list(state["codes"]), state["levels"]
-        self.open_V, self.mean_current_A = state["open_V"], state["mean_current_A"]
-        self.bus.ram[:] = bytes.fromhex(state["ram"])
-        c = self.counters
-        c.pulses, c.short, c.open, c.missed = state["counters"]
-        for name, chip in self._chips().items():
-            chip.restore(state[name])
-        for name, fault in self._faulty().items():
-            fault.restore(state["faults"][name])
-        self.steps = [Step(*step) for step in state["steps"]]
-
-    def _faulty(self) -> dict[str, SerialNoise | DropOut]:
-        drawn = {"noise": self.faults.noise, "drop_out": self.faults.drop_out}
-        return {name: fault for name, fault in drawn.items() if fault is not None}
-
-    def _chips(self) -> dict[str, Any]:
-        return {
-            "machine_port": self.machine_port, "counter_port": self.counter_port, "timers": self.timers,
-            "interrupts": self.interrupts, "display": self.display, "terminal": self.terminal, "host": self.host,
-            "switches": self.switches, "generator_line": self.generator_line,
-        }  # fmt: skip
 
     def _drive(self, port: int, byte: int) -> None:
         """Outputs of the 8255 that drives DACs, generator and steppers."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
 
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips import bus, pic, ppi
@@ -29,6 +28,7 @@ from edmsim.controllers.mcu.firmware.tstates import CPU_HZ, EMERGENCY_T, INIT_T,
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.snapshots import Snapshots
 
 CALL_T, CHARACTER_T = 18, CPU_HZ * BITS_PER_CHARACTER // BIT_RATE
 """T-states of a call of a routine of ours, and of a character sent or fetched."""
@@ -41,14 +41,11 @@ class MachineCode:
 
     Parameters
     ----------
-    board : Board
-    streams : Streams
     routines : mapping
         Routines by their address in EPROM.
 
     Attributes
     ----------
-    cpu : Cpu8085
     running : bool
         Whether a program that the monitor started is under way.
     """
@@ -63,10 +60,7 @@ class MachineCode:
     def call(self, address: int) -> None:
         """Run what stands at an address until it returns, at once; registers are kept.
 
-        Raises
-        ------
-        NoCodeError
-            If there is no code, or it does not return.
+        Raises `NoCodeError` if there is no code, or it does not return.
         """
         cpu = self.cpu
         saved = [*cpu.registers], cpu.flags, cpu.pc, cpu.sp
@@ -92,10 +86,8 @@ class MachineCode:
     def run_until(self, end_ns: int) -> None:
         """Let the program run up to a time, at the clock of the 8085.
 
-        Raises
-        ------
-        InputError
-            If there is no code where it leads, or a chip refuses what it writes; the program is at its end.
+        Raises `InputError` if there is no code where it leads, or a chip refuses what it writes; the program is at
+        its end.
         """
         board, cpu, begin_ns, spent = self._board, self.cpu, self._board.now_ns, 0
         while self.running and board.now_ns < end_ns:
@@ -131,7 +123,7 @@ OFF, STAND_BY, RUNNING, EMERGENCY = "off", "stand-by", "running", "emergency"
 """States of the machine: not initialised yet; safe; timers and interrupts on; stopped until INIT."""
 
 
-class Computer:
+class Computer(Snapshots):
     """The controller's processor, program and board.
 
     Time is the board's (`Board.now_ns`): `run_until` and `drive` move it on.
@@ -172,6 +164,8 @@ class Computer:
     >>> len(computer.run_until(4_000_000_000)), computer.position
     (50, (30100, 30000))
     """
+
+    STATE = ("state", "cause", "keys", "_t_states", "_enabled", "steppers", "board")
 
     def __init__(self, board: Board | None = None, *, unit: Unit = "um", wrap: bool = False) -> None:
         self.board = board or Board()
@@ -262,13 +256,7 @@ class Computer:
         return self.word(at.XPOS), self.word(at.YPOS)
 
     def set_position(self, x: int, y: int) -> None:
-        """Set the position counters.
-
-        Raises
-        ------
-        InputError
-            While the table moves, or for what is not a word.
-        """
+        """Set the position counters; raises `InputError` while the table moves, or for what is not a word."""
         if self.moving:
             raise InputError("the table is moving: the position can be set when it stands")
         check_place(x, y)
@@ -283,10 +271,7 @@ class Computer:
     def set_pulse_codes(self, t_i: int, t_p: int) -> None:
         """Set both voltages; a pair that draws more than 2 A is refused and the old pair stays (row T-34).
 
-        Raises
-        ------
-        InputError
-            With what would be right; also for an unknown code, and in an emergency.
+        Raises `InputError` with what would be right; also for an unknown code, and in an emergency.
         """
         if self.state in (OFF, EMERGENCY):
             raise InputError("the machine is stopped: INIT first")
@@ -301,10 +286,7 @@ class Computer:
     def set_speed(self, units: int) -> None:
         """Set the greatest cutting speed; a move under way takes it from its next interrupts on.
 
-        Raises
-        ------
-        InputError
-            If it is not 0..127 units (row T-A1).
+        Raises `InputError` if it is not 0..127 units (row T-A1).
         """
         if not (isinstance(units, int) and 0 <= units <= MAX_SPEED):
             raise InputError(f"the cutting speed is 0..{MAX_SPEED} units of 262.5 nm/s, not {units!r}")
@@ -315,10 +297,7 @@ class Computer:
     def start(self, generator: bool = True) -> None:
         """Start the machine: interrupts on, and the generator if wanted.
 
-        Raises
-        ------
-        InputError
-            Before INIT, after an emergency, or with a switch open.
+        Raises `InputError` before INIT, after an emergency, or with a switch open.
         """
         if self.state in (OFF, EMERGENCY):
             raise InputError("the machine is stopped: INIT first")
@@ -345,10 +324,7 @@ class Computer:
     def move_to(self, x: int, y: int) -> None:
         """Move straight to a position at the speed set, aimed once by POSCAL as in 1982; `run_until` makes the steps.
 
-        Raises
-        ------
-        InputError
-            While moving, before `start`, without a speed, or for what is not a position.
+        Raises `InputError` while moving, before `start`, without a speed, or for what is not a position.
         """
         if self.moving:
             raise InputError("the table is moving: a new move can begin when it stands")
@@ -422,11 +398,6 @@ class Computer:
         The speed goes to CUTVEL, XVELOC and YVELOC; in a move of the program's own `PathRun` hands it to the timers
         when the routine's time is over. While no result waits, nothing changes.
 
-        Parameters
-        ----------
-        clock, path
-            See `optimise.optimise`.
-
         Returns
         -------
         (int, int)
@@ -453,20 +424,6 @@ class Computer:
         for address, count in ((at.SHORTS, short), (at.OPENS, open), (at.COUNTED, WINDOW_PULSES)):
             self.store(address, count)
         return short, open
-
-    def snapshot(self) -> dict[str, Any]:
-        """Everything that changes, fit for JSON."""
-        return {
-            "state": self.state, "cause": list(self.cause), "keys": list(self.keys), "t_states": self._t_states,
-            "enabled": int(self._enabled), "steppers": self.steppers.snapshot(), "board": self.board.snapshot(),
-        }  # fmt: skip
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `snapshot` was taken; the computer must be made alike."""
-        self.state, self.cause, self.keys = state["state"], tuple(state["cause"]), list(state["keys"])
-        self._t_states, self._enabled = state["t_states"], bool(state["enabled"])
-        self.steppers.restore(state["steppers"])
-        self.board.restore(state["board"])
 
 
 def check_place(x: int, y: int) -> None:

@@ -9,18 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import accumulate, pairwise
-from typing import Any
 
 from edmsim.controllers.mcu.computer import RUNNING, Computer, check_place
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 Place = tuple[int, int]
 
 
-class PathRun:
+class PathRun(Snapshots):
     """The main program's part in a cut: it begins the moves of a path one after the other, and hands speeds on.
 
     It looks like a planner (`edmsim.controllers.planner.protocol.Planner`), but its steps are those that the motors'
@@ -54,6 +54,7 @@ class PathRun:
     (8, (30010, 30006), True)
     """
 
+    STATE = ("_move", "_heading", "_over", "_requested", "_in_force", "_computing", "_computer")
     speed_unit_nm_s = SPEED_UNIT_NM_S
     max_feed_um_s = MAX_FEED_UM_S
 
@@ -112,19 +113,6 @@ class PathRun:
             elif not self._main():
                 steps += computer.run_until(end_ns, to_the_end=False)
         return steps + computer.run_until(end_ns)
-
-    def snapshot(self) -> dict[str, Any]:
-        """Everything that changes while running, the computer with it."""
-        return {
-            "move": self._move, "heading": self._heading, "over": self._over, "requested": self._requested,
-            "in_force": self._in_force, "computing": self._computing, "computer": self._computer.snapshot(),
-        }  # fmt: skip
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `snapshot` was taken; path and computer must be made alike."""
-        self._move, self._heading, self._over = state["move"], state["heading"], state["over"]
-        self._requested, self._in_force, self._computing = state["requested"], state["in_force"], state["computing"]
-        self._computer.restore(state["computer"])
 
     def _main(self) -> bool:
         """Do what comes next once nothing is being computed; return whether there was anything."""

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import bisect
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit
 from edmsim.controllers.planner.exact import FINE_PER_UM
-from edmsim.controllers.planner.protocol import Planner, PlannerState
+from edmsim.controllers.planner.protocol import Planner
 from edmsim.controllers.planner.record import EXACT, LITERAL
 from edmsim.controllers.planner.registry import kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 Floats = NDArray[np.float64]
 
@@ -69,19 +69,10 @@ def make_leaning_planner(
 
     Parameters
     ----------
-    name : str
-        See `make_planner`.
     points_um, lead_um : arrays (n, 2)
         Corners of the path of the lower guide, and u and v there.
     along_um : array (n,)
         Length of path up to every corner, rising.
-    unit, step_um
-        See `make_planner`.
-
-    Raises
-    ------
-    InputError
-        As `make_planner` and `check_lead`.
     """
     check_lead(name, points_um, lead_um)
     places = np.concatenate([np.asarray(points_um, np.float64), np.asarray(lead_um, np.float64)], axis=1)
@@ -91,18 +82,18 @@ def make_leaning_planner(
     return Following(name, places, along, unit, step_um)
 
 
-class ExactAxes:
+class ExactAxes(Snapshots):
     """An ideal line through points of several axes: all move evenly between two of them.
 
     Parameters
     ----------
-    places_um : float64 array (n, axes)
     along_um : float64 array (n,)
         Length of path up to every point.
     step_um : float
         Travel of a motor step.
     """
 
+    STATE = ("_behind", "_counts")
     speed_unit_nm_s = 1.0
     max_feed_um_s = math.inf
 
@@ -178,27 +169,17 @@ class ExactAxes:
                 return found
             k += 1 if forward else -1
 
-    def snapshot(self) -> PlannerState:
-        """Everything that changes while running."""
-        return {"behind": self._behind, "counts": list(self._counts)}
 
-    def restore(self, state: PlannerState) -> None:
-        """Continue where `snapshot` was taken."""
-        self._behind, self._counts = int(state["behind"]), [int(count) for count in state["counts"]]
-
-
-class Following:
+class Following(Snapshots):
     """A planner of x and y whose steps u and v follow.
 
     Parameters
     ----------
     name : str
         Of the planner.
-    places_um : float64 array (n, 4)
-    along_um : float64 array (n,)
-    unit, step_um
-        See `make_planner`.
     """
+
+    STATE = ("_planner", "_led")
 
     def __init__(self, name: str, places_um: Floats, along_um: Floats, unit: Unit, step_um: float) -> None:
         ways = np.hypot(*np.diff(places_um[:, :2], axis=0).T)
@@ -273,12 +254,3 @@ class Following:
             Step(since_ns + int(share * (time_ns - since_ns)), axis, direction)
             for share, axis, direction in sorted(moves)
         ]
-
-    def snapshot(self) -> dict[str, Any]:
-        """Everything that changes while running."""
-        return {"planner": self._planner.snapshot(), "led": list(self._led)}
-
-    def restore(self, state: PlannerState) -> None:
-        """Continue where `snapshot` was taken."""
-        self._planner.restore(state["planner"])
-        self._led = [int(steps) for steps in state["led"]]

@@ -61,13 +61,7 @@ PLANNERS: dict[str, Kind] = {
 
 
 def kind_of(name: str) -> Kind:
-    """Return a planner's kind.
-
-    Raises
-    ------
-    InputError
-        If there is no planner of that name.
-    """
+    """Return a planner's kind; raises `InputError` if there is no planner of that name."""
     if name not in PLANNERS:
         raise InputError(f"there is no planner {name!r}; choose one of {one_of(name, PLANNERS)}")
     return PLANNERS[name]

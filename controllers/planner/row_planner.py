@@ -24,8 +24,6 @@ class RowPlanner:
 
     Parameters
     ----------
-    course : Course
-    speed_unit_nm_s : float
     max_speed : int or None
         Greatest path speed in units; None if there is none.
     """

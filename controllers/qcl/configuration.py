@@ -104,7 +104,6 @@ class Configuration:
         Slots of the bus, None where they are empty.
     inputs, outputs : dict of str to str
         Slot addresses, such as ``2.INP01``, by name.
-    devices : dict of str to Declaration
     shared : list of str
         Addresses that two users have: allowed, but seldom meant.
     """

@@ -42,10 +42,7 @@ class QclError(InputError):
 def whole_number(text: str) -> int:
     """Return the number that digits, perhaps behind a minus, write.
 
-    Raises
-    ------
-    InputError
-        They are not numbers, or more than any variable has.
+    Raises `InputError` if they are not numbers, or more than any variable has.
     """
     if not re.fullmatch(f"-?[0-9]{{1,{MOST_DIGITS}}}", text):
         raise InputError(f"{text!r}; it must be a whole number of at most {MOST_DIGITS} digits")

@@ -44,10 +44,8 @@ class BenchAxes:
     ----------
     drives : Drives
         The drives, and the rows of the axes.
-    now_ns : int
     trace : bool
         Whether samples are noted.
-    moves : records of `MOVE`
     unplugged : int64 (axes,)
         Bits of `steps`.
     """
@@ -89,10 +87,7 @@ class BenchAxes:
     def run_to(self, until_ns: int) -> None:
         """Let time pass until then.
 
-        Raises
-        ------
-        EdmsimError
-            A drive commands more than its supply, or an axis is out of range or not finite.
+        Raises `EdmsimError` if a drive commands more than its supply, or an axis is out of range or not finite.
         """
         samples, changes, noted = self._notes
         traced = samples if self.trace else samples[:0]

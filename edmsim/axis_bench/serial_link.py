@@ -155,7 +155,6 @@ class SerialLink:
 
         Parameters
         ----------
-        now_ns : int
         running : bool
             Whether it is out of reset; bytes that come in reset are lost.
         unasked : bool

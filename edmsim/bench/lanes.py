@@ -32,10 +32,7 @@ class VectorRate(NamedTuple):
 def half_cheetah_comparison() -> dict[str, float]:
     """Steps per second of `envs.LANES` environments at ``fast`` and of as many HalfCheetah-v5, timed in turns.
 
-    Raises
-    ------
-    InputError
-        If ``gymnasium[mujoco]`` is not installed, which the extra ``test`` has.
+    Raises `InputError` if ``gymnasium[mujoco]`` is not installed, which the extra ``test`` has.
     """
     cheetahs = _half_cheetahs(envs.LANES)
     best = [np.inf, np.inf]

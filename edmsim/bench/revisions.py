@@ -22,10 +22,7 @@ ROOT = Path(edmsim.__file__).resolve().parents[1]
 def commit_of(revision: str) -> str:
     """Return the whole name of the commit that a revision is.
 
-    Raises
-    ------
-    InputError
-        There is no git, edmsim does not run from a checkout, or it has no such revision.
+    Raises `InputError` if there is no git, edmsim does not run from a checkout, or it has no such revision.
     """
     if shutil.which("git") is None:
         raise InputError("--against looks a revision up with git, which is not on the path: install git")

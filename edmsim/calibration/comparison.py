@@ -42,10 +42,8 @@ class StretchComparison:
     ----------
     machine : Machine
         Where the search starts; the noise is taken from its cuts until `take_noise_of` says of which.
-    picked : list of Stretch
     seed : int
         The same draws for every machine: of two of them the difference is seen, not the noise.
-    resolution : str
     watch : callable, optional
         Called with the `CalibrationProgress` after every cut.
 

@@ -42,14 +42,12 @@ def simulate(machine: Machine, stretch: Stretch, windows: int, seed: int, resolu
 
     Parameters
     ----------
-    machine : Machine
     stretch : Stretch
         Whose mean feed and setting are used.
     windows : int
         How many to measure, once the cut has settled.
     seed : int
         Same seed, same draws: of two machines the difference is seen, not the noise.
-    resolution : str
     """
     set_up = machine.model_copy(update={"t_on_us": stretch.t_on_us, "t_period_us": stretch.t_period_us})
     windows_fired: list[PulseWindow] = []

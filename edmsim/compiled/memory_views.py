@@ -46,11 +46,9 @@ def group_of(name: str, table: np.dtype[np.void], fields: dict[str, GroupField],
 
     Parameters
     ----------
-    name : str
     table : dtype
         Of the record: plain numbers themselves, and the addresses of arrays. It stays as it is while compiled code
         runs, which need not read it twice.
-    fields : dict of str to GroupField
     lengths : sequence of str
         Names of the tuple's numbers.
     """

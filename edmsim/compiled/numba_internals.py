@@ -238,13 +238,11 @@ def whole_program(
     ----------
     function : dispatcher
         Made by ``numba.njit``.
-    signature : tuple of numba types
     compiled : callable
         Called with the name of every function that is translated.
 
     Returns
     -------
-    module : llvmlite.binding.ModuleRef
     name : str
         That of the function in it: ``i32 name(return value's place, exception's place, *arguments)``.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,25 +11,20 @@ from edmsim.errors import InputError
 from edmsim.plant.axes.faults import AxisFault
 from edmsim.plant.axes.rapid import constants, time_left_s
 from edmsim.plant.plant import Plant
+from edmsim.snapshots import Snapshots
 
 _STEP_SHARE = 1e-6
 """Share by which a drive's step may differ from the machine's: what rounding leaves."""
 
 
-class CutAxes:
+class CutAxes(Snapshots):
     """What a cut asks of its axes, and what befalls them.
 
-    Parameters
-    ----------
-    plant : Plant
-    faults : sequence of AxisFault
-
-    Raises
-    ------
-    InputError
-        By the steps of a drive the table would go another way than the machine's, or an axis with a fault has no
-        drive with a loop.
+    Raises `InputError` if a drive's steps differ from the machine's, or an axis with a fault has no drive with a
+    loop.
     """
+
+    STATE = ("_since_ns", "_before_um")
 
     def __init__(self, plant: Plant, faults: Sequence[AxisFault]) -> None:
         self._plant, self._faults = plant, sorted(faults, key=lambda fault: fault.at_s)
@@ -73,11 +68,7 @@ class CutAxes:
         self._since_ns, self._before_um = plant.time_ns, plant.away_um.tolist()
         return None
 
-    def snapshot(self) -> dict[str, Any]:
-        """Return what changes, fit for JSON."""
-        return {"since_ns": self._since_ns, "before_um": self._before_um}
-
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Continue where `snapshot` was taken, with the plant restored before; a supply once off stays off."""
-        self._since_ns, self._before_um = state["since_ns"], state["before_um"]
+        super().restore(state)
         self.fail_due()

@@ -21,7 +21,6 @@ class Cycle:
 
     Parameters
     ----------
-    plant : Plant
     motion : Motion
         What makes the steps; it may be replaced between turns.
     decide : callable

@@ -34,7 +34,6 @@ class Leg(NamedTuple):
 
     Attributes
     ----------
-    points_um : int64 array (n, 2)
     threads : bool
         A fresh wire is threaded at the first point.
     rest_s, dwell_s : float

@@ -9,6 +9,7 @@ from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
 from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.planner.registry import Planner
 from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step
+from edmsim.snapshots import Snapshots
 
 
 class Motion(Protocol):
@@ -49,7 +50,7 @@ class _Speeds(NamedTuple):
         return self.then if self.change_ns < end_ns else self.first
 
 
-class PlannerMotion:
+class PlannerMotion(Snapshots):
     """Motion along a leg that a planner turns into steps.
 
     Parameters
@@ -76,6 +77,9 @@ class PlannerMotion:
     command : FeedCommand
         The last one; its feed counts when its latency is over, the one before until then.
     """
+
+    STATE = ("planner", "rest_until_ns", "command", "_units")
+    command: FeedCommand
 
     def __init__(
         self, planner: Planner, drives: DrivesSteps | None, start_um: float, rest_until_ns: int, command: FeedCommand,
@@ -122,19 +126,6 @@ class PlannerMotion:
             self._before = None
             self._to_motors(self._drive(self._steps(start_ns, end_ns)))
         self._units = self._speeds.at(end_ns)
-
-    def snapshot(self) -> dict[str, Any]:
-        """Everything that changes within a leg, fit for JSON."""
-        return {
-            "planner": self.planner.snapshot(), "rest_until_ns": self.rest_until_ns, "command": list(self.command),
-            "units": self._units,
-        }
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Continue where `snapshot` was taken, on the same leg."""
-        self.planner.restore(state["planner"])
-        self.rest_until_ns, self._units = state["rest_until_ns"], state["units"]
-        self.command = FeedCommand(*state["command"])
 
     def _speeds_from(self, start_ns: int) -> _Speeds:
         """Return the speeds of the window that begins: the last one until the controller is done, then its new."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import shapely
 
@@ -17,6 +17,7 @@ from edmsim.metrology.passes import WallError, wall_error
 from edmsim.plant.plant import Plant
 from edmsim.program.passes import CutPass, Piece
 from edmsim.program.path import CutPath, WireContour
+from edmsim.snapshots import Snapshots
 
 LEAST_PIECE_MM2 = 0.02
 """Smaller pieces of metal are crumbs: less than half of a wire's cross-section (ours)."""
@@ -65,7 +66,7 @@ class PassRecord:
     wall: WallError | None = None
 
 
-class PassLog:
+class PassLog(Snapshots):
     """Keeps what every pass of a cut did, and looks after loose pieces.
 
     Parameters
@@ -82,8 +83,11 @@ class PassLog:
         What a user should know of pieces that came loose.
     """
 
+    STATE = ("records", "notices", "_before", "_open")
+    records: list[PassRecord]
+
     def __init__(self, path: CutPath, legs: Sequence[Leg]) -> None:
-        self.records: list[PassRecord] = []
+        self.records = []
         self.notices: list[str] = []
         self._before, self._open = Sums(), False
         self.plan(path, legs)
@@ -157,26 +161,6 @@ class PassLog:
             f"the workpiece, {piece.area * 1e-6:.2f} mm² of it"
             + (f", {taken_mm3:.2f} mm³ of them near the wire's path" if taken_mm3 else "")
         )
-
-    def snapshot(self) -> dict[str, Any]:
-        """Return everything that changes, fit for JSON."""
-        return {
-            "records": [asdict(record) for record in self.records], "notices": list(self.notices),
-            "before": asdict(self._before), "open": self._open,
-        }  # fmt: skip
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Take back a `snapshot`."""
-        self.records = [
-            PassRecord(**{**row, "sums": Sums(**row["sums"]), "wall": row["wall"] and _wall(row["wall"])})
-            for row in state["records"]
-        ]
-        self.notices, self._before = list(state["notices"]), Sums(**state["before"])
-        self._open = bool(state["open"])
-
-
-def _wall(row: Mapping[str, Any]) -> WallError:
-    return WallError(**{**row, "slices_um": tuple(row["slices_um"])})
 
 
 def _less(now: Sums, before: Sums) -> Sums:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +42,7 @@ from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.plant.workpiece.height_steps import LowerRegion
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath
+from edmsim.snapshots import like, state_of, take_state, with_prefix
 
 
 class Progress(NamedTuple):
@@ -62,16 +62,12 @@ class Simulation:
 
     Parameters
     ----------
-    machine : Machine
-    path : CutPath
     controller : FeedController
         Fresh; it is reset at the start of every leg.
     planner : str
         ``poscal``, ``poscal-literal``, ``dda`` or ``sine-table``. It counts steps in place of um where the table
         travels further than 16 bits of um (row T-61). A controller that makes the steps of one itself (`RunsPath`)
         takes its place.
-    seed : int
-    resolution : str
     max_time_s : float, optional
         Machine time after which the cut is stopped.
     steps : tuple of LowerRegion
@@ -126,6 +122,11 @@ class Simulation:
         An unknown planner or resolution, a step that does not fit the machine's height, a table too large for the
         position counters, or a drive by whose steps the table goes another way than the machine's.
     """
+
+    STATE = (
+        "_at", "_motion", "controller", "_compensation", "_offset", "sums", "refused", "cause", "reason", "passes",
+        "_axes",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -555,32 +556,13 @@ class Simulation:
         arrays = {f"plant.{k}": v for k, v in self.plant.snapshot().items()}
         for observer in self.observers:
             arrays.update({f"{observer.name}.{k}": v for k, v in observer.snapshot().items()})
-        values = {
-            "at": asdict(self._at), "motion": self._motion.snapshot(), "controller": self.controller.snapshot(),
-            "sums": asdict(self.sums), "refused": self.refused, "cause": int(self.cause), "reason": self.reason,
-            "compensation": self._compensation and self._compensation.snapshot(), "offset": self._offset.snapshot(),
-            "axes": self._axes.snapshot(), "passes": self.passes.snapshot(),
-        }
-        return arrays, values
+        return arrays, state_of(self)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
         """Take back a `snapshot` of the same cut, with the same observers; it then continues bit for bit."""
-        places = {name: tuple(values["at"][name]) for name in ("from_um", "lead_um")}
-        self._at = ProgramPlace(**{**values["at"], **places})
+        self._at = like(self._at, values["at"])
         self._cycle.motion = self._motion = self._begin_leg()
-        self._motion.restore(values["motion"])
-        self.controller.restore(values["controller"])
-        if self._compensation is not None:
-            self._compensation.restore(values["compensation"])
-        self._offset.restore(values["offset"])
-        self.sums, self.refused = Sums(**values["sums"]), values["refused"]
-        self.cause, self.reason = StopCause(values["cause"]), values["reason"]
-        self.plant.restore(_part(arrays, "plant."))
-        self.passes.restore(values["passes"])
-        self._axes.restore(values["axes"])
+        self.plant.restore(with_prefix(arrays, "plant."))
+        take_state(self, values)
         for observer in self.observers:
-            observer.restore(_part(arrays, f"{observer.name}."))
-
-
-def _part(arrays: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
-    return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
+            observer.restore(with_prefix(arrays, f"{observer.name}."))

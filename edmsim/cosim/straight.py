@@ -123,10 +123,7 @@ class Cut:
     def kerf_um(self) -> NDArray[np.float64]:
         """Width of the kerf, one per slice from the bottom: cut area over length, up to where the wire has passed.
 
-        Raises
-        ------
-        InputError
-            If the measured travel is shorter than the wire's own half.
+        Raises `InputError` if the measured travel is shorter than the wire's own half.
         """
         radius = self.plant.machine.wire_diameter_um / 2
         x = np.arange(self.from_um, self.from_um + self.travel_um - radius - SLOT_GAP_UM, 2 * _STEP_UM)
@@ -153,11 +150,8 @@ class Traverse(EvenSteps):
 
     Parameters
     ----------
-    plant : Plant
     feed : float or FeedController
         In um/s, 0 to `FASTEST_UM_S`, or who decides it, up to that speed either way.
-
-    Axis and feed, attributes of `EvenSteps`, may be changed between windows.
 
     Attributes
     ----------
@@ -211,13 +205,8 @@ def cut_straight(
 
     Parameters
     ----------
-    machine : Machine
-    feed : float or FeedController
-        See `Traverse`.
-    seed : int
     settle_s, seconds : float
         Machine time that is not measured, and time that is; shorter if the wire breaks.
-    resolution : str or Resolution
 
     Returns
     -------

@@ -159,7 +159,6 @@ class Episode:
         Is reset with the seed.
     controller : FeedController
         Gets the set-up and is reset at the beginning of every leg.
-    seed : int
     name : str
         What the controller is called in the result.
     record : path, optional

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -106,9 +106,33 @@ def _meaning(comparison: Comparison, wide: bool) -> str:
     return f"{text} breaks, jams: of all {cuts} cuts together. --json prints more figures, with 95 % intervals."
 
 
-def as_json(comparisons: Sequence[Comparison]) -> str:
-    """Return everything as JSON: a list of environments; what was not measured is null."""
-    return json.dumps([_plain(comparison) for comparison in comparisons], indent=2, allow_nan=False)
+def as_json(
+    comparisons: Sequence[Comparison], places: Mapping[str, Sequence[Any]] | None = None,
+    policies: Mapping[str, Sequence[Any]] | None = None,
+) -> str:
+    """Return everything as JSON: a list of environments, then of policies; what was not measured is null.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+    places : mapping of str to sequence of NamedTuple, optional
+        By environment, what controllers did elsewhere.
+    policies : mapping of str to sequence of NamedTuple, optional
+        By policy, its scores.
+    """
+    found = [_plain(comparison) for comparison in comparisons]
+    for entry in found if places else ():
+        entry["places"] = [_flat(row) for row in (places or {}).get(entry["env_id"], ())]
+    found += [{"policy": name, "scores": [_flat(row) for row in rows]} for name, rows in (policies or {}).items()]
+    return json.dumps(found, indent=2, allow_nan=False)
+
+
+def _flat(row: Any) -> dict[str, Any]:
+    """Return a row as plain data, its figures with their intervals."""
+    return {
+        key: {k: _number(v) for k, v in vars(value).items()} if isinstance(value, Figure) else _number(value)
+        for key, value in row._asdict().items()
+    }
 
 
 def _plain(comparison: Comparison) -> dict[str, Any]:

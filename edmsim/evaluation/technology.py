@@ -96,16 +96,7 @@ MARGIN_MM, HOLE_MM, LEAD_MM = 3.0, 0.3, 0.5
 
 @dataclass(frozen=True)
 class Job:
-    """What a technology is wanted for.
-
-    Attributes
-    ----------
-    material, machine, wire : str
-    height_mm : float
-    passes : int
-    resolution : str
-    seed : int
-    """
+    """What a technology is wanted for."""
 
     material: str
     machine: str = "production"
@@ -154,9 +145,6 @@ def straight_path(
 
     Parameters
     ----------
-    offsets_mm : sequence of float
-    length_mm : float
-    machine : Machine
     edge_mm : float64 array (n, 2), optional
         Another open edge, which begins at (0, 0) along +x; the part lies to its right.
     """
@@ -165,7 +153,9 @@ def straight_path(
     edge, count = edge + middle, len(edge) - 1
     elements = tuple(range(1, count + 1))
     outline = Outline(edge, (0,) * count, False, "left", "right", np.empty((0, 2)), elements=elements)
-    legs = [OffsetOutline(outline, offset_open(edge, "left", mm), edge, mm) for mm in offsets_mm]
+    past_mm = [None, *[offsets_mm[0]] * (len(offsets_mm) - 1)]  # trims go straight past outer corners
+    ways_mm = [offset_open(edge, "left", mm, past) for mm, past in zip(offsets_mm, past_mm, strict=True)]
+    legs = [OffsetOutline(outline, way, edge, mm) for way, mm in zip(ways_mm, offsets_mm, strict=True)]
     ways = ways_of(legs, PassPlan(tuple(offsets_mm)))
     lead = ways[0].points[:1] - (LEAD_MM, 0.0)
     passes = on_grid(ways, lead, 1)
@@ -206,7 +196,6 @@ class Search:
 
     Parameters
     ----------
-    job : Job
     tell : callable
         Called with a line of text for every cut.
     journal : path, optional
@@ -399,11 +388,8 @@ def cut_pass(job: Job, one: PassSetting, number: int, offset_mm: float, metal: K
 
     Parameters
     ----------
-    job : Job
-    one : PassSetting
     number : int
         Of the pass; odd ones run forward.
-    offset_mm : float
     metal : KerfField or None
         None for the rough pass.
     """

@@ -29,7 +29,6 @@ class Delays(NamedTuple):
 
     Attributes
     ----------
-    gap_um, open_V : float
     short, ignited : float
         Shares of pulses that were shorts, and that ignited within `WAIT_US`.
     us : tuple of float

@@ -15,10 +15,10 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.planner.protocol import PlannerState
 from edmsim.controllers.protocols import ControllerState, FeedCommand, Step, WindowObservation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.snapshots import Snapshots
 
 _FEED_WINDOWS = 40
 """Windows over which the recorded feed is a mean (ours: in a single one there is a motor step, or none)."""
@@ -93,9 +93,10 @@ class ExternalMotion:
         raise InputError("a cut that another program moves cannot be resumed: cut it again")
 
 
-class _Followed:
+class _Followed(Snapshots):
     """What takes a planner's place: steps to where the other program wants the axes."""
 
+    STATE = ("_counted", "path_um")  # within a window
     speed_unit_nm_s = 1.0
     max_feed_um_s = math.inf
 
@@ -144,14 +145,6 @@ class _Followed:
                 self._counted[axis] += direction * self._step_um
         self.path_um = self._station()
         return sorted(steps)
-
-    def snapshot(self) -> PlannerState:
-        """Everything that changes within a window."""
-        return {"counted": list(self._counted), "path_um": self.path_um}
-
-    def restore(self, state: PlannerState) -> None:
-        """Go back to where `snapshot` was taken in this window."""
-        self._counted, self.path_um = list(state["counted"]), state["path_um"]
 
     def _link_um(self) -> tuple[float, float]:
         """Where the other program wants the axes, in coordinates of the path."""

@@ -26,8 +26,6 @@ class Output(NamedTuple):
     ----------
     pulses : int
         1 to 255.
-    on : bool
-    t_on_us, t_period_us : float
     open_V, peak_A : float or None
         Voltage until ignition and peak current; None leaves what the generator's file says.
     """

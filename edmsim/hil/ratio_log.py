@@ -21,8 +21,6 @@ class RatioLog:
 
     Parameters
     ----------
-    file : path
-    rig : Rig
     rate_Hz : float
         Rows per second, 2 to 100; a frame has at least one.
     """

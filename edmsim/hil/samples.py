@@ -73,7 +73,6 @@ class Sampler:
 
     Parameters
     ----------
-    sensing : Sensing
     start_us : float
         Machine time from which samples are taken.
     """
@@ -207,8 +206,6 @@ class SampleFile:
 
     Parameters
     ----------
-    file : path
-    sensing : Sensing
     start_s : float
         Machine time from which samples are taken.
     """

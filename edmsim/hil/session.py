@@ -110,7 +110,6 @@ class Session:
 
     Parameters
     ----------
-    rig : Rig
     speed : float
         Machine seconds per second.
     """
@@ -129,7 +128,6 @@ class Session:
 
         Parameters
         ----------
-        seconds : float or None
         stop : callable
             Asked between frames.
         say : callable

@@ -15,7 +15,7 @@ from edmsim.files import read_arrays, replacing
 
 NAME = "checkpoint.npz"
 """File in the output folder; gone when the results are there."""
-FORMAT = 6
+FORMAT = 7
 """Raised when what a checkpoint holds changes: one of another format is refused."""
 
 

@@ -126,7 +126,6 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
 
     Parameters
     ----------
-    simulation : Simulation
     windows : WindowTable
         What was recorded of every window.
     """

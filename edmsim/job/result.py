@@ -297,7 +297,6 @@ def result_of(
 
     Parameters
     ----------
-    simulation : Simulation
     recorders : Recorders
         What was recorded of it.
     settings : CutSettings

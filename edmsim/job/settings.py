@@ -99,7 +99,7 @@ class CutSettings(SetUpOptions, MachineOption):
     drive: Annotated[str, Names(_drives, "with parameters, uhu:proportional_gain=600")] = "stepper"
     """What drives x and y."""
     compensation: Annotated[str | None, _FILE] = None
-    """File of cam tables: errors of the table's screws and ways, as ``edmsim measure-table`` writes them, and cams
+    """File of cam tables: errors of the table's screws and ways, as ``edmsim measure table`` writes them, and cams
     that the upper guide follows."""
     mechanics: Annotated[str, Names(registered("edmsim.plant.plant:MECHANICS"))] = "modal"
     """Integrator of table and wire."""
@@ -130,7 +130,7 @@ class CutSettings(SetUpOptions, MachineOption):
     become cones)."""
     guide_errors_mm: Annotated[tuple[Number, Number] | None, Flag(metavar="LOWER:UPPER")] = None
     """How much higher the lower and the upper guide are than the machine's file says, in mm, as
-    ``edmsim find-guides`` finds: the control then leads them accordingly; by default none."""
+    ``edmsim measure guides`` finds: the control then leads them accordingly; by default none."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
     passes: WholeNumber | None = None

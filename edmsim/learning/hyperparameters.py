@@ -16,7 +16,6 @@ from edmsim.numeric import Number, WholeNumber
 
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""
-ON_POLICY = ("ppo", "ppo-lag", "recurrent-ppo", "imitation")
 
 
 class _Strict(BaseModel):

@@ -30,7 +30,6 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
     Parameters
     ----------
-    venv : EdmVecEnv
     teacher : str
         See `edmsim.controllers.from_text`. It is shown every window, and every wire that is lost.
 

@@ -19,7 +19,6 @@ class CostVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
     Parameters
     ----------
-    venv : VecEnv
     multiplier : float
         Reward that a cost of 1 takes.
 
@@ -55,7 +54,6 @@ class Multiplier(BaseCallback):  # type: ignore[misc, unused-ignore]
 
     Parameters
     ----------
-    lanes : CostVecEnv
     limit : float
         Mean cost of an episode.
     rate : float

@@ -100,8 +100,6 @@ def lanes_of(env_id: str, parameters: Hyperparameters, seed: int, multiplier: fl
 
     Parameters
     ----------
-    env_id : str
-    parameters : Hyperparameters
     seed : int
         Of the first reset.
     multiplier : float, optional

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import suppress
-from typing import ClassVar, cast
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
-from edmsim.controllers.protocols import ControllerState, FeedCommand, WindowObservation, tell
+from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
 from edmsim.envs import observation, servo
 from edmsim.envs.knobs import least_setting_us, to_detents
 from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE
@@ -19,13 +18,13 @@ from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.learning.policy_file import Policy, load
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, ignition_wait_us, open_V
+from edmsim.snapshots import Snapshots
 
 Floats = NDArray[np.float64]
 _LANE = np.zeros(1, np.int64)
-_ARRAYS = "history", "shown", "servo", "memory"
 
 
-class PolicyController:
+class PolicyController(Snapshots):
     """Commands what a trained policy would do in its environment.
 
     Where the environment would end the episode for a short that stays, it raises the alarm.
@@ -37,6 +36,10 @@ class PolicyController:
     """
 
     name: ClassVar[str] = "policy"
+    STATE = (
+        "_law", "_law_um_s", "_feed_um_s", "_limit_um_s", "_path_um", "_shorted_s", "_setting_us", "_offset_um",
+        "_lost", "_age_s", "_spent_s", "_broke_at", "_history", "_shown", "_servo", "_memory",
+    )  # fmt: skip
 
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
@@ -82,7 +85,7 @@ class PolicyController:
         """
         if self._machine is None:
             raise InputError("the policy controller needs machine and path: call set_up() before reset()")
-        self._set(*self._first_us.tolist())
+        self._setting_us = tuple(self._first_us.tolist())
         self._limit_um_s = max_feed_um_s
         self._feed_um_s = self._family.first_feed_um_s
         self._path_um, self._shorted_s = self._start_um, 0.0
@@ -122,7 +125,7 @@ class PolicyController:
         t_on_us, t_period_us = self._setting_us
         self._lost += 1
         self._broke_at, self._age_s = max(self._broke_at, t_period_us / t_on_us), 0.0
-        self._set(*self._first_us.tolist())
+        self._setting_us = tuple(self._first_us.tolist())
         self._feed_um_s, self._shorted_s = self._family.first_feed_um_s, 0.0
         servo.begin(self._servo[0], self._feed_um_s)
         return self._command()
@@ -134,44 +137,16 @@ class PolicyController:
         rows = observation.wires(*(np.array([v]) for v in (lost, self._age_s, spent, self._broke_at)))
         return np.asarray(rows[0], np.float32)
 
-    def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
-        t_on_us, t_period_us = self._setting_us
-        law = {} if self._law is None else {"law_um_s": self._law_um_s, "law": json.dumps(self._law.snapshot())}
-        return {
-            **law,
-            "feed_um_s": self._feed_um_s, "limit_um_s": self._limit_um_s, "path_um": self._path_um,
-            "shorted_s": self._shorted_s, "t_on_us": t_on_us, "t_period_us": t_period_us,
-            "offset_um": self._offset_um,
-            "lost": self._lost, "age_s": self._age_s, "spent_s": self._spent_s, "broke_at": self._broke_at,
-            **{name: getattr(self, f"_{name}").tobytes().hex() for name in _ARRAYS},
-        }
-
-    def restore(self, state: ControllerState) -> None:
-        """Continue where `snapshot` was taken; `set_up` must have been called."""
-        assert self._machine is not None
-        self._feed_um_s, self._limit_um_s, self._path_um, self._shorted_s, t_on_us, t_period_us = (
-            float(state[name])
-            for name in ("feed_um_s", "limit_um_s", "path_um", "shorted_s", "t_on_us", "t_period_us")
-        )
-        self._set(t_on_us, t_period_us)
-        if self._law is not None:
-            self._law_um_s = float(state["law_um_s"])
-            self._law.restore(json.loads(cast(str, state["law"])))
-        self._lost, self._offset_um = int(state["lost"]), float(state["offset_um"])
-        self._age_s, self._spent_s, self._broke_at = (float(state[n]) for n in ("age_s", "spent_s", "broke_at"))
-        for name in _ARRAYS:
-            array = getattr(self, f"_{name}")
-            array[...] = np.frombuffer(bytes.fromhex(cast(str, state[name])), array.dtype).reshape(array.shape)
-
     @property
     def _setting_us(self) -> tuple[float, float]:
         """On-time and period in force."""
         assert self._machine is not None
         return self._machine.t_on_us, self._machine.t_period_us
 
-    def _set(self, t_on_us: float, t_period_us: float) -> None:
+    @_setting_us.setter
+    def _setting_us(self, setting_us: tuple[float, float]) -> None:
         assert self._machine is not None
+        t_on_us, t_period_us = setting_us
         self._machine = self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _look(self, window: WindowObservation) -> None:
@@ -246,16 +221,10 @@ class PolicyController:
             if setting_us == self._setting_us:
                 break
             with suppress(InputError):
-                self._set(*setting_us)
+                self._setting_us = setting_us
                 break
 
 
 def from_name(name: str) -> PolicyController:
-    """Make the controller of a policy: of its file, or of a name under ``models/policies``.
-
-    Raises
-    ------
-    InputError
-        See `edmsim.learning.policy_file.load`.
-    """
+    """Make the controller of a policy: of its file, or of a name under ``models/policies``."""
     return PolicyController(load(name))

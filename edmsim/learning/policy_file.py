@@ -273,10 +273,7 @@ def write(card: Card, packed: bytes, file: Path) -> None:
 def locate(name: str) -> Path:
     """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``.
 
-    Raises
-    ------
-    InputError
-        If there is none.
+    Raises `InputError` if there is none.
     """
     file = Path(name)
     if file.suffix not in (".json", ".npz"):

@@ -43,7 +43,6 @@ class PolicyNetwork(NamedTuple):
 
     Attributes
     ----------
-    layers : list of torch.nn.Linear
     activation : str
         Between them.
     lstm : torch.nn.LSTM or None
@@ -77,13 +76,7 @@ def shape_in_words(widths: list[int], activation: str, lstm: int | None, output:
 
 
 def network_of(model: Any) -> PolicyNetwork:
-    """Return a learner's network.
-
-    Raises
-    ------
-    InputError
-        One that a policy file cannot hold.
-    """
+    """Return a learner's network; raises `InputError` for one that a policy file cannot hold."""
     policy, what = model.policy, type(model).__name__
     if not isinstance(model.action_space, gym.spaces.Box):
         raise InputError(f"{what} chooses among {model.action_space}: a policy file holds continuous actions")
@@ -137,7 +130,6 @@ class Around(NamedTuple):
     ----------
     family : EnvArguments
         Their arguments.
-    normalise : VecNormalize or None
     residual : Residual or None
         The law that actions are added to.
     """
@@ -147,13 +139,7 @@ class Around(NamedTuple):
     residual: Residual | None
 
     def environment(self) -> tuple[str, dict[str, Any]]:
-        """Return id and arguments of the environment of edmsim that a card names.
-
-        Raises
-        ------
-        InputError
-            See `stand_in`.
-        """
+        """Return id and arguments of the environment of edmsim that a card names."""
         own = {f.name: plain(getattr(self.family, f.name)) for f in fields(self.family)}  # type: ignore[arg-type]
         env_id, arguments = stand_in(type(self.family), own)
         usual = arguments_with(env_id)
@@ -163,10 +149,7 @@ class Around(NamedTuple):
 def around(lanes: Any) -> Around:
     """Look through the wrappers around a learner's lanes.
 
-    Raises
-    ------
-    InputError
-        Lanes that are not of edmsim, or a wrapper that may change what is seen or done.
+    Raises `InputError` for lanes that are not of edmsim, or a wrapper that may change what is seen or done.
     """
     normalise = residual = None
     while isinstance(lanes, VecEnvWrapper):

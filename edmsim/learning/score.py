@@ -1,11 +1,12 @@
 """What a policy is worth beside classic controllers: its cuts of held-back episodes, summed up.
 
-``edmsim score NAME...`` measures policies again and writes the scores into their cards.
+``edmsim evaluate --policy NAME --write-card`` measures a policy again and writes the scores into its card.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -73,9 +74,10 @@ class Score(NamedTuple):
 
 
 def measure(
-    env_id: str, policy: str, episodes: int, watch: Callable[[int, int], None] | None = None
+    env_id: str, policy: str, episodes: int, watch: Callable[[str, int, int], None] | None = None,
+    resolutions: Sequence[str] = (),
 ) -> list[Score]:
-    """Return the scores of a policy and of its rivals at every resolution.
+    """Return the scores of a policy and of its rivals at some resolutions, all by default; of parts at ``fast``.
 
     Parameters
     ----------
@@ -85,7 +87,7 @@ def measure(
     episodes : int
         2 or more.
     watch : callable, optional
-        Called with the episodes cut and to cut of the present resolution.
+        Called with a resolution, and the episodes cut and to cut at it.
 
     Raises
     ------
@@ -95,9 +97,10 @@ def measure(
     if episodes < 2:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more")
     scores = []
-    rivals, resolutions = measured_with(env_id)
-    for resolution in resolutions:
-        results = run(env_id, [f"policy:{policy}", *rivals], episodes, resolution, watch)
+    measured = measured_with(env_id)
+    for resolution in resolutions or measured.resolutions:
+        made_so_far = None if watch is None else partial(watch, f"{policy}, {resolution}")
+        results = run(env_id, [f"policy:{policy}", *measured.rivals], episodes, resolution, made_so_far)
         scores += [score(made, resolution) for made in results.values()]
     return [row._replace(controller="policy") if row.controller.startswith("policy:") else row for row in scores]
 
@@ -116,21 +119,20 @@ def score(results: Sequence[Result], resolution: str) -> Score:
     )
 
 
-def measure_again(policy: str, episodes: int) -> list[Score]:
-    """Measure a policy as `measure` does, and write the scores into its card.
+def write_card(policy: str, scores: Sequence[Score]) -> None:
+    """Write scores of `measure` into a policy's card, in the place of those at the same resolutions.
 
     Parameters
     ----------
     policy : str
         Either of its files, or a name under ``models/policies``.
-    episodes : int
-        2 or more.
+    scores : sequence of Score
     """
     stored, file = policy_file.load(policy), policy_file.locate(policy)
-    scores = measure(stored.card.env_id, policy, episodes)
-    card = stored.card.model_copy(update={"scores": [row._asdict() for row in scores]})
+    measured = {row.resolution for row in scores}
+    others = [row for row in stored.card.scores if row["resolution"] not in measured]
+    card = stored.card.model_copy(update={"scores": [*others, *(row._asdict() for row in scores)]})
     policy_file.write(card, file.with_suffix(".npz").read_bytes(), file)
-    return scores
 
 
 def render(scores: list[Score]) -> ScreenTable:

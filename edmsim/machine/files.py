@@ -72,10 +72,7 @@ def read_base(name: str) -> Base:
 def own_mjcf(name: str, file: str) -> str:
     """Return which MJCF a user's machine file means: the absolute path of the one beside it, or a name of ours.
 
-    Raises
-    ------
-    InputError
-        There is neither.
+    Raises `InputError` if there is neither.
     """
     sibling = Path(file).absolute().parent / name
     if sibling.is_file():

@@ -77,10 +77,7 @@ def share_of(bounds: tuple[float, float], value: float) -> float:
 def choose(machine: SetUp, only: Iterable[str]) -> dict[str, Constant]:
     """Return the constants with a range that sections and names mean, in the order of the files.
 
-    Raises
-    ------
-    InputError
-        An unknown name, or a constant without a range.
+    Raises `InputError` for an unknown name, or a constant without a range.
     """
     known = uncertain(machine)
     names = _chosen(known, only)

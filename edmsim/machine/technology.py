@@ -134,11 +134,8 @@ class PassTable(NamedTuple):
 
     Attributes
     ----------
-    offsets_mm : tuple of float
-    settings : tuple of PassSetting
     approach_share : float
         Feed of a lead-in over that of the rough pass.
-    notices : tuple of str
     """
 
     offsets_mm: tuple[float, ...]
@@ -185,7 +182,7 @@ class Technology(Part):
         if not 1 <= passes <= len(at.passes):
             raise InputError(
                 f"the technology for {self.material} and the wire {self.wire} has 1 to {len(at.passes)} passes for "
-                f"{height_mm:g} mm, not {passes}: take a listed number, or find others with edmsim technology"
+                f"{height_mm:g} mm, not {passes}: choose one of these, or find others with edmsim technology"
             )
         settings = at.passes[:passes]
         offset_um = settings[-1].last_offset_um
@@ -275,13 +272,37 @@ def _ours(name: str) -> tuple[str, str]:
     return file.read_text(encoding="utf-8"), f"models/technologies/{name}.toml"
 
 
-def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
-    """Return the one of ours for a material, and for a machine and a wire if those are said.
+def nearest_technology(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
+    """Return the one of ours for a material or, if there is none, for the material that is removed most like it.
+
+    Parameters
+    ----------
+    material : str
+    machine, wire : str, optional
+        That it has to be for.
 
     Raises
     ------
     InputError
-        There is none; it says how to find one.
+        There is none for the machine and the wire, or no such material.
+    """
+    known = [read_technology(name) for name in available_technologies()]
+    fitting = [one for one in known if machine in (None, one.machine) and wire in (None, one.wire)]
+    if not fitting:
+        return technology_for(material, machine, wire)
+    wanted = _removal_mm3_J(material)
+    away = [abs(math.log(_removal_mm3_J(one.material) / wanted)) for one in fitting]
+    return min(zip(fitting, away, strict=True), key=lambda pair: (pair[0].material != material, pair[1]))[0]
+
+
+def _removal_mm3_J(material: str) -> float:
+    return Machine.load(material=material).material.removal_mm3_J.value
+
+
+def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
+    """Return the one of ours for a material, and for a machine and a wire if those are said.
+
+    Raises `InputError` if there is none; it says how to find one.
     """
     known = [read_technology(name) for name in available_technologies()]
     for one in known:

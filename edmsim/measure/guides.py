@@ -67,13 +67,10 @@ def measure_guides(
 
     Parameters
     ----------
-    machine : Machine
     angle_deg : float
         By which its walls lean.
     errors_mm : (float, float)
         Errors of the guides that the control knows already.
-    seed, resolution, watch
-        As `edmsim.cut` takes them.
 
     Raises
     ------

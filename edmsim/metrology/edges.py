@@ -44,7 +44,6 @@ def cut_edges(field: KerfField, slice_index: int) -> MultiLineString:
 
     Parameters
     ----------
-    field : KerfField
     slice_index : int
         0 (bottom) to ``n_slices - 1``.
 
@@ -75,7 +74,6 @@ def contour(field: KerfField, slice_index: int) -> MultiPolygon:
 
     Parameters
     ----------
-    field : KerfField
     slice_index : int
         0 (bottom) to ``n_slices - 1``.
 
@@ -122,11 +120,6 @@ def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[n
 
 def metal_at(field: KerfField, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
     """Metal fraction (0..1) at any points of all slices, bilinear between cell centres.
-
-    Parameters
-    ----------
-    field : KerfField
-    points_um : array (n, 2)
 
     Returns
     -------

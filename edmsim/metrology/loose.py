@@ -17,7 +17,6 @@ def loose_pieces(field: KerfField, least_mm2: float) -> list[shapely.Polygon]:
 
     Parameters
     ----------
-    field : KerfField
     least_mm2 : float
         Smaller ones are crumbs in the kerf.
     """

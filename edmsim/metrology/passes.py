@@ -63,11 +63,8 @@ def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diamet
 
     Parameters
     ----------
-    field : KerfField
-    cut_pass : CutPass
     part_side : {"left", "right"}
         Of the contour, looking along it.
-    wire_diameter_um : float
     """
     reach_um = MAX_KERF_OVER_WIRE * wire_diameter_um / 2
     left = (part_side == "left") != cut_pass.reversed

@@ -40,8 +40,6 @@ def error_shares(profile: ProfileError, contour: WireContour, ways_um: Sequence[
 
     Parameters
     ----------
-    profile : ProfileError
-    contour : WireContour
     ways_um : three arrays (n, 2)
         Ways of commanded position, guides and wire along the contour in order of time, at most some um between two
         places; in um on the table.

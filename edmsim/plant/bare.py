@@ -27,11 +27,8 @@ def pass_window(
     ----------
     state, window : record arrays (1,)
         A plant's scalars (`STATE`), whose time goes on, and its window (`WINDOW`), which is filled.
-    drives : Drives
     timing : Timing
         The generator's setting.
-    events : int array (events, 3)
-        As `Plant.advance` takes them.
     step_um : float
         Travel of a motor step.
     pulses : int

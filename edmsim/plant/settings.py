@@ -35,7 +35,6 @@ class GeneratorSettings:
     ----------
     machine : Machine
         At its first setting.
-    resolution : Resolution
     """
 
     def __init__(self, machine: Machine, resolution: Resolution) -> None:

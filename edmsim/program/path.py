@@ -465,13 +465,14 @@ def _legs(
     if once and len(plan_mm) > 1 and group[0].wire_side is None:
         reason = f"{group[0].name}: the wire follows it as drawn, and passes run beside an edge: use G41 or G42"
         raise InputError(reason, program.source, group[0].line)
-    found = []
+    found: list[OffsetOutline] = []  # planned trims go straight past outer corners, as far out as the rough pass
     for number, (outline, mm) in enumerate(zip(outlines, plan_mm, strict=True), 1):
         register_mm = None if once and mm is not None else outline.offset_mm
         wanted = next(v for v in (asked_mm, register_mm, mm, auto_offset_mm) if v is not None)
         told: list[str] = []
         found.append(
-            offset_outline(program, outline, wanted, told) if outline.taper is None
+            offset_outline(program, outline, wanted, told, found[0].offset_mm if found and once else None)
+            if outline.taper is None
             else leaning_outline(program, outline, wanted, guides[min(number, len(guides)) - 1] if guides else None)
         )
         notices += told if number == len(outlines) else []

@@ -23,7 +23,6 @@ def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None
 
     Parameters
     ----------
-    scene : Scene
     file : path
         ``.dxf``: polylines on the layers ``CUT`` and ``NOMINAL``, unit mm. ``.csv``: columns ``layer``, ``line`` (a
         number from 1), ``x_mm``, ``y_mm``. ``.svg``: paths of the classes ``cut`` and ``nominal``, 1 mm a unit.

@@ -36,7 +36,6 @@ class Face(NamedTuple):
         Row by row upwards: the lower face, the middle of every slice, the upper face. NaN where nothing was cut.
     error_um : float64 array (rows, n)
         Distance from the wall as drawn, in the plane of the row: positive is metal left.
-    closed : bool
     """
 
     points_mm: Floats
@@ -128,7 +127,6 @@ def write_faces(scene: Scene, file: str | Path) -> None:
 
     Parameters
     ----------
-    scene : Scene
     file : path
         ``.stl``: triangles in mm of the program or drawing, z from the workpiece's lower face. ``.glb``: glTF in one
         file, coloured by the profile error, in metres and with y upwards as its specification wants.

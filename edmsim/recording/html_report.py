@@ -106,7 +106,6 @@ def write_html(
         As `edmsim.recording.figures.catalogue.pictures` takes them.
     title : str
         What was cut, usually the program's name.
-    file : path
     """
     left_out: list[str] = []
     whole = Picture("profile", PROFILE_CAPTION, profile_figure(scene, windows, report, title))
@@ -120,8 +119,6 @@ def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_o
 
     Parameters
     ----------
-    report : mapping
-    title : str
     drawn : iterable of Picture
         Are put into the page as PNG, the first one as wide as the page; a click enlarges each, without a script.
     left_out : iterable of str
@@ -150,14 +147,7 @@ def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_o
 
 
 def card(report: Mapping[str, Any], title: str, figure: Figure) -> str:
-    """Return what a notebook shows of a cut: outcome, table, notices and one picture, in the notebook's own style.
-
-    Parameters
-    ----------
-    report : mapping
-    title : str
-    figure : matplotlib.figure.Figure
-    """
+    """Return what a notebook shows of a cut: outcome, table, notices and one picture, in the notebook's own style."""
     rows = "".join(
         f'<tr><th style="text-align: left">{escape(name)}</th><td style="text-align: left">{escape(text)}</td></tr>'
         for name, text in summary(report)

@@ -106,7 +106,6 @@ class PassFigures:
     ----------
     contour, number : int
         From 1.
-    piece : {"profile", "tab"}
     reversed : bool
         Whether it ran against the contour's direction.
     begin_s, end_s : float
@@ -194,10 +193,8 @@ class Quality:
 
     Attributes
     ----------
-    kerf_mean_um, kerf_min_um, kerf_max_um : float
     profile_max_um, profile_rms_um, profile_p95_um : float
         Of the profile error's magnitude.
-    corners : tuple of SceneCorner
     ra_um : float
         Roughness of the wall.
     heat_affected_um, electrolysed_um : float
@@ -208,7 +205,6 @@ class Quality:
         None for a perfect table.
     profile_shares : mapping, optional
         What made the profile error (`edmsim.metrology.shares.share_stats`); None if it was not split.
-    reach : Reach
     offset_um : float
         Offset that the path was made with; NaN if unknown, or if its contours have different ones.
     passes : tuple of PassFigures

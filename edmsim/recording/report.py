@@ -39,7 +39,6 @@ def deviation(quality: Quality, origin_mm: tuple[float, float]) -> dict[str, Any
 
     Parameters
     ----------
-    quality : Quality
     origin_mm : (x, y)
         Where the program's zero lies on the table.
     """

@@ -325,13 +325,7 @@ def _columns(edge: ErrorMap) -> NDArray[np.float64]:
 
 
 def read_scene(file: str | Path) -> Scene:
-    """Read a ``part.npz``.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, damaged, or of another layout.
-    """
+    """Read a ``part.npz``; raises `InputError` if the file is missing, damaged, or of another layout."""
     try:
         arrays = read_arrays(Path(file).read_bytes())
         document = json.loads(arrays["fields"].tobytes())

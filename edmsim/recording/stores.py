@@ -7,8 +7,7 @@ windows around events. What is kept depends on the windows seen alone, so equal 
 from __future__ import annotations
 
 from bisect import bisect
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.state import PULSE
+from edmsim.snapshots import ArraySnapshots
 
 Bytes = NDArray[np.uint8]
 """Rows as bytes, (size,) or (n, size)."""
@@ -26,7 +26,7 @@ def bytes_of(rows: NDArray[np.void]) -> Bytes:
     return rows.view(np.uint8).reshape(*rows.shape, rows.itemsize)
 
 
-class Thinned:
+class Thinned(ArraySnapshots):
     """Every `stride`-th row; the stride doubles whenever the store is full.
 
     What is kept depends only on the number of rows shown, so equal cuts keep equal rows.
@@ -43,6 +43,8 @@ class Thinned:
     stride : int
         Rows shown from one kept to the next.
     """
+
+    STATE = ("rows", "_offered", "stride")
 
     def __init__(self, kind: np.dtype[np.void], capacity: int) -> None:
         if capacity < 2:
@@ -85,19 +87,8 @@ class Thinned:
         """Rows kept, (n,)."""
         return self._rows[: self._used]
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Everything that changes, as arrays; a copy."""
-        return {"rows": self.rows.copy(), "progress": np.array([self._offered, self.stride])}
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Continue where `snapshot` was taken.
-
-        Raises
-        ------
-        ValueError
-            If it holds rows of another type, or more than fit.
-        """
-        rows = state["rows"]
+    @rows.setter
+    def rows(self, rows: NDArray[np.void]) -> None:
         if rows.dtype != self._rows.dtype or len(rows) > len(self._rows):
             raise ValueError(
                 f"a snapshot of {len(rows)} rows of type {rows.dtype} does not fit {len(self._rows)} of type "
@@ -105,10 +96,9 @@ class Thinned:
             )
         self._used = len(rows)
         self._rows[: self._used] = rows
-        self._offered, self.stride = (int(v) for v in state["progress"])
 
 
-class Frames(Observer):
+class Frames(ArraySnapshots, Observer):
     """Every `stride`-th window's wire shape and gas; the stride doubles whenever the store is full.
 
     What is kept depends only on the number of windows seen, so equal cuts keep equal frames.
@@ -119,13 +109,10 @@ class Frames(Observer):
         Slices of the workpiece height, bottom first.
     capacity : int
         Most frames kept, at least 2.
-
-    Attributes
-    ----------
-    n_slices : int
     """
 
     name: ClassVar[str] = "frames"
+    STATE = ("_thinned",)
 
     def __init__(self, n_slices: int, capacity: int = 2000) -> None:
         self.n_slices = n_slices
@@ -204,14 +191,6 @@ class Frames(Observer):
         """Share of the wire's front that gas covers, shape (n, n_slices)."""
         return np.asarray(self._thinned.rows["coverage"])
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Everything that changes, as arrays; a copy."""
-        return self._thinned.snapshot()
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot`; refuses one of another number of slices, or that holds more frames than fit."""
-        self._thinned.restore(state)
-
 
 PULSES = 96
 """The last pulses of a window, which are what is kept of it."""
@@ -264,8 +243,10 @@ def turns_um(points_um: NDArray[np.int64]) -> list[float]:
     return [0.0, *along[:-1][turn > np.radians(CORNER_DEG)].tolist()]
 
 
-class Blocks:
+class Blocks(ArraySnapshots):
     """Rows around events, a block each; if there are too many, every second block goes and they are spaced wider."""
+
+    STATE = ("_lengths", "rows", "_spacing", "_free_from", "_rows_left")
 
     def __init__(self, kind: np.dtype[np.void]) -> None:
         self._rows = np.zeros((BLOCKS, 2 * AROUND + 1), kind)
@@ -303,21 +284,15 @@ class Blocks:
         """Rows of all blocks, one after the other."""
         return np.concatenate([self._rows[0, :0], *(self._rows[i, :n] for i, n in enumerate(self._lengths))])
 
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Return a copy of the rows, and how they lie in blocks."""
-        progress = [self._spacing, self._free_from, self._rows_left, *self._lengths]
-        return {"rows": self.rows, "progress": np.array(progress)}
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot`."""
-        self._spacing, self._free_from, self._rows_left, *self._lengths = (int(v) for v in state["progress"])
-        rows, at = state["rows"], 0
+    @rows.setter
+    def rows(self, rows: NDArray[np.void]) -> None:
+        at = 0
         for i, length in enumerate(self._lengths):
             self._rows[i, :length] = rows[at : at + length]
             at += length
 
 
-class Closeups(Observer):
+class Closeups(ArraySnapshots, Observer):
     """Windows of a cut kept in full.
 
     Parameters
@@ -329,6 +304,7 @@ class Closeups(Observer):
     """
 
     name: ClassVar[str] = "closeups"
+    STATE = ("_last", "_windows", "_turns_passed", "_feed_um_s", "_run", "_blocks")
 
     def __init__(self, slices: int, rays: int, slice_index: int) -> None:
         kind = row_type(slices, rays)
@@ -406,28 +382,3 @@ class Closeups(Observer):
         everything = np.concatenate([self._run.rows, *(blocks.rows for blocks in self._blocks.values()), last])
         _, first = np.unique(everything["t_s"], return_index=True)
         return np.asarray(everything[first])
-
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Everything that changes, as arrays; a copy."""
-        stores = {f"{name}.{k}": v for name, store in self._stores().items() for k, v in store.snapshot().items()}
-        progress = {"seen": np.array([self._windows, self._turns_passed]), "feed_um_s": np.array(self._feed_um_s)}
-        return {"last": self._last.copy(), **progress, **stores}
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot` of the same leg.
-
-        Raises
-        ------
-        ValueError
-            If it was made with another resolution.
-        """
-        if state["last"].dtype != self._last.dtype:
-            raise ValueError(f"close-ups of type {state['last'].dtype} do not fit {self._last.dtype}")
-        self._last[:] = state["last"]
-        self._windows, self._turns_passed = (int(v) for v in state["seen"])
-        self._feed_um_s = float(state["feed_um_s"])
-        for name, store in self._stores().items():
-            store.restore({key: state[f"{name}.{key}"] for key in ("rows", "progress")})
-
-    def _stores(self) -> dict[str, Thinned | Blocks]:
-        return {"run": self._run, "retracts": self._blocks[RETRACT], "turns": self._blocks[TURN]}

@@ -12,10 +12,10 @@ shorts and dwells are. Every picture, figure and table takes that from here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError
 from edmsim.files import replacing
+from edmsim.snapshots import ArraySnapshots
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -43,7 +44,6 @@ class CutAlone(NamedTuple):
     ----------
     rows : bool array (n,)
         Whether a window belongs to it.
-    time_s : float
     ways_um : tuple of (float, float)
         From and to which place along the path the wire has cut, stretch by stretch.
     """
@@ -162,7 +162,7 @@ ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 _BLOCK = 4096
 
 
-class WindowTable(Observer):
+class WindowTable(ArraySnapshots, Observer):
     """Rows of a cut in progress: appending is cheap, reading is done once at the end.
 
     Parameters
@@ -172,6 +172,7 @@ class WindowTable(Observer):
     """
 
     name: ClassVar[str] = "windows"
+    STATE = ("_rows",)
 
     def __init__(self, equalising: bool = False) -> None:
         self._more = EQUALISING_COLUMNS if equalising else ()
@@ -220,6 +221,19 @@ class WindowTable(Observer):
             return np.empty((0, self._width))
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
 
+    @property
+    def _rows(self) -> NDArray[np.float64]:
+        return self.values()
+
+    @_rows.setter
+    def _rows(self, rows: NDArray[np.float64]) -> None:
+        self._blocks = []
+        for start in range(0, len(rows), _BLOCK):
+            block = np.empty((_BLOCK, self._width))
+            block[: len(rows) - start] = rows[start : start + _BLOCK]
+            self._blocks.append(block)
+        self._used = len(rows) - (len(self._blocks) - 1) * _BLOCK if self._blocks else _BLOCK
+
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """Return a copy of all columns by name."""
         return dict(zip((*ROW_NAMES, *(column.name for column in self._more)), self.values().T, strict=True))
@@ -267,20 +281,6 @@ class WindowTable(Observer):
             for c, column in zip(columns, data, strict=True)
         ]
         return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
-
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Return a copy of everything recorded, as arrays."""
-        return {"rows": self.values()}
-
-    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot`."""
-        rows = np.asarray(state["rows"], np.float64)
-        self._blocks = []
-        for start in range(0, len(rows), _BLOCK):
-            block = np.empty((_BLOCK, self._width))
-            block[: len(rows) - start] = rows[start : start + _BLOCK]
-            self._blocks.append(block)
-        self._used = len(rows) - (len(self._blocks) - 1) * _BLOCK if self._blocks else _BLOCK
 
 
 def write_windows(table: pa.Table, file: str | Path) -> None:

@@ -1,4 +1,4 @@
-"""A sweep from its specification to its folder: what ``edmsim sweep`` does.
+"""A sweep from its specification to its folder: what ``edmsim sweep run`` does.
 
 All combinations are looked at before the first run: what no cut can be made with is refused in one line.
 """
@@ -37,7 +37,6 @@ def check_runs(specification: Specification, checking: Callable[[int, int], None
 
     Parameters
     ----------
-    specification : Specification
     checking : callable, optional
         Called with the combinations looked at and to look at.
 

@@ -38,12 +38,10 @@ class SweepRun:
         Whether it is a program.
     settings : dict
         Options of the cut, constants among them; or the environment's arguments, controller and resolution.
-    seed : int
     machine_sample : int or None
         Which draw of a machine; None for the machine as it is.
     sample_only : tuple of str or None
         What is drawn of it.
-    recordings : tuple of str
     files : dict
         Digests of the files the run reads, by their path.
     """

@@ -58,9 +58,6 @@ class Cells(NamedTuple):
 
     Attributes
     ----------
-    levels : int array (cells, factors)
-    means : float64 array (cells,)
-    counts : int array (cells,)
     chance : float
         Variance between runs of a cell; NaN where no cell has two.
     """
@@ -195,8 +192,6 @@ def fit(factors: list[Factor], values: Array, most_values: int) -> Shares:
 
     Parameters
     ----------
-    factors : list of Factor
-    values : float64 array
     most_values : int
         Numbers with more values than this make a point of the sample; its runs are left out together.
     """

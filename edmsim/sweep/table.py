@@ -104,13 +104,7 @@ def _part(file: Path) -> pa.Table:
 
 
 def read_part(file: Path, columns: list[str] | None = None) -> pa.Table:
-    """Read a file of the dataset, or some of its columns.
-
-    Raises
-    ------
-    InputError
-        It is damaged, or none of a sweep.
-    """
+    """Read a file of the dataset, or some of its columns; raises `InputError` if it is damaged or not a sweep's."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -145,10 +139,7 @@ def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
 def journal_rows(folder: Path) -> list[dict[str, Any]]:
     """Return the rows that stand in the journal; a last line that was cut off is skipped.
 
-    Raises
-    ------
-    InputError
-        Another line is damaged.
+    Raises `InputError` if another line is damaged.
     """
     try:
         lines = (folder / JOURNAL).read_bytes().split(b"\n")

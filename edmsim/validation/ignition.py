@@ -75,8 +75,6 @@ def delays_us(gap_um: float, seeds: Sequence[int], draws: int = DRAWS) -> tuple[
 
     Parameters
     ----------
-    gap_um : float
-    seeds : sequence of int
     draws : int
         Delays per seed.
 

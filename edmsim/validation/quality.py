@@ -161,12 +161,8 @@ def cut_corner(
 
     Parameters
     ----------
-    machine : Machine
-    seed : int
     watch : callable, optional
         Sees every window's mean deflection and whether it is past the corner.
-    feed : float or FeedController
-        See `Traverse`.
 
     Returns
     -------

@@ -41,7 +41,6 @@ def altered(machine: Machine, values: Mapping[str, float]) -> Machine:
 
     Parameters
     ----------
-    machine : Machine
     values : mapping
         From a constant's place to its new value: ``{"base.gap.critical_um": 9.0}``. The places start with
         ``base``, ``wire``, ``material`` or ``generator``.
@@ -94,7 +93,6 @@ def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
     ----------
     plant : Plant
         Of a machine with the `FRAIL` wire, at rest in front of metal. A window ends where the wire breaks.
-    count : int
 
     Returns
     -------

@@ -55,12 +55,12 @@ def test_a_wide_gap_is_followed_and_a_close_one_is_not(name):
 def test_a_short_that_stays_is_met_by_running_back_and_then_more_slowly(name):
     controller = started(name)
     after(controller, 100, **WIDE)
-    before = controller.snapshot()["integral_um_s"]
+    before = controller.snapshot()["servo"]["integral_um_s"]
     feeds = [command.feed_um_s for command in after(controller, 20, **SHORTED)]
     patience = math.ceil(controller.patience_s / WINDOW_S)
     assert all(feed == -controller.retract_feed_um_s for feed in feeds[patience:])
     controller.update(seen(**WIDE))
-    assert 0.0 < controller.snapshot()["integral_um_s"] < 0.7 * before
+    assert 0.0 < controller.snapshot()["servo"]["integral_um_s"] < 0.7 * before
 
 
 @pytest.mark.parametrize("name", SERVOS)
@@ -141,8 +141,8 @@ def test_a_thick_workpiece_bears_more_normal_pulses():  # Sato: the threshold ri
 def test_standing_still_tells_no_thickness():
     controller = started("adaptive-off-time")
     after(controller, 100, open=40, feed_um_s=0.0)
-    assert controller.snapshot()["counter.height_mm"] == 0.0
-    assert controller.snapshot()["counter.period_us"] == 100.0
+    assert controller.snapshot()["counter"]["height_mm"] == 0.0
+    assert controller.snapshot()["counter"]["period_us"] == 100.0
 
 
 def test_the_oracle_follows_the_true_gap_and_slows_down_for_a_hot_wire():

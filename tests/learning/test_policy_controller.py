@@ -115,7 +115,8 @@ def test_a_policy_goes_on_with_the_next_wire(make_policy):
     controller.reset(33.0)
     for _ in range(10):
         controller.update(window)
-    ratio = controller.snapshot()["t_period_us"] / controller.snapshot()["t_on_us"]
+    t_on_us, t_period_us = controller.snapshot()["setting_us"]
+    ratio = t_period_us / t_on_us
     command = controller.wire_lost()
     assert (command.feed_um_s, command.t_on_us, command.t_period_us) == (5.0, 10.0, 100.0)
     assert ratio != 10.0

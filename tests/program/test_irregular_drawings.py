@@ -176,9 +176,9 @@ OTHERS = {
     "G-code": (b"G1 X5\nM2\n", "text that does not begin with a group code"),
     "numbers": (b"0\n1\n2\n3\n", "it has no SECTION"),
     "cut off": (TEXT[:200], r"dxf:\d+: the drawing is cut off"),
-    "no group code": (TEXT.replace(b"\n11\n", b"\nxy\n", 1), r"dxf:23: this is no group code"),
+    "no group code": (TEXT.replace(b"\n11\n", b"\nxy\n", 1), r"dxf:23: this is not a group code"),
     "X alone": (TEXT.replace(b"\n21\n0\n", b"\n", 1), r"dxf:15: LINE has X and Y without each other"),
-    "decimal comma": (TURNED.replace(b"\n10\n10\n", b"\n10\n10,0\n"), "'10,0' is no number: write it with a dec"),
+    "decimal comma": (TURNED.replace(b"\n10\n10\n", b"\n10\n10,0\n"), "'10,0' is not a number: write it with a dec"),
     "no such block": (TURNED.replace(b"0\nLINE", b"0\nINSERT\n2\nNIX\n10\n0\n20\n0\n0\nLINE", 1), "1 of its parts"),
     "binary DXF cut off": (b"AutoCAD Binary DXF\r\n\x1a\x00" + bytes(7), "this binary DXF drawing is damaged"),
 }  # fmt: skip

@@ -231,7 +231,7 @@ def test_drawings_hole_first_then_outside(plan_drawing):
 def test_a_lead_in_without_room_is_shortened_and_told(plan_drawing):
     path = plan_drawing(lambda space: (space.add_circle((0, 0), 0.6), space.add_circle((0, 0), 9)))
     check_beside(path.contours[0], OFFSET_MM)
-    assert any("for want of room" in notice for notice in path.notices)
+    assert any("as there is no more room" in notice for notice in path.notices)
 
 
 def narrow_neck(space):

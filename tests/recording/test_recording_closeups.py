@@ -75,7 +75,7 @@ def test_resuming_keeps_the_same(before: int, after: int, every: int) -> None:
 
 
 def test_a_snapshot_of_another_resolution_is_refused() -> None:
-    with pytest.raises(ValueError, match="do not fit"):
+    with pytest.raises(ValueError, match="does not fit"):
         Closeups(3, 8, 1).restore(Closeups(3, 16, 1).snapshot())
 
 

@@ -90,8 +90,8 @@ def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
     drawing = text.split("\n## part.npz")[1].split("\n## ")[0]
     assert {file.name for file in tmp_path.iterdir()} == set(cells(files)) - {"checkpoint.npz"}
     with np.load(tmp_path / "part.npz") as part:
-        told, arrays = json.loads(part["told"].tobytes()), {name: part[name] for name in part.files}
-    assert set(cells(drawing)) == arrays.keys() | told.keys() | {"told"}
+        fields, arrays = json.loads(part["fields"].tobytes()), {name: part[name] for name in part.files}
+    assert set(cells(drawing)) == arrays.keys() | fields.keys() | {"fields"}
     for line in (line for line in drawing.splitlines() if re.match(r"\| `[^|]*\| (float64|int64|uint8) ", line)):
         names, shapes = cells(line), line.split(" | ")[1].split("; ")
         assert len(names) in (1, len(shapes))
@@ -142,7 +142,7 @@ def test_the_lengths_of_programs() -> None:
     for said in (
         f"span {blocks.TABLE_MM:g} or less", f"span {blocks.LEAST_WHOLE_UM} or more",
         f"closes within {outline.JOIN_TOLERANCE_MM * 1e3:g} um", f"lead-in of {path.LEAD_IN_MM:g} mm",
-        f"radius of {path.START_HOLE_RADIUS_MM:g} mm", f"ends {path.STOCK_MARGIN_MM:g} mm beside",
+        f"radius of {path.START_HOLE_RADIUS_MM:g} mm", f"extends {path.STOCK_MARGIN_MM:g} mm around",
         f"({travel_mm:g} x {travel_mm:g} mm on the usual machine)",
     ):
         assert said in words

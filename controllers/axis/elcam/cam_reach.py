@@ -22,10 +22,7 @@ _PLACES = 1000
 def check_cams(elcam: Elcam, contours_um: Sequence[NDArray[np.int64]], guide_distance_mm: float) -> None:
     """Refuse a cam that leads the upper guide too far on a way, contour by contour.
 
-    Raises
-    ------
-    InputError
-        Which axis, how far, and how far it may go.
+    Raises `InputError` with which axis, how far, and how far it may go.
     """
     points_mm = np.concatenate(contours_um) * 1e-3
     length_mm = sum(float(np.hypot(*np.diff(points, axis=0).T).sum()) for points in contours_um) * 1e-3

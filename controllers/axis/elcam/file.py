@@ -61,7 +61,6 @@ class _Section:
         For messages, such as ``table 2``.
     values : mapping
         The parsed TOML.
-    file : path
     """
 
     def __init__(self, name: str, values: Mapping[str, Any], file: str | Path) -> None:

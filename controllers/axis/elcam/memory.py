@@ -22,10 +22,7 @@ _PAGE = 0x1000
 def buffer_bytes_chosen() -> int:
     """Return the room that the environment asks for, else the control's own.
 
-    Raises
-    ------
-    InputError
-        What SZELCAMPUFFER holds is not a number of bytes.
+    Raises `InputError` if what SZELCAMPUFFER holds is not a number of bytes.
     """
     text = os.environ.get(BUFFER_VARIABLE, "").strip()
     if not text:

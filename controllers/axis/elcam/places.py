@@ -11,7 +11,6 @@ class CamAxis(Protocol):
 
     Attributes
     ----------
-    setpoint, actual : float
     auxiliary : float or None
         By a stepper's own encoder, where its system data say that it is used.
     """

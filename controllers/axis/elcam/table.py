@@ -32,7 +32,6 @@ class CamTable:
         Master and follower, row after row; those from ``size_master`` and ``size_follow`` on are not entered.
     error : Error
         What was wrong when points were entered; what they are wrong in stands in `faults`.
-    mode : Mode
     marked : bool
         Whether function 30 has made it a table of errors; bit 5 of ``mode`` alone does not.
     gain, phase, shift : float

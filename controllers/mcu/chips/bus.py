@@ -10,6 +10,7 @@ from typing import Protocol
 
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 EPROM, RAM = range(0x2000), range(0x2000, 0x4000)
 """8 K each (row T-20); the jump table of 3FE0H..3FFFH is the top of RAM."""
@@ -31,7 +32,7 @@ class Chip(Protocol):
         """Take a byte at an address."""
 
 
-class Bus:
+class Bus(Snapshots):
     """Address decoder and memory.
 
     A write to EPROM or to an address without a chip changes nothing, as on the board.
@@ -41,6 +42,8 @@ class Bus:
     ram : bytearray
         Bytes from 2000H on.
     """
+
+    STATE = ("ram",)
 
     def __init__(self) -> None:
         self.ram = bytearray(len(RAM))
@@ -53,13 +56,7 @@ class Bus:
             self._chips[first + offset] = (chip, offset)
 
     def read(self, address: int) -> int:
-        """Byte at an address, 0..FFFFH.
-
-        Raises
-        ------
-        InputError
-            If there can be no such address.
-        """
+        """Byte at an address, 0..FFFFH; raises `InputError` if there can be no such address."""
         found = self._chips.get(address)
         if found is not None:
             return found[0].read(found[1])
@@ -71,10 +68,7 @@ class Bus:
     def write(self, address: int, byte: int) -> None:
         """Put a byte at an address.
 
-        Raises
-        ------
-        InputError
-            If there can be no such address, or the value is not a byte.
+        Raises `InputError` if there can be no such address, or the value is not a byte.
         """
         found = self._chips.get(address)
         if found is not None and 0 <= byte <= BYTE:
@@ -88,10 +82,7 @@ class Bus:
     def check_writable(self, address: int) -> None:
         """Refuse an address at which a write changes nothing.
 
-        Raises
-        ------
-        InputError
-            For EPROM, and where nothing answers.
+        Raises `InputError` for EPROM, and where nothing answers.
         """
         if address in EPROM:
             raise InputError(f"{address:04X}H is EPROM, which cannot be written")

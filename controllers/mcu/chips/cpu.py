@@ -30,7 +30,6 @@ class Cpu8085:
 
     Parameters
     ----------
-    memory : Bus
     routine : callable
         Called with an address in EPROM; does what stands there and returns its T-states, 0 to be asked again.
 
@@ -38,10 +37,8 @@ class Cpu8085:
     ----------
     registers : list of int
         B, C, D, E, H, L, nothing, A.
-    flags, pc, sp : int
     enabled : bool
         Interrupts, by EI and DI.
-    halted : bool
     """
 
     def __init__(self, memory: Bus, routine: Callable[[int], int]) -> None:
@@ -54,10 +51,7 @@ class Cpu8085:
     def step(self) -> int:
         """Run the next instruction; return its T-states.
 
-        Raises
-        ------
-        NoCodeError
-            For a byte that is not a documented instruction.
+        Raises `NoCodeError` for a byte that is not a documented instruction.
         """
         if self.pc in EPROM:
             cost = self._routine(self.pc)

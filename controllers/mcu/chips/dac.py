@@ -17,6 +17,7 @@ from typing import Literal
 
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 T_I_FULL_V, T_P_FULL_V = 5.0, 15.0
 """Voltages of code 255 with untouched trims (row T-32)."""
@@ -60,7 +61,6 @@ class PulseSettings:
 
     Parameters
     ----------
-    t_i, t_p : Dac
     t_i_us_V, t_p_us_V : float
         us per volt in the fine range (ours: with 10, 2 V and 10 V are the 20 us and 100 us of a usual cut, and below
         7 V, where the generator drops out, lie the short periods in which its supply must give most).
@@ -113,10 +113,7 @@ class PulseSettings:
     def code_of_t_i(self, us: float) -> int:
         """Code nearest to a pulse duration, in the finest range that reaches it.
 
-        Raises
-        ------
-        InputError
-            If it lies outside both ranges.
+        Raises `InputError` if it lies outside both ranges.
         """
         return _nearest("t(i)", us, self._t_i_us, min(us, SHORTEST_T_I_US))
 
@@ -152,7 +149,7 @@ def _nearest(name: str, us: float, us_of: Callable[[int], float], least_us: floa
     raise InputError(f"{name} is {us:g} us, but the voltage reaches from 0 to {longest:g} us only")
 
 
-class PulseGeneratorLine:
+class PulseGeneratorLine(Snapshots):
     """OEV: 0 runs the pulse generator, 1 stops it and the high voltage with it, which stays stored (row T-27).
 
     Parameters
@@ -161,11 +158,9 @@ class PulseGeneratorLine:
         What a level must last to reach the generator through its optocoupler.
     decay_s : float
         Time constant with which the stored voltage goes (ours: the document gives none, only the warning).
-
-    Attributes
-    ----------
-    running : bool
     """
+
+    STATE = ("running", "_stored_V", "_since_ns", "_before_V", "_began_ns")
 
     def __init__(self, response_ns: int = 0, decay_s: float = 5.0) -> None:
         self.response_ns = response_ns
@@ -193,12 +188,3 @@ class PulseGeneratorLine:
         if self.running or not self._stored_V:
             return self._stored_V
         return self._stored_V * math.exp(-(now_ns - self._since_ns) * 1e-9 / self.decay_s)
-
-    def snapshot(self) -> list[float]:
-        """Everything that changes."""
-        return [float(self.running), self._stored_V, self._since_ns, self._before_V, self._began_ns]
-
-    def restore(self, state: list[float]) -> None:
-        """Continue where `snapshot` was taken."""
-        self.running, self._stored_V, self._since_ns = bool(state[0]), state[1], int(state[2])
-        self._before_V, self._began_ns = state[3], int(state[4])

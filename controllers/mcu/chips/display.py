@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 DIGITS, BANK = 32, 16
 SHIFT, CTRL = 0x40, 0x80
@@ -25,7 +26,7 @@ BLANK = 0xF
 """Digit that lights no segment: the 4511 decodes nothing above 9."""
 
 
-class Kdc8279:
+class Kdc8279(Snapshots):
     """One 8279 with its digits and keys.
 
     Parameters
@@ -33,6 +34,8 @@ class Kdc8279:
     debounce_scans : int
         Scans a key must be closed after each other ("several" in the document; ours: 3).
     """
+
+    STATE = ("_command", "lost", "_words", "_keys", "_scans")
 
     def __init__(self, debounce_scans: int = 3) -> None:
         self._needed = debounce_scans
@@ -103,19 +106,6 @@ class Kdc8279:
         elif byte & _COMMANDS:  # 000 sets the mode, which is wired here
             raise InputError(f"command {byte:02X}H: this 8279 reads keys, reads and writes digits, and clears")
 
-    def snapshot(self) -> list[int]:
-        """Everything that changes."""
-        pairs = [v for pair in sorted(self._scans.items()) for v in pair]
-        return [self._command, self.lost, *self._words, len(self._keys), *self._keys, *pairs]
-
-    def restore(self, state: list[int]) -> None:
-        """Continue where `snapshot` was taken."""
-        self._command, self.lost = state[:2]
-        self._words = bytearray(state[2 : 2 + BANK])
-        keys = 3 + BANK + state[2 + BANK]
-        self._keys = deque(state[3 + BANK : keys])
-        self._scans = dict(zip(state[keys::2], state[keys + 1 :: 2], strict=True))
-
     def _place(self) -> int:
         """Word the command points at, which then goes on at the place the command names."""
         place = self._command & 0xF
@@ -129,7 +119,6 @@ def write_digit(chip: Kdc8279, digit: int, value: int) -> None:
 
     Parameters
     ----------
-    chip : Kdc8279
     digit : int
         0..31; 0..15 are bank A.
     value : int

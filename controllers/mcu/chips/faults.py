@@ -6,6 +6,10 @@ Their odds are ours; draws are numbered, so that a seed and a history give the s
 from __future__ import annotations
 
 import random
+from collections.abc import Mapping
+from typing import Any
+
+from edmsim.snapshots import Snapshots
 
 NOISE_FROM_A = 1.5
 """Mean current above which sparks disturb the serial lines (row T-29)."""
@@ -13,15 +17,16 @@ DROPS_BELOW_V, RUNS_FROM_V = 6.5, 7.0
 """V(t(p)) below which the generator drops out, and from which it surely runs (row T-A5)."""
 
 
-class SerialNoise:
+class SerialNoise(Snapshots):
     """Turns a bit of a character over, now and then, while the mean current is above 1.5 A.
 
     Parameters
     ----------
-    seed : int
     chance : float
         Of each character (ours).
     """
+
+    STATE = ("drawn", "disturbed")
 
     def __init__(self, seed: int, chance: float = 0.05) -> None:
         self._random = random.Random(seed)
@@ -41,30 +46,27 @@ class SerialNoise:
         self.disturbed += 1
         return byte ^ 1 << bit
 
-    def snapshot(self) -> list[int]:
-        """Everything that changes."""
-        return [self.drawn, self.disturbed]
-
-    def restore(self, state: list[int]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Continue where `snapshot` was taken."""
+        super().restore(state)
         self._random = random.Random(self._seed)
-        self.drawn, self.disturbed = state
         for _ in range(self.drawn):
             self._random.random()
             self._random.randrange(8)
 
 
-class DropOut:
+class DropOut(Snapshots):
     """The generator stops where V(t(p)) is low: below 6.5 V always, from 7 V on never, between with a chance.
 
     Once out, it stays out until the voltage is 7 V again.
 
     Parameters
     ----------
-    seed : int
     chance : float
         Of each new voltage between (ours).
     """
+
+    STATE = ("drawn", "out")
 
     def __init__(self, seed: int, chance: float = 0.5) -> None:
         self._random = random.Random(seed)
@@ -84,13 +86,9 @@ class DropOut:
             self.out = self._random.random() < self.chance
         return self.out
 
-    def snapshot(self) -> list[int]:
-        """Everything that changes."""
-        return [self.drawn, int(self.out)]
-
-    def restore(self, state: list[int]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Continue where `snapshot` was taken."""
+        super().restore(state)
         self._random = random.Random(self._seed)
-        self.drawn, self.out = state[0], bool(state[1])
         for _ in range(self.drawn):
             self._random.random()

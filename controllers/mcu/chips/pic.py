@@ -7,6 +7,7 @@ program puts at 3FE0H..3FFFH (row T-48). Levels (row T-45): emergency before ste
 from __future__ import annotations
 
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 EMERGENCY, X_STEPPER, Y_STEPPER, KEYBOARD = range(4)
 """Levels: the order is the document's, the numbers are ours."""
@@ -20,8 +21,10 @@ ICW2 = JUMP_TABLE >> 8
 END_OF_INTERRUPT = 0x20
 
 
-class Pic8259:
+class Pic8259(Snapshots):
     """One 8259 on its own."""
+
+    STATE = ("_table", "_half", "_mask", "_requested", "_in_service")
 
     def __init__(self) -> None:
         self._table = -1
@@ -62,10 +65,7 @@ class Pic8259:
     def acknowledge(self) -> int:
         """Answer the processor: the address of the table's entry, which is then in service.
 
-        Raises
-        ------
-        InputError
-            If the chip has not been initialised.
+        Raises `InputError` if the chip has not been initialised.
         """
         if self._table < 0:
             raise InputError("the 8259 has no jump table: write ICW1 and ICW2 first")
@@ -75,14 +75,6 @@ class Pic8259:
         self._requested &= ~(1 << level)
         self._in_service |= 1 << level
         return self._table + ENTRY_BYTES * level
-
-    def snapshot(self) -> list[int]:
-        """Everything that changes."""
-        return [self._table, self._half, self._mask, self._requested, self._in_service]
-
-    def restore(self, state: list[int]) -> None:
-        """Continue where `snapshot` was taken."""
-        self._table, self._half, self._mask, self._requested, self._in_service = state
 
     def _next(self) -> int:
         """Level to be served next, or -1."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from edmsim.controllers.mcu.firmware.timers import NEVER, TIMER_COUNT
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 X, Y, BIT_RATE, CONTROL = range(4)
 """Offsets of the counters and the control register."""
@@ -29,7 +30,6 @@ class Counter:
 
     Attributes
     ----------
-    mode : int
     reload : int
         Count loaded, 0 for 65 536.
     left : int
@@ -66,8 +66,10 @@ class Counter:
         return rises + 1
 
 
-class Pit8253:
+class Pit8253(Snapshots):
     """Three counters behind four addresses."""
+
+    STATE = ("counters",)
 
     def __init__(self) -> None:
         self.counters = (Counter(), Counter(), Counter())
@@ -95,14 +97,6 @@ class Pit8253:
         else:
             counter.load(byte << 8 | counter.low)
             counter.low = -1
-
-    def snapshot(self) -> list[list[int]]:
-        """Everything that changes."""
-        return [[c.mode, c.reload, c.left, c.low, c.latched] for c in self.counters]
-
-    def restore(self, state: list[list[int]]) -> None:
-        """Continue where `snapshot` was taken."""
-        self.counters = (Counter(*state[0]), Counter(*state[1]), Counter(*state[2]))
 
     def _control(self, word: int) -> None:
         number, access, mode = word >> 6, word >> 4 & 3, word >> 1 & 7

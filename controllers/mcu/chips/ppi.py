@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 A, B, C, CONTROL = range(4)
 """Offsets of the ports and the control register."""
@@ -36,7 +37,7 @@ class _Input:
         return self.full and self.enabled
 
 
-class Ppi8255:
+class Ppi8255(Snapshots):
     """One 8255.
 
     Parameters
@@ -49,6 +50,8 @@ class Ppi8255:
     inputs : list of int
         Levels at the pins of ports that are inputs in mode 0.
     """
+
+    STATE = ("_mode", "_out", "inputs", "_strobed")
 
     def __init__(self, on_output: Callable[[int, int], None] | None = None) -> None:
         self.inputs = [0, 0, 0]
@@ -92,17 +95,6 @@ class Ppi8255:
                 self._set_bit(byte >> 1 & 7, bool(byte & 1))
         else:
             self._output(offset, byte)
-
-    def snapshot(self) -> list[int]:
-        """Everything that changes."""
-        flags = [v for s in self._strobed for v in (s.latch, int(s.full), int(s.enabled))]
-        return [self._mode, *self._out, *self.inputs, *flags]
-
-    def restore(self, state: list[int]) -> None:
-        """Continue where `snapshot` was taken."""
-        self._mode, self._out, self.inputs = state[0], state[1:4], state[4:7]
-        for s, (latch, full, enabled) in zip(self._strobed, (state[7:10], state[10:13]), strict=True):
-            s.latch, s.full, s.enabled = latch, bool(full), bool(enabled)
 
     def _is_strobed(self, port: int) -> bool:
         return bool(self._mode & (0x20 if port == A else 0x04)) and port != C

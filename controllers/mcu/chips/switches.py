@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Set
 
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 X_END, Y_END, WIRE_BREAK, STOP_BUTTON = "x end", "y end", "wire break", "emergency stop"
 NAMES = (X_END, Y_END, WIRE_BREAK, STOP_BUTTON)
 """The document names the first three; the operator's button is the emergency switch of its 4.1."""
 
 
-class SafetySwitches:
+class SafetySwitches(Snapshots):
     """Switches whose lines are ORed into one interrupt.
 
     An open end switch cuts the steppers' supply, a broken wire stops the generator, whatever the program does.
@@ -23,6 +24,8 @@ class SafetySwitches:
     stuck : set of str
         Names of switches that never open.
     """
+
+    STATE = ("_open",)
 
     def __init__(self, on_rise: Callable[[], None], stuck: Set[str] = frozenset()) -> None:
         self._on_rise = on_rise
@@ -45,13 +48,7 @@ class SafetySwitches:
         return not self._open & {WIRE_BREAK, STOP_BUTTON}
 
     def trip(self, name: str) -> None:
-        """Open a switch, unless it is stuck.
-
-        Raises
-        ------
-        InputError
-            If there is no such switch.
-        """
+        """Open a switch, unless it is stuck; raises `InputError` if there is no such switch."""
         if name not in NAMES:
             raise InputError(f"there is no switch {name!r}; there are {', '.join(NAMES)}")
         if name in self.stuck:
@@ -64,11 +61,3 @@ class SafetySwitches:
     def release(self) -> None:
         """Someone has put everything right: table off its ends, a wire threaded, the button pulled."""
         self._open.clear()
-
-    def snapshot(self) -> list[str]:
-        """Everything that changes."""
-        return sorted(self._open)
-
-    def restore(self, state: list[str]) -> None:
-        """Continue where `snapshot` was taken."""
-        self._open = set(state)

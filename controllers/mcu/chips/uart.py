@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
 
 MODE_8_BITS = 0x4E
 """Asynchronous, 16 clocks a bit, 8 bits, no parity, 1 stop bit."""
@@ -20,7 +21,7 @@ BITS_PER_CHARACTER = 10
 """With start and stop bit."""
 
 
-class Usart8251:
+class Usart8251(Snapshots):
     """One serial channel.
 
     Parameters
@@ -28,6 +29,8 @@ class Usart8251:
     transmit : callable
         Takes every byte sent.
     """
+
+    STATE = ("_mode", "_command", "_received", "_ready", "_overrun")
 
     def __init__(self, transmit: Callable[[int], None]) -> None:
         self._transmit = transmit
@@ -67,12 +70,3 @@ class Usart8251:
             self._command = byte
             if byte & COMMAND_RESET_ERRORS:
                 self._overrun = False
-
-    def snapshot(self) -> list[int]:
-        """Everything that changes."""
-        return [self._mode, self._command, self._received, int(self._ready), int(self._overrun)]
-
-    def restore(self, state: list[int]) -> None:
-        """Continue where `snapshot` was taken."""
-        self._mode, self._command, self._received = state[:3]
-        self._ready, self._overrun = bool(state[3]), bool(state[4])

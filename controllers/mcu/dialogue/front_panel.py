@@ -36,10 +36,7 @@ _SHIFT = "SHIFT"
 def read_keys(text: str) -> list[int]:
     """Return the codes of keys by their names, ``300 X SHIFT Y``; SHIFT belongs to the key after it.
 
-    Raises
-    ------
-    InputError
-        For a name that no key has, a SHIFT without a key, and where there is none at all.
+    Raises `InputError` for a name that no key has, a SHIFT without a key, and where there is none at all.
     """
     codes: list[int] = []
     shift = 0
@@ -61,7 +58,6 @@ class FrontPanel:
 
     Parameters
     ----------
-    computer : Computer
     machine : MachinePort
         What the keys work on, as the words of MAIN do.
     """

@@ -134,10 +134,8 @@ class Line:
     def take(self, character: int) -> bool:
         """Take one character; True if it ended the line, which then lies in the buffer.
 
-        Raises
-        ------
-        InputError
-            At the terminator of a line of more than 64 characters; the line is forgotten and the buffer empty.
+        Raises `InputError` at the terminator of a line of more than 64 characters; the line is forgotten and the
+        buffer empty.
         """
         if character in (RETURN, LINE_FEED):
             return self._end()

@@ -47,10 +47,7 @@ class Tape(NamedTuple):
 def read_tape(text: bytes) -> Tape:
     """Read a tape.
 
-    Raises
-    ------
-    InputError
-        If a record is invalid, its checksum is wrong, or the end is missing; the line is named.
+    Raises `InputError` if a record is invalid, its checksum is wrong, or the end is missing; the line is named.
     """
     found: dict[int, int] = {}
     for number, line in enumerate(text.replace(b"\0", b"").splitlines(), 1):
@@ -161,7 +158,6 @@ class Monitor:
 
     Parameters
     ----------
-    bench : Bench
     out : callable
         Takes the bytes shown to the operator.
     say : callable
@@ -194,10 +190,7 @@ class Monitor:
     def take(self, character: int) -> bool:
         """Handle a character; True if it ended a command.
 
-        Raises
-        ------
-        InputError
-            If it is wrong here or the command cannot be done; the command is at its end.
+        Raises `InputError` if it is wrong here or the command cannot be done; the command is at its end.
         """
         try:
             if self._typing is None:

@@ -92,10 +92,7 @@ def read_word(buffer: InputBuffer) -> str:
 def read_number(buffer: InputBuffer) -> int:
     """Read a decimal number of 16 bits that ends where it should: at a separator or the end of the line.
 
-    Raises
-    ------
-    InputError
-        If it is invalid.
+    Raises `InputError` if it is invalid.
     """
     column, written = buffer.column, buffer.rest.decode("ascii")
     number = getnum(buffer)
@@ -108,10 +105,7 @@ def read_number(buffer: InputBuffer) -> int:
 def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
     """Read decimal numbers of 16 bits, separated.
 
-    Raises
-    ------
-    InputError
-        If there are fewer (`what` names them) or one is not a number.
+    Raises `InputError` if there are fewer (`what` names them) or one is not a number.
     """
     numbers: list[int] = []
     while len(numbers) < count:
@@ -122,13 +116,7 @@ def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
 
 
 def at_end(buffer: InputBuffer) -> None:
-    """Refuse what is left of a line.
-
-    Raises
-    ------
-    InputError
-        If anything but separators is left.
-    """
+    """Refuse what is left of a line; raises `InputError` if anything but separators is left."""
     if skip(buffer):
         raise InputError(f"{buffer.rest.decode('ascii')} is more than is wanted here")
 

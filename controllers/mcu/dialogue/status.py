@@ -30,7 +30,6 @@ class Status(NamedTuple):
         Codes of V(t(i)) and V(t(p)).
     t_i_us, t_p_us : float
         The times they mean.
-    generator_on : bool
     voltage_V, current_A : float
         Means over the gap.
     time_s : float

@@ -61,10 +61,7 @@ def reduc2(a: int, b: int) -> tuple[int, int]:
 def verm(a: int, b: int) -> int:
     """8 x 8 bit product of 16 bits, exact (VERM, row T-64); compiled code, whose bytes are bytes, multiplies.
 
-    Raises
-    ------
-    InputError
-        If an operand does not fit in 8 bits.
+    Raises `InputError` if an operand does not fit in 8 bits.
     """
     if not (0 <= a <= BYTE and 0 <= b <= BYTE):
         raise InputError(f"VERM multiplies 8-bit numbers 0..255, not {a} and {b}")

@@ -20,7 +20,6 @@ def write_codes(board: Board, t_i: int, t_p: int) -> None:
 
     Parameters
     ----------
-    board : Board
     t_i, t_p : int
         0..1FFH: the byte of the converter, and `COARSE`.
     """

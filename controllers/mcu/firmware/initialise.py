@@ -47,7 +47,6 @@ def make_outputs_safe(memory: Bus, oev: int) -> None:
 
     Parameters
     ----------
-    memory : Bus
     oev : int
         Bit of the line OEV in port 4022H.
     """

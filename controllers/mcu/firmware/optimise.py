@@ -125,7 +125,6 @@ def optimise(settings: Settings, state: State, short: int, open: int, clock: int
 
     Parameters
     ----------
-    settings : Settings
     state : State
         Brought up to date.
     short, open : int

@@ -26,10 +26,7 @@ def unit_um(unit: Unit, step_um: int = STEP_UM) -> int:
 def unit_for(travel_um: float, step_um: int = STEP_UM) -> Unit:
     """Unit in which positions on a table fit 16 bits: um up to 65 535 um of travel, steps up to 65 535 steps.
 
-    Raises
-    ------
-    InputError
-        If the table is larger still (row T-61).
+    Raises `InputError` if the table is larger still (row T-61).
     """
     if travel_um <= WORD:
         return "um"
@@ -43,10 +40,7 @@ def unit_for(travel_um: float, step_um: int = STEP_UM) -> Unit:
 def check_1982(step_um: float) -> None:
     """Refuse a machine whose motor steps are not those the controller of 1982 is built for (row T-16).
 
-    Raises
-    ------
-    InputError
-        For another step than 2 um.
+    Raises `InputError` for another step than 2 um.
     """
     if step_um != STEP_UM:
         raise InputError(
@@ -113,7 +107,6 @@ def velocm(displacement: Displacement, speed: int) -> tuple[int, int]:
 
     Parameters
     ----------
-    displacement : Displacement
     speed : int
         Path speed in units, 0..255.
 
@@ -139,8 +132,6 @@ def poscal(
         16-bit unsigned coordinates in um.
     speed : int
         Path speed in units, 0..255.
-    literal_wrap : bool
-        See `resolve`.
 
     Returns
     -------

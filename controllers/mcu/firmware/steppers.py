@@ -8,7 +8,6 @@ timers, interrupts and lines, but at the planner's times.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, cast
 
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips import pic, pit
@@ -27,21 +26,19 @@ from edmsim.controllers.mcu.firmware.tstates import (
     poscal_t_states,
 )
 from edmsim.controllers.protocols import Step
+from edmsim.snapshots import Snapshots
 
 SIGN = 0x8000
 """Bit of a negative word."""
 
 
-class Steppers:
+class Steppers(Snapshots):
     """Both axes: their variables in RAM, their timers, their lines.
 
     Parameters
     ----------
-    board : Board
     serve : callable
         Serves the interrupts that wait; returns whether interrupts are still enabled.
-    unit, wrap
-        See `Computer`.
 
     Attributes
     ----------
@@ -53,6 +50,9 @@ class Steppers:
         When the main program has done what it computes; interrupts put that off.
     """
 
+    STATE = ("own", "t_states", "free_ns", "_tick", "_last_tick", "_aim")
+    _aim: Displacement | None
+
     def __init__(self, board: Board, serve: Callable[[], bool], unit: Unit, wrap: bool) -> None:
         self.board = board
         self.own = False
@@ -62,7 +62,7 @@ class Steppers:
         self._serve = serve
         self._half_step = STEP_UM // unit_um(unit) // 2
         self._wrap = wrap
-        self._aim: Displacement | None = None
+        self._aim = None
         self._clock = TickClock()
         self._tick = -1  # that of time 0 is to come
         self._last_tick = [0, 0]
@@ -166,7 +166,6 @@ class Steppers:
 
         Parameters
         ----------
-        end_ns : int
         to_the_end : bool
             False returns as soon as the move under way is over.
         """
@@ -227,18 +226,6 @@ class Steppers:
         self._spend(POSITI_T + RETURN_T)
         if self.own and not self._to_go(area, velocity):
             self.board.bus.store(area + at.VELOCITY, 0)
-
-    def snapshot(self) -> list[int | list[int] | None]:
-        """Everything that changes, but for what lies in RAM."""
-        aim = None if self._aim is None else list(self._aim)
-        return [int(self.own), self.t_states, self.free_ns, self._tick, list(self._last_tick), aim]
-
-    def restore(self, state: list[int | list[int] | None]) -> None:
-        """Continue where `snapshot` was taken."""
-        own, t_states, free_ns, tick, ticks, aim = cast(Any, state)
-        self.own, self.t_states, self.free_ns, self._tick = bool(own), t_states, free_ns, tick
-        self._last_tick = list(ticks)
-        self._aim = None if aim is None else Displacement(*aim)
 
     def _spend(self, t_states: int) -> None:
         """Let a routine take its time: the timers run on, and the main program waits."""

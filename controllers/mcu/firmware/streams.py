@@ -35,10 +35,7 @@ class Streams:
     def ci(self) -> int | None:
         """Character from the stream that CIADR names; None while none has come.
 
-        Raises
-        ------
-        InputError
-            If there is no input routine at that address.
+        Raises `InputError` if there is no input routine at that address.
         """
         address = self.memory.word(at.CIADR)
         if address not in self.inputs:

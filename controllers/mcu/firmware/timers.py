@@ -78,7 +78,6 @@ def tick_before(time_ns: int, hertz: int, per: int) -> int:
 
     Parameters
     ----------
-    time_ns : int
     hertz, per : int
         Numerator and denominator of the clock. Seconds and nanoseconds are multiplied apart, as 64 bits would not
         hold the product of an hour in ns with the clock of a unit of 252.6 nm/s.

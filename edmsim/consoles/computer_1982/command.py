@@ -61,13 +61,7 @@ def run(
 
 
 def choose_faults(names: Sequence[str], seed: int) -> Faults:
-    """Make the faults that are to be injected.
-
-    Raises
-    ------
-    InputError
-        If there is no such fault.
-    """
+    """Make the faults that are to be injected; raises `InputError` if there is no such fault."""
     for name in names:
         if name not in FAULTS:
             raise InputError(f"there is no fault {name!r}; there are {one_of(name, FAULTS)}")

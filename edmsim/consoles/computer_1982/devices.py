@@ -72,7 +72,6 @@ class Pipe:
 
     Parameters
     ----------
-    interrupts : Interrupts
     source, sink : int
         File descriptors.
     """

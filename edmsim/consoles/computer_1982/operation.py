@@ -50,12 +50,7 @@ def typed_keys(data: bytes) -> list[int]:
 
 
 class KeyPresses:
-    """Keys of a board that are pressed one after the other, in machine time.
-
-    Parameters
-    ----------
-    board : Board
-    """
+    """Keys of a board that are pressed one after the other, in machine time."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
@@ -89,10 +84,6 @@ class KeyPresses:
 
 class Operation:
     """The operator's hands on a rig; see `edmsim.controllers.mcu.dialogue.main_program.MachinePort`.
-
-    Parameters
-    ----------
-    rig : Rig
 
     Attributes
     ----------

@@ -60,7 +60,6 @@ class Route(NamedTuple):
 
     Attributes
     ----------
-    corners : list of Point
     lengths_um : list of float
         Length of path up to every corner but the first.
     dues : list of Due
@@ -87,10 +86,7 @@ class Route(NamedTuple):
 def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
     """Lay a program out from a start on; `unit_um` is a counter's unit.
 
-    Raises
-    ------
-    InputError
-        If an arc has no circle through its ends, or the program moves nowhere.
+    Raises `InputError` if an arc has no circle through its ends, or the program moves nowhere.
     """
     corners, lengths, dues, moves = [start], [0.0], [], []
     for entry in program:

@@ -34,12 +34,7 @@ from edmsim.errors import InputError
 
 
 class SerialLines:
-    """Bytes through the 8251s and the routines that CIADR and COADR name (rows T-58, T-59).
-
-    Parameters
-    ----------
-    computer : Computer
-    """
+    """Bytes through the 8251s and the routines that CIADR and COADR name (rows T-58, T-59)."""
 
     def __init__(self, computer: Computer) -> None:
         self._computer = computer
@@ -79,10 +74,7 @@ class SerialLines:
 def read_host(file: Path, lines: SerialLines) -> list[bytes]:
     """Lines of the host's file as LINE takes them from the second channel: 64 characters, in capitals, no echo.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a line is too long or holds what no line can.
+    Raises `InputError` if the file cannot be read, or a line is too long or holds what no line can.
     """
     data = bytes_of(file)
     buffer, taken = InputBuffer(), []
@@ -113,7 +105,6 @@ class MonitorBench:
 
     Parameters
     ----------
-    operation : Operation
     tapes : path
         Folder of the tapes.
     from_host : callable
@@ -214,9 +205,6 @@ class Session:
 
     Parameters
     ----------
-    rig : Rig
-    screen : Screen
-    interrupts : Interrupts
     speed : float or None
         Machine seconds per second, live; None for a script.
     host : path, optional

@@ -23,13 +23,7 @@ _BAR_CELLS = 40
 
 
 class View(Keyboard):
-    """A person's terminal with a panel that stays at its lower edge; what is printed scrolls above it.
-
-    Parameters
-    ----------
-    interrupts : Interrupts
-    console : rich.console.Console, optional
-    """
+    """A person's terminal with a panel that stays at its lower edge; what is printed scrolls above it."""
 
     def __init__(self, interrupts: Interrupts, console: Console | None = None) -> None:
         super().__init__(interrupts)

@@ -1,4 +1,4 @@
-"""``edmsim console servo --autotune``: values for a drive on an axis, found at its serial line, and what they change.
+"""``edmsim tune drive``: values for a drive on an axis, found at its serial line, and what they change.
 
 A relay experiment tells how fast the axis is, the manual's recipe follows, and then the drive as delivered and the
 tuned one are both measured on the bench, sample by sample. The result is what a person would type.
@@ -52,10 +52,7 @@ class Oscillation(NamedTuple):
 def oscillation_of(operator: Operator) -> Oscillation:
     """Let an axis swing under a relay whose height is raised or lowered until the swing is well seen.
 
-    Raises
-    ------
-    InputError
-        If the axis does not swing, or so widely that the drive shows no swing.
+    Raises `InputError` if the axis does not swing, or so widely that the drive shows no swing.
     """
     heights = {_HEIGHT}
     height = _HEIGHT
@@ -129,7 +126,6 @@ class Recipe:
 
     Parameters
     ----------
-    operator : Operator
     say : callable
         Called with a line per step.
     """
@@ -337,10 +333,6 @@ def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> 
         The axis, see `edmsim.controllers.axis.drive.axis_row`.
     say : callable
         Called with a line for everything that is done.
-
-    Returns
-    -------
-    Tuning
 
     Raises
     ------

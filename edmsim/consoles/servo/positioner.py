@@ -38,7 +38,6 @@ class Contactors:
 
     Parameters
     ----------
-    bench : AxisBench
     coils : dict of str to str
         Addresses of the outputs that close them, by the axis.
     """
@@ -240,10 +239,7 @@ def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Ca
 def contactors_of(texts: Sequence[str]) -> dict[str, str]:
     """Read contactors, ``OUTPUT=DEVICE`` each.
 
-    Raises
-    ------
-    InputError
-        One is something else, or its output is given twice.
+    Raises `InputError` if one is something else, or its output is given twice.
     """
     found: dict[str, str] = {}
     for text in texts:
@@ -257,13 +253,7 @@ def contactors_of(texts: Sequence[str]) -> dict[str, str]:
 
 
 def press_of(text: str) -> Press:
-    """Read ``NAME=FROM:TO``, times in s.
-
-    Raises
-    ------
-    InputError
-        It is something else.
-    """
+    """Read ``NAME=FROM:TO``, times in s; raises `InputError` if it is something else."""
     name, _, times = text.partition("=")
     try:
         start, stop = (float(part) for part in times.split(":"))

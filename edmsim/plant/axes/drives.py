@@ -231,7 +231,6 @@ class Drives:
             Scalars of a plant (`STATE`); their time is left as it is.
         events : int array (events, 3)
             Time in ns, channel and value, as `Plant.advance` takes them; checked.
-        until_ns : int
         step_um : float
             Travel of a step.
         """
@@ -303,10 +302,7 @@ class Drives:
     def check(self, state: Mapping[str, NDArray[Any]], now_ns: int) -> None:
         """Refuse a snapshot by whose clocks samples would never come, or never end.
 
-        Raises
-        ------
-        InputError
-            A period or a due time is invalid, or was due long before `now_ns`.
+        Raises `InputError` if a period or a due time is invalid, or was due long before `now_ns`.
         """
         for k in self._looped:
             name, drive = AXIS_NAMES[k], state["drives"][k : k + 1]

@@ -37,7 +37,6 @@ def straight_moves(counts: Sequence[int], start_ns: int, rate_Hz: float, at_once
     ----------
     counts : sequence of int
         Steps of every axis.
-    start_ns : int
     rate_Hz : float
         Steps per second along the line, reached within ``ramp_s``.
     at_once : sequence of bool
@@ -63,7 +62,6 @@ def time_left_s(
         How far they were away, and are a while later; infinite where that was not seen.
     between_s : float
         That while.
-    near_um : float
 
     Returns
     -------

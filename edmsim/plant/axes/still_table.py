@@ -25,7 +25,6 @@ class StillTable:
 
     Parameters
     ----------
-    machine : Machine
     nuts : bool
         With the backlash of the nuts.
 

@@ -47,7 +47,6 @@ def ways_of(machine: Machine, nuts: bool = True) -> NDArray[np.void]:
 
     Parameters
     ----------
-    machine : Machine
     nuts : bool
         With the backlash of the nuts, which MuJoCo's own model has already.
     """

@@ -104,10 +104,8 @@ class BlockLaw(NamedTuple):
         ``1 / (a g^2 + b g + c)`` is a ray's rate at its own gap, the present voltage.
     floor_um : float32
         Below this gap the rate stays what it is there.
-    primed_gap_um : float32
     particle_gaps, particle_offset : float32
         ``2^-(particle_gaps g - particle_offset)`` of the particles are large enough to prime a site.
-    particles_um : float32
     wire_curvature, bare : float32
         ``bare`` is the square of half the curvature.
     """

@@ -106,7 +106,6 @@ def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: Bubble
         Time for which it burns.
     gap_um : float
         Gap at its place.
-    law : BubbleLaw
     """
     if power_W <= 0.0:
         return 0.0

@@ -96,8 +96,6 @@ def refill_us(
 
     Parameters
     ----------
-    length_um, gap_um : float
-    viscosity_Pa_s, density_kg_m3 : float
     tension_N_m : float
         Surface tension of water.
     wetting : float

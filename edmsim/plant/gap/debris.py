@@ -64,7 +64,6 @@ def jets(
     ----------
     lower_Pa, upper_Pa : float
         Pressures of the jets over the surroundings, 0 for a nozzle that is off.
-    viscosity_Pa_s : float
     side_gap_um : float
         Gap of the slot the water is pushed through.
     height_mm : float
@@ -86,7 +85,6 @@ def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float
     ----------
     pressure_Pa : float
         Pressure of the jet over the surroundings.
-    viscosity_Pa_s : float
     side_gap_um : float
         Gap of the slot the water is pushed through.
     way_mm : float

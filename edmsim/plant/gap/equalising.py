@@ -50,10 +50,8 @@ def opposite_pulses(
 
     Parameters
     ----------
-    window : PulseWindow
     timing : Timing
         The setting it was fired with.
-    circuit : Equalising
     leakage_S : float
         Conductance of the water in the gap.
     """

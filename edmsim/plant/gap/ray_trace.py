@@ -35,6 +35,7 @@ def _trace_ray(
     cosine, sine = a.reach_x[r], a.reach_y[r]
     x, y = a.reference_um[0, s], a.reference_um[1, s]
     least = c.radius_um - OVERLAP_UM
+    # metal only recedes: begin shortly before the edge that is known
     start = max(least, c.radius_um + expected_um - AHEAD_UM)
     end = c.radius_um + c.range_um
     edge = trace(tiles, index, s, c.cell_um, x, y, cosine, sine, start, end)
@@ -89,7 +90,9 @@ def retrace(
             expected = -OVERLAP_UM
             if known:
                 if meets_metal(a, c, s, r):
+                    # to first order the gap changes by the part of the motion along the ray
                     expected = a.edge_um[s, r] - dx * a.across_x[r] - dy * a.across_y[r]
+                # a ray without metal waits its turn, each ray at another one
                 elif np.uint64(turn + r) % blind_turns != 0:
                     continue
             a.edge_um[s, r] = _trace_ray(a, tiles, index, c, s, r, expected)

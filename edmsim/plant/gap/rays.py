@@ -85,6 +85,7 @@ def face(rays: Rays, s: int, edge_um: NDArray[np.float32], range_um: float, ray_
     count = edge_um.shape[1]
     run, longest, met = 0, 0, 0
     after = 0  # the ray after the longest run of rays that meet no metal
+    # twice around, so that a run over ray 0 is found whole
     for k in range(2 * count):
         if edge_um[s, k if k < count else k - count] < range_um:
             run = 0
@@ -93,6 +94,7 @@ def face(rays: Rays, s: int, edge_um: NDArray[np.float32], range_um: float, ray_
             run += 1
             if run > longest:
                 longest, after = run, k + 1
+    # begin behind the longest bare run: rays that face metal then lie together, in few blocks
     faced = max(0, count - longest)
     rays.first[s] = after % count
     rays.blocks[s] = (faced + GAPS - 1) // GAPS

@@ -98,6 +98,7 @@ def _renew_rays(
     """Trace the rays from where the wire is now; before, carve what a former wire left on them."""
     if state[0].carved_pulses < state[0].pulses:
         _carve(state, window, a, tiles, index, c)
+    # a wire that leans, or leant until now, has its rays in the plane square to it
     u, v = state[0].axis_um[2], state[0].axis_um[3]
     if u != 0.0 or v != 0.0 or a.upright[0] != 1.0:
         slope_x, slope_y = lean(a, c, u, v)
@@ -260,18 +261,22 @@ def fire_window(
     place_wire(state, a, position)
     if _is_due(state, c):
         _renew_rays(state, window, a, tiles, index, levels, c, position)
+    # the leak through the water divides the open voltage with the resistance of the supply
     open_V = t.open_V / (1.0 + c.supply_ohm * leak_conductance(a, c))
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
     open_scale = 0.5 * c.permittivity_F_m * open_V**2 * c.patch_m2 * 1e12 * 1e6
+    # while a discharge burns, the pull goes with the square of its lower voltage
     burn_scale = open_scale * (t.burning_V / open_V) ** 2
     per_grid = 1.0 / t.grid_us
     next_event = 0
     for n in range(WINDOW_PULSES):
         place_wire(state, a, position)
         totals = sum_rays(a, c, law, position, sums, contact)
+        # just traced: the ratio of film to pull holds until the next tracing
         if state[0].traced_pulses == state[0].pulses:
             scale_film(state, a, c, position, sums)
         _add_deflection(window, a)
+        # class of the pulse, its ignition delay in us, and slice and ray of its place
         outcome, delay, s, k = decide(state, a, c, law, t, position, sums, contact, totals)
 
         if log.shape[0] > n:
@@ -281,12 +286,14 @@ def fire_window(
         if outcome == SHORT:
             impulse = short_circuit(state, window, a, c, t, heat, bubble, position, s, k)
         elif outcome != OPEN:
+            # an iso-pulse ends with the switch, so that the delay shortens its discharge
             burn = t.on_us - delay if t.mode == ISO_PULSE else t.on_us
             burn *= t.arc_share if outcome == ARC else 1.0
             energy, impulse, removed = discharge(state, window, a, c, t, heat, bubble, position, outcome, s, k, burn)
             window[0].delay_us += delay
             window[0].ignitions += 1
         at = max(s, 0)
+        # the bubble pushes the wire away from the metal, against the ray of the discharge
         kick_x, kick_y = -impulse * a.cosine[at, k], -impulse * a.sine[at, k]
         window[0].counts[outcome] += 1
         window[0].voltage_us += open_V * delay + t.burning_V * burn
@@ -296,6 +303,7 @@ def fire_window(
             log[n].conducting_us = conducting
         period_ns, k_period = t.period_ns, GRID
         if t.mode == ISO_ENERGETIC:
+            # delay and discharge stretch the period, which ends on a step of the time grid
             k_period = _grid_steps((delay + conducting + t.pause_us) * per_grid, GRID)
             period_ns = int(k_period * t.grid_us * 1e3 + 0.5)
         period_us = period_ns * 1e-3
@@ -312,12 +320,16 @@ def fire_window(
             )
             state[0].time_ns += period_ns
         else:
+            # first span: the voltage is on and pulls the wire; its mean square over delay and discharge counts
             k_end = _grid_steps((delay + burn) * per_grid, k_period)
             pulled = (open_scale * delay + burn_scale * burn) / max(delay + burn, t.grid_us)
+            # alternate sweeps over the slices, so that neither end of the wire is favoured
             upward = state[0].pulses % 2 == 0
             _move_wire(a, c, t, p, load, held, k_end, pulled, film, resistance, found > 0, upward, films)
+            # the push of the bubble comes at the end of the discharge
             if impulse != 0.0:
                 kick(a, at, kick_x, kick_y)
+            # second span, without a pull: in parts where a film is narrow, since it changes with the motion
             spans, k_before = c.film_spans if found > 0 else 1, k_end
             for n_span in range(1, spans + 1):
                 k_now = k_end + (k_period - k_end) * n_span // spans
@@ -331,6 +343,7 @@ def fire_window(
             )
         if axes.errs != 0:
             apply_geometric_errors(state, axes)
+        # gas of earlier discharges fades first; the new gas acts from the next pulse on
         quiet = period_us - delay - conducting
         fade(a, gas, k_period)
         if energy > 0.0:
@@ -342,12 +355,15 @@ def fire_window(
         state[0].pulses += 1
         state[0].heat_wait_us += period_us
         window[0].duration_ns += period_ns
+        # heat and debris change slowly: they travel once in several pulses
         if state[0].heat_wait_us >= HEAT_INTERVAL_US:
             propagate_heat(state, a, c, heat, sums, contact, films)
+        # an axis was stopped, or the state left its range: the window ends here
         if next_event < 0:
             return _end(state, window, a, LOST_UM if next_event == LOST else 0.0)
         if state[0].broken != 0 or n + 1 == count:
             break
+    # carve now what the next tracing, or a reader of the field, must find carved
     if state[0].broken != 0 or count < WINDOW_PULSES or _is_due(state, c):
         _carve(state, window, a, tiles, index, c)
     # what the last pulse drove into the metal must be out of it before the rays are traced again

@@ -235,7 +235,6 @@ class Propagators(NamedTuple):
     yielding : (GRID + 1, slices, 2)
         What a force on a slice that stands all the time has done to the slice's own place (um per um kg/s2), and to
         its speed.
-    table11, table12, table21, table22 : (GRID + 1, 2, 2)
     """
 
     wire: Annotated[Array, Stored(GRID + 1, 4, "modes")]
@@ -347,7 +346,6 @@ class Arrays(NamedTuple):
         Water that enters a slice from the lower and the upper nozzle, of what leaves that nozzle.
     entering : (2, slices)
         The same over the height of a slice's metal: the less of it, the sooner the water beside it has changed.
-    table_shape, table_participation : (2, 2)
     """
 
     edge_um: Annotated[NDArray[np.float32], Stored("slices", "rays", life=WALL)]
@@ -405,11 +403,8 @@ class Scratch(NamedTuple):
 
     Attributes
     ----------
-    position : (2, slices filled)
-    load, held : (2, modes filled)
     sums : (slices, 4)
         See `breakdown.slice_sums`.
-    contact : (slices,)
     films : (slices, 6)
         See `film.find_films`.
     """

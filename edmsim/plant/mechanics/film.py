@@ -81,6 +81,7 @@ def film_sum(rays: Rays, s: int, sx: np.float32, sy: np.float32, nx: np.float32,
     for at in arc(rays, s):
         gap = highest(gaps_of(rays, s, at, sx, sy), floor)
         across = load(rays.cosine, (s, at)) * ny - load(rays.sine, (s, at)) * nx
+        # a floor under the gap keeps the cube finite where the wire touches
         film += across * across / (gap * gap * gap)
     return float(total(film))
 
@@ -100,7 +101,9 @@ def scale_film(state: NDArray[np.void], a: Arrays, c: Constants, position: Array
             sx, sy = moved(a, position, s)
             nx, ny = np.float32(sums[s, 2] / pull), np.float32(sums[s, 3] / pull)
             film += a.metal[s] * film_sum(rays, s, sx, sy, nx, ny)
+            # gas shields the pull and not the film: take the pull as it would be without gas
             pulls += pull / (1.0 - c.shielding * a.covered[s])
+    # opposite pulls may cancel, and the ratio must stay finite
     least = LEAST_PULL * c.film_pull_um2 * sums.shape[0]
     state[0].film_kg_um2_s = c.film_um3_kg_s * film / max(pulls, least)
 
@@ -124,6 +127,7 @@ def _apply(
     """Add what a force (um kg/s2) on a slice over the whole period and an impulse (um kg/s) at its end have done."""
     for m in range(0, a.shape.shape[1], COORDINATES):
         shape = load(a.shape, (s, m))
+        # exact answer of a mode to a force that is constant over the period: what has settled, and its speed
         settled = shape * (spread(1.0) - load(p.wire, (k_period, 0, m))) * load(p.wire_compliance, (m,)) * force
         moving = shape * (load(p.wire, (k_period, 1, m)) * force + impulse)
         store(a.wire_q, (0, m), load(a.wire_q, (0, m)) + settled * nx)
@@ -184,9 +188,11 @@ def find_films(state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, me
             pull = math.sqrt(pull2)
             per_pull = 1.0 / pull
             films[s, 0], films[s, 1], films[s, 4] = sums[s, 2] * per_pull, sums[s, 3] * per_pull, pull
+            # the pull goes with g^(-3/2), so the gap with its power -2/3
             root = cube_root(c.film_pull_um2 * per_pull * (1.0 - c.shielding * a.covered[s]) * a.metal[s])
             films[s, 3] = c.film_from_um * root * root
             film = state[0].film_kg_um2_s * pull * (1.0 + EINSTEIN * a.debris[s])
+            # the mean film damps all modes already; only the excess is corrected per slice
             films[s, 2] = max(film - mean, 0.0)
             found += 1
     return found
@@ -196,6 +202,7 @@ def find_films(state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, me
 def film_now(films: Array, s: int, mean: float, way: float) -> tuple[float, float]:
     """Resistance of a slice's film over the mean one when the wire has come `way` nearer, and its pull's growth."""
     gap = films[s, 3]
+    # resistance grows with g^-2 and pull with g^(-3/2) over the way that the wire has come
     nearer = gap / max(gap - way, PULL_GAP_FLOOR_UM)
     film = (films[s, 2] + mean) * nearer * nearer - mean
     return max(film, 0.0), films[s, 4] * (nearer * math.sqrt(nearer) - 1.0)
@@ -212,10 +219,13 @@ def _brake(
     film, growth = film_now(films, s, mean, films[s, 5] + 0.5 * travel)
     drag, growth = film * per_s, growth * scale
     yielding, throwing = p.yielding[k, s, 0] * slow, p.yielding[k, s, 1] * slow
+    # implicit: the share of its free motion that a slice makes against the film
     free = 1.0 / (1.0 + yielding * drag)
     moves = (travel + yielding * growth) * free
+    # away from the metal the film pulls back until the water cavitates
     resists = suction_limited(a, c, s, -drag * moves)
     force, impulse = resists + growth, 0.0
+    # not limited: a stiff film leaves the slice the speed of its motion, without a rebound
     if resists == -drag * moves:
         stiff = 1.0 - free
         impulse = stiff * stiff * (moves * per_s - speed - throwing * force) * a.slice_mass_kg[s]

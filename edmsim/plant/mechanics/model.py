@@ -174,8 +174,6 @@ def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | N
 
     Parameters
     ----------
-    wire, model_file
-        As for `build_model`.
     n_nodes : int, optional
         Nodes of the wire, 1 to as many as the file has; all of them if not given.
     """
@@ -260,10 +258,6 @@ def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike
         Wire modes to keep, lowest first, 1 to the number of nodes.
     slice_heights_m : array (n_slices,)
         Heights of the slices' mid-planes above the lower guide in m.
-
-    Returns
-    -------
-    ModalModel
 
     Raises
     ------

@@ -157,8 +157,6 @@ def move_full(
     ----------
     load : (2, nodes)
         The pull on the nodes.
-    films : (slices, 6)
-        See `film.find_films`.
     mean, resistance : float
         See `film.mean_film` and `film.mean_resistance`.
     events : int64 (n, 3)

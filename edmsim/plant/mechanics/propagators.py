@@ -22,10 +22,6 @@ def one_step(omega: float, zeta: float, dt: float) -> tuple[float, float, float,
         Damping ratio, 0 or more.
     dt : float
         Time in s, 0 or more.
-
-    Returns
-    -------
-    p11, p12, p21, p22 : float
     """
     s = omega * math.sqrt(abs(1.0 - zeta * zeta))
     if s == 0.0:

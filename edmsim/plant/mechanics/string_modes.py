@@ -32,18 +32,6 @@ def string_modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m
     The file's machine is linearised once, with the wire that stands in it. Of another wire only the nodes' masses
     and dampings differ, and the segments' stiffness, by one factor: the rest length is 0, so a node feels T/a times
     its offset from its neighbour whatever the length a of a segment.
-
-    Parameters
-    ----------
-    wire, model_file
-        As for `build_model`.
-    n_modes, slice_heights_m
-        As for `reduce_model`.
-
-    Raises
-    ------
-    InputError
-        As `reduce_model`.
     """
     known = _reference(model_file, mjcf_version(model_file))
     linear, nodes = known.linear, np.concatenate(known.blocks[:2])
@@ -63,11 +51,6 @@ def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: 
     ----------
     wire, model_file, n_modes, slice_heights_m
         As for `string_modes`; the heights lie between the guides.
-
-    Raises
-    ------
-    InputError
-        As `string_modes`.
     """
     version = mjcf_version(model_file)
     table, known = _table(model_file, version, n_modes), _reference(model_file, version)

@@ -74,10 +74,8 @@ def started_slot(
 
     Parameters
     ----------
-    machine : Machine
     end_um : (float, float)
         Where the wire stands, `gap_um` off the metal in front and on both sides.
-    gap_um : float
     steps : sequence of LowerRegion
         Where the block is less high than `machine.height_mm`.
     """

@@ -41,6 +41,7 @@ def _covered(middle: float, reach: float, aside: int) -> float:
 @compiled
 def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float) -> float:
     """How many ray spacings of metal a crater covers, the ray in the middle and `span` on either side looked at."""
+    # far from bare rays nothing has to be looked at
     if middle >= span and middle + span < a.unbroken[s]:
         return 2.0 * reach
     covered = 0.0
@@ -70,11 +71,13 @@ def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, 
     if covered <= 0.0:
         return False
     metal = np.float64(a.ray_metal[s, ray_at(a, s, middle)])
+    # mean depth: the volume over the height of metal and the width that lies on metal
     depth = volume / (c.slice_um * metal * spacing * covered)
     for aside in range(-span, span + 1):
         place = turned(middle, aside, n_rays)
         if a.distance[s, place] < BARE_UM:
             deep = depth * _covered(jitter, reach, aside)
+            # the edge recedes at once; the field follows before the next tracing
             a.distance[s, place] += np.float32(deep)
             area = deep * spacing
             if metal != 1.0:  # a product always taken would round other cuts' sums otherwise
@@ -124,6 +127,7 @@ def carve(
                     area /= metal
                 a.pending_um2[s, place] = 0.0
                 parts = max(0, int(min(area / part, MOST_PARTS)))
+                # the field counts whole parts: the rest of the area waits in its slice
                 a.carry_um2[s] = area - parts * part
                 left = 0
                 if parts != 0:
@@ -133,6 +137,7 @@ def carve(
                 if metal != 1.0:
                     a.carry_um2[s] *= metal
                 if left > 0:
+                    # metal that was not there did not become debris either
                     lost = left * part * c.slice_um * metal
                     a.debris[s] = max(0.0, a.debris[s] - lost / (c.cavity_um3 * a.metal[s]))
                     missed += lost

@@ -43,7 +43,6 @@ class Relief:
         Where regions overlap, the earlier one holds; outside all of them the height is `height_mm`.
     height_mm : float
         The greatest height, which the slices divide.
-    n_slices : int
 
     Attributes
     ----------

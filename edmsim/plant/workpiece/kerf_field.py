@@ -425,18 +425,22 @@ def trace(
     length = end_um - start_um
     if not (_inside(px, py, index) and _inside(px + length * cosine * grid, py + length * sine * grid, index)):
         return NO_METAL_UM  # beyond the table there is none
+    # cell of the start, and the lengths along the ray to the next border in x and in y
     ix, iy = np.int64(px), np.int64(py)
     per_x, per_y = cell_um / max(abs(cosine), PARALLEL), cell_um / max(abs(sine), PARALLEL)
     step_x, step_y = np.int64(1 if cosine > 0.0 else -1), np.int64(1 if sine > 0.0 else -1)
     next_x = (ix + 1 - px if cosine > 0.0 else px - ix) * per_x
     next_y = (iy + 1 - py if sine > 0.0 else py - iy) * per_y
+    # metal met so far, in parts times um; a whole cell of it makes an edge
     here, met, whole = 0.0, 0.0, FULL * cell_um
     while here < length:
         parts = np.float64(_parts(tiles, index, slice_index, ix, iy))
         along_x = next_x < next_y
         there = next_x if along_x else next_y
+        # the cell counts by its share of metal and by the length of the ray in it
         met += parts * (there - here)
         if met >= whole:
+            # the cell was completed within this step; the edge lies one cell before that
             return start_um + there - (met - whole) / parts - cell_um
         here = there
         ix += step_x if along_x else 0
@@ -455,6 +459,7 @@ def _carve_row(
 
     What stands in the first `proud` cells goes beyond that, by up to `spare`: then less than nothing is left.
     """
+    # parts still to remove; below zero once protruding metal gave more than its share
     quota = np.int64(parts)
     limit = np.uint64(index.shape[0] * TILE)
     ux, uy = np.uint64(ix), np.uint64(iy)  # a cell below zero is one far beyond the limit
@@ -464,9 +469,11 @@ def _carve_row(
         row, column = ux & _TILE_MASK, uy & _TILE_MASK
         along = int(row) if step_x != 0 else int(column)
         run = min(left, TILE - along if step_x + step_y > 0 else along + 1)  # cells of the row in this tile
+        # without a tile the stock is untouched: nothing is taken where the wire cannot be
         if place >= 0:
             tile, level = np.uint64(place), np.uint64(slice_index)
             for k in range(run):
+                # cells before the wall hold protruding metal, which loses up to `spare` more
                 allowed = quota + spare if length - left + k < proud else quota
                 if allowed <= 0:
                     return int(quota)
@@ -511,6 +518,7 @@ def carve_wall(
     it a row gives up to `PROUD_SHARE` times as much more.
     """
     grid = 1.0 / cell_um
+    # rows run along the axis nearer to the direction, so that each crosses the wall once
     along_x = abs(cosine) >= abs(sine)
     px, py = (x + cosine * edge_um) * grid, (y + sine * edge_um) * grid
     ahead, aside = (px, py) if along_x else (py, px)
@@ -519,6 +527,7 @@ def carve_wall(
     ahead -= step * before_um * grid
     length = int((before_um + beyond_um) * grid) + 1
     proud = int((before_um - proud_um) * grid)
+    # width of the wall across the rows, in cells
     extent = width_um * grid * abs(major)
     low = aside - 0.5 * extent
     per_width = parts / extent
@@ -526,11 +535,13 @@ def carve_wall(
     quota, spent = 0, 0
     first, last = math.floor(low), math.floor(low + extent)
     for row in range(first, last + 1):
+        # rows share the parts by the width they cover; the last one takes the rest, so that no part is lost
         covered = min(low + extent, row + 1.0) - low
         due = parts if row == last else int(covered * per_width)
         quota += due - spent
         spare = int(PROUD_SHARE * (due - spent))
         spent = due
+        # where this row meets a wall that is not square to the grid
         cell = math.floor(ahead - (row + 0.5 - aside) * slant)
         if along_x:
             quota = _carve_row(tiles, index, slice_index, cell, row, step, 0, length, quota, proud, spare)

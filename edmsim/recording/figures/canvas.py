@@ -13,11 +13,6 @@ class NotebookFigure(Figure):
     """A figure with an Agg canvas that shows by itself as the last line of a notebook's cell.
 
     Notebooks show the figures of pyplot only, whose global state is not touched here.
-
-    Parameters
-    ----------
-    **settings
-        As `matplotlib.figure.Figure` takes them.
     """
 
     def __init__(self, **settings: Any) -> None:

@@ -64,21 +64,11 @@ def pictures(
 
     Parameters
     ----------
-    report : mapping
-        As ``report.json`` holds it.
-    windows : pyarrow.Table
-        As ``windows.parquet`` holds it.
-    scene : Scene
-        As ``part.npz`` holds it.
     sample : PulseSample or str
         Single pulses of a straight cut with this cut's set-up, or why there are none
         (`edmsim.job.result.sample_or_reason`).
     leave_out : callable
         Called with which figures cannot be made of this cut, and why.
-
-    Yields
-    ------
-    Picture
     """
     for name, draw in OF_CUT.items():
         if (name != "corner" or scene.corners) and (name != "passes" or report.get("passes")):

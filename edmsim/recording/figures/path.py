@@ -28,8 +28,6 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
 
     Parameters
     ----------
-    path : CutPath
-    title : str
     kerf_um : float
         Expected width of the kerf: wire and twice the gap.
 
@@ -41,8 +39,8 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     from edmsim.recording.figures.canvas import NotebookFigure
 
     figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
-    leans = path.leans
-    axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if leans else 0.82))
+    two_rows = path.leans or any(contour.passes for contour in path.contours)  # of the legend
+    axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if two_rows else 0.82))
     quiet(axes)
     axes.grid(visible=False)
     axes.set_aspect("equal", adjustable="datalim")
@@ -66,7 +64,7 @@ def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     axes.set_xlabel("X of the program, mm", fontsize=9, color=MUTED)
     axes.set_ylabel("Y of the program, mm", fontsize=9, color=MUTED)
     axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 if leans else 5, frameon=False, fontsize=8.5,
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4 if path.leans else 5, frameon=False, fontsize=8.5,
         labelcolor=INK,
     )
     figure.text(0.09, 0.955, title, fontsize=14, fontweight="bold", color=INK)
@@ -109,13 +107,9 @@ def _draw_ways(
         style = "-" if one.piece == "profile" else (0, (3, 1.5))
         way = one.points_um / 1e3 - path.origin_mm
         axes.plot(
-            *way.T,
-            color=pass_colour(one.number),
-            linewidth=0.8,
-            linestyle=style,
-            zorder=3,
+            *way.T, color=pass_colour(one.number), linewidth=0.8, linestyle=style, zorder=3,
             label=name if labelled else None,
-        )
+        )  # fmt: skip
 
 
 def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:

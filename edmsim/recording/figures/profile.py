@@ -234,8 +234,6 @@ def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
 
     Parameters
     ----------
-    axes : matplotlib.axes.Axes
-    scene : Scene
     within_mm : (x_min, y_min, x_max, y_max), optional
         What is shown, on the table; all of the cut if not given.
     """

@@ -136,7 +136,6 @@ def blueprint(sizes: Sizes, steps: tuple[Plot, ...] = ()) -> rrb.Blueprint:
 
     Parameters
     ----------
-    sizes : Sizes
     steps : tuple of Plot
         Views of what an environment adds, in a tab of their own that is shown first.
     """

@@ -285,9 +285,6 @@ def log_bubbles(
 
     Parameters
     ----------
-    recording : rr.RecordingStream
-    scene : Scene
-    shapes : Shapes
     travel : float64 array (n, 2)
         Direction of travel at every shape.
     factor : float
@@ -320,8 +317,6 @@ def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArr
 
     Parameters
     ----------
-    recording : rr.RecordingStream
-    scene : Scene
     closeups : array (n,)
         Rows of `edmsim.recording.stores.row_type`.
     """

@@ -46,7 +46,6 @@ class Mesh(NamedTuple):
     ----------
     positions, normals : float32 arrays (n, 3)
         Positions in mm.
-    triangles : uint32 array (m, 3)
     """
 
     positions: NDArray[np.float32]
@@ -132,7 +131,6 @@ class Growth(NamedTuple):
     ----------
     rows : int array (n,)
         Row of the table of windows from which on each solid holds.
-    solids : tuple of Mesh
     tolerance_mm : float
         Within which the kerf's edge was drawn.
     """
@@ -150,7 +148,6 @@ def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[
 
     Parameters
     ----------
-    scene : Scene
     places_um : array (windows, 2)
         Guides on the table, window by window.
     path_um : array (windows,)
@@ -319,15 +316,7 @@ _PLACES = {BASE: "world/base", CROSS: "world/cross/carriage", TABLE: "world/tabl
 
 
 class Shapes:
-    """The wire and the gas on it over the cut: frames and close-ups together, in order of time.
-
-    Attributes
-    ----------
-    t_s, path_um : float64 arrays (n,)
-    guides_um : float64 array (n, 2)
-    deflection_um : float64 array (n, slices, 2)
-    coverage : float32 array (n, slices)
-    """
+    """The wire and the gas on it over the cut: frames and close-ups together, in order of time."""
 
     def __init__(self, frames: Frames, closeups: NDArray[np.void]) -> None:
         times = np.concatenate([frames.t_s, closeups["t_s"]])

@@ -53,13 +53,7 @@ def find_recording(directory: str | Path) -> Path:
 
 
 def read_chunks(recording: Path) -> list[Chunk]:
-    """Return all of a recording's data.
-
-    Raises
-    ------
-    InputError
-        As `find_recording` for the file.
-    """
+    """Return all of a recording's data."""
     from rerun.chunk import RrdReader
 
     _check_rerun(recording)

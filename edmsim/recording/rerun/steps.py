@@ -54,8 +54,6 @@ def steps_of(
     groups : sequence of (str, str, sequence of str, float64 array (n, curves))
         Of every view its origin, its title with the unit, the names of its curves and their values; NaN is not
         drawn, and curves that are 0 throughout are left out.
-    t_s, path_um : float64 arrays (n,)
-    notes : sequence of str
     """
     plots, values = [], {}
     for origin, title, names, columns in groups:

@@ -38,7 +38,6 @@ def saved(recording: rr.RecordingStream, file: str | Path, layout: rrb.Blueprint
     ----------
     recording : rerun.RecordingStream
         Disconnected in the end.
-    file : path
     layout : rerun.blueprint.Blueprint
         What a viewer shows by default.
 

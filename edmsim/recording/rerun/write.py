@@ -57,8 +57,6 @@ def events(windows: pa.Table, scene: Scene, report: Mapping[str, Any]) -> list[E
 
     Parameters
     ----------
-    windows : pyarrow.Table
-    scene : Scene
     report : mapping
         For how the cut ended.
 

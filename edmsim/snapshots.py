@@ -1,0 +1,203 @@
+"""Saving and loading what changes while something runs: a class declares its state, and has `snapshot` and `restore`.
+
+>>> class Counter(Snapshots):
+...     STATE = ("count",)
+...     def __init__(self, step):
+...         self.step, self.count = step, 0
+>>> counter, again = Counter(3), Counter(3)
+>>> counter.count = 6
+>>> again.restore(counter.snapshot())
+>>> again.count
+6
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Set
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import cache
+from types import UnionType
+from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Snapshots:
+    """Saves and loads its state: the fields of a dataclass that are no arguments, and what classes name in `STATE`.
+
+    What is made anew from the arguments or by a set-up stands elsewhere, as a plain attribute. Parts of the state
+    that have a snapshot of their own are restored in place. A type that the present value does not show, that of the
+    entries of a list or of what may be None, is taken from the class' annotations.
+    """
+
+    STATE: ClassVar[tuple[str, ...]] = ()
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return everything that changes, fit for JSON."""
+        return state_of(self)
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue where `snapshot` was taken, in an object that was made and set up alike."""
+        take_state(self, state)
+
+
+class ArraySnapshots(Snapshots):
+    """Saves and loads its state as arrays: of a part with arrays of its own behind the part's name and a dot.
+
+    An array is written into, so its shape and type stay; a property is set.
+    """
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return everything that changes, as arrays; a copy."""
+        found: dict[str, NDArray[Any]] = {}
+        for key, name in _names_of(self).items():
+            value = getattr(self, name)
+            parts = _parts(key, value)
+            if parts is None:
+                found[key] = np.array(value)
+                continue
+            for prefix, part in parts.items():
+                found.update({f"{prefix}.{inner}": array for inner, array in part.snapshot().items()})
+        return found
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Continue where `snapshot` was taken.
+
+        Raises
+        ------
+        ValueError
+            An array is of another shape or type.
+        """
+        for key, name in _names_of(self).items():
+            value = getattr(self, name)
+            parts = _parts(key, value)
+            if parts is None:
+                self._take(name, value, state[key])
+                continue
+            for prefix, part in parts.items():
+                part.restore(with_prefix(state, f"{prefix}."))
+
+    def _take(self, name: str, value: Any, array: NDArray[Any]) -> None:
+        if not isinstance(value, np.ndarray):
+            setattr(self, name, array.tolist())
+        elif isinstance(getattr(type(self), name, None), property):
+            setattr(self, name, array)
+        elif (array.shape, array.dtype) != (value.shape, value.dtype):
+            raise ValueError(
+                f"a snapshot's {name.strip('_')}, {array.shape} of type {array.dtype}, does not fit {value.shape} of "
+                f"type {value.dtype}"
+            )
+        else:
+            value[...] = array
+
+
+def with_prefix(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
+    """Return the arrays whose names begin so, by the rest of their names."""
+    return {name.removeprefix(prefix): array for name, array in state.items() if name.startswith(prefix)}
+
+
+def state_of(thing: Any) -> dict[str, Any]:
+    """Return a thing's declared state, fit for JSON: see `Snapshots`."""
+    return {key: plain(getattr(thing, name)) for key, name in _names_of(thing).items()}
+
+
+def take_state(thing: Any, state: Mapping[str, Any]) -> None:
+    """Put the `state_of` a thing into another that was made alike."""
+    kind: Any = type(thing)
+    hints = _hints(kind)
+    for key, name in _names_of(thing).items():
+        now = getattr(thing, name)
+        value = like(now, state[key], hints.get(name))
+        if value is not now:
+            setattr(thing, name, value)
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON holds it: records as mappings, sequences as lists, bytes and arrays as hex digits."""
+    if value is None or (isinstance(value, str | int | float) and not isinstance(value, Enum)):
+        return value
+    if hasattr(value, "snapshot"):
+        return value.snapshot()
+    if is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, np.ndarray):
+        return value.tobytes().hex()
+    if isinstance(value, bytes | bytearray):
+        return value.hex()
+    if isinstance(value, Mapping):
+        return [[plain(key), plain(entry)] for key, entry in value.items()]
+    if isinstance(value, Set):
+        return sorted(plain(entry) for entry in value)
+    if isinstance(value, tuple | list | deque):
+        return [plain(entry) for entry in value]
+    return value.value if isinstance(value, Enum) else value.item()
+
+
+def like(now: Any, saved: Any, kind: Any = None) -> Any:
+    """Return the value that `plain` made this of: of an annotated kind, or else of that of the present value."""
+    if saved is None:
+        return None
+    if hasattr(now, "restore"):
+        now.restore(saved)
+        return now
+    if isinstance(now, np.ndarray):
+        now[...] = np.frombuffer(bytes.fromhex(saved), now.dtype).reshape(now.shape)
+        return now
+    if isinstance(now, bytearray):
+        now[:] = bytes.fromhex(saved)
+        return now
+    if get_origin(kind) in (Union, UnionType):
+        (kind,) = (each for each in get_args(kind) if each is not type(None))
+    made: Any = get_origin(kind) or kind or type(now)
+    if isinstance(saved, dict):
+        hints = _hints(made)
+        return made(**{name: like(getattr(now, name, None), entry, hints[name]) for name, entry in saved.items()})
+    if isinstance(saved, list) and made not in (Any, type(None)):
+        return _sequence_like(now, saved, made, get_args(kind))
+    return made(saved) if isinstance(made, type) and issubclass(made, Enum) else saved
+
+
+def _sequence_like(now: Any, saved: Any, made: Any, inner: tuple[Any, ...]) -> Any:
+    """Return a sequence or set; where no annotation says what its entries are, they are as the present ones."""
+    if issubclass(made, Mapping):
+        return made((key, like(None, entry, *inner[1:])) for key, entry in saved)
+    if hasattr(made, "_fields"):
+        before = now or (None,) * len(saved)
+        return made(*map(like, before, saved, _hints(made).values()))
+    if issubclass(made, tuple) and inner and inner[-1] is not Ellipsis:
+        return made(like(None, entry, kind) for entry, kind in zip(saved, inner, strict=True))
+    if inner:
+        return made(like(None, entry, inner[0]) for entry in saved)
+    if issubclass(made, tuple) and now and len(now) == len(saved):
+        return made(map(like, now, saved))
+    return made(saved)
+
+
+def _parts(key: str, value: Any) -> dict[str, Any] | None:
+    """Return the parts with snapshots of their own that a value has, by their prefixes; None where it is an array."""
+    if hasattr(value, "snapshot"):
+        return {key: value}
+    if isinstance(value, Mapping):
+        return {f"{key}.{entry}": part for entry, part in value.items()}
+    return None
+
+
+def _names_of(thing: Any) -> dict[str, str]:
+    """Return the names of a thing's state by those in its snapshot, which have no leading underscore."""
+    kind: Any = type(thing)  # mypy takes no class for hashable
+    return _state_names(kind)
+
+
+@cache
+def _state_names(kind: Any) -> dict[str, str]:
+    own = [field.name for field in fields(kind) if not field.init] if is_dataclass(kind) else []
+    named = [name for base in reversed(kind.__mro__) for name in vars(base).get("STATE", ())]
+    return {name.strip("_"): name for name in (*own, *named)}
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind)
