@@ -1,7 +1,7 @@
 """Tapered walls: what an outline is at every height, and where a leaning wire and its two guides go beside it.
 
 >>> outline = Outline(square, (0,) * 4, True, "right", "left", np.empty((0, 2)), taper=Taper((3.0,) * 4))
->>> wall, wire = wire_beside(outline, 0.164, GuideHeights(-10.0, 30.0, 20.0, 60.0))
+>>> wall, wire = wall_and_wire(outline, 0.164, GuideHeights(-10.0, 30.0, 20.0, 60.0))
 >>> lower, upper = wire.at(-10.0), wire.at(30.0)   # at the guides
 
 A wall is ruled: every point of its lower line is joined with one point of the upper line by a straight line, along
