@@ -92,7 +92,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         super().reset(seed=None if seed is None else whole_from("seed", seed, 0))
         info = self._batch.begin(0, self.np_random, checked.get("machine"), anew=seed is not None)
         self._running = self._started = True
-        self._batch.earned.begin()
+        self._batch.account.begin()
         self._of_episode = info
         if self.render_mode == "human":
             self.render()
