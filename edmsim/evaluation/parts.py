@@ -55,7 +55,7 @@ def cut_part(env_id: str, seed: int, law: str, resolution: str | None = None, **
     if law != ORACLE:
         return _cut(env_id, seed, law, law, options)
     tried = [_cut(env_id, seed, name, ORACLE, options) for name in lines_of(env_id).rehearsed]
-    return max(tried, key=lambda result: result.gained)
+    return max(tried, key=lambda result: result.total_return)
 
 
 def _cut(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -> Result:
