@@ -47,10 +47,8 @@ def replacing(file: str | Path) -> Iterator[Path]:
 def read_arrays(packed: bytes) -> dict[str, NDArray[Any]]:
     """Return the arrays of an ``.npz`` by name; nothing is unpickled, and no memory is taken for what is not there.
 
-    Raises
-    ------
-    ValueError
-        It is damaged, holds something else than arrays of numbers, or more than `MOST_ARRAY_BYTES`; in one line.
+    Raises `ValueError` in one line if it is damaged, holds anything but arrays of numbers, or more than
+    `MOST_ARRAY_BYTES`.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
@@ -95,7 +93,6 @@ def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
 
     Parameters
     ----------
-    folder : path
     who : str
         Who works there, for those who come too late.
 

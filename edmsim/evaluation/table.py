@@ -114,7 +114,6 @@ def as_json(
 
     Parameters
     ----------
-    comparisons : sequence of Comparison
     places : mapping of str to sequence of NamedTuple, optional
         By environment, what controllers did elsewhere.
     policies : mapping of str to sequence of NamedTuple, optional

@@ -18,7 +18,6 @@ class CutProgress:
 
     Parameters
     ----------
-    bar : ShownProgress
     name : str
         What is cut.
     """
