@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {width_mm: 1.3, height_of_punch_mm: 1.3, numbers: [1, 2], tab_mm: 0.5}
+#     small: {width_mm: 1.3, height_of_punch_mm: 1.3, numbers: [2], tab_mm: 0.5}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all

@@ -85,9 +85,9 @@ def _check_counts(points: Floats, grid_um: float, size_um: int, margin_um: float
                 f"point {i} of the path lies at ({x:g}, {y:g}) um, outside the table's {low:.10g}..{high:.10g} um"
             )
         if any(abs(v / grid_um - round(v / grid_um)) > 1e-6 for v in (x, y)):
-            of_nm = "whole um" if grid_um == 1 else "whole nm"
-            what = f"whole number of {grid_um:g} um steps" if grid_um > 1 else of_nm
-            raise InputError(f"point {i} of the path, ({x:g}, {y:g}) um, is no {what}")
+            of_nm = "in whole um" if grid_um == 1 else "in whole nm"
+            what = f"a whole number of {grid_um:g} um steps" if grid_um > 1 else of_nm
+            raise InputError(f"point {i} of the path, ({x:g}, {y:g}) um, is not {what}")
 
 
 def _counted(points: Floats) -> tuple[Floats, Floats]:

@@ -97,7 +97,7 @@ def _text(content: bytes, file: Path) -> str:
     except UnicodeDecodeError:
         if marked is None and not content.startswith((b"PK", b"\x1f\x8b", b"\xd0\xcf")):
             return content.decode("cp1252", "replace")
-        what = "damaged: its encoding is not that of its byte order mark" if marked else "no text"
+        what = "damaged: its encoding is not that of its byte order mark" if marked else "not text"
         raise InputError(f"is {what}; a log is CSV in UTF-8, or Parquet", file) from None
 
 

@@ -18,8 +18,8 @@ from edmsim.machine.technology import (
     PassTable,
     Technology,
     machine_of,
+    nearest_technology,
     read_technology,
-    technology_for,
 )
 from edmsim.program.outline import Program
 from edmsim.program.passes import PassPlan
@@ -80,7 +80,7 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
                 raise InputError("a technology is for passes: say how many, as --passes 4")
             return Passes(settings, path)
         technology = _technology(settings)
-        table = technology.table(settings.workpiece.greatest_mm, path.passes)
+        table = _table(settings, technology, path.passes)
         settings = in_force(settings, technology, table)
         own = PassPlan(table.offsets_mm, of_program=True)
         path = plan(program, settings, _machines(settings, technology, table), own)
@@ -89,7 +89,7 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
     if settings.offset == "none":
         raise InputError("passes run beside an edge at their offsets: offset none leaves nothing to trim")
     technology = _technology(settings)
-    table = technology.table(settings.workpiece.greatest_mm, settings.passes)
+    table = _table(settings, technology, settings.passes)
     shift_mm = 0.0 if settings.offset == "auto" else float(settings.offset) - table.offsets_mm[-1]
     offsets_mm = tuple(round(mm + shift_mm, 6) for mm in table.offsets_mm)
     after_tab: Any = settings.after_tab
@@ -166,7 +166,21 @@ def _technology(settings: CutSettings) -> Technology:
         None if getattr(settings, name) == usual[name].default else getattr(settings, name)
         for name in ("machine", "wire")
     )
-    return technology_for(settings.material, machine, wire)
+    return nearest_technology(settings.material, machine, wire)
+
+
+def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTable:
+    """Return the offsets and settings of a technology, with a notice if it is for another material."""
+    height_mm, material = settings.workpiece.greatest_mm, settings.material
+    table = technology.table(height_mm, passes)
+    if technology.material == material:
+        return table
+    notice = (
+        f"there is no technology for {material}: the passes take the settings of '{technology.title}', the material "
+        f"most like it; search its own with edmsim technology {material} --height {height_mm:g} --passes {passes} "
+        f"--out {material}.toml, and cut with --technology {material}.toml"
+    )
+    return table._replace(notices=(notice, *table.notices))
 
 
 def _made(

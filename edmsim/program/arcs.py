@@ -123,7 +123,7 @@ def arc_points(
     Raises
     ------
     InputError
-        The centre is too far away for chords to be told apart.
+        The centre is too far away for distinct chords.
     """
     first, last = start - centre, end - centre
     sweep = math.tau if full else sweep_of(start, end, centre, turn)
@@ -138,7 +138,7 @@ def arc_points(
 
 
 def line_points(start: complex, end: complex, chords: int) -> list[complex]:
-    """Return the points of a line after its start, up to and with its end, in so many equal chords."""
+    """Return the points of a line after its start, up to and with its end, in `count` equal chords."""
     return [*(start + (end - start) * i / chords for i in range(1, chords)), end]
 
 

@@ -44,7 +44,7 @@ KNOWN_M = frozenset({0, 1, 2, 30, 98, 99}) | {n for m, n in IDLE_CODES if m == "
 _CODE = re.compile(r"0*\d{1,4}(\.\d)?")
 _MOST_NAMED = 12
 _NEEDED = frozenset({*"GNXYIJRPL", *(f"G{code:g}" for code in _USED_G - {4}), "M98", "M99"})
-_ASKED = re.compile(r"([A-Z])(\d+\.?\d*)?")
+_IGNORED_WORD = re.compile(r"([A-Z])(\d+\.?\d*)?")
 
 
 @dataclass(frozen=True)
@@ -62,11 +62,11 @@ class Ignored:
     words: frozenset[tuple[str, float]] = frozenset()
 
     @classmethod
-    def of(cls, asked: Sequence[str]) -> Ignored:
+    def of(cls, listed: Sequence[str]) -> Ignored:
         """Read words as ``G51``, or letters as ``U``; raises `InputError` at others, and at what makes a contour."""
         letters, words = set(), set()
-        for text in asked:
-            word = _ASKED.fullmatch(text.strip().upper())
+        for text in listed:
+            word = _IGNORED_WORD.fullmatch(text.strip().upper())
             if word is None:
                 raise InputError(f"ignore has {text!r}: give letters or words as a program has them: U,M77")
             plain = word[1] if word[2] is None else f"{word[1]}{float(word[2]):g}"
@@ -157,7 +157,7 @@ _WORDS = re.compile(r"(?:[A-Z]=?[+-]?[\d.]+(?:=[-+\dDH.]+)?)+")
 _CONDITION = {"C": r"\d{1,4}", "E": r"\d{3,4}", "S": r"\d{1,4}"}
 """Numbers of conditions by letter. E has three digits or four, for ``X1E2`` may be meant as a number."""
 _ABOVE = frozenset("XYIJ")
-_LONGEST_TOLD = 12
+_LONGEST_QUOTE = 12
 _NESTED = re.compile(r"\([^)]*\(")
 _CALL = ("M", 98)
 _END_CODES = frozenset({("M", 2), ("M", 30)})
@@ -366,12 +366,12 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
     words = _Words()
     at = int(deletable)
     while at < len(bare) and not (words.codes and words.codes[-1] in _END_CODES):
-        given = _OFFSET.match(bare, at)
+        found = _OFFSET.match(bare, at)
         plane = _PLANE.match(bare, at) if dialect.planes else None
-        if given is not None:
-            at = given.end()
-            words.offsets.append(_offset_value(given, file, line))
-            words.pointed |= "." in given[3]
+        if found is not None:
+            at = found.end()
+            words.offsets.append(_offset_value(found, file, line))
+            words.pointed |= "." in found[3]
             continue
         if plane is not None:
             at = plane.end()
@@ -380,7 +380,7 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
         word = _WORD.match(bare, at)
         if word is None:
             _refuse_no_word(bare[at:], raw, file, line)
-            reader.unknown.append((bare[at : at + _LONGEST_TOLD], line))
+            reader.unknown.append((bare[at : at + _LONGEST_QUOTE], line))
             break
         at, letter, number = word.end(), word[1], word[2]
         if reader.ignored.has(letter, number):
@@ -396,7 +396,7 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
         elif letter in IDLE and letter not in dialect.letters and (letter != "O" or not words.values):
             words.idle.append(word[0])  # X1O5 has a letter in place of a zero
         elif letter not in VALUES and letter not in dialect.letters:
-            reader.unknown.append((word[0][:_LONGEST_TOLD], line))
+            reader.unknown.append((word[0][:_LONGEST_QUOTE], line))
         elif letter == "N":
             words.label = int(number) if labelled and number.isdigit() else None
         else:
@@ -444,16 +444,16 @@ class _Words:
         )
 
 
-def _offset_value(given: re.Match[str], file: str, line: int) -> OffsetValue:
+def _offset_value(found: re.Match[str], file: str, line: int) -> OffsetValue:
     """Return what ``H1=.0085+H175`` says of H1."""
     number, added = 0.0, []
-    for sign, term in _ADDED.findall(given[3]):
+    for sign, term in _ADDED.findall(found[3]):
         factor = -1 if sign == "-" else 1
         if term[0] in "DH":
             added.append((factor, register(term[0], term[1:])))
         else:
-            number += factor * _value(given[1], term, file, line)
-    return OffsetValue(register(given[1], given[2]), number, tuple(added))
+            number += factor * _value(found[1], term, file, line)
+    return OffsetValue(register(found[1], found[2]), number, tuple(added))
 
 
 def _upper_words(above: str, line: int, reader: _Reader, words: _Words) -> UpperWords:
@@ -465,7 +465,7 @@ def _upper_words(above: str, line: int, reader: _Reader, words: _Words) -> Upper
         word = _WORD.match(above, at)
         letter, number = (word[1], word[2]) if word is not None else ("", "")
         if word is None or (letter not in _ABOVE and code_of(letter, number) not in (1, 2, 3)):
-            reader.unknown.append((above[at : word.end() if word is not None else at + _LONGEST_TOLD], line))
+            reader.unknown.append((above[at : word.end() if word is not None else at + _LONGEST_QUOTE], line))
             if word is None:
                 break
         elif letter in _ABOVE:
@@ -493,8 +493,8 @@ def _refuse_no_word(rest: str, raw: str, file: str, line: int) -> None:
 def _value(letter: str, number: str, file: str, line: int) -> float:
     value = float(number)
     if abs(value) > GREATEST_NUMBER:
-        told = f"{letter}{number[:12]}{'...' if len(number) > 12 else ''}"
-        raise InputError(f"the number of {told} is beyond all reason: at most {GREATEST_NUMBER:g}", file, line)
+        quoted = f"{letter}{number[:12]}{'...' if len(number) > 12 else ''}"
+        raise InputError(f"the number of {quoted} is beyond all reason: at most {GREATEST_NUMBER:g}", file, line)
     return value
 
 
@@ -684,7 +684,7 @@ def _run(
 ) -> None:
     for block in blocks:
         if RETURN in block.codes:
-            raise InputError("M99 ends a subprogram, which begins with its O number behind M2 or M30: here is none",
+            raise InputError("M99 ends a subprogram, which begins with its O number behind M2 or M30",
                              file, block.line)
         if CALL not in block.codes:
             out.append(block)

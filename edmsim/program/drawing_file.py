@@ -101,7 +101,7 @@ def _tags(data: bytes) -> Iterator[_Tag]:
     for number in range(0, len(lines) - 1, 2):
         found, value = re.match(rb"\s*(-?\d{1,9})\s*$", lines[number]), lines[number + 1]
         if found is None:
-            raise InputError("this is no group code, and what follows cannot be read: export it as DXF again",
+            raise InputError("this is not a group code, and what follows cannot be read: export it as DXF again",
                              line=number + 1)
         code, kind = int(found[1]), value.strip().upper()
         if code == 0:
@@ -112,7 +112,7 @@ def _tags(data: bytes) -> Iterator[_Tag]:
         if (code, kind) == (0, b"EOF"):
             return
     if not has_section:
-        raise InputError("this is no DXF drawing: it has no SECTION; export it as DXF again")
+        raise InputError("this is not a DXF drawing: it has no SECTION; export it as DXF again")
     if section:
         raise InputError("the drawing is cut off: its last section has no end; export it as DXF again",
                          line=len(lines))
@@ -125,7 +125,7 @@ def _refuse_no_numbers(entity: list[_Tag]) -> None:
                 float(value)
             except ValueError:
                 quoted = repr(value.strip().decode("ascii", "replace"))
-                raise InputError(f"{quoted} is no number: write it with a decimal point", line=line + 1) from None
+                raise InputError(f"{quoted} is not a number: write it with a decimal point", line=line + 1) from None
 
 
 def _with_own_handle(entity: list[_Tag], taken: set[bytes]) -> list[_Tag]:
@@ -240,7 +240,7 @@ def _read(path: Path) -> bytes:
 
 
 def _refuse_others(data: bytes) -> None:
-    """Say what a file is that is no DXF drawing."""
+    """Say what a file is that is not a DXF drawing."""
     if data.startswith(_BINARY_DXF):
         return
     if not data.strip():
@@ -251,7 +251,7 @@ def _refuse_others(data: bytes) -> None:
         raise InputError("this is text in UTF-16: save it as UTF-8")
     if not re.match(rb"(\xef\xbb\xbf)?\s*-?\d+\s*[\r\n]", data):
         kind = "a binary file" if b"\0" in data else "text that does not begin with a group code"
-        raise InputError(f"this is no DXF drawing but {kind}: {_EXPORT}")
+        raise InputError(f"this is not a DXF drawing but {kind}: {_EXPORT}")
 
 
 def _without_own_unit(document: Drawing, data: bytes) -> Drawing:

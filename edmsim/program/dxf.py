@@ -100,7 +100,7 @@ class Drawn:
             for part in (*copy.virtual_entities(), *self._unmoved[entity.block().name]):
                 self._count += 1
                 if self._count > MOST_POINTS:
-                    raise InputError(f"its blocks hold more than {MOST_POINTS} entities: no cut has so many")
+                    raise InputError(f"its blocks hold more than {MOST_POINTS} entities, more than any cut has")
                 own = _property(part, "layer", "0")
                 yield from self._parts(part, layer if own == "0" else own, depth + 1)
 

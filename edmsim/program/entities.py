@@ -144,7 +144,7 @@ def _segment(start: complex, end: complex, bulge: float) -> NDArray[np.float64]:
     """Return the points of a line or arc; the bulge is the tangent of its quarter angle, counter-clockwise."""
     step = end - start
     if not np.isfinite(bulge):
-        raise InputError("a polyline has a bulge that is no number: export it again")
+        raise InputError("a polyline has a bulge that is not a number: export it again")
     points = [start, end]
     if abs(bulge * step) / 2 > CHORD_TOLERANCE_UM / 1000:
         centre = (start + end) / 2 + 1j * step * (1 - bulge * bulge) / (4 * bulge)

@@ -76,17 +76,17 @@ def first_loop(
     once, so that a wire that goes back and forth a hundred thousand times is not compared with all of its past.
     """
     swept = _swept(vertices[first], moves[first:last])
-    seen: dict[tuple[int, int], list[int]] = {}
+    by_cell: dict[tuple[int, int], list[int]] = {}
     for k in range(first, last + 1):
         column, row = (math.floor(c / join_mm) for c in (vertices[k].real, vertices[k].imag))
         cells = ((column + dx, row + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1))
-        for j in sorted(j for cell in cells for j in seen.get(cell, ())):
+        for j in sorted(j for cell in cells for j in by_cell.get(cell, ())):
             met = abs(vertices[j] - vertices[k]) <= join_mm
             closing = _cross(vertices[k] - vertices[first], vertices[j] - vertices[first])
             area = abs(swept[k - first] - swept[j - first] + closing) / 2
             if met and area > _LEAST_AREA_MM2 / 2 and _encloses(vertices[j], moves[j:k]):
                 return j, k
-        known = seen.setdefault((column, row), [])
+        known = by_cell.setdefault((column, row), [])
         if not any(vertices[j] == vertices[k] and abs(swept[j - first] - swept[k - first]) < _SAME for j in known):
             known.append(k)
     return None
@@ -215,8 +215,8 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     Raises
     ------
     InputError
-        Compensation changes twice, a contour is all but closed, or what follows it is no lead-out: it closes a loop,
-        or is longer than the contour.
+        Compensation changes twice, a contour is all but closed, or what follows it is not a lead-out but closes a
+        loop or is longer than the contour.
     """
     (first, last), count = _edge_section(run.moves), len(run.moves)
     run, loop = closed_run(run, first, last)
@@ -471,7 +471,7 @@ def read_gcode(
     """
     path = Path(file)
     text = read_text(path)
-    found, told = dialect_of(text, dialect)
+    found, dialect_notices = dialect_of(text, dialect)
     read = _read(text, path, Ignored.of(ignore), found)
     blocks, unused = expanded(read.main, read.behind, str(path))
     notices = [*read.notices, *unused]
@@ -488,9 +488,9 @@ def read_gcode(
     except InputError as error:
         raise InputError(error.reason, path, error.line) from None
     settings = settings_for(control.called, conditions or {}, read.conditions, str(path))
-    told += _condition_notices(control.called, settings)
-    told += _plane_notices(outlines, control)
-    notices = sorted([*told, *unit_notices, *control.notices.texts(), *notices], key=_line_of)
+    dialect_notices += _condition_notices(control.called, settings)
+    dialect_notices += _plane_notices(outlines, control)
+    notices = sorted([*dialect_notices, *unit_notices, *control.notices.texts(), *notices], key=_line_of)
     name = None if found is ISO else found.name
     return Program(tuple(outlines), tuple(notices), str(path), name, read.conditions, settings)
 
@@ -585,7 +585,7 @@ def _run_of(motions: Motions, absolute: bool | None, control: Interpreter) -> Ru
     """Turn motions into moves; None if they cut nothing."""
     join_mm = control.rounding.join_mm
     readings = [reading_of(motion, absolute, control.rounding) for motion in motions.motions]
-    if any(reading.full is None for reading in readings):  # what closes without the circle is no approach to it
+    if any(reading.full is None for reading in readings):  # what closes without the circle is not an approach to it
         closes = closes_on_itself([_cut_move(reading) for reading in readings], motions.motions[0].start, join_mm)
         readings = [reading.decided(not closes) if reading.full is None else reading for reading in readings]
     for reading in readings:

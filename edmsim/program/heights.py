@@ -35,7 +35,7 @@ WIRE_MARGIN_MM = 0.4
 """How far beside the wire's surface a stretch's height holds (ours: rays end at 0.08 mm, tiles are made 0.13 mm
 beyond them and are 0.13 mm wide, the rest is for a wire that hangs behind)."""
 RING_MM = 0.035
-"""How finely distances to the path are told apart (ours: a few of them fit between a kerf's middle and its wall)."""
+"""Resolution of distances to the path (ours: a few of them fit between a kerf's middle and its wall)."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Heights:
         Raises
         ------
         InputError
-            A height beyond what machines take, lengths that do not rise, an area that is no polygon.
+            A height beyond what machines take, lengths that do not rise, an area that is not a polygon.
         """
         check_height(height_mm)
         return cls(float(height_mm), checked_changes(along), checked_areas(areas))
@@ -203,10 +203,10 @@ def _polygon(value: BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any]
     try:
         polygon = shapely.Polygon(shape(value) if isinstance(value, Mapping) else value)
     except (TypeError, ValueError, LookupError, shapely.errors.ShapelyError) as error:
-        raise InputError(f"area {number} of another height is no polygon: {error}") from None
+        raise InputError(f"area {number} of another height is not a polygon: {error}") from None
     if not (polygon.is_valid and polygon.area > 0 and np.isfinite(polygon.bounds).all()):
         why = shapely.is_valid_reason(polygon) if not polygon.is_valid else "it has no area"
-        raise InputError(f"area {number} of another height is no polygon: {why}")
+        raise InputError(f"area {number} of another height is not a polygon: {why}")
     return polygon
 
 

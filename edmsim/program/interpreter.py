@@ -75,7 +75,7 @@ class UpperMotion:
     from_lower: complex = 0j
 
     def points(self, chords: int, lower_centre: complex | None, full: bool) -> list[complex]:
-        """Return its points after the start in at least so many chords.
+        """Return its points after the start, in at least a number of chords.
 
         Raises
         ------
@@ -303,7 +303,7 @@ _BOTH_SIDES: dict[Action, int | None] = {"two planes off": None, "two planes lef
 _STEEPEST_DEG = 60.0
 """Angle of a taper (ours: no guides let a wire lean so far)."""
 _LENGTHS = frozenset("XYIJRUVK")
-_BESIDE = frozenset("FDH")
+_ALSO = frozenset("FDH")
 _G10_REGISTERS = {None: "DH", 10.0: "H", 12.0: "D"}
 _TAKEN_BY = {"P": "G4, G10, G64 or M98", "L": "G10 or M98", "Q": "G64"}
 _FEED_UNITS = {1.0: "mm/min", 0.001: "um/min", INCH_MM: "in/min"}
@@ -494,8 +494,8 @@ class Interpreter:
 
     def _take_work_offset(self, code: float, block: Block) -> None:
         if self.work_offset not in (None, code):
-            told = f"G{self.work_offset} and G{code}"
-            raise self.error(f"work offsets {told}: how far they are apart is not in the program, use one", block)
+            pair = f"G{self.work_offset} and G{code}"
+            raise self.error(f"work offsets {pair}: how far they are apart is not in the program, use one", block)
         self.work_offset = code
         self.notices.add(f"the zero of G{code} is taken as the program's zero", block.line)
 
@@ -538,8 +538,8 @@ class Interpreter:
         for value in block.offsets:
             self._define(value, block)
         called = [register(letter, block.values[letter]) for letter in "DH" if letter in block.values]
-        for told in self.registers.call(called, block.line):
-            self.notices.add(told, block.line)
+        for notice in self.registers.call(called, block.line):
+            self.notices.add(notice, block.line)
 
     def _define(self, value: OffsetValue, block: Block) -> None:
         """Take over ``H1=.0085+H175``."""
@@ -550,7 +550,7 @@ class Interpreter:
 
     def _dwell(self, block: Block) -> None:
         times = [block.values[letter] for letter in "PX" if letter in block.values]
-        if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", *_BESIDE}:
+        if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", *_ALSO}:
             raise self.error("G4 wants its time in seconds, 0 or more, as P or X and nothing else", block)
         if times[0] > LONGEST_DWELL_S:
             raise self.error(f"a dwell of {times[0]:g} s is beyond all reason: at most {LONGEST_DWELL_S:g} s", block)
@@ -561,16 +561,16 @@ class Interpreter:
         values = block.values
         letters = _G10_REGISTERS.get(values.get("L"))
         if letters is None:
-            asked = f"G10 L{values['L']:g}"
-            raise self.error(f"{asked} is not read: set offsets with L10 (H), L12 (D) or without L", block)
-        if not {"P", "R"} <= values.keys() <= {"L", "P", "R", *_BESIDE} or not values["P"].is_integer():
+            word = f"G10 L{values['L']:g}"
+            raise self.error(f"{word} is not read: set offsets with L10 (H), L12 (D) or without L", block)
+        if not {"P", "R"} <= values.keys() <= {"L", "P", "R", *_ALSO} or not values["P"].is_integer():
             raise self.error("G10 wants the register's number as P and its offset as R: G10 L12 P1 R0.155", block)
         for letter in letters:
             self.registers.define(register(letter, values["P"]), values["R"] * self.unit_mm, block.line)
 
     def _set_position(self, block: Block) -> None:
         four = self.dialect.upper in ("relative", "absolute")
-        if not block.values.keys() <= {"X", "Y", *("UV" if four else ""), *_BESIDE}:
+        if not block.values.keys() <= {"X", "Y", *("UV" if four else ""), *_ALSO}:
             raise self.error(f"G92 takes X {'Y U and V' if four else 'and Y'} only", block)
         bare = not block.values.keys() & {"X", "Y"}
         between = self.upper - self.position

@@ -34,7 +34,7 @@ def read_offsets(file: str | Path) -> dict[str, float]:
     Raises
     ------
     InputError
-        No such file, or a line that is none of these.
+        No such file, or an invalid line.
     """
     path = Path(file)
     return checked_offsets(read_table(path, "a table of offsets with lines as D1 = 0.155"), path)
@@ -53,7 +53,7 @@ def read_table(path: Path, what: str) -> dict[str, Any]:
 
 
 def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = None) -> dict[str, float]:
-    """Return offsets in mm by register; raises `InputError` at names and values that are none."""
+    """Return offsets in mm by register; raises `InputError` for invalid names and values."""
     table: dict[str, float] = {}
     for name, value in offsets.items():
         found = _NAME.fullmatch(name.strip().upper())
@@ -67,7 +67,7 @@ def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = Non
 
 
 def in_um(value: object) -> str:
-    """Return a hint for an offset that is too large for mm, and would be none in um."""
+    """Return a hint for an offset that is too large for mm and is probably in um."""
     meant_mm = (real(value) or 0.0) / 1e3
     return f"; {value:g} um are {meant_mm:g} mm" if GREATEST_MM < 1e3 * meant_mm <= 1e3 * GREATEST_MM else ""
 
@@ -113,10 +113,10 @@ class OffsetRegisters:
             raise InputError(f"the offset {name} is {offset_mm:g} mm: give 0 to {GREATEST_MM:g} mm", self._file, line)
         self._table[name] = offset_mm
 
-    def value_of(self, name: str, wanted_by: str, line: int) -> float:
+    def value_of(self, name: str, used_by: str, line: int) -> float:
         """Return a register that another is made of, in mm."""
         if name not in self._table:
-            reason = f"{wanted_by} is made of {name}, which has no value there: write {name}=0. before it"
+            reason = f"{used_by} is made of {name}, which has no value there: write {name}=0. before it"
             raise InputError(f"{reason}, or give it by --offsets", self._file, line)
         return self._table[name]
 

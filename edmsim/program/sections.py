@@ -65,7 +65,7 @@ def passes_of(run: Run) -> list[Run]:
 
 
 def parts_by_condition(run: Run) -> list[Run]:
-    """Split an uncompensated run where its condition changes; what only leads to the contour is no part."""
+    """Split an uncompensated run where its condition changes; what only leads to the contour is not part."""
     moves = run.moves
     if any(move.side for move in moves):
         return [run]

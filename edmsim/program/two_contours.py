@@ -81,7 +81,7 @@ def _pieces(outline: Outline) -> list[Floats]:
 
 
 def _spread(points: Floats, chords: int) -> Floats:
-    """Return the points of a line with so many chords, evenly along it."""
+    """Return the points of a line with `chords` chords, evenly along it."""
     if len(points) == chords + 1:
         return points
     passed = arc_lengths(points)

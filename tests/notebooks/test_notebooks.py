@@ -21,7 +21,15 @@ FOLDER = Path(__file__).parents[2] / "notebooks"
 NAMES = [file.stem for file in sorted(FOLDER.glob("[0-9][0-9]-*.py"))]
 MACHINE_PATHS = re.compile(r"(?<![\w./])/(home|root|tmp|var|work|usr|opt|Users|mnt)/|[A-Z]:\\\\|site-packages")
 LARGEST_BYTES = 600_000
+SHORT_EPISODES = """
+from functools import partialmethod
+from edmsim.envs.episode import Task
+Task.__init__ = partialmethod(Task.__init__, episode_s=10.0)
+"""
 SHORTER = {
+    "04-gap-controllers": SHORT_EPISODES,
+    "05-train-a-policy": SHORT_EPISODES,
+    "13-offline": SHORT_EPISODES,
     "09-calibrate": "from edmsim.calibration import comparison, fit\ncomparison.NOISE_CUTS, fit.MOST_ROUNDS = 8, 2",
 }
 """What is run before a notebook whose work its small settings cannot shorten."""

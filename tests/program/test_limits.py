@@ -137,7 +137,7 @@ def test_a_program_with_many_contours_is_refused(tmp_path: Path, monkeypatch: py
         ("title = 'x'\n".encode("utf-16"), "byte 0 is not UTF-8"),
         (b"title = " + b"9" * 5000, "not valid TOML"),
         (b"a = " + b"[" * 20_000, "not valid TOML"),
-        (b"#" * 1_500_000, "this is no file of constants: it is larger than 1 MB"),
+        (b"#" * 1_500_000, "this is not a file of constants: it is larger than 1 MB"),
         (b'title = "x"\nremoval_mm3_J = { value = nan, source = "own" }\n', "removal_mm3_J"),
         (b'title = "x"\nremoval_mm3_J = { value = 1' + b"0" * 400 + b', source = "own" }\n', "removal_mm3_J"),
     ],
@@ -178,7 +178,7 @@ def test_logs_of_wrong_encoding_are_refused(tmp_path: Path) -> None:
         for suffix in ("csv", "parquet"):
             file = tmp_path / f"{number}.{suffix}"
             file.write_bytes(content)
-            with refused("cannot be read|missing|give a number|no windows|is no Parquet file"):
+            with refused("cannot be read|missing|give a number|no windows|is not a Parquet file"):
                 read_log(file)
 
 

@@ -85,8 +85,8 @@ def compare(steps: int, kinds: tuple[tuple[str, str], ...] = KINDS) -> dict[str,
     """Run kinds under fork and spawn; tell which gave the rewards of one process, and what was left open."""
     began = time.monotonic()
     wanted = in_one_process(steps)
-    with_gymnasium("fork", 1)  # whatever libraries open once for all
-    with_sb3("spawn", 1)
+    with_gymnasium("spawn", 1)  # whatever libraries open once for all
+    with_sb3("fork", 1)
     before, same = left_open(), {}
     for kind, method in kinds:
         if kind == "AsyncVectorEnv":

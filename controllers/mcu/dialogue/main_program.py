@@ -42,7 +42,7 @@ from edmsim.errors import InputError
 JOB = """\
 A JOB, STEP BY STEP                        HELP and a word tells more of it
  1  STATUS              what the machine is doing
- 2  X 50   Y -200       jog an axis by that many um, with the generator off
+ 2  X 50   Y -200       jog an axis by N um, with the generator off
  3  POS 1000 2000       call this place X 1000 Y 2000 um
  4  NEW 1300 2000       new position, straight; CW or CCW: on an arc
  5  TI 30 TP 100        pulse duration and period in us
@@ -102,7 +102,7 @@ STOP            stops the timers and the generator; GO goes on from there""",
 GO              goes on with the cut that was stopped, by STOP or in an
                 emergency, once INIT, WIRE, TI and TP have made it possible""",
     "X": """\
-X um            jogs along x by a number of um (X -200 goes back), generator off,
+X um            jogs along x by N um (X -200 goes back), generator off,
                 at 127 units; motor steps are 2 um. Refused while moving.
 Y um            the same along y""",
     "GEN": """\

@@ -36,14 +36,14 @@ def comments_of(text: str) -> list[str]:
     return ["".join(found) for found in _COMMENT.findall(text)]
 
 
-def dialect_of(text: str, asked: str) -> tuple[Dialect, list[str]]:
+def dialect_of(text: str, requested: str) -> tuple[Dialect, list[str]]:
     """Return the dialect of a program, and notices about it.
 
     Parameters
     ----------
     text : str
         The program.
-    asked : str
+    requested : str
         A dialect's name, or ``auto``: it is recognised by words that no other has.
 
     Raises
@@ -51,8 +51,8 @@ def dialect_of(text: str, asked: str) -> tuple[Dialect, list[str]]:
     InputError
         Unknown dialect.
     """
-    if check_dialect(asked) != AUTO:
-        return DIALECTS[asked], [f"dialect {asked} ({DIALECTS[asked].machines}), as requested"]
+    if check_dialect(requested) != AUTO:
+        return DIALECTS[requested], [f"dialect {requested} ({DIALECTS[requested].machines}), as requested"]
     words = "\n".join("".join(_COMMENT.sub("", line).split()) for line in text.upper().splitlines())
     comments = "\n".join(comments_of(text))
     for dialect in DIALECTS.values():

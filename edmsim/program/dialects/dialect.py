@@ -92,8 +92,8 @@ class Dialect:
             found = [re.search(pattern, words, re.MULTILINE) for pattern in alternative]
             if all(found):
                 return " and ".join(match[0] for match in found if match)
-        told = re.search(self.comment, comments, re.IGNORECASE) if self.comment else None
-        return f"the comment '{told[0]}'" if told else None
+        remark = re.search(self.comment, comments, re.IGNORECASE) if self.comment else None
+        return f"the comment '{remark[0]}'" if remark else None
 
 
 ISO = Dialect("iso", "any machine")

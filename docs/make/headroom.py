@@ -1,0 +1,309 @@
+"""``docs/headroom.md``: what each task has left to be learned, from constants to laws that know the machine.
+
+python docs/make/headroom.py               # the page of docs/headroom.json
+python docs/make/headroom.py MaxRate       # makes what cuts of a task are missing in out/headroom, then the page
+python docs/make/headroom.py all
+
+Interrupted, the same command goes on: every finished cut is a line of ``out/headroom/TASK.jsonl``, which belongs to
+one state of the physics: remove it when that changes. Constants and laws are chosen on `TRAINING` seeds and measured
+on the held-back ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from edmsim.envs.registry import env_id_of, make_family
+from edmsim.evaluation import leaderboard
+from edmsim.evaluation.compare import Comparison, Figure, figures_of, held_back, mean
+from edmsim.evaluation.episode import Result, cut
+from edmsim.evaluation.lines import OF_TASK, ORACLE_GAPS_UM, lines_of
+
+DOCS = Path(__file__).parents[1]
+FOUND, PAGE, CUTS = DOCS / "headroom.json", DOCS / "headroom.md", Path("out/headroom")
+BOARD = DOCS / "leaderboard.json"
+SHIFTS: tuple[str, ...] = ()
+"""Tasks whose cuts take so long that those made here go into the leaderboard as well."""
+TRAINING = range(100, 124)
+USUAL_SEEDS = 12
+"""Seeds on which a constant and a law are chosen; an equal number of held-back ones measures them."""
+SEEDS = {"Contour": 6}
+"""Seeds of either kind, where a cut takes long."""
+LEAST_GAIN = 1.2
+"""Return of a law that knows more, over that of the best honest one, from which on a task is worth learning on
+(ours)."""
+RULE = "|---" * 5 + "|"
+SERVO = "set-point:open_target_share="
+GAP = f"{SERVO}0.05"
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """What is tried in a task.
+
+    Attributes
+    ----------
+    constants, laws : tuple of str
+        Settings that nothing changes, and laws that look at the gap; none sees what no machine shows.
+    variants : tuple of str
+        Laws again, and with other numbers: the best of all laws on each machine is what one would choose that knew
+        its constants.
+    privileged : tuple of str
+        Laws that see the true gap, bend or temperature; the best on each machine counts.
+    chosen : (str, str) or None
+        The constant and the law that earned most on training machines, where `docs/make/lines.py` has found that
+        before; None to find it here.
+    """
+
+    constants: tuple[str, ...]
+    laws: tuple[str, ...]
+    variants: tuple[str, ...]
+    privileged: tuple[str, ...]
+    chosen: tuple[str, str] | None = None
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """All of them, each once."""
+        return tuple(dict.fromkeys([*self.constants, *self.laws, *self.variants, *self.privileged]))
+
+
+FEEDS = Candidates(
+    tuple(f"fixed:feed_um_s={feed}" for feed in (12, 16, 20, 24, 28, 36)),
+    ("delay", "fuzzy", "voltage", "adaptive-off-time", "counts"),
+    (*(f"delay:reference_us={us:g}" for us in (1.0, 1.4, 2.4, 3.2)),
+     *(f"voltage:reference_V={v}" for v in (6, 10, 14))),
+    tuple(f"oracle:gap_target_um={gap:g}" for gap in ORACLE_GAPS_UM),
+)  # fmt: skip
+_CORNER, _TRIM = OF_TASK["Corner"], OF_TASK["Trim"]
+TASKS = {
+    "GapFeed": FEEDS,
+    "HeightStep": FEEDS,
+    "Contour": FEEDS,
+    "Corner": Candidates(
+        tuple(f"{SERVO}{share:g},on_factor=1,period_factor={period:g}"
+              for share in (0.05, 0.1, 0.2) for period in (0.7, 1.0)),
+        tuple(name for name in _CORNER.compared if "corner_factor" in name or name == "voltage"),
+        tuple(f"{GAP},on_factor=1,period_factor=0.7,before_um=20,behind_um=100,corner_factor=2,pull_N_m={pull:g},"
+              "fade_um=150" for pull in (-0.1, 0.05)),
+        (_CORNER.reference,),
+    ),
+    "MaxRate": Candidates(
+        ("fixed-period", *(f"fixed-period:period_us={period}" for period in (35, 45, 50))),
+        ("heat-flux", *(f"heat-flux:hold_share={share:g}" for share in (0.3, 0.5))),
+        ("heat-flux:hold_share=0.6",),
+        ("heat-oracle",),
+        ("fixed-period", "heat-flux"),
+    ),
+    "ThinWire": Candidates(
+        tuple(f"{GAP},period_factor={factor:g}" for factor in (0.25, 0.35, 0.5, 0.7, 1.4)),
+        (f"climb:{GAP.partition(':')[2]}",),
+        (),
+        ("oracle",),
+        (f"{GAP},period_factor=0.35", f"climb:{GAP.partition(':')[2]}"),
+    ),
+    "Trim": Candidates(
+        tuple(f"fixed:feed_um_s={feed},offset_um={off}" for feed in (50, 100, 200) for off in (-8, -4, -2, 0, 4)),
+        tuple(f"{SERVO}{share:g},proportional_um_s=200,integral_um_s2=400,offset_um={off}"
+              for share in (0.4, 0.6) for off in (-4, -2, 0)),
+        (),
+        _TRIM.rehearsed,
+    ),
+    **{
+        shift: Candidates((OF_TASK[shift].blind,), OF_TASK[shift].compared, (), (OF_TASK[shift].reference,),
+                          (OF_TASK[shift].blind, OF_TASK[shift].compared[1]))
+        for shift in SHIFTS
+    },
+}  # fmt: skip
+"""Candidates by task. In ThinWire and Trim no law sees more than a machine shows: there each machine's best constant
+stands for one."""
+
+
+def row_of(result: Result) -> dict[str, Any]:
+    """Return what is noted of a cut."""
+    return {
+        "controller": result.controller, "seed": result.seed, "return": round(result.total_return, 1),
+        "rate_mm2_min": round(result.rate_mm2_min, 2), "lost": result.wires_lost + result.jammed,
+        "result": list(result),
+    }
+
+
+class Cuts:
+    """The cuts of a task, those of the leaderboard and those on disk: made where they are missing.
+
+    Parameters
+    ----------
+    task : str
+    """
+
+    def __init__(self, task: str) -> None:
+        self.task = task
+        self._file = CUTS / f"{task}.jsonl"
+        self._made: dict[tuple[str, int], dict[str, Any]] = {}
+        CUTS.mkdir(parents=True, exist_ok=True)
+        board = leaderboard.read(BOARD).get(env_id_of(task))
+        for result in (made for cuts in board.results.values() for made in cuts) if board else ():
+            self._made[result.controller, result.seed] = row_of(result)
+        lines = self._file.read_text(encoding="utf-8").splitlines() if self._file.exists() else []
+        for line in lines:
+            if line.endswith("}"):  # a line cut off by an interrupt is made again
+                row = json.loads(line)
+                self._made[row["controller"], row["seed"]] = row
+
+    def make(self, names: Sequence[str], seeds: Sequence[int]) -> None:
+        """Make what is missing of controllers x seeds, one after the other, and say how far it is."""
+        missing = [(name, seed) for seed in seeds for name in names if (name, seed) not in self._made]
+        began = time.monotonic()
+        with self._file.open("a", encoding="utf-8") as file:
+            for done, (name, seed) in enumerate(missing, 1):
+                result = cut(env_id_of(self.task), seed, name)
+                row = row_of(result)
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+                self._made[name, seed] = row
+                left_s = (time.monotonic() - began) / done * (len(missing) - done)
+                sys.stderr.write(f"{self.task}: {done} of {len(missing)} cuts, {left_s / 60:.0f} min left; "
+                                 f"{name} {row['return']:.0f}\n")
+
+    def of(self, name: str, seeds: Sequence[int], what: str = "return") -> np.ndarray:
+        """Return a figure of a controller's cuts, (seeds,)."""
+        return np.array([self._made[name, seed][what] for seed in seeds], float)
+
+
+    def comparison(self, names: Sequence[str], seeds: Sequence[int]) -> Comparison:
+        """Return the cuts of some controllers as an evaluation makes them."""
+        env_id, lines = env_id_of(self.task), lines_of(env_id_of(self.task))
+        results = {name: [Result(*self._made[name, seed]["result"]) for seed in seeds] for name in names}
+        figures = {
+            name: figures_of(made, results[lines.reference], results[lines.blind]) for name, made in results.items()
+        }
+        return Comparison(env_id, make_family(env_id).resolution, tuple(seeds), results, figures)
+
+
+def headroom(task: str) -> dict[str, Any]:
+    """Return what a task's lines earn, as the page has it; makes the cuts that are missing."""
+    candidates, count = TASKS[task], SEEDS.get(task, USUAL_SEEDS)
+    training, held = list(TRAINING)[:count], list(held_back(count))
+    cuts = Cuts(task)
+    if candidates.chosen is None:
+        cuts.make([*candidates.constants, *candidates.laws], training)
+    cuts.make(candidates.all, held)
+    if task in SHIFTS:
+        leaderboard.write(BOARD, [cuts.comparison(candidates.all, held)])
+
+    def best(names: Sequence[str]) -> str:
+        return max(names, key=lambda name: float(cuts.of(name, training).mean()))
+
+    def best_each(names: Sequence[str]) -> list[str]:
+        chosen = np.argmax([cuts.of(name, held) for name in names], axis=0)
+        return [names[k] for k in chosen]
+
+    constant, law = candidates.chosen or (
+        best(candidates.constants), best([*candidates.constants, *candidates.laws])
+    )
+    known = tuple(dict.fromkeys([*candidates.constants, *candidates.laws, *candidates.variants]))
+    lines = {
+        "best constant": [constant] * count,
+        "best law": [law] * count,
+        "best constant of each machine": best_each(candidates.constants),
+        "law that knows each machine": best_each(known),
+        "privileged law": best_each(candidates.privileged),
+    }
+    rows = {}
+    for line, names in lines.items():
+        returns, rates, lost = (
+            np.array([cuts.of(name, [seed], what)[0] for name, seed in zip(names, held, strict=True)])
+            for what in ("return", "rate_mm2_min", "lost")
+        )
+        one = names[0] if len(set(names)) == 1 else ""
+        rows[line] = {"name": one, "returns": returns.tolist(), "rates": rates.tolist(), "lost": int(lost.sum())}
+    return {"seeds": count, "lines": rows}
+
+
+def shown(figure: Figure, digits: int = 0) -> str:
+    """Return a figure with its interval."""
+    return f"{figure.value:.{digits}f} ({figure.low:.{digits}f} to {figure.high:.{digits}f})"
+
+
+def margin(found: dict[str, Any]) -> tuple[Figure, float, str]:
+    """Return what the better of the two lines that know more earns above the best law, its share, and which it is."""
+    law = np.array(found["lines"]["best law"]["returns"])
+    ends = ("privileged law", "law that knows each machine")
+    more = {end: np.array(found["lines"][end]["returns"]) for end in ends}
+    end = max(ends, key=lambda name: float(more[name].mean()))
+    return mean(more[end] - law), float(more[end].mean() / law.mean() - 1.0), end
+
+
+def verdict(above: Figure, share: float) -> str:
+    """Say whether learning can pay in a task."""
+    if share < LEAST_GAIN - 1.0:
+        return "for comparison only"
+    return "worth learning on" if above.low > 0.0 else "more, but not for certain"
+
+
+INTRODUCTION = """\
+# Headroom of the tasks
+
+What can be learned in a task is what lies between the best law that sees what a machine shows and one that knows
+more. `python docs/make/headroom.py ThinWire` measures it for a task; it goes on where it was interrupted, and says
+how far it is. `docs/headroom.json` has the figures of every machine.
+
+Constants and laws were chosen on as many training machines (seeds from 100 on) as the lines below were then measured
+on, which are held back. Returns have 95 % bootstrap intervals over these machines. The lines are:
+
+- *best constant*: the setting that earned most in the mean, for all machines;
+- *best law*: the same of constants and laws together. None sees what no machine shows;
+- *best constant of each machine*: the best on the very machine, as if one had tried all of them there before;
+- *law that knows each machine*: the same of all constants, laws and further numbers of these laws, as one would
+  choose who knew the machine's constants. Both are the best of several cuts and owe a little to luck;
+- *privileged law*: sees the true gap, bend or temperature. In ThinWire and Trim it is each
+  machine's best of several constants.
+"""
+
+
+def page(board: dict[str, Any]) -> str:
+    """Return the page of the documentation."""
+    parts = [INTRODUCTION, "## In short", "", "| task | best law | with more known | above the best law | |", RULE]
+    for task, found in board.items():
+        above, share, end = margin(found)
+        best = mean(np.array(found["lines"]["best law"]["returns"]))
+        more = mean(np.array(found["lines"][end]["returns"]))
+        gain = f"{shown(above)}, {100 * share:.0f} %"
+        parts.append(f"| {task} | {shown(best)} | {shown(more)}, {end} | {gain} | {verdict(above, share)} |")
+    parts += [
+        "", f"A task with less than {100 * (LEAST_GAIN - 1):.0f} % above the best law is for comparing laws and "
+        "learners, not for showing that learning pays.", "",
+    ]  # fmt: skip
+    for task, found in board.items():
+        parts += [f"## {task}", "", "| line | return | net rate, mm2/min | wires lost, jams | |", RULE]
+        for line, row in found["lines"].items():
+            mean_return, rate = mean(np.array(row["returns"])), mean(np.array(row["rates"]))
+            name = f"`{row['name']}`" if row["name"] else ""
+            parts.append(f"| {line} | {shown(mean_return)} | {shown(rate, 1)} | {row['lost']} | {name} |")
+        parts += ["", f"{found['seeds']} machines, resolution `fast`.", ""]
+    return "\n".join(parts)
+
+
+def main() -> None:
+    """Make the cuts that are asked for, and write the page."""
+    parser = argparse.ArgumentParser(description="Measure what tasks have left to be learned.")
+    parser.add_argument("tasks", nargs="*", choices=[*TASKS, "all", []], help="tasks to measure, or all")
+    chosen = parser.parse_args().tasks
+    board = json.loads(FOUND.read_text(encoding="utf-8")) if FOUND.exists() else {}
+    for task in TASKS if "all" in chosen else chosen:
+        board[task] = headroom(task)
+        board = {name: board[name] for name in TASKS if name in board}
+        FOUND.write_text(json.dumps(board, indent=1) + "\n", encoding="utf-8")
+    PAGE.write_text(page(board), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
