@@ -33,7 +33,7 @@ def _use_once() -> None:
     import gymnasium as gym
 
     import edmsim
-    import edmsim.envs  # noqa: F401 - registers the environments
+    import edmsim.envs
 
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "line.ngc"

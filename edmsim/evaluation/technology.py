@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from edmsim.controllers import from_text
@@ -453,20 +454,17 @@ def _in_tenths(current_A: float, most_A: float) -> float:
 
 def technology_text(job: Job, found: Sequence[AtHeight], source: str) -> str:
     """Return a technology as its file holds it."""
-    lines = [
-        f'title = "{job.material} with the wire {job.wire} on the machine {job.machine}"',
-        f"source = {json.dumps(source)}",
-        f'machine = "{job.machine}"', f'material = "{job.material}"', f'wire = "{job.wire}"', 'planner = "exact"',
-    ]  # fmt: skip
-    for at in found:
-        lines += ["", "[[height]]", f"height_mm = {at.height_mm:g}", f"approach_share = {at.approach_share:g}"]
-        for one in at.passes:
-            lines += ["", "[[height.pass]]"]
-            for name, value in one.model_dump(exclude={"found"}, exclude_none=True).items():
-                lines.append(f"{name} = {json.dumps(value)}")
-            values = ", ".join(f"{name} = {value}" for name, value in one.found.model_dump().items())
-            lines.append(f"found = {{ {values} }}")
-    return "\n".join(lines) + "\n"
+    title = f"{job.material} with the wire {job.wire} on the machine {job.machine}"
+    document = tomlkit.document()
+    document.update({
+        "title": title, "source": source, "machine": job.machine, "material": job.material, "wire": job.wire,
+        "planner": "exact",
+        "height": [{
+            "height_mm": at.height_mm, "approach_share": at.approach_share,
+            "pass": [one.model_dump(exclude_none=True) for one in at.passes],
+        } for at in found],
+    })  # fmt: skip
+    return tomlkit.dumps(document)
 
 
 def merged(known: Technology | None, job: Job, at: AtHeight) -> list[AtHeight]:
