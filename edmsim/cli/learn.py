@@ -45,6 +45,8 @@ def train(
     **options: Any,
 ) -> None:
     """Train a feed controller (needs the extra rl)."""
+    from edmsim.envs.registry import resolve
+    from edmsim.evaluation.parts import is_part
     from edmsim.learning.command import TrainOptions, run
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live)
@@ -55,8 +57,11 @@ def train(
         raise typer.Exit(INTERRUPTED) from None
     if table is not None:
         OUT.print(table)
-    OUT.print(f"Cut with it: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
-               highlight=False, soft_wrap=True, markup=False)
+    policy = f"policy:{out / 'policy.json'}"
+    use = f"Cut with it: edmsim cut PROGRAM --controller {policy} --out DIR"
+    if is_part(resolve(env_id)):
+        use = f"Compare it: edmsim evaluate {env_id} --controllers {policy}"
+    OUT.print(use, highlight=False, soft_wrap=True, markup=False)
 
 
 @takes("seed")

@@ -98,19 +98,26 @@ class PassLog(Snapshots):
         self.records = []
         self.notices: list[str] = []
         self._before, self._open = Sums(), False
-        passes = [(number, one) for number, contour in enumerate(path.contours, 1) for one in contour.passes]
-        self._contours = path.contours
-        self._number_of = {id(one): number for number, one in passes}
+        self.plan(path, legs)
+
+    def plan(self, path: CutPath, legs: Sequence[Leg]) -> None:
+        """Take another plan of the same cut: the passes to come may have other offsets."""
+        numbers = {id(one): number for number, contour in enumerate(path.contours, 1) for one in contour.passes}
         cutting = [(id(leg.cut_pass), k) for k, leg in enumerate(legs) if leg.cut_pass and not leg.leads_in]
-        self._last_leg, self._first_leg = dict(cutting), dict(reversed(cutting))
+        last, first = dict(cutting), dict(reversed(cutting))
+        self._contours = path.contours
+        self._contour_of = [numbers.get(id(leg.cut_pass), 0) for leg in legs]
+        self._is_first, self._is_last = (
+            [legs_at.get(id(leg.cut_pass)) == k for k, leg in enumerate(legs)] for legs_at in (first, last)
+        )
 
     def begin_leg(self, number: int, leg: Leg, time_s: float, path_um: float, sums: Sums) -> None:
         """Begin a record with the first leg of a pass, behind its lead-in."""
         one = leg.cut_pass
         self._open = one is not None and not leg.leads_in
-        if one is None or self._first_leg[id(one)] != number:
+        if one is None or not self._is_first[number]:
             return
-        contour = self._number_of[id(one)]
+        contour = self._contour_of[number]
         self._before = Sums(**asdict(sums))
         self.records.append(
             PassRecord(contour, one.number, one.piece, one.reversed, one.offset_um, time_s, time_s, path_um, path_um)
@@ -126,7 +133,7 @@ class PassLog(Snapshots):
     def end_leg(self, number: int, leg: Leg, plant: Plant) -> None:
         """Measure the wall at the end of a pass, and see what has come loose."""
         one = leg.cut_pass
-        if one is None or self._last_leg[id(one)] != number:
+        if one is None or not self._is_last[number]:
             return
         self._open = False
         contour = self._contours[self.records[-1].contour - 1]

@@ -21,16 +21,16 @@ WIDE = 170
 _SHORT = {
     "score": "score", "rate_mm2_min": "mm2/min",
     "oracle_share": "of oracle", "short_share": "short", "open_share": "open",
-    "total_return": "return", "error_um": "path um", "edge_error_um": "edge um", "time_s": "s",
+    "total_return": "return", "error_um": "path um", "edge_error_um": "edge um", "ra_um": "Ra um", "time_s": "s",
     "breaks_per_m": "breaks/m", "jams_per_m": "jams/m",
     "cost": "cost",
 }
 """Heads of the table on the screen."""
-_NARROW = ("score", "rate_mm2_min", "short_share", "open_share", "edge_error_um", "time_s")
+_NARROW = ("score", "rate_mm2_min", "short_share", "open_share", "edge_error_um", "ra_um", "time_s")
 """Figures of a table that is narrower than `WIDE`, where events are counted."""
 _RARE = ("breaks_per_m", "jams_per_m")
 """Figures of which 0 is common, and its interval hard to read."""
-_SMALL = ("score", "cost")
+_SMALL = ("score", "cost", "ra_um")
 """Figures shown with two decimals."""
 _PERCENT = ("oracle_share", "short_share", "open_share")
 

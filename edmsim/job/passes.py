@@ -47,6 +47,7 @@ class Passes(NamedTuple):
         One per pass; none for a cut in one pass.
     table : PassTable or None
         What the technology says.
+    technology : Technology or None
     """
 
     settings: CutSettings
@@ -54,6 +55,7 @@ class Passes(NamedTuple):
     setups: tuple[PassSetup, ...] = ()
     approach: PassSetup | None = None
     table: PassTable | None = None
+    technology: Technology | None = None
 
 
 def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Plan) -> Passes:
@@ -187,13 +189,20 @@ def _made(
     settings: CutSettings, technology: Technology, table: PassTable, path: CutPath, notices: tuple[str, ...]
 ) -> Passes:
     """Make the set-ups of the passes; the first is the machine of the settings."""
-    machines = [_machine(settings, technology, one) for one in table.settings]
-    setups = tuple(
-        PassSetup(machine, from_text(one.controller())) for machine, one in zip(machines, table.settings, strict=True)
-    )
-    approach = PassSetup(machines[0], from_text(table.settings[0].controller(table.approach_share)))
+    setups = tuple(setup_of(settings, technology, one) for one in table.settings)
+    approach = approach_of(setups[0].machine, table, table.settings[0])
     path = replace(path, notices=(*path.notices, *notices))
-    return Passes(settings, path, setups, approach, table)
+    return Passes(settings, path, setups, approach, table, technology)
+
+
+def setup_of(settings: CutSettings, technology: Technology, one: PassSetting) -> PassSetup:
+    """Return the set-up of a pass, with the constants of a cut's settings; raises `InputError` as `Machine.load`."""
+    return PassSetup(_machine(settings, technology, one), from_text(one.controller()))
+
+
+def approach_of(machine: Machine, table: PassTable, rough: PassSetting) -> PassSetup:
+    """Return the set-up of a lead-in: the rough pass' machine, at a share of its feed."""
+    return PassSetup(machine, from_text(rough.controller(table.approach_share)))
 
 
 def _machines(settings: CutSettings, technology: Technology, table: PassTable) -> list[Machine]:
