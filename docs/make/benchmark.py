@@ -61,9 +61,9 @@ guides by the wire's true bend. In MaxRate `fixed-period` is 0, and 1 is `heat-o
 wire's true temperature. In Part 0 is what the technology has, and 1 is `corrected`, a law without any privilege;
 errors and Ra there are of the finished parts.
 
-The gains of the classic controllers were found by `edmsim tune gains --method evolution` on other seeds of GapFeed
-and HeightStep, for the return, the feed of `fixed` by `python docs/make/lines.py`; each file in `models/gains/` names
-its command.
+The gains of the classic controllers were found by `edmsim tune gains NAME --method evolution --out DIR` on other
+seeds of GapFeed and HeightStep, for the return, the feed of `fixed` by `python docs/make/lines.py`; each file in
+`models/gains/` names its command.
 `counts` keeps its documented constants. A search finds others that earn more, but with them the feed oscillates where
 windows last 0.25 s or the removal halves, and a machine's default must not do that
 (`tests/controllers/test_feed_controllers.py`).

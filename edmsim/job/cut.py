@@ -202,9 +202,9 @@ def planned(
     table = machine.base.table
     step_um, travel_um = table.step_um.value, round(table.travel_mm.value * 1e3)
     unit = position_unit(settings.planner, travel_um, step_um)
-    asked = settings.offset if passes is None or passes.of_program else "auto"
+    offset = settings.offset if passes is None or passes.of_program else "auto"
     return plan_path(
-        program if isinstance(program, Program) else read_program(program, settings), asked,
+        program if isinstance(program, Program) else read_program(program, settings), offset,
         auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, grid_um=unit_um(unit, round(step_um)),
         taper_deg=settings.taper_deg, corners=cast(Corners, settings.taper_corners),
         guides=[guides_of(one, errors_mm) for one in machines], passes=passes,

@@ -73,7 +73,7 @@ class CutSettings(SetUpOptions, MachineOption):
     Raises
     ------
     InputError
-        A name that is no option, or a value that no cut can be made with.
+        A name that is not an option, or a value that no cut can be made with.
     """
 
     heights: Annotated[Sequence[Height], Flag("height-at", "MM:MM", many=True)] = ()
@@ -134,7 +134,7 @@ class CutSettings(SetUpOptions, MachineOption):
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
     passes: WholeNumber | None = None
-    """Cut every contour in so many passes, rough and trims, with offsets and settings of a technology; by default in
+    """Number of passes for every contour, rough and trims, with offsets and settings of a technology; by default in
     one, or as the program does."""
     technology: str | None = None
     """Technology of the passes, a name or an own TOML file; by default the one for the material. It decides machine,
@@ -270,7 +270,7 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @classmethod
     def of_json(cls, text: str | bytes) -> CutSettings:
-        """Read settings back from their JSON; raises `InputError` if it is none."""
+        """Read settings back from their JSON; raises `InputError` if it is invalid."""
         try:
             return cls.model_validate_json(text)
         except ValidationError as error:

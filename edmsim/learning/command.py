@@ -116,8 +116,8 @@ def run(
     with ShownProgress(keep=True) as bar:
 
         def watch(progress: TrainingProgress) -> None:
-            earned = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
-            bar.show("train", progress.steps, progress.total, earned)
+            shown_return = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
+            bar.show("train", progress.steps, progress.total, shown_return)
 
         trained = train(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, parameters=parameters,

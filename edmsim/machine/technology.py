@@ -290,8 +290,8 @@ def nearest_technology(material: str, machine: str | None = None, wire: str | No
     fitting = [one for one in known if machine in (None, one.machine) and wire in (None, one.wire)]
     if not fitting:
         return technology_for(material, machine, wire)
-    wanted = _removal_mm3_J(material)
-    away = [abs(math.log(_removal_mm3_J(one.material) / wanted)) for one in fitting]
+    removal = _removal_mm3_J(material)
+    away = [abs(math.log(_removal_mm3_J(one.material) / removal)) for one in fitting]
     return min(zip(fitting, away, strict=True), key=lambda pair: (pair[0].material != material, pair[1]))[0]
 
 

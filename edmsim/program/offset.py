@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
 from edmsim.program.outline import Outline, Program, Side, chords_of, signed_area
-from edmsim.program.taper import GuideHeights, Ruled, wire_beside
+from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
 
 QUAD_SEGMENTS = 32
 """Chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm."""
@@ -86,7 +86,7 @@ def offset_closed(
         if blunt is None:
             return offset_closed(edge, side, distance_mm)
         ring = blunt
-    return _simplified(_turned_to(ring, _beside_start(edge, side, distance_mm), edge[0]))
+    return _simplified(_turned_to(ring, _offset_start(edge, side, distance_mm), edge[0]))
 
 
 def _join(past_mm: float | None) -> dict[str, Any]:
@@ -176,17 +176,17 @@ def _pieces(grown: shapely.Polygon | shapely.MultiPolygon) -> list[shapely.Polyg
     return [shapely.Polygon(ring) for ring in grown.interiors]
 
 
-def _beside_start(edge: NDArray[np.float64], side: Side, distance_mm: float) -> NDArray[np.float64]:
+def _offset_start(edge: NDArray[np.float64], side: Side, distance_mm: float) -> NDArray[np.float64]:
     return np.asarray(edge[0] + distance_mm * normal(edge[:2], side))
 
 
 def _turned_to(
-    ring: NDArray[np.float64], wanted: NDArray[np.float64], corner: NDArray[np.float64]
+    ring: NDArray[np.float64], target: NDArray[np.float64], corner: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Let a ring begin at the wanted point if it passes there, else (inner corner) nearest to the corner."""
     line = shapely.LineString(ring)
-    on_ring = line.distance(shapely.Point(wanted)) < _ON_RING_MM
-    at = line.project(shapely.Point(wanted if on_ring else corner))
+    on_ring = line.distance(shapely.Point(target)) < _ON_RING_MM
+    at = line.project(shapely.Point(target if on_ring else corner))
     start = shapely.get_coordinates(line.interpolate(at))
     passed = arc_lengths(ring)
     after = ring[:-1][passed[:-1] > at]
@@ -352,7 +352,7 @@ def _touched(edge: NDArray[np.float64], path: NDArray[np.float64], distance_mm: 
     return np.asarray(shapely.dwithin(line, middles, distance_mm + REACH_TOLERANCE_MM), np.bool_)
 
 
-_KEPT_APART_MM = 0.002
+_SEPARATION_MM = 0.002
 
 
 @dataclass(frozen=True)
@@ -394,17 +394,17 @@ def offset_outline(
 
     `past_mm` is that of `offset_closed`.
     """
-    beside = offset_closed if outline.closed else offset_open
+    offset_line = offset_closed if outline.closed else offset_open
     points = outline.points_mm
     if outline.wire_side is None:
         try:
-            return OffsetOutline(outline, points, beside(points, outline.part_side, offset_mm), offset_mm)
+            return OffsetOutline(outline, points, offset_line(points, outline.part_side, offset_mm), offset_mm)
         except InputError:  # there is no such edge, but the wire can go as the program says
             notices.append(f"{outline.name} is cut as written; no edge lies at the offset beside it, so its profile "
                            "is measured from the wire's centre")
             return OffsetOutline(outline, points, points, 0.0)
     try:
-        path = beside(points, outline.wire_side, offset_mm, past_mm)
+        path = offset_line(points, outline.wire_side, offset_mm, past_mm)
         notices += check_reach(points, path, offset_mm, outline.line_numbers, outline.elements)
     except InputError as error:
         raise located(error, program, outline) from None
@@ -425,7 +425,7 @@ def leaning_outline(
         if guides is None:
             raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "
                              "whose file has guides.upper_travel_mm")
-        wall, wire = wire_beside(outline, offset_mm, guides)
+        wall, wire = wall_and_wire(outline, offset_mm, guides)
     except InputError as error:
         raise located(error, program, outline) from None
     return OffsetOutline(outline, wire.lower_mm, wall.lower_mm, offset_mm, (wall, wire), guides)
@@ -471,10 +471,10 @@ def keep_apart(legs: Sequence[OffsetOutline], source: str) -> None:
         line = shapely.LineString(leg.path)
         for other in shut:
             distance = line.distance(other.edge)
-            if distance < leg.offset_mm - _KEPT_APART_MM:
-                told = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"
+            if distance < leg.offset_mm - _SEPARATION_MM:
+                pair = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"
                 reason = f"the wire's centre would pass {distance:.3f} mm from it, not {leg.offset_mm:.4f} mm"
-                raise InputError(f"{told}: {reason}; move them apart", source, leg.outline.line)
+                raise InputError(f"{pair}: {reason}; move them apart", source, leg.outline.line)
 
 
 def away(leg: OffsetOutline) -> NDArray[np.float64]:

@@ -107,7 +107,7 @@ def train_population(
         Windows of a learner in all generations together, each rounded up to whole updates; those of
         ``models/training`` by default.
     algo, seed, seeds
-        See `edmsim.sweep.tune.tune`.
+        See `edmsim.sweep.tune.tune_training`.
     watch : callable, optional
         Called with a `PopulationResult` after every learner's generation.
 

@@ -40,7 +40,7 @@ def test_a_comparison_comes_back_to_the_digit_and_another_controller_joins_it(sh
 def test_what_is_no_leaderboard_is_refused(tmp_path, text):
     file = tmp_path / "board.json"
     file.write_text(text)
-    with pytest.raises(InputError, match="no leaderboard, or a damaged one"):
+    with pytest.raises(InputError, match="not a leaderboard, or a damaged one"):
         leaderboard.read(file)
 
 
