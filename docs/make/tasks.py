@@ -34,13 +34,18 @@ TAKEN_S = {
     "Trim": 8.0, "Part": 1800.0,
 }  # fmt: skip
 """Machine time at which a picture is taken, at the latest."""
-FURTHER = {"Corner": (0.0, 0.0, 0.0), "MaxRate": (1.0,), "ThinWire": (0.0,), "Trim": (0.0, 0.0, 0.0), "Part": (0.0, 0.0, 0.0)}
+FURTHER = {
+    "Corner": (0.0, 0.0, 0.0), "MaxRate": (1.0,), "ThinWire": (0.0,), "Trim": (0.0, 0.0, 0.0),
+    "Part": (0.0, 0.0, 0.0),
+}  # fmt: skip
 """What knobs and offset of a task are set to; MaxRate's wire would break at its first period."""
 FIRST = {"Trim": 0.4, "Part": 0.0}
 """What entry 0 is set to where that is not the middle of a servo's targets: a feed of 80 um/s, or what the technology
 has."""
 COLUMNS = {"score": "score", "rate_mm2_min": "net rate, mm2/min", "total_return": "return"}
-OF_PARTS = {"score": "score", "total_return": "return", "time_s": "s", "edge_error_um": "error, um", "ra_um": "Ra, um"}
+OF_PARTS = {
+    "score": "score", "total_return": "return", "time_s": "s", "edge_error_um": "error, um", "ra_um": "Ra, um",
+}  # fmt: skip
 """Columns of Part; the last three are of finished parts."""
 
 
