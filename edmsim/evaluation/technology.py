@@ -1,7 +1,7 @@
 """The search for a technology: straight cuts, pass after pass on the same metal, until each takes what it should.
 
 What is asked of the passes, roughness, feed and stock, is that of a job shop with 0.25 mm brass wire on 25.4 mm of
-steel (`ASKED`). Pulses follow from the roughness by the model's craters, the power of the rough pass from the wire,
+steel (`TARGETS`). Pulses follow from the roughness by the model's craters, the power of the rough pass from the wire,
 the offsets from where the wall of a simulated cut ends.
 """
 
