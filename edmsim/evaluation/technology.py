@@ -1,7 +1,7 @@
 """The search for a technology: straight cuts, pass after pass on the same metal, until each takes what it should.
 
 What is asked of the passes, roughness, feed and stock, is that of a job shop with 0.25 mm brass wire on 25.4 mm of
-steel (`ASKED`). Pulses follow from the roughness by the model's craters, the power of the rough pass from the wire,
+steel (`TARGETS`). Pulses follow from the roughness by the model's craters, the power of the rough pass from the wire,
 the offsets from where the wall of a simulated cut ends.
 """
 
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from edmsim.controllers import from_text
@@ -453,20 +454,17 @@ def _in_tenths(current_A: float, most_A: float) -> float:
 
 def technology_text(job: Job, found: Sequence[AtHeight], source: str) -> str:
     """Return a technology as its file holds it."""
-    lines = [
-        f'title = "{job.material} with the wire {job.wire} on the machine {job.machine}"',
-        f"source = {json.dumps(source)}",
-        f'machine = "{job.machine}"', f'material = "{job.material}"', f'wire = "{job.wire}"', 'planner = "exact"',
-    ]  # fmt: skip
-    for at in found:
-        lines += ["", "[[height]]", f"height_mm = {at.height_mm:g}", f"approach_share = {at.approach_share:g}"]
-        for one in at.passes:
-            lines += ["", "[[height.pass]]"]
-            for name, value in one.model_dump(exclude={"found"}, exclude_none=True).items():
-                lines.append(f"{name} = {json.dumps(value)}")
-            values = ", ".join(f"{name} = {value}" for name, value in one.found.model_dump().items())
-            lines.append(f"found = {{ {values} }}")
-    return "\n".join(lines) + "\n"
+    title = f"{job.material} with the wire {job.wire} on the machine {job.machine}"
+    document = tomlkit.document()
+    document.update({
+        "title": title, "source": source, "machine": job.machine, "material": job.material, "wire": job.wire,
+        "planner": "exact",
+        "height": [{
+            "height_mm": at.height_mm, "approach_share": at.approach_share,
+            "pass": [one.model_dump(exclude_none=True) for one in at.passes],
+        } for at in found],
+    })  # fmt: skip
+    return tomlkit.dumps(document)
 
 
 def merged(known: Technology | None, job: Job, at: AtHeight) -> list[AtHeight]:

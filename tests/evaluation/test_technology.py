@@ -14,7 +14,7 @@ from edmsim.cosim.passes import PassRecord
 from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology
-from edmsim.evaluation.technology import TARGETS, Cut, Job, Search
+from edmsim.evaluation.technology import TARGETS, Cut, Job, Search, technology_text
 from edmsim.machine.technology import PassSetting, read_technology
 from edmsim.metrology.passes import WallError
 
@@ -86,6 +86,16 @@ def test_the_command_writes_a_technology_and_adds_heights(tmp_path: Path) -> Non
     other = runner.invoke(cli.app, ["technology", "copper", "--passes", "1", "--out", str(file)])
     assert isinstance(other.exception, InputError)
     assert "holds a technology for material tool-steel, not copper" in str(other.exception)
+
+
+def test_a_technology_is_valid_toml_whatever_its_files_are_called(tmp_path: Path) -> None:
+    known = read_technology("tool-steel-brass-254")
+    job = Job('own\\"steel".toml', wire=r"C:\wires\thin.toml")
+    file = tmp_path / "made.toml"
+    file.write_text(technology_text(job, known.heights, 'by "hand"'), encoding="utf-8")
+    made = read_technology(str(file))
+    assert (made.material, made.wire, made.source) == (job.material, job.wire, 'by "hand"')
+    assert made.heights == known.heights
 
 
 def test_what_cannot_be_searched_is_refused() -> None:
