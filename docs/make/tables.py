@@ -27,14 +27,14 @@ from edmsim.controllers.axis import ServoModule, Uhu
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.feed.law import GapServo, ServoLaw
 from edmsim.machine.machine import Machine
-from edmsim.machine.options import SetUpOptions, available, limits_text
+from edmsim.machine.options import Names, SetUpOptions, available, fact, limits_text
 from edmsim.machine.setting import most_current_A, open_V, pulse_shape
 from edmsim.recording.windows import COLUMNS, EQUALISING_COLUMNS
 
 DOCS = Path(__file__).parents[1]
 MARK = re.compile(
-    r"(?P<begin><!-- begin table: (?P<kind>commands|columns|letters|options|parameters|set-ups) ?(?P<words>.*?) -->\n)"
-    r".*?(?P<end><!-- end table -->)", re.DOTALL,
+    r"(?P<begin><!-- begin table: (?P<kind>commands|columns|letters|options|parameters|set-ups) ?"
+    r"(?P<words>.*?) -->\n).*?(?P<end><!-- end table -->)", re.DOTALL,
 )
 LINUXCNC = {
     "proportional_gain": "Pgain", "integral_gain": "Igain", "derivative_gain": "Dgain", "clamp": "maxoutput",
@@ -128,12 +128,13 @@ def described(parameter: inspect.Parameter, info: Any) -> tuple[str, ...]:
 
 def options(*names: str) -> list[str]:
     """Options of a set-up by name: meaning and limits."""
-    fields = SetUpOptions.model_fields
-    return rows(("option", "in Python", "meaning", "limits"), (
-        (f"`{flag(name, fields[name])}`", f"`{name}`", " ".join(str(fields[name].description).split()),
-         limits_text(name, fields[name]))
-        for name in names
-    ))  # fmt: skip
+    body = []
+    for name in names:
+        field = SetUpOptions.model_fields[name]
+        listed = fact(field, Names)
+        within = limits_text(name, field) if listed is None else ", ".join(listed.listed())
+        body.append((f"`{flag(name, field)}`", f"`{name}`", " ".join(str(field.description).split()), within))
+    return rows(("option", "in Python", "meaning", "limits"), iter(body))
 
 
 def columns() -> list[str]:
