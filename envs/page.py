@@ -22,9 +22,10 @@ from typing import Any, TypeVar
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import observation, reward
 from edmsim.envs.arguments import arguments_of
-from edmsim.envs.batch import action_space_of, entries_of, observation_space_of
+from edmsim.envs.batch import action_space_of
 from edmsim.envs.knobs import KNOBS
 from edmsim.envs.lanes import STRETCH_UM
+from edmsim.envs.observation import entries_of, observation_space_of
 from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
 from edmsim.envs.task import Family
 from edmsim.geometry import CORNER_DEG

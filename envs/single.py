@@ -11,8 +11,9 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from edmsim.envs.arguments import plain
-from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
+from edmsim.envs.batch import Batch, action_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
+from edmsim.envs.observation import observation_space_of
 from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.registry import make_family
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from edmsim.envs.batch import entries_of
+from edmsim.envs.observation import entries_of
 from edmsim.envs.registry import make_family
 from edmsim.errors import InputError
 from edmsim.files import make_writable

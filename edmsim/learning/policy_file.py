@@ -18,8 +18,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from edmsim import models, user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text, names
-from edmsim.envs.batch import entries_of
 from edmsim.envs.knobs import KNOBS
+from edmsim.envs.observation import entries_of
 from edmsim.envs.registry import make_family
 from edmsim.envs.task import Family
 from edmsim.errors import InputError, one_of

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from edmsim.envs.batch import entries_of
+from edmsim.envs.observation import entries_of
 from edmsim.errors import InputError
 from edmsim.learning.policy_file import Policy, load, meanings
 from edmsim.learning.sb3_parts import Around, PolicyNetwork, around, network_of, shape_in_words

@@ -13,7 +13,7 @@ import pytest
 
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import Family
-from edmsim.envs.batch import entries_of
+from edmsim.envs.observation import entries_of
 from edmsim.envs.registry import env_id_of
 
 from .conftest import NAMES
