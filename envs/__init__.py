@@ -1,8 +1,8 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
 ``import edmsim`` registers ``edmsim/GapFeed-v2``, ``edmsim/HeightStep-v2``, ``edmsim/Corner-v2``,
-``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1`` and ``edmsim/Trim-v1``; each has a file whose
-environment class describes action, observation and reward.
+``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1``, ``edmsim/Trim-v1`` and ``edmsim/Part-v0``, which
+is decided on pass by pass; each has a file whose environment class describes action, observation and reward.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from edmsim.envs.gap_feed import GapFeed
     from edmsim.envs.height_step import HeightStep
     from edmsim.envs.max_rate import MaxRate
+    from edmsim.envs.part_task import Part, PartWeights
     from edmsim.envs.record import RecordRerun
     from edmsim.envs.record_episodes import RecordEpisodes
     from edmsim.envs.registry import register
@@ -42,6 +43,8 @@ _HOMES = {
     "GapFeed": "gap_feed",
     "HeightStep": "height_step",
     "MaxRate": "max_rate",
+    "Part": "part_task",
+    "PartWeights": "part_task",
     "RecordEpisodes": "record_episodes",
     "RecordRerun": "record",
     "Scenario": "scenario",
@@ -56,8 +59,8 @@ _HOMES = {
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "MaxRate", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "ThinWire",
-    "Trim", "Weights", "make_sb3_vec_env", "register",
+    "HeightStep", "MaxRate", "Part", "PartWeights", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors",
+    "StepResult", "Task", "ThinWire", "Trim", "Weights", "make_sb3_vec_env", "register",
 ]
 
 

@@ -13,10 +13,10 @@ from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import servo
 from edmsim.envs.knobs import least_setting_us
 from edmsim.envs.lanes import Lanes
-from edmsim.envs.observation import ObservationBuilder
+from edmsim.envs.observation_builder import ObservationBuilder
 from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.reward import TERMS, StepRewards
-from edmsim.envs.task import Family
+from edmsim.envs.task import EnvArguments, Family
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import OPEN, SHORT
 
@@ -24,12 +24,19 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def action_space_of(family: Family) -> gym.spaces.Box[np.float32]:
-    """Return the action space, with one entry for each of `Family.action_names`."""
+def action_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
+    """Return the action space, with one entry for each of `EnvArguments.action_names`."""
     return gym.spaces.Box(-1.0, 1.0, (len(family.action_names),), np.float32)
 
 
-def reward_space_of(family: Family) -> gym.spaces.Box[np.float32]:
+def observation_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
+    """Return the observation space."""
+    entries = family.entries()
+    low, high = (np.array([getattr(e, end) for e in entries], np.float32) for end in ("low", "high"))
+    return gym.spaces.Box(low, high, dtype=np.float32)
+
+
+def reward_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
     """Return the space of rewards: as many as objectives, or one."""
     return gym.spaces.Box(-np.inf, np.inf, (len(family.objectives) or 1,), np.float32)
 
@@ -65,8 +72,9 @@ class Batch:
         family = self.family
         return StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, self.lanes.count)
 
-    def change(self, family: Family) -> None:
+    def change(self, family: EnvArguments) -> None:
         """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""
+        assert isinstance(family, Family)
         self.family = self.lanes.family = self.builder.family = family
         self.builder.sensors = family.measured_by
         self._episodes[:] = 0
@@ -107,6 +115,24 @@ class Batch:
     def _begin_wire(self, lane: int) -> None:
         self._feed_um_s[lane] = self.family.first_feed_um_s
         servo.begin(self._servos[lane], self.family.first_feed_um_s)
+
+    def clear(self) -> None:
+        """Forget what the last step earned and cost."""
+        self.earned.begin()
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """Which episodes (n,) have terminated."""
+        return np.asarray(self.lanes.rows["cause"] != RUNNING)
+
+    @property
+    def out_of_time(self) -> NDArray[np.bool_]:
+        """Which lanes (n,) have cut for as long as an episode lasts."""
+        return self.lanes.out_of_time
+
+    def close(self) -> None:
+        """Shut down the threads."""
+        self.lanes.fleet.close()
 
     def step(self, active: Ints, actions: NDArray[np.float32]) -> Floats:
         """Run a step in the active lanes; returns the rewards (n,), or (n, objectives), 0 in the others."""

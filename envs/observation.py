@@ -1,7 +1,7 @@
 """The observation: only what a machine can measure and its operator knows, with a fixed place for every entry.
 
-`ObservationBuilder` makes it, for environments and for policies in cuts. An entry is declared here with its value;
-the values of the entries of a step are in `show`, which is compiled.
+An entry is declared here with its value; the values of the entries of a step are in `show`, which is compiled.
+`observation_builder` puts them together.
 """
 
 from __future__ import annotations
@@ -12,20 +12,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import normal, uniform
-from edmsim.controllers.protocols import WindowObservation
-from edmsim.envs.sensors import Sensors
-from edmsim.envs.task import Family
-from edmsim.machine.machine import Machine
-from edmsim.machine.setting import WINDOW_PULSES, wire_speed_m_s
+from edmsim.machine.setting import wire_speed_m_s
 from edmsim.plant.constants import faces_Pa
-from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK, WINDOW
-from edmsim.snapshots import Snapshots
+from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 Floats = NDArray[np.float64]
 
@@ -95,7 +89,6 @@ class Known:
 
     Attributes
     ----------
-    family : Family
     rows : (n,) `path_follower.LANE`
     corner_um, corner_deg : (n, most)
         Length of path up to each corner, infinite for the filling, and its turn.
@@ -103,14 +96,18 @@ class Known:
         Time of cutting with the present wire.
     broke_at : (n,)
         Longest period per on-time at which a wire broke; 0 where none did.
+    offset_um, wires, episode_s
+        Arguments of the environment.
     """
 
-    family: Family
     rows: NDArray[np.void]
     corner_um: Floats
     corner_deg: Floats
     age_s: Floats
     broke_at: Floats
+    offset_um: float | None
+    wires: int
+    episode_s: float | None
 
     @cached_property
     def ahead(self) -> tuple[Floats, Floats]:
@@ -143,15 +140,15 @@ CORNERS = (
 """Entries behind the dials, where the program is known."""
 OFFSET = Entry(
     "offset", -1.0, 1.0, "offset from the path, left positive, um", "``offset_um``",
-    lambda k: k.rows["offset_um"] / k.family.offset_um,
+    lambda k: k.rows["offset_um"] / k.offset_um,
 )  # fmt: skip
 """Entry behind those, where an action leads the guides beside the path."""
 WIRES = (
     Entry("wires_lost", 0.0, 1.0, "wires that broke in the episode", "``wires``",
-          lambda k: k.rows["wires_lost"] / k.family.wires),
+          lambda k: k.rows["wires_lost"] / k.wires),
     Entry("wire_age", 0.0, 1.0, "time of cutting with the present wire, s", "60 s", lambda k: k.age_s / WIRE_AGE_S),
     Entry("spent", 0.0, 1.0, "time of cutting, s", "``episode_s``",
-          lambda k: k.rows["elapsed_ns"] * 1e-9 / (k.family.episode_s or np.inf)),
+          lambda k: k.rows["elapsed_ns"] * 1e-9 / (k.episode_s or np.inf)),
     Entry("broke_at", 0.0, 1.0, "log2 of the longest period/on-time that broke", "10",
           lambda k: np.log2(np.maximum(k.broke_at, 1.0)) / 10.0),
 )  # fmt: skip
@@ -167,26 +164,22 @@ def of_a_step(locates_discharges: bool) -> tuple[Entry, ...]:
     return MEASURED + FIFTHS if locates_discharges else MEASURED
 
 
-def known_to(family: Family) -> tuple[Entry, ...]:
+def known_entries(knows_corners: bool, offsets: bool, knows_wires: bool) -> tuple[Entry, ...]:
     """Entries behind the dials."""
-    offset = (OFFSET,) if family.offset_um is not None else ()
-    return *(CORNERS if family.knows_corners else ()), *offset, *(WIRES if family.knows_wires else ())
+    return *(CORNERS if knows_corners else ()), *((OFFSET,) if offsets else ()), *(WIRES if knows_wires else ())
 
 
-def entries_of(family: Family) -> list[Entry]:
-    """Return every entry of an environment's observation, in order."""
+def entries(
+    history: int, knows_corners: bool, locates_discharges: bool = False, offsets: bool = False,
+    knows_wires: bool = False,
+) -> list[Entry]:
+    """Every entry of an observation, in order."""
     steps = [
         entry._replace(name=f"{entry.name}[{-age}]" if age else entry.name)
-        for age in range(family.history)
-        for entry in of_a_step(family.locates_discharges)
+        for age in range(history)
+        for entry in of_a_step(locates_discharges)
     ]
-    return [*steps, *DIALS, *known_to(family)]
-
-
-def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
-    """Return the observation space."""
-    low, high = (np.array([getattr(e, end) for e in entries_of(family)], np.float32) for end in ("low", "high"))
-    return gym.spaces.Box(low, high, dtype=np.float32)
+    return [*steps, *DIALS, *known_entries(knows_corners, offsets, knows_wires)]
 
 
 _LOW = tuple(entry.low for entry in MEASURED)
@@ -304,103 +297,10 @@ def _measured(scales: NDArray[np.void], i: int, value: float) -> float:
     return float(np.rint(value / scales[i].step) * scales[i].step) if scales[i].step > 0.0 else value
 
 
-class ObservationBuilder(Snapshots):
-    """Builds the observations of n episodes, window by window.
-
-    Parameters
-    ----------
-    family : Family
-    count : int
-    sensors : Sensors
-        How the analogue quantities are measured.
-
-    Attributes
-    ----------
-    sums : (n,) `SHOWN`
-        What the windows of the present step showed.
-    """
-
-    STATE = ("sums", "_history", "_scales", "_threaded_ns", "_broke_at")
-
-    def __init__(self, family: Family, count: int, sensors: Sensors) -> None:
-        self.family, self.sensors = family, sensors
-        width = len(of_a_step(family.locates_discharges))
-        self._history = np.zeros((count, family.history + sensors.delay_steps, width), np.float32)
-        self._dials = np.zeros((count, len(DIALS)), np.float32)
-        self.sums: NDArray[np.void] = np.zeros(count, SHOWN)
-        self._scales: NDArray[np.void] = np.zeros(count, SCALE)
-        self._threaded_ns = np.zeros(count, np.int64)
-        self._broke_at = np.zeros(count)
-
-    def begin(self, i: int, row: np.void, machine: Machine, noise_key: np.uint64 | int = 0) -> None:
-        """Begin an episode on a machine; `row` is its `path_follower.LANE`."""
-        self._history[i] = 0.0
-        self.sums[i] = np.zeros((), SHOWN)
-        self._dials[i] = _values(DIALS, machine, 1)[0]
-        self._scales[i]["key"], self._scales[i]["draws"] = noise_key, 0
-        self._broke_at[i] = 0.0
-        self.take_scale(i, row)
-        self.thread(i, row)
-
-    def take_scale(self, i: int, row: np.void) -> None:
-        """Divide by what belongs to the generator's setting from now on."""
-        scale = self._scales[i]
-        for name in ("open_V", "limit_A", "wait_us"):
-            scale[name] = row[name]
-        scale["noise_share"], scale["step"] = self.sensors.noise_share, self.sensors.step
-
-    def thread(self, i: int, row: np.void) -> None:
-        """Begin with a fresh wire."""
-        self._threaded_ns[i] = row["elapsed_ns"]
-
-    def lose_wire(self, i: int, row: np.void, setting_us: tuple[float, float]) -> None:
-        """Note the setting at which a wire broke, and begin with the next one."""
-        on_us, period_us = setting_us
-        self._broke_at[i] = max(self._broke_at[i], period_us / on_us)
-        self.thread(i, row)
-
-    def begin_step(self, active: NDArray[np.int64]) -> None:
-        """Begin a step of some episodes, of which nothing has been seen yet."""
-        self.sums[active] = np.zeros((), SHOWN)
-
-    def add(self, active: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
-        """Add a window of some episodes; `rows` are all `path_follower.LANE`, `windows` `kernel.state.WINDOW`."""
-        gather(active, rows, windows, self.sums)
-
-    def end_step(self, active: NDArray[np.int64]) -> None:
-        """Put the steps of some episodes before those that came earlier."""
-        show(active, self.sums, self._scales, self.family.max_feed_um_s, self._history)
-
-    def observations(
-        self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats
-    ) -> NDArray[np.float32]:
-        """Return all observations, (n, entries), in a fresh array; corners as `Known` has them."""
-        parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._dials]
-        known = known_to(self.family)
-        if known:
-            age_s = np.asarray((rows["elapsed_ns"] - self._threaded_ns) * 1e-9, np.float64)
-            what = Known(self.family, rows, corner_um, corner_deg, age_s, self._broke_at)
-            parts.append(_values(known, what, len(rows)))
-        return np.concatenate(parts, axis=1)
-
-
-def _values(entries: Sequence[Entry], of: Any, count: int) -> NDArray[np.float32]:
+def values_of(entries: Sequence[Entry], of: Any, count: int) -> NDArray[np.float32]:
     """Return entries of a machine, or of what is `Known`, (count, entries)."""
     values = np.empty((count, len(entries)))
     for k, entry in enumerate(entries):
         assert entry.value is not None
         values[:, k] = np.minimum(np.maximum(entry.value(of), entry.low), entry.high)
     return values.astype(np.float32)
-
-
-def window_of(window: WindowObservation) -> NDArray[np.void]:
-    """Return what a machine shows of a window as a record of it, (1,) `kernel.state.WINDOW`; arcs look as sparks."""
-    found: NDArray[np.void] = np.zeros(1, WINDOW)
-    row, us = found[0], window.duration_s * 1e6
-    ignited = WINDOW_PULSES - window.short - window.open
-    row["counts"][[SHORT, OPEN, SPARK]] = window.short, window.open, ignited
-    row["duration_ns"] = round(window.duration_s * 1e9)  # the plant counts whole nanoseconds
-    row["voltage_us"], row["charge_A_us"] = window.mean_voltage_V * us, window.mean_current_A * us
-    row["delay_us"] = window.mean_delay_us * ignited if ignited else 0.0
-    row["ignitions"], row["fifths"] = ignited, window.fifths
-    return found

@@ -60,8 +60,9 @@ controller that finds out more within the cut may earn more than that. In Corner
 guides by the wire's true bend. In MaxRate `fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the
 wire's true temperature.
 
-The gains of the classic controllers were found by `edmsim search-gains` on other seeds of GapFeed and HeightStep, for
-the return, the feed of `fixed` by `python docs/make/lines.py`; each file in `models/gains/` names its command.
+The gains of the classic controllers were found by `edmsim tune gains NAME --method evolution --out DIR` on other
+seeds of GapFeed and HeightStep, for the return, the feed of `fixed` by `python docs/make/lines.py`; each file in
+`models/gains/` names its command.
 `counts` keeps its documented constants. A search finds others that earn more, but with them the feed oscillates where
 windows last 0.25 s or the removal halves, and a machine's default must not do that
 (`tests/controllers/test_feed_controllers.py`).

@@ -12,11 +12,9 @@ from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Policy
-from edmsim.learning.score import RESOLUTIONS, RIVALS, measure, render
+from edmsim.learning.score import measure, render
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from edmsim.learning.train import TrainingProgress
     from edmsim.screen import ScreenTable
 
@@ -81,7 +79,7 @@ class TrainOptions(NamedTuple):
 
 
 def run(
-    env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console,
+    env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int,
     options: TrainOptions = TrainOptions(),  # noqa: B008 - it cannot be changed
 ) -> ScreenTable | None:
     """Train a policy, write it as ``policy.json`` and ``policy.npz`` into the folder, and measure it.
@@ -92,8 +90,6 @@ def run(
         See `train.train`.
     episodes : int
         Held-back episodes at every resolution, 2 or more, or 0 not to measure.
-    console : rich.console.Console
-        For the progress bar.
     options : TrainOptions
 
     Returns
@@ -106,9 +102,7 @@ def run(
     InputError
         An argument that cannot be used, or the extra ``rl`` is not installed.
     """
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-
-    from edmsim.screen import ScreenProgress
+    from edmsim.progress import ShownProgress
 
     if episodes < 0 or episodes == 1:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
@@ -119,18 +113,12 @@ def run(
     named = resolve(env_id)
     parameters = None if resume else options.hyperparameters(named, algo)
     file = out / "policy.json"
-    bar = ScreenProgress(
-        TextColumn("{task.percentage:5.1f} %"), BarColumn(bar_width=24), TimeRemainingColumn(),
-        TextColumn("{task.fields[status]}"), console=console,
-    )
-    task = bar.add_task("train", total=None, status="training")
+    with ShownProgress(keep=True) as bar:
 
-    def watch(progress: TrainingProgress) -> None:
-        bar.start()  # not before the first window: bad input shall print its one line only
-        status = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
-        bar.update(task, completed=progress.steps, total=progress.total, status=status)
+        def watch(progress: TrainingProgress) -> None:
+            shown_return = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
+            bar.show("train", progress.steps, progress.total, shown_return)
 
-    try:
         trained = train(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, parameters=parameters,
             callbacks=_recorders(options, out), begin_from=options.policy(),
@@ -143,12 +131,7 @@ def run(
         policy_file.write(card, packed, file)
         if not episodes:
             return None
-        measuring = bar.add_task("score", total=(1 + len(RIVALS)) * len(RESOLUTIONS) * episodes, status="measuring")
-        bar.start()
-        scores = measure(done.env_id, str(file), episodes, lambda _done, _total: bar.advance(measuring))
-    finally:
-        if bar.live.is_started:
-            bar.stop()
+        scores = measure(done.env_id, str(file), episodes, bar.show)
     policy_file.write(card.model_copy(update={"scores": [row._asdict() for row in scores]}), packed, file)
     return render(scores)
 

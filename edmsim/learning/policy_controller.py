@@ -12,7 +12,7 @@ from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
 from edmsim.envs import servo
 from edmsim.envs.knobs import least_setting_us, to_detents
-from edmsim.envs.observation import ObservationBuilder, window_of
+from edmsim.envs.observation_builder import ObservationBuilder, window_of
 from edmsim.envs.path_follower import LANE, SHORTED_S, SHORTED_SHARE
 from edmsim.envs.sensors import EXACT
 from edmsim.errors import InputError
