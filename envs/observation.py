@@ -188,24 +188,35 @@ _VOLTAGE, _CURRENT, _DELAY = 3, 4, 5
 
 SHOWN = np.dtype(
     [
-        ("short", "i8"), ("open", "i8"), ("ignited", "i8"), ("arc", "i8"), ("ignitions", "i8"), ("duration_ns", "i8"),
-        ("voltage_V_us", "f8"), ("charge_A_us", "f8"), ("delay_us", "f8"), ("travel_um", "f8"), ("feed_um_s", "f8"),
-        ("t_on_us", "f8"), ("t_period_us", "f8"), ("fifths", "i8", 5),
+        ("short", "i8"),
+        ("open", "i8"),
+        ("ignited", "i8"),
+        ("arc", "i8"),  # of those that ignited; no machine tells them apart
+        ("ignitions", "i8"),
+        ("duration_ns", "i8"),
+        ("voltage_V_us", "f8"),  # gap voltage, summed over the time
+        ("charge_A_us", "f8"),  # gap current, summed over the time
+        ("delay_us", "f8"),  # sum of the ignitions' delays
+        ("travel_um", "f8"),  # along the path, by the counters
+        ("feed_um_s", "f8"),  # commanded for the last window
+        ("t_on_us", "f8"),  # of the last window
+        ("t_period_us", "f8"),
+        ("fifths", "i8", 5),  # ignitions by where they were located (`edmsim.plant.kernel.discharge.locate`)
     ]
-)  # fmt: skip
-"""What the windows of a step showed.
-
-Pulses of each kind, arcs among those that ignited (which no machine tells apart), ignitions, and sums over the time:
-of gap voltage and current, of the ignitions' delays, and the travel along the path by the counters; ``fifths`` are
-the ignitions by where they were located (see `edmsim.plant.kernel.discharge.locate`). The feed
-commanded and the generator's setting are the last window's.
-"""
-SCALE = np.dtype(
-    [("open_V", "f8"), ("limit_A", "f8"), ("wait_us", "f8"), ("noise_share", "f8"), ("step", "f8"), ("key", "u8"),
-     ("draws", "u8")]
 )
-"""By what voltage, current and delay are divided, and how they are measured: noise and converters' steps as shares of
-that (see `sensors.Sensors`), key and number of the noise's draws."""
+"""What the windows of a step showed."""
+SCALE = np.dtype(
+    [
+        ("open_V", "f8"),  # by what voltage, current and delay are divided
+        ("limit_A", "f8"),
+        ("wait_us", "f8"),
+        ("noise_share", "f8"),  # noise and the converters' step, as shares of that (`sensors.Sensors`)
+        ("step", "f8"),
+        ("key", "u8"),  # of the noise's draws
+        ("draws", "u8"),  # how many there were
+    ]
+)
+"""How what windows showed is measured."""
 
 
 @exactly_compiled
