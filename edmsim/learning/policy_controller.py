@@ -128,8 +128,8 @@ class PolicyController(Snapshots):
     @property
     def observation(self) -> NDArray[np.float32]:
         """What the policy is shown, as its environment would have it."""
-        seen: NDArray[np.float32] = self._builder.observations(self._rows, self._corner_um, self._corner_deg)[0]
-        return seen
+        rows = self._builder.observations(self._rows, self._corner_um, self._corner_deg)
+        return np.asarray(rows[0], np.float32)
 
     @property
     def _setting_us(self) -> tuple[float, float]:
@@ -152,10 +152,10 @@ class PolicyController(Snapshots):
         row["feed_um_s"], row["setting_us"] = window.feed_um_s, self._setting_us
         row["open_V"], row["wait_us"] = open_V(self._machine), ignition_wait_us(self._machine)
         row["limit_A"] = self._machine.generator.mean_current_limit_A.value
-        seen = window_of(window)
-        row["elapsed_ns"] += seen[0]["duration_ns"]
+        record = window_of(window)
+        row["elapsed_ns"] += record[0]["duration_ns"]
         self._builder.take_scale(0, row)
-        self._builder.add(_LANE, self._rows, seen)
+        self._builder.add(_LANE, self._rows, record)
         return row
 
     def _respond(self, window: WindowObservation) -> None:
