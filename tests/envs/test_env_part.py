@@ -120,6 +120,11 @@ def test_the_last_wire_scraps_the_part_and_time_truncates(small):
     _, _, terminated, truncated, info = env.step(USUAL)
     assert (terminated, truncated, info["cause"]) == (False, True, "")
     assert info["dt_s"] == pytest.approx(5.0, abs=0.1)
+    cut = env.unwrapped._batch.lane(0).cut  # within a pass nothing is to be decided on, and no wire to be threaded
+    with pytest.raises(InputError, match="under way"):
+        cut.simulation.begin_pass(cut.path, ())
+    with pytest.raises(InputError, match="no wire broke"):
+        cut.simulation.rethread(None, None)
 
 
 def test_a_pass_can_be_the_episode(small, usual):
