@@ -14,6 +14,7 @@ from typing import Any, TypeAlias, cast
 
 from edmsim import user_code
 from edmsim.controllers.conformance import check_controller
+from edmsim.controllers.feed.adaptive_hold import AdaptiveHoldController, ClimbingHoldController
 from edmsim.controllers.feed.adaptive_off_time import AdaptiveOffTimeController, SatoController
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.feed.fixed import FixedController
@@ -38,6 +39,7 @@ _Kind: TypeAlias = (
     "type[CountsController] | type[FixedController] | type[VoltageController] | type[DelayController] "
     "| type[FuzzyController] | type[AdaptiveOffTimeController] | type[OracleController] | type[McuController] "
     "| type[FixedPeriodController] | type[SatoController] | type[HeatFluxController] | type[HeatOracleController] "
+    "| type[ClimbingHoldController] | type[AdaptiveHoldController] "
     "| type[SetPointController] | type[ClimbController] | type[LeadOracleController] | type[TrimController]"
 )
 _CONTROLLERS: dict[str, _Kind] = {
@@ -46,7 +48,7 @@ _CONTROLLERS: dict[str, _Kind] = {
         CountsController, FixedController, VoltageController, DelayController, FuzzyController,
         AdaptiveOffTimeController, OracleController, McuController, FixedPeriodController, SatoController,
         HeatFluxController, HeatOracleController, SetPointController, ClimbController,
-        LeadOracleController, TrimController,
+        LeadOracleController, TrimController, ClimbingHoldController, AdaptiveHoldController,
     )
 }
 
@@ -57,7 +59,7 @@ OF_A_TASK = tuple(
     kind.name
     for kind in (
         SetPointController, ClimbController, LeadOracleController, FixedPeriodController, SatoController,
-        HeatFluxController, HeatOracleController, TrimController,
+        HeatFluxController, HeatOracleController, TrimController, ClimbingHoldController, AdaptiveHoldController,
     )
 )
 """Controllers whose constants belong to one task: compared where that task names them."""

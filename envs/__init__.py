@@ -1,8 +1,8 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
 ``import edmsim`` registers ``edmsim/GapFeed-v2``, ``edmsim/HeightStep-v2``, ``edmsim/Corner-v2``,
-``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1`` and ``edmsim/Trim-v1``; each has a file whose
-environment class describes action, observation and reward.
+``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1``, ``edmsim/Trim-v1``, ``edmsim/MaxRateShift-v0``
+and ``edmsim/ThinWireShift-v0``; the environment class of each describes action, observation and reward.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from edmsim.envs.sb3 import make_sb3_vec_env
     from edmsim.envs.scenario import Scenario
     from edmsim.envs.sensors import Sensors
+    from edmsim.envs.shift import MaxRateShift, ThinWireShift
     from edmsim.envs.single import EdmEnv
     from edmsim.envs.task import Family
     from edmsim.envs.thin_wire import ThinWire
@@ -42,6 +43,7 @@ _HOMES = {
     "GapFeed": "gap_feed",
     "HeightStep": "height_step",
     "MaxRate": "max_rate",
+    "MaxRateShift": "shift",
     "RecordEpisodes": "record_episodes",
     "RecordRerun": "record",
     "Scenario": "scenario",
@@ -49,6 +51,7 @@ _HOMES = {
     "StepResult": "episode",
     "Task": "episode",
     "ThinWire": "thin_wire",
+    "ThinWireShift": "shift",
     "Trim": "trim",
     "Weights": "reward",
     "make_sb3_vec_env": "sb3",
@@ -56,8 +59,8 @@ _HOMES = {
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "MaxRate", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "ThinWire",
-    "Trim", "Weights", "make_sb3_vec_env", "register",
+    "HeightStep", "MaxRate", "MaxRateShift", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult",
+    "Task", "ThinWire", "ThinWireShift", "Trim", "Weights", "make_sb3_vec_env", "register",
 ]
 
 

@@ -28,7 +28,8 @@ controllers on four machines; name your own in their place:
 edmsim evaluate edmsim/GapFeed-v2 --controllers counts,voltage --seeds 4
 ```
 
-`edmsim evaluate edmsim/GapFeed-v2` without options makes the whole table. All controllers cut the same machines and
+`edmsim evaluate edmsim/GapFeed-v2` without options makes the whole table; `--page compared.md` writes it as a page
+with a figure, for as many controllers and policies as are named. All controllers cut the same machines and
 workpieces, which are drawn as the [environment](environments.md) says, from seeds that are held back: no gain was
 searched on them.
 
@@ -58,7 +59,9 @@ that broke no wire of 24 (`python docs/make/lines.py` makes these cuts). The ora
 cut several times and keeps the best: in Trim with twelve pairs of feed and offset, in ThinWire with six periods. A
 controller that finds out more within the cut may earn more than that. In Corner 1 is `lead-oracle`, which leads the
 guides by the wire's true bend. In MaxRate `fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the
-wire's true temperature.
+wire's true temperature. In MaxRateShift 0 is the best law of MaxRate, `heat-flux`, and 1 is `heat-oracle`; in
+ThinWireShift 0 is the constant of ThinWire and 1 is `climb`, its best law: some of its wires break before they boil,
+so that the true temperature is no bound.
 
 The gains of the classic controllers were found by `edmsim search-gains` on other seeds of GapFeed and HeightStep, for
 the return, the feed of `fixed` by `python docs/make/lines.py`; each file in `models/gains/` names its command.

@@ -26,12 +26,17 @@ def bench(
     pairs: Annotated[int, typer.Option(min=1, help="Pairs of --against.")] = 10,
     profile: Annotated[bool, typer.Option("--profile", help="Show where a pulse's time goes.")] = False,
     serial: Annotated[bool, typer.Option("--serial", help="Measure edmsim gap --serial.")] = False,
+    training: Annotated[
+        bool, typer.Option("--training", help="Measure PPO beside HalfCheetah-v5 (needs the extra rl).")
+    ] = False,
     figure: Annotated[Path | None, typer.Option(help="Picture of --profile: .png, .svg or .pdf.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Measure the speed of this computer, by processor time."""
-    if (against is not None) + profile + serial > 1:
-        raise InputError("--against, --profile and --serial are measurements of their own: give one of them")
+    if (against is not None) + profile + serial + training > 1:
+        raise InputError(
+            "--against, --profile, --serial and --training are measurements of their own: give one of them"
+        )
     if figure is not None and not profile:
         raise InputError("--figure is the picture of --profile: give both")
     from rich.progress import SpinnerColumn, TextColumn
@@ -51,6 +56,8 @@ def bench(
                 numbers, table = _profiled(figure, watch)
             elif serial:
                 numbers, table = _answered(watch)
+            elif training:
+                numbers, table = _trained(watch)
             else:
                 numbers, table = _measured()
     except KeyboardInterrupt:
@@ -73,6 +80,13 @@ def _measured() -> _Result:
 
 def _answered(watch: Callable[[str], None]) -> _Result:
     from edmsim.bench.serial import measure, render
+
+    found = measure(watch)
+    return found, render(found)
+
+
+def _trained(watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.training import measure, render
 
     found = measure(watch)
     return found, render(found)

@@ -33,6 +33,9 @@ def evaluate(
     leaderboard: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write every cut into this leaderboard, .json.")
     ] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page with table and figure, .md.")
+    ] = None,
     transfer: Annotated[
         bool, typer.Option("--transfer", help="Compare at finer resolutions and beyond the ranges instead.")
     ] = False,
@@ -43,10 +46,12 @@ def evaluate(
     from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.evaluation import leaderboard as boards
+    from edmsim.evaluation import page as pages
     from edmsim.evaluation.compare import check, evaluate, usual
     from edmsim.evaluation.compare import env_ids as all_ids
     from edmsim.evaluation.episode import episodes
     from edmsim.evaluation.table import as_json, render
+    from edmsim.files import make_writable
     from edmsim.screen import ScreenProgress
 
     resolution = options.get("resolution")
@@ -57,10 +62,14 @@ def evaluate(
     for env_id, named in chosen.items():
         check(env_id, named, episodes(env_id) if seeds is None else seeds, resolution)
     if transfer:
-        if leaderboard or record or json or resolution:
+        if leaderboard or record or page or json or resolution:
             raise InputError("--transfer takes an environment, --controllers and --seeds only")
         _move(chosen, seeds)
         return
+    if page is not None:
+        if page.suffix != ".md":
+            raise InputError("a page is Markdown: name it .md", page)
+        make_writable(page.parent)
     if leaderboard is not None:
         boards.read(leaderboard)  # an invalid file is refused before hours of cuts
     found = []
@@ -74,6 +83,8 @@ def evaluate(
             found.append(evaluate(env_id, named, seeds, resolution=resolution, record=record, watch=watch))
             if leaderboard is not None:
                 boards.write(leaderboard, found[-1:])
+    if page is not None:
+        pages.write(page, found)
     if json:
         sys.stdout.write(as_json(found) + "\n")
     else:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
+from edmsim.learning.curve import in_words
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import RESOLUTIONS, RIVALS, measure, render
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 
     from edmsim.learning.train import TrainingProgress
     from edmsim.screen import ScreenTable
+
+CURVE_POINTS = 200
+"""Points of the learning curve that is put into words (ours)."""
+
 
 class TrainOptions(NamedTuple):
     """Options of a training besides the algorithm.
@@ -124,11 +129,14 @@ def run(
         TextColumn("{task.fields[status]}"), console=console,
     )
     task = bar.add_task("train", total=None, status="training")
+    seen: list[tuple[int, float]] = []
 
     def watch(progress: TrainingProgress) -> None:
         bar.start()  # not before the first window: bad input shall print its one line only
         status = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
         bar.update(task, completed=progress.steps, total=progress.total, status=status)
+        if not seen or progress.steps >= seen[-1][0] + progress.total / CURVE_POINTS:
+            seen.append((progress.steps, progress.mean_return))
 
     try:
         trained = train(
@@ -141,6 +149,10 @@ def run(
         words = f"{done.env_id if named == env_id else env_id} --algo {algo} --steps {done.steps} --seed {seed}"
         card, packed = export(trained, f"edmsim train {words}{options.words()}")
         policy_file.write(card, packed, file)
+        if seen:
+            bar.stop()
+            curve = in_words(*zip(*seen, strict=True))
+            console.print(f"return of an episode: {curve}", highlight=False, soft_wrap=True, markup=False)
         if not episodes:
             return None
         measuring = bar.add_task("score", total=(1 + len(RIVALS)) * len(RESOLUTIONS) * episodes, status="measuring")

@@ -128,7 +128,18 @@ class PolicyController(Snapshots):
         self._setting_us = tuple(self._first_us.tolist())
         self._feed_um_s, self._shorted_s = self._family.first_feed_um_s, 0.0
         servo.begin(self._servo[0], self._feed_um_s)
+        if self._family.counts_threading:
+            self._go_on_by_the_clock()
         return self._command()
+
+    def _go_on_by_the_clock(self) -> None:
+        """Let the time of threading pass, and decide anew: where it counts, it ends a step of the environment."""
+        assert self._machine is not None
+        self._spent_s += self._machine.base.table.threading_s.value
+        if self._shown[0]["duration_ns"]:
+            observation.show(_LANE, self._shown, self._scale, self._family.max_feed_um_s, self._history)
+            self._shown[:] = np.zeros((), observation.SHOWN)
+        self._decide()
 
     def _wires(self) -> NDArray[np.float32]:
         """Entries about the wires, as the environment has them."""

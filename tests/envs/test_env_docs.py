@@ -26,7 +26,7 @@ SECTIONS = (
 )  # fmt: skip
 
 
-@pytest.fixture(params=(*NAMES, "MaxRate"))
+@pytest.fixture(params=(*NAMES, "MaxRate", "MaxRateShift", "ThinWireShift"))
 def env_name(request):
     return request.param
 
