@@ -14,17 +14,27 @@ from typing import Any, TypeAlias, cast
 
 from edmsim import user_code
 from edmsim.controllers.conformance import check_controller
-from edmsim.controllers.feed.adaptive_hold import AdaptiveHoldController, ClimbingHoldController
-from edmsim.controllers.feed.adaptive_off_time import AdaptiveOffTimeController, SatoController
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.feed.fixed import FixedController
-from edmsim.controllers.feed.fuzzy import FuzzyController
-from edmsim.controllers.feed.gap_servo import DelayController, VoltageController
+from edmsim.controllers.feed.law import ServoLaw
+from edmsim.controllers.feed.laws import (
+    AdaptiveHoldController,
+    AdaptiveOffTimeController,
+    ClimbController,
+    ClimbingHoldController,
+    DelayController,
+    FixedPeriodController,
+    FuzzyController,
+    HeatFluxController,
+    HeatOracleController,
+    LeadOracleController,
+    OracleController,
+    SatoController,
+    SetPointController,
+    TrimController,
+    VoltageController,
+)
 from edmsim.controllers.feed.mcu import McuController
-from edmsim.controllers.feed.oracle import LeadOracleController, OracleController
-from edmsim.controllers.feed.set_point import ClimbController, SetPointController
-from edmsim.controllers.feed.trim import TrimController
-from edmsim.controllers.feed.wire_heat import FixedPeriodController, HeatFluxController, HeatOracleController
 from edmsim.controllers.named_numbers import named_numbers
 from edmsim.controllers.own import from_file
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
@@ -35,13 +45,7 @@ __all__ = [
     "choices", "found_gains", "from_text", "make", "names",
 ]
 
-_Kind: TypeAlias = (
-    "type[CountsController] | type[FixedController] | type[VoltageController] | type[DelayController] "
-    "| type[FuzzyController] | type[AdaptiveOffTimeController] | type[OracleController] | type[McuController] "
-    "| type[FixedPeriodController] | type[SatoController] | type[HeatFluxController] | type[HeatOracleController] "
-    "| type[ClimbingHoldController] | type[AdaptiveHoldController] "
-    "| type[SetPointController] | type[ClimbController] | type[LeadOracleController] | type[TrimController]"
-)
+_Kind: TypeAlias = "type[CountsController] | type[FixedController] | type[ServoLaw]"
 _CONTROLLERS: dict[str, _Kind] = {
     kind.name: kind
     for kind in (

@@ -50,10 +50,11 @@ if not (Path(__file__).parent / "controllers").is_dir():
 def _register() -> None:
     """Make environments and policies known by name; nothing of them is loaded before one is made."""
     from edmsim.envs.registry import register_all
-    from edmsim.user_code import MAKERS
+    from edmsim.user_code import MAKERS, PASS_MAKERS
 
     register_all()
     MAKERS["policy"] = "edmsim.learning.policy_controller:from_name"
+    PASS_MAKERS["policy"] = "edmsim.learning.pass_policy:from_name"
 
 
 def __dir__() -> list[str]:

@@ -1,12 +1,10 @@
-"""What is printed for a person: tables that can be read at any width, and progress that a file shows as well."""
+"""Tables that are printed for a person and can be read at any width."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import rich.progress
 import rich.table
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderResult
@@ -14,8 +12,6 @@ from rich.text import Text
 
 LEAST_NAME = 8
 """Characters that are left of a name at least (ours)."""
-LINE_EVERY_S = 10.0
-"""Between two lines of progress where no bar can be drawn (ours)."""
 CUT = "…"
 """In the place of what is left out of a name."""
 
@@ -167,42 +163,3 @@ def _replaced(cell: Any, names: dict[str, str]) -> Any:
     for word in sorted({word for word in text.split() if names.get(word, word) != word}, key=len, reverse=True):
         changed = changed.replace(word, names[word])
     return cell if changed == text else Text(changed, getattr(cell, "style", ""))
-
-
-class ScreenProgress(rich.progress.Progress):
-    """Bars on a terminal; elsewhere, in a file or a pipe, a line now and then."""
-
-    def __init__(self, *columns: str | rich.progress.ProgressColumn, **options: Any) -> None:
-        super().__init__(*columns, **options)
-        self._next_s = time.monotonic() + LINE_EVERY_S
-
-    def start(self) -> None:
-        """Draw the bars from now on; where a file would only get the blank line they leave, nothing is drawn."""
-        if self.console.is_terminal or not self.live.transient:
-            super().start()
-
-    def stop(self) -> None:
-        """Draw them no more."""
-        if self.live.is_started:
-            super().stop()
-
-    def update(self, task_id: rich.progress.TaskID, *arguments: Any, **fields: Any) -> None:
-        """Change a task; see rich."""
-        super().update(task_id, *arguments, **fields)
-        self._say(task_id)
-
-    def advance(self, task_id: rich.progress.TaskID, advance: float = 1) -> None:
-        """Count a task up; see rich."""
-        super().advance(task_id, advance)
-        self._say(task_id)
-
-    def _say(self, task_id: rich.progress.TaskID) -> None:
-        if self.console.is_terminal or self.disable or time.monotonic() < self._next_s:
-            return
-        self._next_s = time.monotonic() + LINE_EVERY_S
-        task = next(task for task in self.tasks if task.id == task_id)
-        columns = [c for c in self.columns if not isinstance(c, str | rich.progress.SpinnerColumn)]
-        texts = [column(task) for column in columns]
-        line = " ".join(text.plain.strip() for text in texts if isinstance(text, Text) and text.plain.strip())
-        self.console.print(line, highlight=False, soft_wrap=True, markup=False)
-

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import sys
+from collections.abc import Mapping
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -16,6 +17,8 @@ from edmsim.errors import InputError
 
 MAKERS: dict[str, str] = {}
 """What makes something of a kind from the text behind its colon: ``module:function``, imported when first wanted."""
+PASS_MAKERS: dict[str, str] = {}
+"""The same of what decides on the passes of a part (`edmsim.envs.pass_laws`)."""
 _OWN = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[^:]*)(?::(?P<rest>.*))?)?", re.DOTALL)
 
 
@@ -42,9 +45,9 @@ def named(text: str) -> UserObject | None:
     return None if found is None else UserObject(found["file"], found["name"] or "", found["rest"] or "")
 
 
-def make(kind: str, rest: str) -> Any:
-    """Make what ``KIND:REST`` names, by the function registered in `MAKERS`."""
-    module, _, function = MAKERS[kind].partition(":")
+def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
+    """Make what ``KIND:REST`` names, by the function registered in `MAKERS`, or in others."""
+    module, _, function = makers[kind].partition(":")
     return getattr(import_module(module), function)(rest)
 
 

@@ -1,8 +1,9 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
 ``import edmsim`` registers ``edmsim/GapFeed-v2``, ``edmsim/HeightStep-v2``, ``edmsim/Corner-v2``,
-``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1``, ``edmsim/Trim-v1``, ``edmsim/MaxRateShift-v0``
-and ``edmsim/ThinWireShift-v0``; the environment class of each describes action, observation and reward.
+``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1``, ``edmsim/Trim-v1``, ``edmsim/MaxRateShift-v0``,
+``edmsim/ThinWireShift-v0`` and ``edmsim/Part-v0``, which is decided on pass by pass; the environment class of each
+describes action, observation and reward.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from edmsim.envs.gap_feed import GapFeed
     from edmsim.envs.height_step import HeightStep
     from edmsim.envs.max_rate import MaxRate
+    from edmsim.envs.part_task import Part, PartWeights
     from edmsim.envs.record import RecordRerun
     from edmsim.envs.record_episodes import RecordEpisodes
     from edmsim.envs.registry import register
@@ -44,6 +46,8 @@ _HOMES = {
     "HeightStep": "height_step",
     "MaxRate": "max_rate",
     "MaxRateShift": "shift",
+    "Part": "part_task",
+    "PartWeights": "part_task",
     "RecordEpisodes": "record_episodes",
     "RecordRerun": "record",
     "Scenario": "scenario",
@@ -59,8 +63,8 @@ _HOMES = {
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "MaxRate", "MaxRateShift", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult",
-    "Task", "ThinWire", "ThinWireShift", "Trim", "Weights", "make_sb3_vec_env", "register",
+    "HeightStep", "MaxRate", "MaxRateShift", "Part", "PartWeights", "RecordEpisodes", "RecordRerun", "Scenario",
+    "Sensors", "StepResult", "Task", "ThinWire", "ThinWireShift", "Trim", "Weights", "make_sb3_vec_env", "register",
 ]
 
 

@@ -15,7 +15,7 @@ from edmsim.envs.knobs import least_setting_us
 from edmsim.envs.lanes import Lanes
 from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.reward import TERMS, StepRewards
-from edmsim.envs.task import Family
+from edmsim.envs.task import EnvArguments, Family
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import OPEN, SHORT
 
@@ -23,27 +23,19 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def action_space_of(family: Family) -> gym.spaces.Box[np.float32]:
-    """Return the action space, with one entry for each of `Family.action_names`."""
+def action_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
+    """Return the action space, with one entry for each of `EnvArguments.action_names`."""
     return gym.spaces.Box(-1.0, 1.0, (len(family.action_names),), np.float32)
 
 
-def entries_of(family: Family) -> list[observation.Entry]:
-    """Return every entry of an environment's observation, in order."""
-    return observation.entries(
-        family.history, family.knows_corners, family.locates_discharges, family.offset_um is not None,
-        family.knows_wires,
-    )
-
-
-def observation_space_of(family: Family) -> gym.spaces.Box[np.float32]:
+def observation_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
     """Return the observation space."""
-    entries = entries_of(family)
+    entries = family.entries()
     low, high = (np.array([getattr(e, end) for e in entries], np.float32) for end in ("low", "high"))
     return gym.spaces.Box(low, high, dtype=np.float32)
 
 
-def reward_space_of(family: Family) -> gym.spaces.Box[np.float32]:
+def reward_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
     """Return the space of rewards: as many as objectives, or one."""
     return gym.spaces.Box(-np.inf, np.inf, (len(family.objectives) or 1,), np.float32)
 
@@ -85,8 +77,9 @@ class Batch:
         family = self.family
         return StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, self.lanes.count)
 
-    def change(self, family: Family) -> None:
+    def change(self, family: EnvArguments) -> None:
         """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""
+        assert isinstance(family, Family)
         self.family = self.lanes.family = family
         self._episodes[:] = 0
         self.earned = self._fresh_account()
@@ -138,6 +131,24 @@ class Batch:
         for name in ("open_V", "limit_A", "wait_us"):
             scale[name] = row[name]
         scale["noise_share"], scale["step"] = sensors.noise_share, sensors.step
+
+    def clear(self) -> None:
+        """Forget what the last step earned and cost."""
+        self.earned.begin()
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """Which episodes (n,) have terminated."""
+        return np.asarray(self.lanes.rows["cause"] != RUNNING)
+
+    @property
+    def out_of_time(self) -> NDArray[np.bool_]:
+        """Which lanes (n,) have cut for as long as an episode lasts."""
+        return self.lanes.out_of_time
+
+    def close(self) -> None:
+        """Shut down the threads."""
+        self.lanes.fleet.close()
 
     def step(self, active: Ints, actions: NDArray[np.float32]) -> Floats:
         """Run a step in the active lanes; returns the rewards (n,), or (n, objectives), 0 in the others."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from edmsim.controllers import FeedController
     from edmsim.envs.lane_law import LaneLaw
     from edmsim.envs.recorder import EpisodeRecorder
-    from edmsim.envs.task import Family
+    from edmsim.envs.task import EnvArguments
 
 _OF_VECTORS = "num_envs", "vectorization_mode", "autoreset_mode", "threads", "max_episode_steps"
 
@@ -53,9 +53,9 @@ class LaneView:
     metadata = property(lambda self: EdmEnv.metadata, doc="As of a single environment.")
 
     @property
-    def family(self) -> Family:
+    def family(self) -> EnvArguments:
         """The arguments in force."""
-        family: Family = self._env.family
+        family: EnvArguments = self._env.family
         return family
 
     @property
@@ -87,7 +87,7 @@ class LaneView:
         """
         shared = getattr(type(self), name, None)
         fixed = isinstance(shared, property) and shared.fset is None
-        if fixed or callable(shared) or name in {f.name for f in fields(self.family)}:
+        if fixed or callable(shared) or name in {f.name for f in fields(self.family)}:  # type: ignore[arg-type]
             raise InputError(
                 f"{name} cannot be set: the lanes share it; give it when making them, or change an argument of the "
                 "next episodes by change(...), env_method('change', ...) in stable-baselines3"

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
 from textwrap import fill
@@ -22,11 +22,11 @@ from typing import Any, TypeVar
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import observation, reward
 from edmsim.envs.arguments import arguments_of
-from edmsim.envs.batch import action_space_of, entries_of, observation_space_of
+from edmsim.envs.batch import action_space_of, observation_space_of
 from edmsim.envs.knobs import KNOBS
 from edmsim.envs.lanes import STRETCH_UM
 from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
-from edmsim.envs.task import Family
+from edmsim.envs.task import EnvArguments, Family
 from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.discharge import PLACE_SD_UM
 
@@ -65,29 +65,37 @@ ENDS = {
 
 def page(env: _Class) -> _Class:
     """Complete the docstring of an environment's class, which says under its headings what is particular to it."""
-    if env.__doc__ is not None:  # as it is with python -OO
-        env.__doc__ = _Page(env.task, env.__doc__)  # type: ignore[attr-defined, assignment]
-    return env
+    return page_by(written)(env)
+
+
+def page_by(write: Callable[[Any, str], str]) -> Callable[[_Class], _Class]:
+    """Return what completes such a docstring by a function of the environment's arguments at their defaults."""
+
+    def complete(env: _Class) -> _Class:
+        if env.__doc__ is not None:  # as it is with python -OO
+            env.__doc__ = _Page(env.task, env.__doc__, write)  # type: ignore[attr-defined, assignment]
+        return env
+
+    return complete
 
 
 class _Page:
     """A docstring that is written when it is first read: that takes a machine, which an import should not load."""
 
-    def __init__(self, kind: type[Family], particular: str) -> None:
-        self._kind, self._particular = kind, particular
+    def __init__(self, kind: type[EnvArguments], particular: str, write: Callable[[Any, str], str]) -> None:
+        self._kind, self._particular, self._write = kind, particular, write
 
     def __get__(self, env: object, kind: type) -> str:
         return self.text
 
     @cached_property
     def text(self) -> str:
-        return written(self._kind(), inspect.cleandoc(self._particular))
+        return self._write(self._kind(), inspect.cleandoc(self._particular))
 
 
 def written(family: Family, particular: str) -> str:
     """Return the page of a family at its defaults, given what is particular to it."""
-    summary, *found = re.split(r"^(\w[\w ]*)\n-+\n", particular, flags=re.MULTILINE)
-    own = {title: text.strip() for title, text in zip(found[::2], found[1::2], strict=True)}
+    summary, own = own_sections(particular)
     sections = {
         "Description": own.pop("Description"),
         "Action space": actions(family, own.pop("Action space", "")),
@@ -99,7 +107,18 @@ def written(family: Family, particular: str) -> str:
         "Versions": own.pop("Versions"),
     }
     assert not own, f"a page has no sections {', '.join(own)}"
-    return "\n\n".join([summary.strip(), *(f"{name}\n{'-' * len(name)}\n{text}" for name, text in sections.items())])
+    return joined(summary, sections)
+
+
+def own_sections(particular: str) -> tuple[str, dict[str, str]]:
+    """Return the summary of a docstring, and its sections by their titles."""
+    summary, *found = re.split(r"^(\w[\w ]*)\n-+\n", particular, flags=re.MULTILINE)
+    return summary.strip(), {title: text.strip() for title, text in zip(found[::2], found[1::2], strict=True)}
+
+
+def joined(summary: str, sections: Mapping[str, str]) -> str:
+    """Return a docstring of a summary and sections."""
+    return "\n\n".join([summary, *(f"{name}\n{'-' * len(name)}\n{text}" for name, text in sections.items())])
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -170,7 +189,7 @@ def actions(family: Family, particular: str) -> str:
 
 def observations(family: Family, particular: str) -> str:
     """Return the section on observations."""
-    listed = entries_of(family)
+    listed = family.entries()
     at = {entry.name: k for k, entry in enumerate(listed)}
     of_last = len(observation.of_a_step(family.locates_discharges))
     of_steps = of_last * family.history
@@ -289,7 +308,7 @@ def ends(family: Family) -> str:
     )  # fmt: skip
 
 
-def arguments(family: Family) -> str:
+def arguments(family: EnvArguments) -> str:
     """Return the section on arguments: the family's own before those that all have."""
     common = [f.name for f in fields(Family)]
     listed = sorted(arguments_of(type(family)), key=lambda f: f.name in common)  # sorted() keeps the order of equals

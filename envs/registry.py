@@ -13,15 +13,16 @@ from edmsim import user_code
 from edmsim.errors import InputError, one_of
 
 if TYPE_CHECKING:
-    from edmsim.envs.task import Family
+    from edmsim.envs.task import EnvArguments, Family
 
 _FILES = {
     "GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour",
-    "MaxRate": "max_rate", "ThinWire": "thin_wire", "Trim": "trim", "MaxRateShift": "shift", "ThinWireShift": "shift",
+    "MaxRate": "max_rate", "ThinWire": "thin_wire", "Trim": "trim", "Part": "part", "MaxRateShift": "shift",
+    "ThinWireShift": "shift",
 }  # fmt: skip
-_VERSIONS = dict.fromkeys(_FILES, 2) | dict.fromkeys(("MaxRate", "ThinWire", "Trim"), 1) | {
-    "MaxRateShift": 0, "ThinWireShift": 0,
-}
+_VERSIONS = dict.fromkeys(_FILES, 2) | dict.fromkeys(("MaxRate", "ThinWire", "Trim"), 1) | dict.fromkeys(
+    ("Part", "MaxRateShift", "ThinWireShift"), 0
+)
 """Present versions. The last change was that debris ignites the gap: nothing earned before compares."""
 _GENERAL = "edmsim.envs.single:EdmEnv", "edmsim.envs.vector:EdmVectorEnv"
 _WITHDRAWN = "edmsim.envs.registry:withdrawn"
@@ -30,7 +31,7 @@ _REFERENCES = {
     "ThinWire": 5813.0, "Trim": 829.0, "MaxRateShift": 106866.0, "ThinWireShift": 53701.0,
 }
 """Mean return of the reference over the held-back seeds (docs/benchmark.md), Gymnasium's `reward_threshold`."""
-_OWN: dict[str, type[Family]] = {}  # users' families, by the ids they are registered under
+_OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are registered under
 
 
 def register_all() -> None:
@@ -63,7 +64,7 @@ def withdrawn(env_id: str, version: int, **_: Any) -> None:
     )
 
 
-def register(env_id: str, family: type[Family], **arguments: Any) -> None:
+def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     """Register an own environment, single and vector, with Gymnasium.
 
     Parameters
@@ -71,7 +72,7 @@ def register(env_id: str, family: type[Family], **arguments: Any) -> None:
     env_id : str
         ``"lab/Bend-v0"``; what is there under this id is replaced.
     family : type
-        `GapFeed`, `HeightStep`, `Corner` or `Contour`, or a subclass of one.
+        `GapFeed`, `HeightStep`, `Corner`, `Contour` or another of edmsim's, or a subclass of one.
     **arguments
         Arguments of the family that differ from its own.
 
@@ -110,19 +111,19 @@ def resolve(text: str) -> str:
     return own.name
 
 
-def family_of(name: str) -> type[Family]:
-    """Return the family of an environment of edmsim, by its short name."""
-    found: type[Family] = getattr(import_module(f"edmsim.envs.{_FILES[name]}"), name)
+def family_of(name: str) -> type[EnvArguments]:
+    """Return the arguments of an environment of edmsim, by its short name."""
+    found: type[EnvArguments] = getattr(import_module(f"edmsim.envs.{_FILES[name]}"), name)
     return found
 
 
-def find(name: str | type[Family]) -> tuple[type[Family], dict[str, Any]]:
-    """Return a family and the arguments it was registered with.
+def find(name: str | type[EnvArguments]) -> tuple[type[EnvArguments], dict[str, Any]]:
+    """Return the record of an environment's arguments and the arguments it was registered with.
 
     Parameters
     ----------
     name : str or type
-        ``"GapFeed"``; the id of an environment, of edmsim or registered by a user; or a family itself.
+        ``"GapFeed"``; the id of an environment, of edmsim or registered by a user; or such a record itself.
 
     Raises
     ------
@@ -145,15 +146,15 @@ def find(name: str | type[Family]) -> tuple[type[Family], dict[str, Any]]:
     return family, {**more, **arguments}
 
 
-def make_family(name: str | type[Family], **options: Any) -> Family:
-    """Return a family with the given arguments, which come before those it was registered with.
+def arguments_with(name: str | type[EnvArguments], **options: Any) -> EnvArguments:
+    """Return the arguments of an environment, those given before those it was registered with.
 
     Parameters
     ----------
     name : str or type
         See `find`.
     **options
-        See `Family.of`.
+        See `EnvArguments.of`.
 
     Raises
     ------
@@ -166,7 +167,25 @@ def make_family(name: str | type[Family], **options: Any) -> Family:
     return family.of(**{**arguments, **options})
 
 
-def base_of(family: type[Family]) -> str:
+def make_family(name: str | type[EnvArguments], **options: Any) -> Family:
+    """Return `arguments_with` of an environment that is decided on window by window.
+
+    Raises
+    ------
+    InputError
+        Part, which is decided on pass by pass; or as `arguments_with`.
+    TypeError
+        An unknown argument.
+    """
+    from edmsim.envs.task import Family
+
+    made = arguments_with(name, **options)
+    if not isinstance(made, Family):
+        raise InputError(f"{name} is decided on pass by pass: no feed controller or study of windows fits it")
+    return made
+
+
+def base_of(family: type[EnvArguments]) -> str:
     """Return the name of the family of edmsim that another derives from: its own, if it is one of them.
 
     Raises
@@ -181,7 +200,7 @@ def base_of(family: type[Family]) -> str:
     return base
 
 
-def stand_in(family: type[Family], arguments: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+def stand_in(family: type[EnvArguments], arguments: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     """Return the id and arguments of the environment of edmsim with the same observations and actions as a family.
 
     A policy trained in a user's environment is described by it, so that the policy can be used without the user's
@@ -194,13 +213,13 @@ def stand_in(family: type[Family], arguments: dict[str, Any]) -> tuple[str, dict
     """
     base = base_of(family)
     known = family_of(base)
-    names = {field.name for field in fields(known)} - {"weights", "machine"}
+    names = {field.name for field in fields(known)} - {"weights", "machine"}  # type: ignore[arg-type]
     own_arguments = {name: value for name, value in arguments.items() if name in names}
     own = family.of(**own_arguments)
-    if own.knobs != known.of().knobs:
+    if hasattr(own, "knobs") and own.knobs != known.of().knobs:  # type: ignore[attr-defined]
         own_arguments["knobs"] = own.knobs
-    same = (family.knows_corners, family.knows_wires, family.setting_us)
-    if same != (known.knows_corners, known.knows_wires, known.setting_us):
+    meaning = ("knows_corners", "knows_wires", "setting_us", "entries", "action_names")
+    if any(getattr(family, name, None) != getattr(known, name, None) for name in meaning):
         raise InputError(
             f"the family {family.__name__} has other observations or actions than {base}, from which it derives: no "
             "policy file can describe them; train in it with a learner of your own (edmsim.envs.make_sb3_vec_env)"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +32,7 @@ STRIP = 64
 """Height of the strip below, part of the picture's."""
 SHOWN_DIAMETERS = 12
 """Wire diameters across what is drawn of a longer cut."""
-_DPI = 80
+DPI = 80
 _SWITCHED_OFF = ("disable", "disabled", "off", "0", "false")
 """What MuJoCo takes MUJOCO_GL to mean when nothing is to be drawn."""
 
@@ -102,7 +103,7 @@ class Renderer:
         from matplotlib import pyplot
 
         if self._shown is None:
-            figure, axes = pyplot.subplots(figsize=(WIDTH / _DPI, HEIGHT / _DPI), dpi=_DPI, num="edmsim")
+            figure, axes = pyplot.subplots(figsize=(WIDTH / DPI, HEIGHT / DPI), dpi=DPI, num="edmsim")
             axes.set_position((0, 0, 1, 1))
             axes.set_axis_off()
             self._shown = axes.imshow(picture)
@@ -146,7 +147,7 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
 
     scene = path_scene(lanes, lane)
     plant = lanes.fleet.plants[lane]
-    figure = _canvas(HEIGHT - STRIP)
+    figure = canvas(HEIGHT - STRIP)
     axes = figure.add_subplot(position=(0.12, 0.13, 0.84, 0.77))
     place = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
     draw_map(axes, scene, _around(place, scene))
@@ -159,7 +160,7 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
         loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, frameon=False, fontsize=8, handlelength=1.6,
         columnspacing=1.2, borderpad=0.0, borderaxespad=0.3, labelcolor=INK,
     )  # fmt: skip
-    return _pixels(figure)
+    return pixels(figure)
 
 
 def _around(place_mm: NDArray[np.float64], scene: Scene) -> tuple[float, float, float, float]:
@@ -174,9 +175,8 @@ def _around(place_mm: NDArray[np.float64], scene: Scene) -> tuple[float, float, 
 
 def _strip(batch: Batch, lane: int) -> NDArray[np.uint8]:
     """Draw what a lane's last step did: feed, what became of the pulses, reward, machine time."""
-    from edmsim.recording.figures.palette import INK, SHARE_COLOURS
+    from edmsim.recording.figures.palette import SHARE_COLOURS
 
-    figure = _canvas(STRIP)
     info = batch.infos()
     counts = {name: int(info[name][lane]) for name in SHARE_COLOURS}
     pulses = sum(counts.values())
@@ -186,28 +186,37 @@ def _strip(batch: Batch, lane: int) -> NDArray[np.uint8]:
         facts.append(f"reward {float(batch.earned.total[lane]):+.3f}")
     else:
         facts.append("no pulse yet")
+    return strip(facts, counts)
+
+
+def strip(facts: Sequence[str], counts: Mapping[str, int]) -> NDArray[np.uint8]:
+    """Draw facts of a step, and below them what became of its pulses."""
+    from edmsim.recording.figures.palette import INK, SHARE_COLOURS
+
+    figure = canvas(STRIP)
     figure.text(0.02, 0.68, "   ".join(facts).replace("-", "−"), fontsize=9, color=INK, va="center")
     axes = figure.add_axes((0.02, 0.14, 0.96, 0.24))
     axes.set_axis_off()
-    axes.set_xlim(0, max(pulses, 1))
+    axes.set_xlim(0, max(sum(counts.values()), 1))
     left = 0
     for name, count in counts.items():
         axes.barh(0.0, count, left=left, color=SHARE_COLOURS[name])
         left += count
-    return _pixels(figure)
+    return pixels(figure)
 
 
-def _canvas(height: int) -> Figure:
+def canvas(height: int) -> Figure:
     """Return an empty figure as wide as a picture, with an Agg canvas."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(WIDTH / _DPI, height / _DPI), dpi=_DPI, facecolor="white")
+    figure = Figure(figsize=(WIDTH / DPI, height / DPI), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 
 
-def _pixels(figure: Figure) -> NDArray[np.uint8]:
-    canvas: Any = figure.canvas
-    canvas.draw()
-    return np.array(canvas.buffer_rgba())[..., :3].copy()
+def pixels(figure: Figure) -> NDArray[np.uint8]:
+    """Return what is drawn on a figure of `canvas`."""
+    drawn: Any = figure.canvas
+    drawn.draw()
+    return np.array(drawn.buffer_rgba())[..., :3].copy()

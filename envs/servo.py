@@ -24,7 +24,7 @@ SHORTED_SHARE, PATIENCE_S = 0.5, 0.15
 RETRACT_UM_S = 20.0
 """Greatest speed backwards, as `counts` has it."""
 INTEGRAL_SHARE = 0.5
-"""What is left of the integral after a retract, as the classic servos have it (`controllers.feed.gap_servo`)."""
+"""What is left of the integral after a retract, as the classic servos have it (`controllers.feed.law`)."""
 
 SERVO = np.dtype(
     [("target", "f8"), ("error", "f8"), ("integral_um_s", "f8"), ("shorted_s", "f8"), ("retracting", "i8"),

@@ -11,12 +11,12 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from edmsim.envs.arguments import plain
-from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
+from edmsim.envs.batch import action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
-from edmsim.envs.path_follower import RUNNING
-from edmsim.envs.registry import make_family
+from edmsim.envs.engine import engine_of, lanes_of, picture_of
+from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from edmsim.envs.task import Family
+from edmsim.envs.task import EnvArguments
 from edmsim.numeric import whole_from
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _LANE = np.zeros(1, np.int64)
 
 
 class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """Cut metal, one window of 255 pulses per step, or as many as begin within `Family.decision_s`.
+    """Cut metal: a step is a window of 255 pulses, as many as begin within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make("edmsim/GapFeed-v2", ...)``, which makes the subclass `GapFeedEnv`: its description, and that
     of each of the others, has every entry of action, observation and reward.
@@ -36,14 +36,14 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Parameters
     ----------
     task : str or type, optional
-        A `Family`, its short name or the id of an environment; the class's own if not given.
+        A `Family` or `Part`, its short name or the id of an environment; the class's own if not given.
     render_mode : {"rgb_array", "human"}, optional
     **options
-        Fields of the `Family`, in the forms of `Family.of`.
+        Its arguments, in the forms of `EnvArguments.of`.
 
     Attributes
     ----------
-    family : Family
+    family : EnvArguments
         The arguments in force.
     reward_space : gymnasium.spaces.Box
         Of the reward: as long as there are objectives, as MO-Gymnasium wants it.
@@ -60,17 +60,17 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS,
     }
 
-    task: ClassVar[str | type[Family]] = ""
+    task: ClassVar[str | type[EnvArguments]] = ""
 
     def __init__(
-        self, task: str | type[Family] | None = None, render_mode: str | None = None, **options: Any
+        self, task: str | type[EnvArguments] | None = None, render_mode: str | None = None, **options: Any
     ) -> None:
-        self.family = make_family(self.task if task is None else task, **options)
+        self.family: EnvArguments = arguments_with(self.task if task is None else task, **options)
         self.render_mode = check_render_mode(render_mode)
         self.action_space = action_space_of(self.family)
         self.observation_space = observation_space_of(self.family)
         self.reward_space = reward_space_of(self.family)
-        self._batch = Batch(self.family, 1)
+        self._batch = engine_of(self.family, 1, 1)
         self._of_episode: dict[str, Any] = {}
         self._running = False
         self._started = False
@@ -92,7 +92,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         super().reset(seed=None if seed is None else whole_from("seed", seed, 0))
         info = self._batch.begin(0, self.np_random, checked.get("machine"), anew=seed is not None)
         self._running = self._started = True
-        self._batch.earned.begin()
+        self._batch.clear()
         self._of_episode = info
         if self.render_mode == "human":
             self.render()
@@ -121,8 +121,8 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         batch = self._batch
         actions = checked_actions(action, self.action_space.shape or ())[None]
         reward = batch.step(_LANE, actions)[0]
-        terminated = bool(batch.lanes.rows[0]["cause"] != RUNNING)
-        truncated = not terminated and bool(batch.lanes.out_of_time[0])
+        terminated = bool(batch.ended[0])
+        truncated = not terminated and bool(batch.out_of_time[0])
         self._running = not (terminated or truncated)
         if self.render_mode == "human":
             self.render()
@@ -141,7 +141,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Return a feed controller's place at this environment: see `LaneLaw`."""
         from edmsim.envs.lane_law import LaneLaw
 
-        return LaneLaw(self._batch.lanes, 0, controller)
+        return LaneLaw(lanes_of(self._batch), 0, controller)
 
     def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that has just begun; `RecordRerun` records with it.
@@ -153,7 +153,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         from edmsim.envs.recorder import EpisodeRecorder
 
-        return EpisodeRecorder(self._batch.lanes, 0, self.family.action_names if actions is None else actions)
+        return EpisodeRecorder(lanes_of(self._batch), 0, self.family.action_names if actions is None else actions)
 
     def change(self, **options: Any) -> None:
         """Let the next episodes have other arguments, for a curriculum.
@@ -161,7 +161,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Parameters
         ----------
         **options
-            Fields of the `Family`; those that make spaces or plants stay (see `Family.changed`).
+            Its arguments; those that make spaces or plants stay (see `EnvArguments.changed`).
         """
         self.family = self.family.changed(**options)
         self._batch.change(self.family)
@@ -179,7 +179,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             return None
         if not self._started:
             raise ResetNeeded("no episode has begun: call reset() before render()")
-        picture = self._renderer.picture(self._batch, 0)
+        picture = picture_of(self._batch, self._renderer, 0)
         if self.render_mode == "human":
             self._renderer.show(picture)
             return None

@@ -27,6 +27,7 @@ from edmsim.envs.arguments import (
     within,
 )
 from edmsim.envs.draws import draw_machine, names_of
+from edmsim.envs.observation import Entry, entries
 from edmsim.envs.reward import TERMS, Weights
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.sensors import EXACT, Sensors
@@ -52,9 +53,78 @@ LASTING = (
 """Arguments that decide on spaces and plants: they stay as long as the environment does."""
 
 
+class EnvArguments(ABC):
+    """Arguments of an environment, as a frozen record, and what follows from them for its spaces.
+
+    Episodes of a `Family` are decided on window by window; those of `edmsim.envs.part_task.Part` pass by pass.
+    """
+
+    own_weights: ClassVar[Any]
+    lasting: ClassVar[tuple[str, ...]] = ()
+    resolution: str
+    objectives: Sequence[str]
+    cost_limit: float
+
+    @property
+    @abstractmethod
+    def action_names(self) -> tuple[str, ...]:
+        """What each entry of an action is called."""
+
+    @abstractmethod
+    def entries(self) -> list[Entry]:
+        """Return every entry of an observation, in order."""
+
+    @classmethod
+    def of(cls, **arguments: Any) -> Self:
+        """Make it from arguments that may be written as JSON writes them.
+
+        Parameters
+        ----------
+        **arguments
+            Its fields. ``machine`` may be a name under ``models/machines``, the path of an own TOML file, a
+            mapping of arguments of `Machine.load`, or one that `plain` made of a machine; ``weights`` and ``sensors``
+            mappings, which replace those they name of the environment's own; tuples may be lists.
+
+        Raises
+        ------
+        InputError
+            An unknown entry of a mapping, or a value that cannot be used.
+        TypeError
+            An unknown argument.
+        """
+        known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+        for name, value in arguments.items():
+            if name not in known:
+                raise TypeError(f"{cls.__name__} has no argument {name!r}; it has {', '.join(known)}")
+            if isinstance(value, list):
+                arguments[name] = tuple(value)
+        if "machine" in arguments:
+            arguments["machine"] = machine_of(arguments["machine"])
+        for name, own in (("weights", cls.own_weights), ("sensors", Sensors())):
+            if name in arguments:
+                arguments[name] = record_of(name, arguments[name], own)
+        return cls(**arguments)
+
+    def changed(self, **arguments: Any) -> Self:
+        """Return it with other arguments, in the forms of `of`.
+
+        Raises
+        ------
+        InputError
+            One of those that decide on spaces and plants: `lasting`.
+        TypeError
+            An unknown argument.
+        """
+        for name in arguments:
+            if name in self.lasting:
+                raise InputError(f"{name} cannot change between episodes: make another environment with it")
+        now = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return self.of(**{**now, **arguments})
+
+
 @shows_arguments
 @dataclass(frozen=True, kw_only=True)
-class Family(ABC):
+class Family(EnvArguments):
     """Episodes of one kind: limits, what is drawn, what actions mean; its fields are an environment's arguments.
 
     A subclass says in `draw_cut` what is cut, and has `own_weights` and `own_machine`. `knows_corners` shows corners,
@@ -136,53 +206,7 @@ class Family(ABC):
     counts_threading: ClassVar[bool] = False
     finishes_wall: ClassVar[bool] = False
     own_weights: ClassVar[Weights] = Weights()
-
-    @classmethod
-    def of(cls, **arguments: Any) -> Self:
-        """Make it from arguments that may be written as JSON writes them.
-
-        Parameters
-        ----------
-        **arguments
-            Its fields. ``machine`` may be a name under ``models/machines``, the path of an own TOML file, a
-            mapping of arguments of `Machine.load`, or one that `plain` made of a machine; ``weights`` and ``sensors``
-            mappings, which replace those they name of the environment's own; tuples may be lists.
-
-        Raises
-        ------
-        InputError
-            An unknown entry of a mapping, or a value that cannot be used.
-        TypeError
-            An unknown argument.
-        """
-        known = [f.name for f in fields(cls)]
-        for name, value in arguments.items():
-            if name not in known:
-                raise TypeError(f"{cls.__name__} has no argument {name!r}; it has {', '.join(known)}")
-            if isinstance(value, list):
-                arguments[name] = tuple(value)
-        if "machine" in arguments:
-            arguments["machine"] = machine_of(arguments["machine"])
-        for name, own in (("weights", cls.own_weights), ("sensors", Sensors())):
-            if name in arguments:
-                arguments[name] = record_of(name, arguments[name], own)
-        return cls(**arguments)
-
-    def changed(self, **arguments: Any) -> Self:
-        """Return it with other arguments, in the forms of `of`.
-
-        Raises
-        ------
-        InputError
-            One of those that decide on spaces and plants: `LASTING`.
-        TypeError
-            An unknown argument.
-        """
-        for name in arguments:
-            if name in LASTING:
-                raise InputError(f"{name} cannot change between episodes: make another environment with it")
-        now = {f.name: getattr(self, f.name) for f in fields(self)}
-        return self.of(**{**now, **arguments})
+    lasting: ClassVar[tuple[str, ...]] = LASTING
 
     def __post_init__(self) -> None:
         """Refuse what cannot be used, before anything is built."""
@@ -267,6 +291,12 @@ class Family(ABC):
         """What each entry of an action is called."""
         last = () if self.offset_um is None else ("offset",)
         return ("target" if self.action == "servo" else "feed", *self.knobs, *last)
+
+    def entries(self) -> list[Entry]:
+        """Return every entry of an observation, in order."""
+        return entries(
+            self.history, self.knows_corners, self.locates_discharges, self.offset_um is not None, self.knows_wires
+        )
 
     @property
     def reach_mm(self) -> float:

@@ -14,13 +14,13 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from edmsim.envs.arguments import plain
-from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
+from edmsim.envs.batch import action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
+from edmsim.envs.engine import engine_of, lanes_of, picture_of
 from edmsim.envs.lane_view import LaneView
-from edmsim.envs.path_follower import RUNNING
-from edmsim.envs.registry import make_family
+from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from edmsim.envs.task import Family
+from edmsim.envs.task import EnvArguments
 from edmsim.errors import InputError
 from edmsim.numeric import whole_from
 
@@ -35,7 +35,7 @@ Flags = NDArray[np.bool_]
 
 
 class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
-    """Many cuts at once, one window of 255 pulses per step in each, or as many as begin within `Family.decision_s`.
+    """Many cuts at once; a step is a window of 255 pulses, as many as begin within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``. Lane
     i, reset with seed s, is bit for bit the single environment reset with seed s + i.
@@ -43,7 +43,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
     Parameters
     ----------
     task : str or type, optional
-        A `Family`, its short name or the id of an environment; the class's own if not given.
+        A `Family` or `Part`, its short name or the id of an environment; the class's own if not given.
     num_envs : int
     max_episode_steps : int, optional
         Steps after which an episode is truncated, beside its time; never, if not given.
@@ -54,7 +54,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
     threads : int, optional
         Threads that share a step; as many as processors, if not given. They change no bit.
     **options
-        Fields of the `Family`, in the forms of `Family.of`.
+        Its arguments, in the forms of `EnvArguments.of`.
 
     Attributes
     ----------
@@ -73,11 +73,11 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS, "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
-    task: ClassVar[str | type[Family]] = ""
+    task: ClassVar[str | type[EnvArguments]] = ""
 
     def __init__(
         self,
-        task: str | type[Family] | None = None,
+        task: str | type[EnvArguments] | None = None,
         num_envs: int = 1,
         *,
         max_episode_steps: int | None = None,
@@ -91,7 +91,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             max_episode_steps = whole_from("max_episode_steps", max_episode_steps, 1)
         if threads is not None:
             threads = whole_from("threads", threads, 1)
-        self.family = make_family(self.task if task is None else task, **options)
+        self.family: EnvArguments = arguments_with(self.task if task is None else task, **options)
         self.render_mode = check_render_mode(render_mode)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -103,7 +103,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         self._action_shape = (num_envs, *(self.single_action_space.shape or ()))
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._batch = Batch(self.family, num_envs, threads or os.cpu_count() or 1)
+        self._batch = engine_of(self.family, num_envs, threads or os.cpu_count() or 1)
         self._elapsed = np.zeros(num_envs, np.int64)
         self._started: Flags = np.zeros(num_envs, np.bool_)
         self._ended: Flags = np.zeros(num_envs, np.bool_)
@@ -197,8 +197,8 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         active = np.flatnonzero(~again)
         reward = self._batch.step(active, actions)
         self._elapsed[active] += 1
-        terminated = (self._batch.lanes.rows["cause"] != RUNNING) & ~again
-        truncated = self._batch.lanes.out_of_time & ~again & ~terminated
+        terminated = self._batch.ended & ~again
+        truncated = self._batch.out_of_time & ~again & ~terminated
         if self.max_episode_steps is not None:
             truncated[active] |= self._elapsed[active] >= self.max_episode_steps
         infos = self._infos(~again)
@@ -227,13 +227,13 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         """Return a feed controller's place at a lane: see `LaneLaw`."""
         from edmsim.envs.lane_law import LaneLaw
 
-        return LaneLaw(self._batch.lanes, lane, controller)
+        return LaneLaw(lanes_of(self._batch), lane, controller)
 
     def recorder(self, lane: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that a lane has just begun; see `EdmEnv.recorder`."""
         from edmsim.envs.recorder import EpisodeRecorder
 
-        return EpisodeRecorder(self._batch.lanes, lane, self.family.action_names if actions is None else actions)
+        return EpisodeRecorder(lanes_of(self._batch), lane, self.family.action_names if actions is None else actions)
 
     @property
     def views(self) -> tuple[LaneView, ...]:
@@ -304,11 +304,11 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         """Return a picture of a lane."""
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
-        return self._renderer.picture(self._batch, lane)
+        return picture_of(self._batch, self._renderer, lane)
 
     def close_extras(self, **_: Any) -> None:
         """Shut down the threads and close the window."""
-        self._batch.lanes.fleet.close()
+        self._batch.close()
         self._renderer.close()
 
 

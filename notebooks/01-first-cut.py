@@ -177,7 +177,7 @@ kerf_figure(report)
 # ## Watching it
 #
 # `cut.rrd` holds the whole cut for the viewer: `edmsim view out/punch` opens it, and without a screen serves it to
-# a browser; `edmsim render out/punch --out punch.gif` draws a film. One picture of that film, half way through the
+# a browser; `edmsim report out/punch --film punch.gif` draws a film. One picture of that film, half way through the
 # cut:
 
 # %%

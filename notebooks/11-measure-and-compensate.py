@@ -65,7 +65,7 @@ display(table_figure(measured))
 #
 # ## Cutting
 #
-# The next cells do what these commands do: `edmsim measure-table --machine worn-table --out tables.toml` and
+# The next cells do what these commands do: `edmsim measure table --machine worn-table --out tables.toml` and
 # `edmsim cut punch.ngc --machine worn-table --compensation tables.toml`.
 
 # %%

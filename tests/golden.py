@@ -50,7 +50,7 @@ MASKED = re.compile(r"computed in [^)<]*|<footer>edmsim [^<]*|\"edmsim_version\"
 LONGEST, SAMPLES = 20_000, 24
 Items = dict[str, list[str]]
 CENTRE_UM = (32_500.0, 32_500.0)
-IDS = registered_ids()
+IDS = tuple(env_id for env_id in registered_ids() if "Part" not in env_id)  # a part is a cut, which is recorded
 FILES = {
     "punch.ngc": "G21 G90\nG0 X-2.5 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\nM2\n",
     "dwell.ngc": "G0 X0 Y0\nG1 X0.101\nG4 P3\nG1 Y0.203\nG4 P1\nG2 X0.2 Y0.302 I0.099 J0\nG1 X0\nM2\n",
@@ -73,8 +73,8 @@ SESSIONS = {
 }  # fmt: skip
 REFUSED = f"""|saw|cut|cut punch.ngc|cut no.ngc --out o|cut no.dxf --out o|cut punch.ngc --out bad.txt/o|view|view .
 evaluate no|evaluate {IDS[0]} --seeds 1|evaluate {IDS[0]} --controllers no|evaluate own.py:no|train no --out o|view no
-train {IDS[0]} --out o --score 1|train {IDS[0]} --out o --algo no|train {IDS[0]} --out o --resume|render . --out a.gif
-report no|report . --format bmp|report .|render .|view --compare no .|terminal --machine no|terminal --speed 0|--help
+train {IDS[0]} --out o --score 1|train {IDS[0]} --out o --algo no|train {IDS[0]} --out o --resume|view no .
+report no|report . --format bmp|report .|report . --film a.gif|terminal --machine no|terminal --speed 0|--help
 terminal --fault no|terminal --planner no|terminal --host no|calibrate bad.txt --out o.toml|validate --write no
 calibrate no.csv --out no/o.toml|bench --planners no/p.md|cut --help|evaluate --help|console 1982 --help"""
 CUT_WITH = """--material no|--machine no|--machine no.toml|--wire brass-10|--generator no|--planner no|--drive no

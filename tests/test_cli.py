@@ -19,11 +19,11 @@ from edmsim import __version__
 from edmsim.bench import profile
 from edmsim.calibration import read_log
 from edmsim.cli import app as cli
-from edmsim.cli.progress import ProgressBar
 from edmsim.cosim.simulation import Simulation
 from edmsim.job import checkpoint
 from edmsim.job.settings import CutSettings
 from edmsim.plant.window import WireLostError
+from edmsim.progress import ShownProgress
 from edmsim.recording import report as report_module
 
 FAST = ("--height", "5", "--resolution", "fast")
@@ -52,27 +52,18 @@ def edmsim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
     return run
 
 
-def test_help_names_every_command_on_one_line(edmsim: Run) -> None:
-    told = edmsim("--help")
-    assert told.status == 0
-    for command, purpose in (("cut", "Simulate a part program."),
-                             ("check", "Look at a program before the cut: path, notices, time."),
-                             ("view", "Play a cut back in rerun, or two side by side."),
-                             ("render", "Make a film of a cut, or screenshots of its recording"),
-                             ("report", "Make report.html of a cut again, or its figures or contour or"),
-                             ("train", "Train a feed controller (needs the extra rl)."),
-                             ("evaluate", "Compare feed controllers on the same randomised machines."),
-                             ("score", "Measure policies again and write the scores into their cards."),
-                             ("search-gains", "Search the gains of feed controllers."),
-                             ("calibrate", "Fit the model's constants to a machine's log."),
-                             ("validate", "Compare the model with what was published, row by row."),
-                             ("bench", "Measure the speed of this computer, by processor time."),
-                             ("console", "Operate the 1982 controller, a servo drive or a positioner"),
-                             ("gap", "Give a real controller the gap: serial ports, samples,"),
-                             ("export", "Write the gap for another simulator."),
-                             ("sweep", "Make many cuts from one specification."),
-                             ("tune", "Search gains or training settings (needs the extra tune).")):  # fmt: skip
-        assert any(command in line and purpose in line for line in told.out.splitlines())
+def test_help_fits_one_screen_and_names_every_command(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = edmsim("--help")
+    assert shown.status == 0
+    assert len(shown.out.splitlines()) <= 40
+    for name in (*cli.COMMANDS[""][1], *(group for group in cli.COMMANDS if group)):
+        assert re.search(rf"^│ {name} +[A-Z]", shown.out, re.MULTILINE), name
+
+
+@pytest.mark.parametrize("old", ["render", "score", "search-gains", "measure-table", "find-guides"])
+def test_old_names_are_gone(edmsim: Run, old: str) -> None:
+    assert_refused(edmsim(old, "--help"), f"no such command '{old}'")
 
 
 def test_no_argument_shows_the_help_as_bad_usage(edmsim: Run) -> None:
@@ -275,7 +266,7 @@ def test_bad_input_leaves_an_earlier_cut_alone(small_punch: Path, tmp_path: Path
 @pytest.mark.parametrize(
     "arguments",
     [("saw",), ("cut",), ("cut", "a.ngc"), ("cut", "a.ngc", "--out", "o", "--height", "abc"),
-     ("cut", "a.ngc", "--out", "o", "--colour", "red"), ("render",), ("bench", "extra")],
+     ("cut", "a.ngc", "--out", "o", "--colour", "red"), ("report",), ("bench", "extra")],
 )  # fmt: skip
 def test_bad_usage_is_exit_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edmsim: Run, arguments: Any) -> None:
     monkeypatch.chdir(tmp_path)
@@ -285,25 +276,20 @@ def test_bad_usage_is_exit_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ed
     assert list(tmp_path.iterdir()) == []
 
 
-def test_view_wants_one_cut_or_two(tmp_path: Path, edmsim: Run) -> None:
-    assert_refused(edmsim("view"), "--compare A B")
-    assert_refused(edmsim("view", tmp_path, "--compare", tmp_path, tmp_path), "--compare A B")
-    assert_refused(edmsim("view", "--compare", tmp_path / "a", tmp_path / "b"), str(tmp_path / "a"), "no such folder")
-
-
-def test_render_refuses_in_one_line(tmp_path: Path, edmsim: Run) -> None:
-    assert_refused(edmsim("render", tmp_path), "--out", "--screenshots")
-    assert_refused(edmsim("render", tmp_path, "--out", tmp_path / "a.gif"), str(tmp_path), "cut.rrd")
-    assert list(tmp_path.iterdir()) == []
+def test_two_cuts_are_laid_side_by_side(tmp_path: Path, edmsim: Run) -> None:
+    assert_refused(edmsim("view"), "directory")
+    assert_refused(edmsim("view", tmp_path / "a", tmp_path / "b"), str(tmp_path / "a"), "no such folder")
 
 
 @pytest.mark.slow
-def test_a_cut_can_be_rendered(small_cut: SimpleNamespace, tmp_path: Path, edmsim: Run) -> None:
-    told = edmsim("render", small_cut.folder, "--out", tmp_path / "cut.gif", "--seconds", "0.5")
-    assert told.status == 0
-    assert str(tmp_path / "cut.gif") in told.out
+def test_a_film_is_one_of_the_files_of_a_cut(small_cut: SimpleNamespace, tmp_path: Path, edmsim: Run) -> None:
+    shown = edmsim("report", small_cut.folder, "--film", tmp_path / "cut.gif", "--seconds", "0.5", "--contour",
+                   tmp_path / "cut.csv")  # fmt: skip
+    assert shown.status == 0
+    assert shown.out.split() == [str(tmp_path / "cut.gif"), str(tmp_path / "cut.csv")]
     assert (tmp_path / "cut.gif").read_bytes()[:3] == b"GIF"
-    assert_refused(edmsim("render", small_cut.folder, "--out", tmp_path / "cut.txt"), ".mp4 or .gif")
+    assert_refused(edmsim("report", small_cut.folder, "--film", tmp_path / "cut.txt"), ".mp4 or .gif")
+    assert_refused(edmsim("report", tmp_path, "--film", tmp_path / "a.gif"), str(tmp_path), "cut.rrd")
 
 
 def test_view_without_a_recording_is_one_line_and_exit_2(tmp_path: Path, edmsim: Run) -> None:
@@ -354,7 +340,7 @@ def test_an_interrupt_when_all_is_written_ends_nothing(
 
         monkeypatch.setattr(where, name, behind)
 
-    interrupted(*{"checkpoint": (Path, "unlink"), "bar": (ProgressBar, "__exit__"),
+    interrupted(*{"checkpoint": (Path, "unlink"), "bar": (ShownProgress, "__exit__"),
                   "table": (report_module, "render_table")}[late])  # fmt: skip
     told = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.1, *FAST)
     signal.signal(signal.SIGINT, usual)
@@ -414,9 +400,7 @@ def test_bench_draws_where_a_pulses_time_goes(edmsim: Run, tmp_path: Path, monke
 
 
 @pytest.mark.parametrize(("arguments", "reason"), [
-    (("--profile", "--against", "HEAD"), "are measurements of their own: give one of them"),
-    (("--figure", "a.png"), "--figure is the picture of --profile: give both"),
-    (("--profile", "--figure", "a.jpg"), "a figure is written as one of"),
+    (("--figure", "a.jpg"), "a figure is written as one of"),
     (("--against", "no-such-revision"), "has no revision 'no-such-revision'"),
 ])  # fmt: skip
 def test_bench_refuses_what_it_cannot_measure(edmsim: Run, arguments: tuple[str, ...], reason: str) -> None:
@@ -450,24 +434,10 @@ def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path: Path, edms
     assert "report.json: no such file, the folder of a cut is needed" in told.err
 
 
-def test_gains_are_searched_and_written(edmsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from edmsim.evaluation import search
-
-    def found(controller: str, seed: int, *, generations: int, watch: Callable[[int], None]) -> search.SearchResult:
-        watch(1)
-        return search.SearchResult({"feed_um_s": 12.5 + seed + generations}, 0.9, 0.8)
-
-    monkeypatch.setattr(search, "search", found)
-    told = edmsim("search-gains", "fixed", "--seed", 3, "--write", tmp_path)
-    assert (told.status, told.out) == (0, "fixed: feed_um_s 19.5; score 0.9 (before 0.8)\n")
-    written = (tmp_path / "fixed.toml").read_text(encoding="utf-8")
-    assert written.startswith("# Found by: edmsim search-gains fixed --seed 3 --write models/gains\n")
-    assert "feed_um_s = 19.5" in written
-    assert_refused(edmsim("search-gains", "fixed", "--write", tmp_path / "none"), "there is no such folder")
-
-
-def test_gains_of_a_controller_without_any_are_refused(edmsim: Run) -> None:
-    assert_refused(edmsim("search-gains", "mcu"), "no gains of 'mcu' are searched")
+def test_gains_of_a_controller_without_any_are_refused(edmsim: Run, tmp_path: Path) -> None:
+    assert_refused(edmsim("tune", "gains", "mcu", "--out", tmp_path / "new"), "no gains of 'mcu' are searched")
+    assert_refused(edmsim("tune", "gains", "fixed", "--method", "luck", "--out", tmp_path / "new"), "tpe, evolution")
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_policy_is_scored_again(edmsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -480,9 +450,12 @@ def test_a_policy_is_scored_again(edmsim: Run, tmp_path: Path, monkeypatch: pyte
     row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
     monkeypatch.setattr(scoring, "run", lambda *_: {"policy:mine": []})
     monkeypatch.setattr(scoring, "score", lambda _, resolution: row._replace(resolution=resolution))
-    told = edmsim("score", tmp_path / "mine.json", "--episodes", 2)
+    told = edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 2, "--write-card")
     assert told.status == 0
     assert told.out.count("123.2") == 3
     scores = policy_file.load(str(tmp_path / "mine.json")).card.scores
     assert [scored["resolution"] for scored in scores] == ["fast", "default", "fine"]
-    assert_refused(edmsim("score", tmp_path / "mine.json", "--episodes", 1), "2 or more")
+    at_one = edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 2, "--resolution", "fine", "--json")
+    assert [row["resolution"] for row in json.loads(at_one.out)[0]["scores"]] == ["fine"]
+    assert_refused(edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 1), "2 or more")
+    assert_refused(edmsim("evaluate"), "name an environment, or a policy")

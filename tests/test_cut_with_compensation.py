@@ -1,4 +1,4 @@
-"""``edmsim.cut(compensation=...)`` and ``edmsim measure-table``: errors are measured, compensated, and reported."""
+"""``edmsim.cut(compensation=...)`` and ``edmsim measure table``: errors are measured, compensated, and reported."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def run(monkeypatch, *words):
 @pytest.mark.slow
 def test_measure_table_writes_what_cut_reads(monkeypatch, tmp_path, capsys):
     made, left, picture = tmp_path / "made.toml", tmp_path / "left.toml", tmp_path / "table.png"
-    words = ["measure-table", "--machine", "worn-table", "--runs", 2]
+    words = ["measure", "table", "--machine", "worn-table", "--runs", 2]
     assert run(monkeypatch, *words, "--out", made, "--plot", picture) == 0
     assert "out of square" in capsys.readouterr().out
     assert picture.stat().st_size > 10_000
@@ -207,9 +207,9 @@ def test_measure_table_writes_what_cut_reads(monkeypatch, tmp_path, capsys):
     assert told["x"]["accuracy"] < 4.0  # of 21, most of it the motor's steps
     assert told["circle"]["circular_deviation"] < 6.0  # of 21
     assert run(monkeypatch, *words, "--out", made / "a.toml") == 2  # a file is not a folder
-    assert run(monkeypatch, "measure-table", "--runs", 1) == 2
+    assert run(monkeypatch, "measure", "table", "--runs", 1) == 2
     assert "1 runs are not within 2..100: a spread needs two" in capsys.readouterr().err
-    assert run(monkeypatch, "measure-table", "--interval", 0.001) == 2
+    assert run(monkeypatch, "measure", "table", "--interval", 0.001) == 2
 
 
 @pytest.mark.slow

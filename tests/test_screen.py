@@ -8,10 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
-from rich.progress import TextColumn
 
-from edmsim import screen
-from edmsim.screen import ScreenProgress, ScreenTable, shortened
+from edmsim.screen import ScreenTable, shortened
 
 LONG = ["/home/someone/runs/of/last/week/a/policy.json", "/home/someone/runs/of/last/week/b/policy.json",
         "counts", "counts:open_target_share=0.05,short_weight=0.75,integral_um_s2=21"]  # fmt: skip
@@ -79,17 +77,3 @@ def test_what_differs_in_the_end_is_shortened_before_it() -> None:
         "/a/long/way/to/one": "/a/l…/one", "/a/long/way/to/two": "/a/l…/two"
     }  # fmt: skip
     assert shortened(["abcdefgh1", "abcdefgh2"], 1) == {}
-
-
-def test_progress_in_a_file_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [100.0]
-    monkeypatch.setattr(screen.time, "monotonic", lambda: now[0])
-    console = Console(width=80, file=io.StringIO(), force_terminal=False)
-    bar = ScreenProgress(TextColumn("{task.description}"), TextColumn("{task.percentage:.0f} %"), console=console)
-    task = bar.add_task("cutting", total=40)
-    for _ in range(40):
-        now[0] += 1.0
-        bar.advance(task)
-    assert console.file.getvalue().splitlines() == [  # type: ignore[attr-defined]
-        f"cutting {share} %" for share in (25, 50, 75, 100)
-    ]  # fmt: skip

@@ -1,9 +1,9 @@
-"""Heat-flux laws that find out while they cut how much this machine's wire bears.
+"""Rules for the period that find out while they cut what heat flux the wires of this machine bear.
 
-Both hold the greatest local flux as `heat-flux` does, and change how much of it they hold. `ClimbingHoldController`
-is the simple way: more until a wire breaks, then less, and more again ever more slowly. `AdaptiveHoldController` has
-a probability for every flux at which wires of this machine may break, which every second without a break and every
-lost wire changes by Bayes' rule, and holds what earns most under it.
+Both hold the greatest local flux as `heat-flux` does, and change how much of it they hold. `ClimbingHold` is the
+simple way: more until a wire breaks, then less, and more again ever more slowly. `AdaptiveHold` has a probability for
+every flux at which wires of this machine may break, which every second without a break and every lost wire changes by
+Bayes' rule, and holds what earns most under it.
 
 The numbers of both are ours. That breaks of one machine lie within some 10 % of one flux, and those of drawn machines
 within a factor of 3, was seen in ramps of the flux on training machines (docs/tasks/max-rate-shift.md).
@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.feed.wire_heat import HeatFluxController
-from edmsim.controllers.protocols import FeedCommand, WindowObservation
+from edmsim.controllers.feed.law import ServoLaw
+from edmsim.controllers.feed.periods import FluxGauge, HoldHeat
+from edmsim.controllers.protocols import WindowObservation
 from edmsim.machine.machine import Machine
 
 LEAST_HOLD, MOST_HOLD = 0.02, 3.0
@@ -41,11 +42,11 @@ DECISION_S = 1.0
 
 
 @dataclass
-class ClimbingHoldController(HeatFluxController):
+class ClimbingHold(HoldHeat):
     """Holds more and more of the critical flux until a wire breaks, then less, and climbs more slowly.
 
-    Further parameters: see `HeatFluxController`; ``hold_share`` is where it begins, ``break_hold_share`` what is held
-    after a break over what broke the wire.
+    Further parameters: see `HoldHeat`; ``hold_share`` is where it begins, ``break_hold_share`` what is held after a
+    break over what broke the wire.
 
     Parameters
     ----------
@@ -55,48 +56,33 @@ class ClimbingHoldController(HeatFluxController):
         By what the growth is divided at every break: what broke a wire is come to later and later.
     """
 
-    name: ClassVar[str] = "climbing-hold"
-
-    shortest_us: float = 18.0
-    hold_share: float = 0.3
-    break_hold_share: float = 0.85
     climb_per_s: float = 0.01
     patience_factor: float = 2.0
 
-    _climb_per_s: float = field(default=0.0, init=False, repr=False)
+    pace_per_s: float = field(default=0.0, init=False)
 
-    def reset(self, max_feed_um_s: float) -> FeedCommand:
-        """Begin a new cut, with nothing known of the machine."""
-        self._climb_per_s = self.climb_per_s
-        return super().reset(max_feed_um_s)
+    def begin(self) -> None:
+        """Begin a leg, with nothing known of the machine."""
+        super().begin()
+        self.pace_per_s = self.climb_per_s
 
-    def update(self, window: WindowObservation) -> FeedCommand:
-        """Feed and period for the next window."""
-        held = self._held
-        if held.hold < 1.2 * held.near or held.log_us > math.log(max(1.05 * self.shortest_us, 1.0)):
-            held.hold = min(held.hold * math.exp(self._climb_per_s * window.duration_s), MOST_HOLD)
-        return super().update(window)
+    def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
+        """Period that brings the flux to what is held; where the period is at its shortest, more hold is none."""
+        if self.log_us > math.log(max(1.05 * self.shortest_us, 1.0)) or self.hold < 1.2 * _near(law):
+            self.hold = min(self.hold * math.exp(self.pace_per_s * window.duration_s), MOST_HOLD)
+        return super().next_us(window, law)
 
-    def wire_lost(self) -> FeedCommand:
-        """Begin with a fresh wire, which is asked for less."""
-        self._climb_per_s /= max(self.patience_factor, 1.0)
-        return super().wire_lost()
-
-
-@dataclass
-class _Seen:
-    """What was held since the last decision: time, and the logarithm of the flux over it; its slow mean now."""
-
-    seconds: float = 0.0
-    level_s: float = 0.0
-    level: float | None = None
+    def fresh_wire(self) -> None:
+        """Ask less of the next wire."""
+        super().fresh_wire()
+        self.pace_per_s /= max(self.patience_factor, 1.0)
 
 
 @dataclass
-class AdaptiveHoldController(HeatFluxController):
+class AdaptiveHold(HoldHeat):
     """Holds the flux that earns most by what is known so far of the machine's limit.
 
-    Further parameters: see `HeatFluxController`; ``hold_share`` and ``break_hold_share`` have no effect.
+    Further parameters: see `HoldHeat`.
 
     Parameters
     ----------
@@ -111,45 +97,35 @@ class AdaptiveHoldController(HeatFluxController):
         Time that a lost wire costs; 0 for the machine's own threading and the rise of a fresh wire.
     """
 
-    name: ClassVar[str] = "adaptive-hold"
-
-    shortest_us: float = 18.0
     limit_share: float = 0.8
     limit_spread: float = 0.5
     drift_per_s: float = 2e-5
     rate_exponent: float = 0.8
     break_s: float = 0.0
 
-    _chance: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(LEVELS)), init=False, repr=False)
-    _seen: _Seen = field(default_factory=_Seen, init=False, repr=False)
+    chance: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(LEVELS)), init=False)
+    seconds: float = field(default=0.0, init=False)  # since the last decision
+    level_s: float = field(default=0.0, init=False)  # the logarithm of the flux over that time
+    level: float | None = field(default=None, init=False)  # its slow mean now; None where nothing was seen of a wire
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         self._threading_s = 0.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the dials, and how long the machine threads."""
-        super().set_up(machine, points_um, start_um)
+        """Take in how long the machine threads."""
         self._threading_s = machine.base.table.threading_s.value
 
-    def reset(self, max_feed_um_s: float) -> FeedCommand:
-        """Begin a new cut, with nothing known of the machine."""
+    def begin(self) -> None:
+        """Begin a leg, with nothing known of the machine."""
+        super().begin()
         middle, spread = math.log(min(max(self.limit_share, LEAST_HOLD), MOST_HOLD)), max(self.limit_spread, 0.01)
         chance = np.exp(-0.5 * ((LEVELS - middle) / spread) ** 2)
-        self._chance = chance / chance.sum()
-        self._seen = _Seen()
-        command = super().reset(max_feed_um_s)
-        self._held.hold = self.best_hold()
-        return command
-
-    @property
-    def held(self) -> float:
-        """Flux that is held now, in parts of the critical one."""
-        return self._held.hold
+        self.chance = chance / chance.sum()
+        self.hold = self.best_hold()
 
     def limit(self, share: float) -> float:
         """Return the flux below which the machine's limit lies with a probability, 0 to 1, by what is known."""
-        return float(math.exp(np.interp(share, np.cumsum(self._chance), LEVELS)))
+        return float(math.exp(np.interp(share, np.cumsum(self.chance), LEVELS)))
 
     def best_hold(self) -> float:
         """Return the flux that earns most in the mean over what the limit may be.
@@ -158,45 +134,48 @@ class AdaptiveHoldController(HeatFluxController):
         """
         lost_s = self.break_s or self._threading_s + self.rise_s
         cutting = 1.0 / (1.0 + HAZARD * lost_s)
-        earned = np.exp(self.rate_exponent * LEVELS) * (cutting @ self._chance)
+        earned = np.exp(self.rate_exponent * LEVELS) * (cutting @ self.chance)
         return float(np.exp(LEVELS[int(np.argmax(earned))]))
 
-    def update(self, window: WindowObservation) -> FeedCommand:
-        """Feed and period for the next window."""
-        command, seen = super().update(window), self._seen
-        level = math.log(min(max(self._held.near, LEAST_HOLD), MOST_HOLD))
-        last = level if seen.level is None else seen.level
-        seen.level = last - math.expm1(-window.duration_s / SLOW_S) * (level - last)
-        seen.seconds += window.duration_s
-        seen.level_s += seen.level * window.duration_s
-        if seen.seconds >= DECISION_S:
+    def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
+        """Period that brings the flux to what is held; then decide what is."""
+        period_us = super().next_us(window, law)
+        level = math.log(min(max(_near(law), LEAST_HOLD), MOST_HOLD))
+        last = level if self.level is None else self.level
+        self.level = last - math.expm1(-window.duration_s / SLOW_S) * (level - last)
+        self.seconds += window.duration_s
+        self.level_s += self.level * window.duration_s
+        if self.seconds >= DECISION_S:
             self._learn(broken=False)
-            self._held.hold = self.best_hold()
-        return command
+            self.hold = self.best_hold()
+        return period_us
 
     def _learn(self, *, broken: bool) -> None:
         """Take in the time since the last decision, and a break, by Bayes' rule; let the limit drift."""
-        seen = self._seen
-        chance = self._chance
-        if seen.seconds:
-            chance = chance * np.exp(-np.minimum(_hazard(seen.level_s / seen.seconds) * seen.seconds, 500.0))
-        if broken and seen.level is not None:
-            chance = chance * _hazard(seen.level)
+        chance = self.chance
+        if self.seconds:
+            chance = chance * np.exp(-np.minimum(_hazard(self.level_s / self.seconds) * self.seconds, 500.0))
+        if broken and self.level is not None:
+            chance = chance * _hazard(self.level)
         spacing = LEVELS[1] - LEVELS[0]
-        moved = min(0.5 * self.drift_per_s * seen.seconds / spacing**2, 0.25)
+        moved = min(0.5 * self.drift_per_s * self.seconds / spacing**2, 0.25)
         around = np.pad(chance, 1, mode="edge")
         chance = (1.0 - 2.0 * moved) * chance + moved * (around[:-2] + around[2:])
-        self._chance = chance / max(chance.sum(), 1e-300)
-        seen.seconds = seen.level_s = 0.0
+        self.chance = chance / max(chance.sum(), 1e-300)
+        self.seconds = self.level_s = 0.0
 
-    def wire_lost(self) -> FeedCommand:
-        """Begin with a fresh wire, and with what the break said of the limit."""
+    def fresh_wire(self) -> None:
+        """Take in what the break said of the limit."""
         self._learn(broken=True)
-        command = super().wire_lost()
-        self._seen.level = None
-        self._held.hold = self.best_hold()
-        return command
+        super().fresh_wire()
+        self.level = None
+        self.hold = self.best_hold()
 
+
+def _near(law: ServoLaw) -> float:
+    """Return the greatest flux of a fifth over the critical one, as the last window left it."""
+    assert isinstance(law.gauge, FluxGauge)
+    return float(law.gauge.flux.max())
 
 
 def _hazard(level: float) -> NDArray[np.float64]:

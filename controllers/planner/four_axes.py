@@ -25,8 +25,8 @@ from edmsim.snapshots import Snapshots
 Floats = NDArray[np.float64]
 
 MOST_LEAD = 4.0
-"""A follower goes so many times as far as what it follows, at most (ours): so many of its steps then fall between two
-of the others."""
+"""Greatest travel of a follower over that of what it follows (ours): that many of its steps then fall between two of
+the others."""
 
 
 def check_lead(name: str, points_um: ArrayLike, lead_um: ArrayLike) -> None:
@@ -98,14 +98,14 @@ class ExactAxes(Snapshots):
     max_feed_um_s = math.inf
 
     def __init__(self, places_um: Floats, along_um: Floats, step_um: float) -> None:
-        kept = np.concatenate([[True], np.diff(along_um) > 0.0])
-        if kept.sum() < 2:
+        moving = np.concatenate([[True], np.diff(along_um) > 0.0])
+        if moving.sum() < 2:
             raise InputError("a path needs two different points, not 1")
-        self._along: list[float] = along_um[kept].tolist()
+        self._along: list[float] = along_um[moving].tolist()
         self._step_um = step_um
         grid = np.floor(places_um[0] / step_um + 0.5)  # the start lies on the grid of steps, whichever that is
         self._from = places_um[0].tolist()
-        self._steps: list[list[float]] = (places_um[kept] / step_um - (places_um[0] / step_um - grid)).tolist()
+        self._steps: list[list[float]] = (places_um[moving] / step_um - (places_um[0] / step_um - grid)).tolist()
         self._first: list[int] = grid.astype(int).tolist()
         self._counts = [0] * len(self._first)
         self._behind = 0
@@ -183,12 +183,12 @@ class Following(Snapshots):
 
     def __init__(self, name: str, places_um: Floats, along_um: Floats, unit: Unit, step_um: float) -> None:
         ways = np.hypot(*np.diff(places_um[:, :2], axis=0).T)
-        kept = np.concatenate([[True], ways > 0.0])
-        self._planner = make_planner(name, places_um[kept, :2], unit=unit, step_um=step_um)
+        moving = np.concatenate([[True], ways > 0.0])
+        self._planner = make_planner(name, places_um[moving, :2], unit=unit, step_um=step_um)
         self._way_um: Floats = np.concatenate([[0.0], np.cumsum(ways[ways > 0.0])])
-        self._along_um = along_um[kept]
+        self._along_um = along_um[moving]
         self._along_um[-1] = along_um[-1]
-        self._leads = places_um[kept, 2:]
+        self._leads = places_um[moving, 2:]
         self._leads[-1] = places_um[-1, 2:]
         self._step_um = step_um
         self._led: list[int] = np.rint(places_um[0, 2:] / step_um).astype(int).tolist()
@@ -246,9 +246,9 @@ class Following(Snapshots):
         """Return the steps of u and v up to a length of the way of x and y, evenly in time."""
         moves = []
         for axis in (0, 1):
-            wanted = round(float(np.interp(way_um, self._way_um, self._leads[:, axis])) / self._step_um)
-            more = wanted - self._led[axis]
-            self._led[axis] = wanted
+            target = round(float(np.interp(way_um, self._way_um, self._leads[:, axis])) / self._step_um)
+            more = target - self._led[axis]
+            self._led[axis] = target
             moves += [(n / abs(more), 2 + axis, 1 if more > 0 else -1) for n in range(1, abs(more) + 1)]
         return [
             Step(since_ns + int(share * (time_ns - since_ns)), axis, direction)

@@ -63,8 +63,9 @@ wire's true temperature. In MaxRateShift 0 is the best law of MaxRate, `heat-flu
 ThinWireShift 0 is the constant of ThinWire and 1 is `climb`, its best law: some of its wires break before they boil,
 so that the true temperature is no bound.
 
-The gains of the classic controllers were found by `edmsim search-gains` on other seeds of GapFeed and HeightStep, for
-the return, the feed of `fixed` by `python docs/make/lines.py`; each file in `models/gains/` names its command.
+The gains of the classic controllers were found by `edmsim tune gains NAME --method evolution --out DIR` on other
+seeds of GapFeed and HeightStep, for the return, the feed of `fixed` by `python docs/make/lines.py`; each file in
+`models/gains/` names its command.
 `counts` keeps its documented constants. A search finds others that earn more, but with them the feed oscillates where
 windows last 0.25 s or the removal halves, and a machine's default must not do that
 (`tests/controllers/test_feed_controllers.py`).

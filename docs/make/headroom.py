@@ -35,10 +35,10 @@ SHIFTS = "MaxRateShift", "ThinWireShift"
 """Tasks whose cuts take so long that those made here go into the leaderboard as well."""
 TRAINING = range(100, 124)
 USUAL_SEEDS = 12
-"""Seeds on which a constant and a law are chosen, the first so many of them; as many held-back ones measure them."""
+"""Seeds on which a constant and a law are chosen; an equal number of held-back ones measures them."""
 SEEDS = {"Contour": 6, "MaxRateShift": 2, "ThinWireShift": 2}
 """Seeds of either kind, where a cut takes long."""
-WORTH = 1.2
+LEAST_GAIN = 1.2
 """Return of a law that knows more, over that of the best honest one, from which on a task is worth learning on
 (ours)."""
 RULE = "|---" * 5 + "|"
@@ -247,7 +247,7 @@ def margin(found: dict[str, Any]) -> tuple[Figure, float, str]:
 
 def verdict(above: Figure, share: float) -> str:
     """Say whether learning can pay in a task."""
-    if share < WORTH - 1.0:
+    if share < LEAST_GAIN - 1.0:
         return "for comparison only"
     return "worth learning on" if above.low > 0.0 else "more, but not for certain"
 
@@ -283,15 +283,15 @@ def page(board: dict[str, Any]) -> str:
         gain = f"{shown(above)}, {100 * share:.0f} %"
         parts.append(f"| {task} | {shown(best)} | {shown(more)}, {end} | {gain} | {verdict(above, share)} |")
     parts += [
-        "", f"A task with less than {100 * (WORTH - 1):.0f} % above the best law is for comparing laws and learners, "
-        "not for showing that learning pays.", "",
+        "", f"A task with less than {100 * (LEAST_GAIN - 1):.0f} % above the best law is for comparing laws and "
+        "learners, not for showing that learning pays.", "",
     ]  # fmt: skip
     for task, found in board.items():
         parts += [f"## {task}", "", "| line | return | net rate, mm2/min | wires lost, jams | |", RULE]
         for line, row in found["lines"].items():
-            earned, rate = mean(np.array(row["returns"])), mean(np.array(row["rates"]))
+            mean_return, rate = mean(np.array(row["returns"])), mean(np.array(row["rates"]))
             name = f"`{row['name']}`" if row["name"] else ""
-            parts.append(f"| {line} | {shown(earned)} | {shown(rate, 1)} | {row['lost']} | {name} |")
+            parts.append(f"| {line} | {shown(mean_return)} | {shown(rate, 1)} | {row['lost']} | {name} |")
         parts += ["", f"{found['seeds']} machines, resolution `fast`.", ""]
     return "\n".join(parts)
 
@@ -300,9 +300,9 @@ def main() -> None:
     """Make the cuts that are asked for, and write the page."""
     parser = argparse.ArgumentParser(description="Measure what tasks have left to be learned.")
     parser.add_argument("tasks", nargs="*", choices=[*TASKS, "all", []], help="tasks to measure, or all")
-    asked = parser.parse_args().tasks
+    chosen = parser.parse_args().tasks
     board = json.loads(FOUND.read_text(encoding="utf-8")) if FOUND.exists() else {}
-    for task in TASKS if "all" in asked else asked:
+    for task in TASKS if "all" in chosen else chosen:
         board[task] = headroom(task)
         board = {name: board[name] for name in TASKS if name in board}
         FOUND.write_text(json.dumps(board, indent=1) + "\n", encoding="utf-8")

@@ -18,8 +18,11 @@ import torch
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController
-from edmsim.controllers.feed.wire_heat import HeatFluxController, HeatOracleController, PeriodFromHeat
-from edmsim.controllers.protocols import FeedCommand, WindowObservation
+from edmsim.controllers.feed.law import Gauge, ServoLaw
+from edmsim.controllers.feed.laws import HEAT, HeatFluxController
+from edmsim.controllers.feed.measures import OpenShare
+from edmsim.controllers.feed.periods import FluxGauge, HeatGauge, HoldHeat
+from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode, Result
 from edmsim.machine.machine import Machine
@@ -37,12 +40,11 @@ COLDEST, DRY = -2.5, 1.2
 """Superheats are held to the first; beyond the second, where the wire has boiled dry, they are left out."""
 CELLS, EPOCHS, MACHINES_A_STEP, RATE = 64, 16, 16, 3e-3
 Floats = NDArray[np.float64]
-Law = HeatFluxController
 
 
-def features(window: WindowObservation, law: Law, age_s: float, machine: Machine) -> list[float]:
+def features(window: WindowObservation, gauge: FluxGauge, age_s: float, machine: Machine) -> list[float]:
     """Return what is shown to the network: a window, the fluxes that `heat-flux` makes of it, and the dials."""
-    flux = law.flux
+    flux = gauge.flux
     visible = [window.short, window.open, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us]
     dials = [machine.height_mm, machine.tension, machine.flushing_lower_Pa, machine.flushing_upper_Pa]
     values = [*visible, window.duration_s, *window.fifths, *flux, flux.max(), min(age_s, BEGIN_S + 1.0), *dials]
@@ -79,7 +81,7 @@ def record(seed: int) -> Recorded:
     hold = np.random.default_rng(seed).uniform(*HOLDS)
     task, law = Task(ENV_ID), HeatFluxController(hold_share=float(hold))
     episode, rows, outcome, age_s, lost = Episode(task, law, seed, "heat-flux"), [], None, 0.0, 0
-    machine, meter = task.scenario.machine, HeatOracleController()
+    machine, meter, gauge = task.scenario.machine, HeatGauge(), law.gauge
     meter.set_up(machine, task.scenario.legs_um[0], 0.0)
     while outcome is None:
         outcome = episode.step()
@@ -88,7 +90,7 @@ def record(seed: int) -> Recorded:
         age_s = age_s + window.duration_s if task.wires_lost == lost else 0.0
         lost = task.wires_lost
         meter.see(truth)
-        rows.append((*features(window, law, age_s, machine), meter.near(window), law.flux.max(), age_s))
+        rows.append((*features(window, gauge, age_s, machine), meter.near(window), gauge.flux.max(), age_s))
     table = np.array(rows)
     superheat = np.maximum(table[:, -3], COLDEST)
     counts, hidden = (table[:, -1] > BEGIN_S) & (superheat < DRY), machine.uncertain().values()
@@ -159,43 +161,48 @@ def way(superheat: float) -> float:
 
 
 @dataclass
-class NetworkController(PeriodFromHeat):
-    """Holds by the period what the network says of the wire's superheat; the measure is its `way`."""
+class NetworkGauge(Gauge):
+    """What the network says of the wire's superheat, as its `way`; `network` is put in after it is made."""
 
-    name: ClassVar[str] = "network"
+    flux: FluxGauge = field(default_factory=FluxGauge, init=False)
+    age_s: float = field(default=0.0, init=False)
 
-    proportional_share: float = 0.7
-    integral_per_s: float = 5.0
-    network: Any = field(default=None, init=False)
-    _law: Law = field(default_factory=HeatFluxController, init=False)
-    _memory: Any = field(default=None, init=False)
-    _age_s: float = field(default=0.0, init=False)
+    def __post_init__(self) -> None:
+        self.network: Any = None
+        self._memory: Any = None
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Take in the dials."""
         self._machine = machine
-        self._law.set_up(machine, points_um, start_um)
+        self.flux.set_up(machine, points_um, start_um)
 
-    def reset(self, max_feed_um_s: float) -> FeedCommand:
+    def begin(self) -> None:
         """Begin a new cut."""
-        self._memory, self._age_s = None, 0.0
-        self._law.reset(max_feed_um_s)
-        return super().reset(max_feed_um_s)
+        self._memory = None
+        self.fresh_wire()
+
+    def fresh_wire(self) -> None:
+        """Begin with a fresh wire, which is cold."""
+        self.age_s = 0.0
+        self.flux.begin()
 
     def near(self, window: WindowObservation) -> float:
         """Ask the network."""
-        self._law.near(window)
-        self._age_s += window.duration_s
-        visible = np.array([[features(window, self._law, self._age_s, self._machine)]])
+        self.flux.near(window)
+        self.age_s += window.duration_s
+        visible = np.array([[features(window, self.flux, self.age_s, self._machine)]])
         with torch.no_grad():
             superheat, self._memory = self.network(visible, self._memory)
         return way(float(superheat))
 
-    def wire_lost(self) -> FeedCommand:
-        """Begin with a fresh wire, which is cold."""
-        self._law.wire_lost()
-        self._age_s = 0.0
-        return super().wire_lost()
+
+class NetworkController(
+    ServoLaw, measure=OpenShare, period=HoldHeat, gauge=NetworkGauge, proportional_share=0.7, integral_per_s=5.0,
+    **HEAT,
+):  # fmt: skip
+    """Holds by the period what the network says of the wire's superheat."""
+
+    name: ClassVar[str] = "network"
 
 
 def cut_with(make: Callable[[], FeedController], seed: int) -> Result:
@@ -206,7 +213,7 @@ def cut_with(make: Callable[[], FeedController], seed: int) -> Result:
 def holding(network: Network, superheat: float) -> FeedController:
     """Return the law that holds a superheat by a network."""
     law = NetworkController(hold_share=way(superheat))
-    law.network = network
+    law.gauge.network = network
     return law
 
 

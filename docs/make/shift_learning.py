@@ -15,7 +15,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from edmsim.controllers import from_text
-from edmsim.controllers.feed.adaptive_hold import AdaptiveHoldController
+from edmsim.controllers.feed.adaptive_hold import AdaptiveHold
+from edmsim.controllers.feed.law import ServoLaw
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
 from edmsim.evaluation.lines import OF_TASK
@@ -31,7 +32,9 @@ def followed(task: str, seed: int) -> tuple[np.ndarray, list[float]]:
     """Return rows of time, flux held, and the limit's 5, 50 and 95 % (n, 5); and when wires broke."""
     name = next(law for law in OF_TASK[task].compared if law.startswith("adaptive-hold"))
     law = from_text(name)
-    assert isinstance(law, AdaptiveHoldController)
+    assert isinstance(law, ServoLaw)
+    rule = law.period
+    assert isinstance(rule, AdaptiveHold)
     cut = Task(task)
     episode, rows, broke_s, lost, outcome = Episode(cut, law, seed, name), [], [], 0, None
     while outcome is None:
@@ -39,7 +42,7 @@ def followed(task: str, seed: int) -> tuple[np.ndarray, list[float]]:
         assert episode.last is not None
         time_s = episode.last.observation.time_s
         if not rows or time_s >= rows[-1][0] + EVERY_S:
-            rows.append((time_s, law.held, *(law.limit(share) for share in (0.05, 0.5, 0.95))))
+            rows.append((time_s, rule.hold, *(rule.limit(share) for share in (0.05, 0.5, 0.95))))
         if cut.wires_lost > lost:
             lost = cut.wires_lost
             broke_s.append(time_s)

@@ -25,7 +25,7 @@ from edmsim.cli import app as cli
 from edmsim.cli.options import with_options
 from edmsim.controllers.axis import ServoModule, Uhu
 from edmsim.controllers.axis.drive import data_of
-from edmsim.controllers.feed.gap_servo import ServoController
+from edmsim.controllers.feed.law import GapServo, ServoLaw
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available
 from edmsim.machine.setting import most_current_A, open_V, pulse_shape
@@ -150,12 +150,15 @@ def parameters(name: str) -> list[str]:
 
     ``servo`` are those all servos share; with a servo, only those of them are repeated that a search has set.
     """
-    kind: type[Any] = ServoController if name == "servo" else type(controllers.make(name))
+    kind: type[Any] = GapServo if name == "servo" else type(controllers.make(name))
     found = {} if name == "servo" else controllers.found_gains(name)
     defaults = {field.name: field.default for field in fields(kind) if field.init}
-    shared = [] if name == "servo" else [row for row in meanings(ServoController) if row[0][0] in found]
-    inherited = [base for base in reversed(kind.__mro__[1:]) if issubclass(base, ServoController)][1:]
-    own = [row for base in (*inherited, kind) for row in meanings(base)] + shared
+    own = meanings(kind)
+    if issubclass(kind, ServoLaw):
+        parts = {base for slot, part in kind.PARTS.items() if slot != "servo" for base in part.__mro__}
+        found_in = [each for part in parts for each in meanings(part) if each[0][0] in defaults]
+        own = sorted(found_in, key=lambda each: list(defaults).index(each[0][0]))
+        own += [each for each in meanings(GapServo) if each[0][0] in found]
     return rows(("parameter", "default", "found", "meaning"), (
         (", ".join(f"`{key}`" for key in keys), ", ".join(f"{defaults[key]:g}" for key in keys),
          ", ".join(f"{found[key]:g}" if key in found else "–" for key in keys) if found.keys() & set(keys) else "",
@@ -166,7 +169,7 @@ def parameters(name: str) -> list[str]:
 
 def meanings(kind: type) -> list[tuple[list[str], str]]:
     """Return the parameters that a class's own docstring describes, those described together as one."""
-    text = inspect.cleandoc(kind.__dict__["__doc__"])
+    text = inspect.cleandoc(kind.__dict__["__doc__"] or "")
     section = re.search(r"^Parameters\n-+\n(.*?)(?=\n\n|\Z)", text, re.DOTALL | re.MULTILINE)
     entries = re.findall(r"^(\w[\w, ]*) : .*\n((?:    .*(?:\n|$))+)", section[1] if section else "", re.MULTILINE)
     return [(names.split(", "), " ".join(meaning.split()).rstrip(".")) for names, meaning in entries]

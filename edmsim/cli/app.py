@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
 
 from edmsim import __version__
+from edmsim.cli import measure, sweep, tune
 from edmsim.cli.bench import bench
 from edmsim.cli.check import check
 from edmsim.cli.console import OUT, take_any_terminal
 from edmsim.cli.cut import cut
-from edmsim.cli.evaluate import evaluate, search_gains
+from edmsim.cli.evaluate import evaluate
 from edmsim.cli.export import export
-from edmsim.cli.find_guides import find_guides
 from edmsim.cli.gap import gap
-from edmsim.cli.learn import dataset, score, train
-from edmsim.cli.measure_table import measure_table
+from edmsim.cli.learn import dataset, train
 from edmsim.cli.options import Command
-from edmsim.cli.playback import render, report, view
+from edmsim.cli.playback import report, view
 from edmsim.cli.positioner import positioner
 from edmsim.cli.servo import servo
 from edmsim.cli.studies import calibrate, validate
-from edmsim.cli.sweep import SHORT_FORM, sweep, tune
+from edmsim.cli.sweep import SHORT_FORM
 from edmsim.cli.technology import technology
 from edmsim.cli.terminal import terminal
 from edmsim.cli.warm_up import warm_up
@@ -33,25 +33,34 @@ app = typer.Typer(
     add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
     help="A wire-EDM machine, simulated discharge by discharge.",
 )
-_COMMANDS = (
-    cut, check, view, render, report, train, score, dataset, evaluate, search_gains, calibrate, validate, bench,
-    technology, measure_table, find_guides, gap, export, tune, warm_up,
-)  # fmt: skip
 _UsageError: Any = typer.BadParameter.__base__
 """Of click, which newer releases of typer hold inside themselves."""
 
-for _command in _COMMANDS:
-    app.command(cls=Command)(_command)
-app.command(context_settings=SHORT_FORM)(sweep)
 
-console = typer.Typer(
-    no_args_is_help=True,
-    help="Operate the 1982 controller, a servo drive or a positioner by hand, by script or from another program.",
-)
-console.command("1982", cls=Command)(terminal)
-console.command()(servo)
-console.command()(positioner)
-app.add_typer(console, name="console")
+COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
+    "": ("", {
+        "cut": cut, "check": check, "view": view, "report": report, "calibrate": calibrate, "technology": technology,
+        "train": train, "dataset": dataset, "evaluate": evaluate, "validate": validate, "bench": bench, "gap": gap,
+        "export": export, "warm-up": warm_up,
+    }),
+    "sweep": ("Make many cuts from one specification.", {"run": sweep.run, "show": sweep.show}),
+    "tune": ("Search gains, settings of a controller or a training, a drive.", {
+        "gains": tune.gains, "own": tune.own, "training": tune.training, "population": tune.population,
+        "drive": tune.drive,
+    }),
+    "measure": ("Measure a machine's table, or its wire guides.", {"table": measure.table, "guides": measure.guides}),
+    "console": ("Operate the 1982 controller, a servo drive or a positioner.", {
+        "1982": terminal, "servo": servo, "positioner": positioner,
+    }),
+}  # fmt: skip
+"""Every command by its group: what the group is for, and its commands."""
+
+for _name, (_purpose, _commands) in COMMANDS.items():
+    _group = typer.Typer(no_args_is_help=True, help=_purpose) if _name else app
+    for _word, _command in _commands.items():
+        _group.command(_word, cls=Command, context_settings=SHORT_FORM if _command is sweep.run else {})(_command)
+    if _name:
+        app.add_typer(_group, name=_name)
 
 
 @app.callback(invoke_without_command=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json as codec
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, OUT, say
+from edmsim.cli.console import INTERRUPTED, OUT, say
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,46 +30,38 @@ def bench(
     training: Annotated[
         bool, typer.Option("--training", help="Measure PPO beside HalfCheetah-v5 (needs the extra rl).")
     ] = False,
-    figure: Annotated[Path | None, typer.Option(help="Picture of --profile: .png, .svg or .pdf.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Picture of the profile: .png, .svg or .pdf.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Measure the speed of this computer, by processor time."""
-    if (against is not None) + profile + serial + training > 1:
-        raise InputError(
-            "--against, --profile, --serial and --training are measurements of their own: give one of them"
-        )
-    if figure is not None and not profile:
-        raise InputError("--figure is the picture of --profile: give both")
-    from rich.progress import SpinnerColumn, TextColumn
+    from edmsim.progress import ShownProgress
 
-    from edmsim.screen import ScreenProgress
-
+    found: dict[str, _Result] = {}
     try:
-        with ScreenProgress(SpinnerColumn(), TextColumn("{task.description}"), console=ERR, transient=True) as bar:
-            task = bar.add_task("measure")
+        with ShownProgress() as bar:
 
             def watch(phase: str) -> None:
-                bar.update(task, description=phase)
+                bar.show("measure", text=phase)
 
+            if profile or figure is not None:
+                found["profile"] = _profiled(figure, watch)
             if against is not None:
-                numbers, table = _compared(against, pairs, watch)
-            elif profile:
-                numbers, table = _profiled(figure, watch)
-            elif serial:
-                numbers, table = _answered(watch)
-            elif training:
-                numbers, table = _trained(watch)
-            else:
-                numbers, table = _measured()
+                found["against"] = _compared(against, pairs, watch)
+            if serial:
+                found["serial"] = _answered(watch)
+            if training:
+                found["training"] = _trained(watch)
+            if not found:
+                found["speed"] = _measured()
     except KeyboardInterrupt:
         say("interrupted; nothing was measured to the end")
         raise typer.Exit(INTERRUPTED) from None
     if json:
-        import json as codec
-
-        sys.stdout.write(codec.dumps(numbers, indent=2) + "\n")
+        numbers = {name: numbers for name, (numbers, _) in found.items()}
+        sys.stdout.write(codec.dumps(numbers if len(found) > 1 else next(iter(numbers.values())), indent=2) + "\n")
     else:
-        OUT.print(table)
+        for _, table in found.values():
+            OUT.print(table)
 
 
 def _measured() -> _Result:

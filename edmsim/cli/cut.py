@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, OUT, STOPPED, Program, Quiet, default_folder, say
+from edmsim.cli.console import INTERRUPTED, OUT, STOPPED, Program, Quiet, default_folder, say
 from edmsim.cli.options import Unset, takes
 from edmsim.errors import InputError
 
@@ -26,22 +26,24 @@ def cut(
     **options: Any,
 ) -> None:
     """Simulate a part program."""
-    from edmsim.cli.progress import ProgressBar
     from edmsim.cosim.stops import WORDS, StopCause
     from edmsim.files import make_writable
     from edmsim.job.checkpoint import NAME
     from edmsim.job.cut import cut as run_cut
+    from edmsim.job.progress import CutProgress
+    from edmsim.progress import ShownProgress
 
     folder = Path(options.pop("out", default_folder(program)))
     if traces is not None:
         if traces.suffix != ".parquet":
             raise InputError("the file for traces must end in .parquet", traces)
         make_writable(traces.parent)
-    watcher, result = ProgressBar(quiet, ERR), None
+    result = None
     try:
-        with watcher, warnings.catch_warnings():
+        with ShownProgress(quiet, keep=True) as bar, warnings.catch_warnings():
             warnings.showwarning = lambda message, *_, **__: say(str(message))
-            result = run_cut(program, out=folder, **options, watch=watcher.show, enter=watcher.enter)
+            shown = CutProgress(bar, program.name)
+            result = run_cut(program, out=folder, **options, watch=shown.show, enter=shown.enter)
     except KeyboardInterrupt as interrupt:
         if result is None:
             has_checkpoint = (folder / NAME).exists()

@@ -1,4 +1,4 @@
-"""``edmsim evaluate`` and ``search-gains``: comparing feed controllers, and looking for their gains."""
+"""``edmsim evaluate``: comparing feed controllers, at home and elsewhere, and measuring policies."""
 
 from __future__ import annotations
 
@@ -8,25 +8,31 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, OUT, Json
+from edmsim.cli.console import OUT, Json
 from edmsim.cli.options import Unset, takes
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.progress import TaskID
+    from edmsim.evaluation.transfer import TransferRow
+    from edmsim.learning.score import Score
+
+USUAL_EPISODES = 20
+"""Held-back episodes that a policy is measured on at every resolution (ours)."""
 
 
-@takes("resolution", resolution=Unset("By default that of the environment."))
+@takes("resolution", resolution=Unset("By default that of the environment; of a policy all."))
 def evaluate(
     env_ids: Annotated[
-        list[str],
-        typer.Argument(metavar="ENV_ID...", help="Environments: edmsim/GapFeed-v2 ..., FILE.py:ID, or all."),
-    ],
+        list[str] | None,
+        typer.Argument(metavar="[ENV_ID...]", help="Environments: edmsim/GapFeed-v2 ..., FILE.py:ID, or all."),
+    ] = None,
     controllers: Annotated[
         str | None,
         typer.Option(metavar="A,B", help="Feed controllers: {controllers}; by default the task's own."),
     ] = None,
-    seeds: Annotated[int | None, typer.Option(help="Cuts of each controller; default by environment.")] = None,
+    seeds: Annotated[
+        int | None, typer.Option(help="Cuts of each controller; default by environment, 20 of a policy.")
+    ] = None,
     record: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for a recording of every cut, for edmsim view.")
     ] = None,
@@ -36,8 +42,16 @@ def evaluate(
     page: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a page with table and figure, .md.")
     ] = None,
-    transfer: Annotated[
-        bool, typer.Option("--transfer", help="Compare at finer resolutions and beyond the ranges instead.")
+    places: Annotated[
+        bool, typer.Option("--places", help="Compare at finer resolutions and beyond the ranges, too.")
+    ] = False,
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Measure a policy in its own environment beside counts and voltage: a "
+                                          "file, or a name under models/policies. May be given again."),
+    ] = None,
+    write_card: Annotated[
+        bool, typer.Option("--write-card", help="Write these scores into the policy's card.")
     ] = False,
     json: Json = False,
     **options: Any,
@@ -52,90 +66,69 @@ def evaluate(
     from edmsim.evaluation.episode import episodes
     from edmsim.evaluation.table import as_json, render
     from edmsim.files import make_writable
-    from edmsim.screen import ScreenProgress
+    from edmsim.progress import ShownProgress
 
-    resolution = options.get("resolution")
+    resolution, named = options.get("resolution"), env_ids or []
+    if not named and not policy:
+        raise InputError("name an environment, or a policy with --policy; see edmsim evaluate --help")
     chosen = {
         env_id: usual(env_id) if controllers is None else listed(controllers)
-        for env_id in (all_ids() if env_ids == ["all"] else map(resolve, env_ids))
+        for env_id in (all_ids() if named == ["all"] else map(resolve, named))
     }
-    for env_id, named in chosen.items():
-        check(env_id, named, episodes(env_id) if seeds is None else seeds, resolution)
-    if transfer:
-        if leaderboard or record or page or json or resolution:
-            raise InputError("--transfer takes an environment, --controllers and --seeds only")
-        _move(chosen, seeds)
-        return
+    for env_id, laws in chosen.items():
+        check(env_id, laws, episodes(env_id) if seeds is None else seeds, resolution)
     if page is not None:
         if page.suffix != ".md":
             raise InputError("a page is Markdown: name it .md", page)
         make_writable(page.parent)
     if leaderboard is not None:
         boards.read(leaderboard)  # an invalid file is refused before hours of cuts
-    found = []
-    with ScreenProgress(console=ERR, transient=True) as bar:
-        for env_id, named in chosen.items():
-            task = bar.add_task(env_id, total=None)
-
-            def watch(done: int, total: int, task: TaskID = task) -> None:
-                bar.update(task, completed=done, total=total)
-
-            found.append(evaluate(env_id, named, seeds, resolution=resolution, record=record, watch=watch))
+    found, moved, scores = [], {}, {}
+    with ShownProgress() as bar:
+        for env_id, laws in chosen.items():
+            watch = bar.of(env_id)
+            found.append(evaluate(env_id, laws, seeds, resolution=resolution, record=record, watch=watch))
             if leaderboard is not None:
                 boards.write(leaderboard, found[-1:])
+            if places:
+                moved[env_id] = _elsewhere(env_id, laws, seeds, bar.of(f"{env_id}, places"))
+        for name in policy or ():
+            scores[name] = _measured(name, seeds, resolution, write_card, bar.show)
     if page is not None:
         pages.write(page, found)
     if json:
-        sys.stdout.write(as_json(found) + "\n")
-    else:
-        for comparison in found:
-            OUT.print(render(comparison, OUT.width))
+        sys.stdout.write(as_json(found, moved, scores) + "\n")
+        return
+    for comparison in found:
+        OUT.print(render(comparison, OUT.width))
+    _show(moved, scores, seeds)
 
 
-def _move(chosen: dict[str, list[str]], seeds: int | None) -> None:
-    """Show what controllers are worth elsewhere."""
-    from edmsim.evaluation.transfer import USUAL_CUTS, render, transfer
-    from edmsim.screen import ScreenProgress
+def _elsewhere(env_id: str, controllers: list[str], seeds: int | None, watch: Any) -> list[TransferRow]:
+    from edmsim.evaluation.transfer import USUAL_CUTS, transfer
 
-    cuts = USUAL_CUTS if seeds is None else seeds
-    for env_id, named in chosen.items():
-        with ScreenProgress(console=ERR, transient=True) as bar:
-            task = bar.add_task(env_id, total=None)
-
-            def watch(done: int, total: int, bar: ScreenProgress = bar, task: TaskID = task) -> None:
-                bar.update(task, completed=done, total=total)
-
-            moved = transfer(env_id, named, cuts, watch=watch)
-        OUT.print(render(env_id, moved, cuts))
+    return transfer(env_id, controllers, USUAL_CUTS if seeds is None else seeds, watch=watch)
 
 
-def search_gains(
-    name: Annotated[
-        list[str], typer.Argument(metavar="NAME...", help="Feed controllers, as those with a file in models/gains.")
-    ],
-    seed: Annotated[int, typer.Option(help="First training seed, and seed of the search.")] = 0,
-    generations: Annotated[int | None, typer.Option(help="Generations after the first; 4 by default.")] = None,
-    write: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the files of gains.")] = None,
-) -> None:
-    """Search the gains of feed controllers."""
-    from edmsim.evaluation.search import GENERATIONS, POPULATION, as_toml, check, search
-    from edmsim.screen import ScreenProgress
+def _measured(
+    policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any
+) -> list[Score]:
+    from edmsim.learning import policy_file
+    from edmsim.learning.score import RESOLUTIONS, measure, write_card
 
-    if write is not None and not write.is_dir():
-        raise InputError("there is no such folder", write)
-    rounds = GENERATIONS if generations is None else generations
-    for controller in name:
-        check(controller, seed, rounds)
-    with ScreenProgress(console=ERR, transient=True) as bar:
-        for controller in name:
-            task = bar.add_task(controller, total=POPULATION * (rounds + 1))
+    episodes = USUAL_EPISODES if seeds is None else seeds
+    at = RESOLUTIONS if resolution is None else (resolution,)
+    scores = measure(policy_file.load(policy).card.env_id, policy, episodes, watch, at)
+    if write:
+        write_card(policy, scores)
+    return scores
 
-            def watch(tried: int, task: TaskID = task) -> None:
-                bar.update(task, completed=tried)
 
-            found = search(controller, seed, generations=rounds, watch=watch)
-            gains = ", ".join(f"{key} {value:g}" for key, value in found.gains.items())
-            message = f"{controller}: {gains}; score {found.score:.4g} (before {found.default_score:.4g})"
-            OUT.print(message, highlight=False, soft_wrap=True)
-            if write is not None:
-                (write / f"{controller}.toml").write_text(as_toml(controller, seed, rounds, found), encoding="utf-8")
+def _show(moved: dict[str, list[TransferRow]], scores: dict[str, list[Score]], seeds: int | None) -> None:
+    from edmsim.evaluation import transfer
+    from edmsim.learning import score
+
+    for env_id, rows in moved.items():
+        OUT.print(transfer.render(env_id, rows, transfer.USUAL_CUTS if seeds is None else seeds))
+    for measured in scores.values():
+        OUT.print(score.render(measured))

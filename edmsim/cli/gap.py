@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, say
+from edmsim.cli.console import say
 from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import InputError
 
@@ -107,11 +107,10 @@ def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: f
 def _write_delays(set_up: SetUp, file: Path, seed: int) -> None:
     from edmsim.files import make_writable
     from edmsim.hil.delays import delay_table, write_delays
-    from edmsim.screen import ScreenProgress
+    from edmsim.progress import ShownProgress
 
     make_writable(file.parent)
-    with ScreenProgress(console=ERR, transient=True) as bar:
-        task = bar.add_task("delays", total=None)
-        rows = delay_table(set_up, seed=seed, watch=lambda done, total: bar.update(task, completed=done, total=total))
+    with ShownProgress() as bar:
+        rows = delay_table(set_up, seed=seed, watch=bar.of("delays"))
     write_delays(rows, file)
     say(f"{len(rows)} gaps and voltages in {file}")

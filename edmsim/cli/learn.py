@@ -1,4 +1,4 @@
-"""``edmsim train`` and ``score``: policies, and what they are worth."""
+"""``edmsim train`` and ``dataset``: policies, and what they may be learned from."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, OUT, say
+from edmsim.cli.console import INTERRUPTED, OUT, say
 from edmsim.cli.options import takes
 
 
@@ -45,18 +45,23 @@ def train(
     **options: Any,
 ) -> None:
     """Train a feed controller (needs the extra rl)."""
+    from edmsim.envs.registry import resolve
+    from edmsim.evaluation.parts import is_part
     from edmsim.learning.command import TrainOptions, run
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live)
     try:
-        table = run(env_id, algo, out, steps, options["seed"], resume, score, ERR, kinds)
+        table = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
     except KeyboardInterrupt:
         say("interrupted; the same command with --resume continues the training")
         raise typer.Exit(INTERRUPTED) from None
     if table is not None:
         OUT.print(table)
-    OUT.print(f"Cut with it: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
-               highlight=False, soft_wrap=True, markup=False)
+    policy = f"policy:{out / 'policy.json'}"
+    use = f"Cut with it: edmsim cut PROGRAM --controller {policy} --out DIR"
+    if is_part(resolve(env_id)):
+        use = f"Compare it: edmsim evaluate {env_id} --controllers {policy}"
+    OUT.print(use, highlight=False, soft_wrap=True, markup=False)
 
 
 @takes("seed")
@@ -75,17 +80,11 @@ def dataset(
     from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record
-    from edmsim.screen import ScreenProgress
+    from edmsim.progress import ShownProgress
 
-    with ScreenProgress(console=ERR, transient=True) as bar:
-        named = listed(controllers)
-        tasks = {name: bar.add_task(name, total=steps) for name in named}
-
-        def watch(name: str, done: int, total: int) -> None:
-            bar.update(tasks[name], completed=done, total=total)
-
+    with ShownProgress() as bar:
         try:
-            made = record(resolve(env_id), named, steps, out, watch=watch, **options)
+            made = record(resolve(env_id), listed(controllers), steps, out, watch=bar.show, **options)
         except KeyboardInterrupt:
             say("interrupted; the same command goes on where it was")
             raise typer.Exit(INTERRUPTED) from None
@@ -94,18 +93,3 @@ def dataset(
                   f"mean return {row.mean_return:.1f}", highlight=False, soft_wrap=True, markup=False)
     OUT.print(f"Load them: MINARI_DATASETS_PATH={out} python -c 'import minari; "
               f"print(minari.load_dataset(\"{made[0].dataset_id}\"))'", highlight=False, soft_wrap=True, markup=False)
-
-
-def score(
-    name: Annotated[
-        list[str], typer.Argument(metavar="NAME...", help="Policies: files, or names under models/policies.")
-    ],
-    episodes: Annotated[int, typer.Option(help="Held-back episodes at every resolution, 2 or more.")] = 20,
-) -> None:
-    """Measure policies again and write the scores into their cards."""
-    from edmsim.learning.score import measure_again, render
-
-    for policy in name:
-        with ERR.status(policy):
-            scores = measure_again(policy, episodes)
-        OUT.print(render(scores))

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from edmsim.cli.console import INTERRUPTED, OUT, say
-from edmsim.errors import InputError
+from edmsim.cli.console import INTERRUPTED, say
 
 
 def servo(
@@ -25,17 +24,8 @@ def servo(
         bool, typer.Option("--scope", help="Draw tracking error, duty, current, place, speed live, in rerun.")
     ] = False,
     record: Annotated[Path | None, typer.Option(help="Write these curves as a recording, .rrd.")] = None,
-    autotune: Annotated[bool, typer.Option("--autotune", help="Tune it instead, and print what to type.")] = False,
-    out: Annotated[Path | None, typer.Option(help="With --autotune: picture of before and after, .png.")] = None,
 ) -> None:
-    """Sit at a servo drive's serial terminal, or tune it."""
-    if out is not None and not autotune:
-        raise InputError("--out is the picture of --autotune; curves of a session are written with --record")
-    if autotune:
-        from edmsim.consoles.servo.command import tune
-
-        OUT.print("\n".join(tune(drive, axis, out, say)), highlight=False)
-        return
+    """Sit at a servo drive's serial terminal."""
     from edmsim.consoles.servo.command import bench_for
     from edmsim.consoles.servo.scope import Scope
     from edmsim.consoles.servo.session import serve

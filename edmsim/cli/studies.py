@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import ERR, INTERRUPTED, OUT, Json, named, say
+from edmsim.cli.console import INTERRUPTED, OUT, Json, named, say
 from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import FAILED
 
@@ -31,14 +31,12 @@ def calibrate(
     **options: Any,
 ) -> None:
     """Fit the model's constants to a machine's log."""
-    from rich.progress import SpinnerColumn, TextColumn
-
     from edmsim.calibration import DEFAULT_CONSTANTS, read_log, settings_for
     from edmsim.calibration import calibrate as run
     from edmsim.calibration.comparison import CalibrationProgress
     from edmsim.calibration.output import as_json, check_writable, render, write
     from edmsim.calibration.set_up import held, machine_of
-    from edmsim.screen import ScreenProgress
+    from edmsim.progress import ShownProgress
 
     check_writable(out)
     table = read_log(log)
@@ -48,15 +46,13 @@ def calibrate(
     set_up = machine_of(settings)
     for notice in (*notices, *held(settings, set_up, chosen)):
         say(notice)
-    bar = ScreenProgress(SpinnerColumn(), TextColumn("{task.description}"), console=ERR, transient=True)
-    task = bar.add_task("calibrate")
-
-    def watch(progress: CalibrationProgress) -> None:
-        misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
-        bar.update(task, description=f"{progress.cuts} cuts simulated{misfit}")
-
     try:
-        with bar:
+        with ShownProgress() as bar:
+
+            def watch(progress: CalibrationProgress) -> None:
+                misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
+                bar.show("calibrate", text=f"{progress.cuts} cuts simulated{misfit}")
+
             found = run(table, set_up, chosen, seed=seed, resolution=settings.resolution, watch=watch)
     except KeyboardInterrupt:
         say("interrupted; nothing was written")
@@ -75,12 +71,11 @@ def validate(
     json: Json = False,
 ) -> None:
     """Compare the model with what was published, row by row."""
-    from edmsim.screen import ScreenProgress
+    from edmsim.progress import ShownProgress
     from edmsim.validation import report, run
 
-    with ScreenProgress(console=ERR, transient=True) as bar:
-        task = bar.add_task("validate", total=None)
-        rows = run(lambda done, total: bar.update(task, completed=done, total=total))
+    with ShownProgress() as bar:
+        rows = run(bar.of("validate"))
     if json:
         sys.stdout.write(report.as_json(rows, report.failed(rows) if failed else None) + "\n")
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from edmsim.cli.console import ERR, OUT
+from edmsim.cli.console import OUT
 
 
 def warm_up() -> None:
@@ -11,10 +11,10 @@ def warm_up() -> None:
 
     from edmsim.plant.kernel.memory import window_function
     from edmsim.plant.plant import shapes
-    from edmsim.screen import ScreenProgress
+    from edmsim.progress import ShownProgress
 
-    with ScreenProgress(console=ERR, transient=True) as bar, ThreadPoolExecutor(2) as pool:
-        task = bar.add_task("compile", total=len(shapes()))
-        for _ in pool.map(lambda shape: window_function(*shape), shapes()):
-            bar.advance(task)
+    with ShownProgress() as bar, ThreadPoolExecutor(2) as pool:
+        bar.show("compile", 0, len(shapes()))
+        for done, _ in enumerate(pool.map(lambda shape: window_function(*shape), shapes()), 1):
+            bar.show("compile", done, len(shapes()))
     OUT.print("The pulse loop is compiled for all resolutions.")

@@ -27,7 +27,7 @@ from typing import IO, Any
 
 import llvmlite.binding as llvm
 
-from edmsim.compiled import cache
+from edmsim.compiled import PROGRESS, cache
 from edmsim.compiled.marks import PART, with_marks
 
 try:
@@ -37,8 +37,6 @@ except ImportError:  # where there is no flock, two processes may compile the sa
 
 Parts = tuple[tuple[str, ...], ...]
 """Functions of each part of a program with marks; none of one without."""
-PROGRESS = "EDMSIM_PROGRESS"
-"""Variable of the environment: with 0 a notebook shows neither how far a cut is nor that code is compiled."""
 _NOTICE = "edmsim compiles its pulse loop for this processor, once"
 _BAR = 30
 _PROGRAM = """

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import NamedTuple
 
+import numpy as np
 import shapely
 
 from edmsim.controllers import FeedController
@@ -14,11 +15,14 @@ from edmsim.cosim.sums import Sums
 from edmsim.machine.machine import Machine
 from edmsim.metrology.loose import lever_mm, loose_pieces
 from edmsim.metrology.passes import WallError, wall_error
+from edmsim.metrology.profile import profile_error
 from edmsim.plant.plant import Plant
 from edmsim.program.passes import CutPass, Piece
 from edmsim.program.path import CutPath, WireContour
 from edmsim.snapshots import Snapshots
 
+FACE_EVERY = 5
+"""Of the places of a profile error so many make one of a pass' face: 0.1 mm (ours: pictures show no more)."""
 LEAST_PIECE_MM2 = 0.02
 """Smaller pieces of metal are crumbs: less than half of a wire's cross-section (ours)."""
 
@@ -51,6 +55,9 @@ class PassRecord:
         Pulses, energy and craters of the pass.
     wall : WallError or None
         The wall that it left; None while it is not finished.
+    face_um : tuple of tuple of float
+        Profile error behind it, slice by slice from the lowest one, at every `FACE_EVERY`-th place of `profile_error`
+        of the whole contour; none while it is not finished.
     """
 
     contour: int
@@ -64,6 +71,7 @@ class PassRecord:
     end_um: float
     sums: Sums = field(default_factory=Sums)
     wall: WallError | None = None
+    face_um: tuple[tuple[float, ...], ...] = ()
 
 
 class PassLog(Snapshots):
@@ -90,19 +98,26 @@ class PassLog(Snapshots):
         self.records = []
         self.notices: list[str] = []
         self._before, self._open = Sums(), False
-        passes = [(number, one) for number, contour in enumerate(path.contours, 1) for one in contour.passes]
-        self._contours = path.contours
-        self._number_of = {id(one): number for number, one in passes}
+        self.plan(path, legs)
+
+    def plan(self, path: CutPath, legs: Sequence[Leg]) -> None:
+        """Take another plan of the same cut: the passes to come may have other offsets."""
+        numbers = {id(one): number for number, contour in enumerate(path.contours, 1) for one in contour.passes}
         cutting = [(id(leg.cut_pass), k) for k, leg in enumerate(legs) if leg.cut_pass and not leg.leads_in]
-        self._last_leg, self._first_leg = dict(cutting), dict(reversed(cutting))
+        last, first = dict(cutting), dict(reversed(cutting))
+        self._contours = path.contours
+        self._contour_of = [numbers.get(id(leg.cut_pass), 0) for leg in legs]
+        self._is_first, self._is_last = (
+            [legs_at.get(id(leg.cut_pass)) == k for k, leg in enumerate(legs)] for legs_at in (first, last)
+        )
 
     def begin_leg(self, number: int, leg: Leg, time_s: float, path_um: float, sums: Sums) -> None:
         """Begin a record with the first leg of a pass, behind its lead-in."""
         one = leg.cut_pass
         self._open = one is not None and not leg.leads_in
-        if one is None or self._first_leg[id(one)] != number:
+        if one is None or not self._is_first[number]:
             return
-        contour = self._number_of[id(one)]
+        contour = self._contour_of[number]
         self._before = Sums(**asdict(sums))
         self.records.append(
             PassRecord(contour, one.number, one.piece, one.reversed, one.offset_um, time_s, time_s, path_um, path_um)
@@ -118,11 +133,13 @@ class PassLog(Snapshots):
     def end_leg(self, number: int, leg: Leg, plant: Plant) -> None:
         """Measure the wall at the end of a pass, and see what has come loose."""
         one = leg.cut_pass
-        if one is None or self._last_leg[id(one)] != number:
+        if one is None or not self._is_last[number]:
             return
         self._open = False
         contour = self._contours[self.records[-1].contour - 1]
         self.records[-1].wall = wall_error(plant.field, one, contour.part_side, plant.machine.wire_diameter_um)
+        error_um = profile_error(plant.field, contour).error_um[:, ::FACE_EVERY]
+        self.records[-1].face_um = tuple(tuple(row) for row in np.round(error_um, 1).tolist())
         if one.frees:
             for piece in loose_pieces(plant.field, LEAST_PIECE_MM2):
                 self._loosen(piece, one, contour, plant)
@@ -131,10 +148,11 @@ class PassLog(Snapshots):
         x, y = one.way.at_mid_height()[-1].tolist()
         what = "slug" if not _is_part(piece, contour) else "part"
         far_mm = lever_mm(piece, (x, y))
-        if not one.falls:
+        if not one.falls or contour.lean is not None:
+            why = ", as the fall of a piece with tapered walls is not in the model" if one.falls else ""
             self.notices.append(
                 f"the {what} is loose after the cut at X {x / 1e3:.3f} Y {y / 1e3:.3f} mm on the table "
-                "and is taken to be held: glued, or by a magnet"
+                f"and is taken to be held: glued, or by a magnet{why}"
             )
             return
         if far_mm > plant.machine.wire_diameter_um * 1e-3:

@@ -94,6 +94,8 @@ class Simulation:
         What an earlier cut left of the workpiece, in place of a fresh blank: it is copied.
     approach : PassSetup, optional
         Setting of the lead-ins of a path in passes; by default that of the first pass.
+    waits : bool
+        Whether it waits before every pass but the first until `begin_pass` says how that is cut.
 
     Attributes
     ----------
@@ -111,6 +113,8 @@ class Simulation:
         Why the generator last refused a setting the controller wanted.
     passes : PassLog
         What every pass did, if the path has passes.
+    waiting : bool
+        Whether it waits for `begin_pass`.
 
     Raises
     ------
@@ -145,11 +149,13 @@ class Simulation:
         setups: Sequence[PassSetup] = (),
         approach: PassSetup | None = None,
         metal: KerfField | None = None,
+        waits: bool = False,
     ) -> None:
         self.machine = machine
         self.path = path
         self._setups = tuple(setups) or (PassSetup(machine, controller),)
         self._approach = approach
+        self._waits, self.waiting = waits, False
         self._setup = PassSetup(machine, controller)
         self.observers = tuple(observers)
         self._planner_name = planner
@@ -311,13 +317,18 @@ class Simulation:
         return self._at.leg
 
     @property
+    def leg_from_um(self) -> float:
+        """Length of path before the present leg."""
+        return self._at.start_um
+
+    @property
     def missed_windows(self) -> int:
         """Windows of all legs that were not read in time."""
         of_leg = self.controller.missed_windows if isinstance(self.controller, MissesWindows) else 0
         return self._at.missed_before + of_leg
 
     def step(self) -> Progress:
-        """Run one window; afterwards `outcome` tells whether the cut is over."""
+        """Run one window; afterwards `outcome` tells whether the cut is over, `waiting` whether a pass is."""
         self._axes.fail_due()
         try:
             turn = self._cycle.turn()
@@ -434,6 +445,80 @@ class Simulation:
         self.passes.end_leg(at.leg, leg, self.plant)
         if at.leg == len(self.legs) - 1:
             return StopCause.FINISHED
+        following = self.legs[at.leg + 1].cut_pass
+        if self._waits and following is not None and following is not leg.cut_pass:
+            self.waiting = True
+            return StopCause.RUNNING
+        return self._next_leg()
+
+    def begin_pass(self, path: CutPath, setups: Sequence[PassSetup]) -> StopCause:
+        """Go on with the pass that it waits for.
+
+        Parameters
+        ----------
+        path : CutPath
+            The same path up to here; the passes to come may have other offsets.
+        setups : sequence of PassSetup
+            Setting of all passes, from rough to last.
+
+        Returns
+        -------
+        StopCause
+            `StopCause.RUNNING`, or why the cut ends before the pass has begun.
+
+        Raises
+        ------
+        InputError
+            It waits for no pass, or the path has other passes.
+        """
+        if not self.waiting:
+            raise InputError("a pass is under way: the next one begins when it is over")
+        legs = [leg for contour in path.contours for leg in legs_of(contour)]
+        if len(legs) != len(self.legs):
+            raise InputError(f"the path has {len(legs)} legs, not {len(self.legs)}: it is no plan of the same cut")
+        self.waiting = False
+        self.path, self.legs, self._setups = path, legs, tuple(setups)
+        self.total_um = self.path_um + sum(float(leg.along_um[-1] - leg.along_um[0]) for leg in legs[self.leg + 1 :])
+        self.passes.plan(path, legs)
+        self.cause = self._next_leg()
+        return self.cause
+
+    def rethread(self, setup: PassSetup, approach: PassSetup) -> None:
+        """Thread a fresh wire where the last one broke, and go on along the pass with a setting.
+
+        Parameters
+        ----------
+        setup : PassSetup
+            Of this pass from here on, and of the passes of its number that come later.
+        approach : PassSetup
+            Of the rest of a lead-in.
+
+        Raises
+        ------
+        InputError
+            The cut has not ended by a broken wire.
+        """
+        if self.cause is not StopCause.WIRE_BREAK:
+            raise InputError("no wire broke: there is nothing to thread")
+        place_um = (*self.plant.commanded_um, *self.plant.lead_um) if self._leans else self.plant.commanded_um
+        self.plant.rethread(place_um, round(self.machine.base.table.threading_s.value * 1e9))
+        leg = self.legs[self.leg]
+        if leg.cut_pass is not None:
+            number = min(leg.cut_pass.number, len(self._setups))
+            self._setups, self._approach = (*self._setups[: number - 1], setup, *self._setups[number:]), approach
+        self._setup = approach if leg.leads_in else setup
+        machine = self._setup.machine
+        self.plant.change_setup(machine)
+        tell(self.controller, machine, leg.points_um, self._at.start_um)
+        command = check_command(self.controller.name, self.controller.reset(self.max_feed_um_s))
+        self._set_generator(machine.t_on_us, machine.t_period_us)
+        self._set_generator(command.t_on_us, command.t_period_us)
+        self._motion.command = command
+        self.cause, self.reason = StopCause.RUNNING, None
+
+    def _next_leg(self) -> StopCause:
+        """Go to the next leg, threading a wire where it begins a contour."""
+        at = self._at
         if self.legs[at.leg + 1].threads:
             late_s = self._thread_at(self.legs[at.leg + 1].points_um[0], self._lead_of(at.leg + 1))
             if why := self.plant.fault_reason or self.plant.reason_of_delay(late_s):

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ from numpy.typing import NDArray
 
 from edmsim import models
 from edmsim.controllers import choices, from_text
-from edmsim.envs.registry import base_of, find, make_family, registered_ids
+from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, cut, episodes
 from edmsim.evaluation.lines import lines_of
+from edmsim.evaluation.parts import check_laws, cut_part, is_part
 from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
 
@@ -44,6 +46,7 @@ FIGURES = {
     "total_return": "return",
     "error_um": "path error rms, um",
     "edge_error_um": "edge error rms, um",
+    "ra_um": "Ra, um",
     "time_s": "time of finished cuts, s",
     "breaks_per_m": "wire breaks per m",
     "jams_per_m": "jams per m",
@@ -85,8 +88,9 @@ def evaluate(
     env_id : str
         One of `env_ids`, or of an own environment (see `edmsim.envs.register`).
     controllers : sequence of str, optional
-        See `edmsim.controllers.from_text`; `usual` if not given. The task's lines of score 0
-        and 1 (`edmsim.evaluation.lines`) are run whether named or not, as the others are scaled by them.
+        See `edmsim.controllers.from_text`, of Part `edmsim.envs.pass_laws.from_text`; `usual` if not given. The
+        task's lines of score 0 and 1 (`edmsim.evaluation.lines`) are run whether named or not, as the others are
+        scaled by them.
     seeds : int, optional
         Cuts of each controller, 2 or more, with held-back seeds; as many as the environment's benchmark has if not
         given.
@@ -111,11 +115,13 @@ def evaluate(
     seeds = episodes(env_id) if seeds is None else seeds
     check(env_id, controllers, seeds, resolution)
     if record is not None:
+        if is_part(env_id):
+            raise InputError(f"episodes of {env_id} are not recorded: edmsim cut --passes records the same part")
         make_writable(record)
     lines = lines_of(env_id)
     results = run(env_id, list(dict.fromkeys([*controllers, lines.blind, lines.reference])), seeds, resolution, watch,
                   record)  # fmt: skip
-    used = make_family(env_id).resolution if resolution is None else resolution
+    used = arguments_with(env_id).resolution if resolution is None else resolution
     return Comparison(env_id, used, held_back(seeds), results, {
         name: figures_of(made, results[lines.reference], results[lines.blind]) for name, made in results.items()
     })  # fmt: skip
@@ -128,10 +134,12 @@ def run(
     """Make every controller's cuts; see `evaluate` for the arguments, `options` are those of the environment."""
     # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
+    if is_part(env_id):
+        make = partial(cut_part, env_id, resolution=resolution, **options)
+    else:
+        make = partial(cut, env_id, resolution=resolution, record=record, **options)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        futures = {
-            pool.submit(cut, env_id, seed, name, resolution, record, **options): (name, seed) for name, seed in jobs
-        }
+        futures = {pool.submit(make, seed, name): (name, seed) for name, seed in jobs}
         try:
             for done, future in enumerate(as_completed(futures), 1):
                 future.result()
@@ -172,7 +180,10 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
     if resolution is not None:
         check_resolution(resolution)
     base_of(find(env_id)[0])
-    check_controllers(controllers)
+    if is_part(env_id):
+        check_laws(controllers)
+    else:
+        check_controllers(controllers)
     if seeds < 2:
         raise InputError(f"{seeds} seeds give no interval; it takes 2 or more")
 
@@ -203,6 +214,7 @@ def figures_of(
         "total_return": mean(np.array([r.total_return for r in results])),
         "error_um": mean(measured("error_um")),
         "edge_error_um": mean(measured("edge_error_um")),
+        "ra_um": mean(measured("ra_um")),
         "time_s": mean(np.array([r.time_s for r in results if r.outcome == FINISHED])),
         "breaks_per_m": per_metre(np.array([float(r.wires_lost) for r in results]), metres),
         "jams_per_m": per_metre(np.array([float(r.jammed) for r in results]), metres),

@@ -31,7 +31,8 @@ HELD_BACK = 1_000_000
 """First seed of the comparisons. No gain is ever looked for at or above it; training draws its seeds from 32 bits and
 meets one of these by chance only."""
 EPISODES = {
-    "Contour": 4, "Corner": 48, "MaxRate": 40, "ThinWire": 12, "Trim": 24, "MaxRateShift": 2, "ThinWireShift": 2,
+    "Contour": 4, "Corner": 48, "MaxRate": 40, "ThinWire": 12, "Trim": 24, "Part": 8, "MaxRateShift": 2,
+    "ThinWireShift": 2,
 }
 """Held-back seeds that an environment's benchmark has, where they are not `USUAL_EPISODES`."""
 USUAL_EPISODES = 12
@@ -75,6 +76,8 @@ class Result(NamedTuple):
         come that far.
     hottest_K : float
         Highest wire temperature.
+    ra_um : float
+        Roughness of the face; NaN but for finished parts (`edmsim.evaluation.parts`).
     """
 
     seed: int
@@ -92,6 +95,7 @@ class Result(NamedTuple):
     error_um: float
     edge_error_um: float
     hottest_K: float
+    ra_um: float = math.nan
 
     @property
     def broke(self) -> bool:

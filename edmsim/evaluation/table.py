@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,16 +21,16 @@ WIDE = 170
 _SHORT = {
     "score": "score", "rate_mm2_min": "mm2/min",
     "oracle_share": "of oracle", "short_share": "short", "open_share": "open",
-    "total_return": "return", "error_um": "path um", "edge_error_um": "edge um", "time_s": "s",
+    "total_return": "return", "error_um": "path um", "edge_error_um": "edge um", "ra_um": "Ra um", "time_s": "s",
     "breaks_per_m": "breaks/m", "jams_per_m": "jams/m",
     "cost": "cost",
 }
 """Heads of the table on the screen."""
-_NARROW = ("score", "rate_mm2_min", "short_share", "open_share", "edge_error_um", "time_s")
+_NARROW = ("score", "rate_mm2_min", "short_share", "open_share", "edge_error_um", "ra_um", "time_s")
 """Figures of a table that is narrower than `WIDE`, where events are counted."""
 _RARE = ("breaks_per_m", "jams_per_m")
 """Figures of which 0 is common, and its interval hard to read."""
-_SMALL = ("score", "cost")
+_SMALL = ("score", "cost", "ra_um")
 """Figures shown with two decimals."""
 _PERCENT = ("oracle_share", "short_share", "open_share")
 
@@ -106,9 +106,33 @@ def _meaning(comparison: Comparison, wide: bool) -> str:
     return f"{text} breaks, jams: of all {cuts} cuts together. --json prints more figures, with 95 % intervals."
 
 
-def as_json(comparisons: Sequence[Comparison]) -> str:
-    """Return everything as JSON: a list of environments; what was not measured is null."""
-    return json.dumps([_plain(comparison) for comparison in comparisons], indent=2, allow_nan=False)
+def as_json(
+    comparisons: Sequence[Comparison], places: Mapping[str, Sequence[Any]] | None = None,
+    policies: Mapping[str, Sequence[Any]] | None = None,
+) -> str:
+    """Return everything as JSON: a list of environments, then of policies; what was not measured is null.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+    places : mapping of str to sequence of NamedTuple, optional
+        By environment, what controllers did elsewhere.
+    policies : mapping of str to sequence of NamedTuple, optional
+        By policy, its scores.
+    """
+    found = [_plain(comparison) for comparison in comparisons]
+    for entry in found if places else ():
+        entry["places"] = [_flat(row) for row in (places or {}).get(entry["env_id"], ())]
+    found += [{"policy": name, "scores": [_flat(row) for row in rows]} for name, rows in (policies or {}).items()]
+    return json.dumps(found, indent=2, allow_nan=False)
+
+
+def _flat(row: Any) -> dict[str, Any]:
+    """Return a row as plain data, its figures with their intervals."""
+    return {
+        key: {k: _number(v) for k, v in vars(value).items()} if isinstance(value, Figure) else _number(value)
+        for key, value in row._asdict().items()
+    }
 
 
 def _plain(comparison: Comparison) -> dict[str, Any]:

@@ -153,7 +153,9 @@ def straight_path(
     edge, count = edge + middle, len(edge) - 1
     elements = tuple(range(1, count + 1))
     outline = Outline(edge, (0,) * count, False, "left", "right", np.empty((0, 2)), elements=elements)
-    legs = [OffsetOutline(outline, offset_open(edge, "left", mm), edge, mm) for mm in offsets_mm]
+    past_mm = [None, *[offsets_mm[0]] * (len(offsets_mm) - 1)]  # trims go straight past outer corners
+    ways_mm = [offset_open(edge, "left", mm, past) for mm, past in zip(offsets_mm, past_mm, strict=True)]
+    legs = [OffsetOutline(outline, way, edge, mm) for way, mm in zip(ways_mm, offsets_mm, strict=True)]
     ways = ways_of(legs, PassPlan(tuple(offsets_mm)))
     lead = ways[0].points[:1] - (LEAD_MM, 0.0)
     passes = on_grid(ways, lead, 1)

@@ -30,8 +30,8 @@ from edmsim.cosim.stops import StopCause
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked
 from edmsim.job import checkpoint
-from edmsim.job.notebook import notebook_progress
 from edmsim.job.passes import with_passes
+from edmsim.job.progress import CutProgress
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, Running
 from edmsim.machine.files import own_mjcf_text
@@ -45,6 +45,7 @@ from edmsim.program.outline import Corners, Program
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath, load_program, plan_path
 from edmsim.program.taper import GuideHeights
+from edmsim.progress import ShownProgress, in_notebook
 from edmsim.recording.report import outcome_text
 
 _ENDING = {
@@ -150,7 +151,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     watch, enter, out = running.watch, running.enter, running.out
     settings, simulation, recorders = _begin(program, CutSettings.model_validate(options))
     made_with = _made_with(program, settings, simulation)
-    bar = None if watch or enter else notebook_progress(made_with["program"])
+    bar = None if watch or enter or not in_notebook() else CutProgress(ShownProgress(), made_with["program"])
     if bar is not None:
         watch, enter = bar.show, bar.enter
     tell = enter or (lambda _: None)
@@ -170,7 +171,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
         if folder is not None:
             run.leave(result, tell)
     if bar is not None:
-        bar.end(outcome_text(result.report))
+        bar.enter(outcome_text(result.report))
     return result
 
 
@@ -201,9 +202,9 @@ def planned(
     table = machine.base.table
     step_um, travel_um = table.step_um.value, round(table.travel_mm.value * 1e3)
     unit = position_unit(settings.planner, travel_um, step_um)
-    asked = settings.offset if passes is None or passes.of_program else "auto"
+    offset = settings.offset if passes is None or passes.of_program else "auto"
     return plan_path(
-        program if isinstance(program, Program) else read_program(program, settings), asked,
+        program if isinstance(program, Program) else read_program(program, settings), offset,
         auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, grid_um=unit_um(unit, round(step_um)),
         taper_deg=settings.taper_deg, corners=cast(Corners, settings.taper_corners),
         guides=[guides_of(one, errors_mm) for one in machines], passes=passes,

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.cosim.passes import PassRecord
+from edmsim.cosim.passes import FACE_EVERY, PassRecord
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.machine.setting import discharge_current_A
@@ -24,7 +24,7 @@ from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.quality import HeightError, KerfSlice, PassFigures, Quality, Reach, TableShare, Totals, Wall
-from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, Terrace, polylines
+from edmsim.recording.scene import ErrorMap, PassFace, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
 _NEAR_MM = 0.5
@@ -158,6 +158,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         walls_mm=tuple(
             tuple(k.at_height(z).nominal_mm for z in (0.0, machine.height_mm)) for k in simulation.path.contours
         ) if _lead(simulation.path) is not None else (),
+        pass_faces=_pass_faces(simulation.passes.records, profiles),
         stop_mm=None if simulation.cause is StopCause.FINISHED else (x * 1e-3, y * 1e-3),
     )
     in_passes = bool(simulation.passes.records)
@@ -165,6 +166,17 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     quality = _quality(simulation, profiles, scene, table, _reach(contours, profiles, left_um, shares))
     led_mm = scene.lead_mm(windows.ways_um()[-1], np.array([0.5 * machine.height_mm]))[:, 0]
     return Inspection(quality, scene, _error_per_window(commanded_um + 1e3 * led_mm, profiles))
+
+
+def _pass_faces(records: list[PassRecord], profiles: list[ProfileError]) -> tuple[PassFace, ...]:
+    """Return the faces that finished passes left."""
+    return tuple(
+        PassFace(
+            record.contour - 1, record.end_s, record.end_um, profiles[record.contour - 1].points_mm[::FACE_EVERY],
+            np.array(record.face_um),
+        )
+        for record in records if record.face_um
+    )  # fmt: skip
 
 
 def _lead(path: CutPath) -> NDArray[np.float64] | None:

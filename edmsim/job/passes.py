@@ -18,8 +18,8 @@ from edmsim.machine.technology import (
     PassTable,
     Technology,
     machine_of,
+    nearest_technology,
     read_technology,
-    technology_for,
 )
 from edmsim.program.outline import Program
 from edmsim.program.passes import PassPlan
@@ -47,6 +47,7 @@ class Passes(NamedTuple):
         One per pass; none for a cut in one pass.
     table : PassTable or None
         What the technology says.
+    technology : Technology or None
     """
 
     settings: CutSettings
@@ -54,6 +55,7 @@ class Passes(NamedTuple):
     setups: tuple[PassSetup, ...] = ()
     approach: PassSetup | None = None
     table: PassTable | None = None
+    technology: Technology | None = None
 
 
 def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Plan) -> Passes:
@@ -80,7 +82,7 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
                 raise InputError("a technology is for passes: say how many, as --passes 4")
             return Passes(settings, path)
         technology = _technology(settings)
-        table = technology.table(settings.workpiece.greatest_mm, path.passes)
+        table = _table(settings, technology, path.passes)
         settings = in_force(settings, technology, table)
         own = PassPlan(table.offsets_mm, of_program=True)
         path = plan(program, settings, _machines(settings, technology, table), own)
@@ -89,7 +91,7 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
     if settings.offset == "none":
         raise InputError("passes run beside an edge at their offsets: offset none leaves nothing to trim")
     technology = _technology(settings)
-    table = technology.table(settings.workpiece.greatest_mm, settings.passes)
+    table = _table(settings, technology, settings.passes)
     shift_mm = 0.0 if settings.offset == "auto" else float(settings.offset) - table.offsets_mm[-1]
     offsets_mm = tuple(round(mm + shift_mm, 6) for mm in table.offsets_mm)
     after_tab: Any = settings.after_tab
@@ -166,20 +168,41 @@ def _technology(settings: CutSettings) -> Technology:
         None if getattr(settings, name) == usual[name].default else getattr(settings, name)
         for name in ("machine", "wire")
     )
-    return technology_for(settings.material, machine, wire)
+    return nearest_technology(settings.material, machine, wire)
+
+
+def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTable:
+    """Return the offsets and settings of a technology, with a notice if it is for another material."""
+    height_mm, material = settings.workpiece.greatest_mm, settings.material
+    table = technology.table(height_mm, passes)
+    if technology.material == material:
+        return table
+    notice = (
+        f"there is no technology for {material}: the passes take the settings of '{technology.title}', the material "
+        f"most like it; search its own with edmsim technology {material} --height {height_mm:g} --passes {passes} "
+        f"--out {material}.toml, and cut with --technology {material}.toml"
+    )
+    return table._replace(notices=(notice, *table.notices))
 
 
 def _made(
     settings: CutSettings, technology: Technology, table: PassTable, path: CutPath, notices: tuple[str, ...]
 ) -> Passes:
     """Make the set-ups of the passes; the first is the machine of the settings."""
-    machines = [_machine(settings, technology, one) for one in table.settings]
-    setups = tuple(
-        PassSetup(machine, from_text(one.controller())) for machine, one in zip(machines, table.settings, strict=True)
-    )
-    approach = PassSetup(machines[0], from_text(table.settings[0].controller(table.approach_share)))
+    setups = tuple(setup_of(settings, technology, one) for one in table.settings)
+    approach = approach_of(setups[0].machine, table, table.settings[0])
     path = replace(path, notices=(*path.notices, *notices))
-    return Passes(settings, path, setups, approach, table)
+    return Passes(settings, path, setups, approach, table, technology)
+
+
+def setup_of(settings: CutSettings, technology: Technology, one: PassSetting) -> PassSetup:
+    """Return the set-up of a pass, with the constants of a cut's settings; raises `InputError` as `Machine.load`."""
+    return PassSetup(_machine(settings, technology, one), from_text(one.controller()))
+
+
+def approach_of(machine: Machine, table: PassTable, rough: PassSetting) -> PassSetup:
+    """Return the set-up of a lead-in: the rough pass' machine, at a share of its feed."""
+    return PassSetup(machine, from_text(rough.controller(table.approach_share)))
 
 
 def _machines(settings: CutSettings, technology: Technology, table: PassTable) -> list[Machine]:

@@ -73,7 +73,7 @@ class CutSettings(SetUpOptions, MachineOption):
     Raises
     ------
     InputError
-        A name that is no option, or a value that no cut can be made with.
+        A name that is not an option, or a value that no cut can be made with.
     """
 
     heights: Annotated[Sequence[Height], Flag("height-at", "MM:MM", many=True)] = ()
@@ -99,7 +99,7 @@ class CutSettings(SetUpOptions, MachineOption):
     drive: Annotated[str, Names(_drives, "with parameters, uhu:proportional_gain=600")] = "stepper"
     """What drives x and y."""
     compensation: Annotated[str | None, _FILE] = None
-    """File of cam tables: errors of the table's screws and ways, as ``edmsim measure-table`` writes them, and cams
+    """File of cam tables: errors of the table's screws and ways, as ``edmsim measure table`` writes them, and cams
     that the upper guide follows."""
     mechanics: Annotated[str, Names(registered("edmsim.plant.plant:MECHANICS"))] = "modal"
     """Integrator of table and wire."""
@@ -130,11 +130,11 @@ class CutSettings(SetUpOptions, MachineOption):
     become cones)."""
     guide_errors_mm: Annotated[tuple[Number, Number] | None, Flag(metavar="LOWER:UPPER")] = None
     """How much higher the lower and the upper guide are than the machine's file says, in mm, as
-    ``edmsim find-guides`` finds: the control then leads them accordingly; by default none."""
+    ``edmsim measure guides`` finds: the control then leads them accordingly; by default none."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
     passes: WholeNumber | None = None
-    """Cut every contour in so many passes, rough and trims, with offsets and settings of a technology; by default in
+    """Number of passes for every contour, rough and trims, with offsets and settings of a technology; by default in
     one, or as the program does."""
     technology: str | None = None
     """Technology of the passes, a name or an own TOML file; by default the one for the material. It decides machine,
@@ -270,7 +270,7 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @classmethod
     def of_json(cls, text: str | bytes) -> CutSettings:
-        """Read settings back from their JSON; raises `InputError` if it is none."""
+        """Read settings back from their JSON; raises `InputError` if it is invalid."""
         try:
             return cls.model_validate_json(text)
         except ValidationError as error:

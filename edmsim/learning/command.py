@@ -13,11 +13,9 @@ from edmsim.learning import hyperparameters, policy_file
 from edmsim.learning.curve import in_words
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Policy
-from edmsim.learning.score import RESOLUTIONS, RIVALS, measure, render
+from edmsim.learning.score import measure, render
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from edmsim.learning.train import TrainingProgress
     from edmsim.screen import ScreenTable
 
@@ -86,7 +84,7 @@ class TrainOptions(NamedTuple):
 
 
 def run(
-    env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, console: Console,
+    env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int,
     options: TrainOptions = TrainOptions(),  # noqa: B008 - it cannot be changed
 ) -> ScreenTable | None:
     """Train a policy, write it as ``policy.json`` and ``policy.npz`` into the folder, and measure it.
@@ -97,8 +95,6 @@ def run(
         See `train.train`.
     episodes : int
         Held-back episodes at every resolution, 2 or more, or 0 not to measure.
-    console : rich.console.Console
-        For the progress bar.
     options : TrainOptions
 
     Returns
@@ -111,9 +107,7 @@ def run(
     InputError
         An argument that cannot be used, or the extra ``rl`` is not installed.
     """
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-
-    from edmsim.screen import ScreenProgress
+    from edmsim.progress import ShownProgress
 
     if episodes < 0 or episodes == 1:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
@@ -124,21 +118,15 @@ def run(
     named = resolve(env_id)
     parameters = None if resume else options.hyperparameters(named, algo)
     file = out / "policy.json"
-    bar = ScreenProgress(
-        TextColumn("{task.percentage:5.1f} %"), BarColumn(bar_width=24), TimeRemainingColumn(),
-        TextColumn("{task.fields[status]}"), console=console,
-    )
-    task = bar.add_task("train", total=None, status="training")
     seen: list[tuple[int, float]] = []
+    with ShownProgress(keep=True) as bar:
 
-    def watch(progress: TrainingProgress) -> None:
-        bar.start()  # not before the first window: bad input shall print its one line only
-        status = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
-        bar.update(task, completed=progress.steps, total=progress.total, status=status)
-        if not seen or progress.steps >= seen[-1][0] + progress.total / CURVE_POINTS:
-            seen.append((progress.steps, progress.mean_return))
+        def watch(progress: TrainingProgress) -> None:
+            shown_return = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
+            bar.show("train", progress.steps, progress.total, shown_return)
+            if not seen or progress.steps >= seen[-1][0] + progress.total / CURVE_POINTS:
+                seen.append((progress.steps, progress.mean_return))
 
-    try:
         trained = train(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, parameters=parameters,
             callbacks=_recorders(options, out), begin_from=options.policy(),
@@ -150,17 +138,10 @@ def run(
         card, packed = export(trained, f"edmsim train {words}{options.words()}")
         policy_file.write(card, packed, file)
         if seen:
-            bar.stop()
-            curve = in_words(*zip(*seen, strict=True))
-            console.print(f"return of an episode: {curve}", highlight=False, soft_wrap=True, markup=False)
+            bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*seen, strict=True))}")
         if not episodes:
             return None
-        measuring = bar.add_task("score", total=(1 + len(RIVALS)) * len(RESOLUTIONS) * episodes, status="measuring")
-        bar.start()
-        scores = measure(done.env_id, str(file), episodes, lambda _done, _total: bar.advance(measuring))
-    finally:
-        if bar.live.is_started:
-            bar.stop()
+        scores = measure(done.env_id, str(file), episodes, bar.show)
     policy_file.write(card.model_copy(update={"scores": [row._asdict() for row in scores]}), packed, file)
     return render(scores)
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from edmsim.envs.batch import entries_of
-from edmsim.envs.registry import make_family
+from edmsim.envs.registry import arguments_with
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.learning.policy_file import FORMAT, Card, Lstm, Policy, digest, load, meanings, pack, write
@@ -77,8 +76,8 @@ def export(trained: Trained, command: str) -> tuple[Card, bytes]:
 def _exported(model: Any, lanes: Any, algorithm: str, command: str, seed: int | None) -> tuple[Card, bytes]:
     network, wrapped = network_of(model), around(lanes)
     env_id, environment = wrapped.environment()
-    family = make_family(env_id, **environment)
-    entries = entries_of(family)
+    family = arguments_with(env_id, **environment)
+    entries = family.entries()
     if lanes.observation_space != model.observation_space or lanes.action_space != model.action_space:
         raise InputError("the learner has other observations or actions than these lanes: give those it learnt on")
     weights, biases, lstm = _arrays(network, len(entries))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import fields
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -121,7 +122,8 @@ def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameter
     own = folder / f"{base_of(family)}-{algo}.toml"
     file = own if own.is_file() else folder / f"{algo}.toml"
     found = tomllib.loads(file.read_text(encoding="utf-8"))
-    left = {name: value for name, value in found["environment"].items() if name not in registered}
+    known = {one.name for one in fields(family)} - set(registered)  # type: ignore[arg-type]
+    left = {name: value for name, value in found["environment"].items() if name in known}
     usual = Hyperparameters.model_validate({**found, "environment": left})
     return usual if settings is None else _changed(usual, settings)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from edmsim.controllers import from_text
 from edmsim.envs.as_action import target_share
-from edmsim.envs.registry import make_family
+from edmsim.envs.registry import arguments_with
+from edmsim.envs.task import Family
 from edmsim.errors import InputError
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Residual
@@ -70,7 +71,11 @@ def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
         raise InputError(f"the table lagrangian is for ppo-lag, and needed there; the algorithm is {algo}")
     if (parameters.teacher is not None) != (algo == "imitation"):
         raise InputError(f"a teacher is for imitation, and needed there; the algorithm is {algo}")
-    family = make_family(env_id, **parameters.environment)
+    family = arguments_with(env_id, **parameters.environment)
+    if not isinstance(family, Family):
+        if parameters.privileged_critic or parameters.teacher is not None or parameters.residual is not None:
+            raise InputError(f"{env_id} is decided on pass by pass: it has no teacher, residual or privileged critic")
+        return
     if parameters.teacher is not None:
         teacher = from_text(parameters.teacher)
         if family.action == "servo":

@@ -18,10 +18,10 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from edmsim import models, user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text, names
-from edmsim.envs.batch import entries_of
 from edmsim.envs.knobs import KNOBS
-from edmsim.envs.registry import make_family
-from edmsim.envs.task import Family
+from edmsim.envs.part_task import ACTIONS
+from edmsim.envs.registry import arguments_with, make_family
+from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, one_of
 from edmsim.files import read_arrays
 
@@ -31,6 +31,8 @@ ACTION_MEANINGS = {
     "offset": "offset from the path, left positive",
 }
 """What an entry of an action is, by its name (`Family.action_names`)."""
+_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}
+"""The same of Part, where a pass is decided on."""
 Floats = NDArray[np.float64]
 
 
@@ -232,14 +234,19 @@ class Policy:
                 layer = np.tanh(layer) if card.activation == "tanh" else np.maximum(layer, 0.0)
         return (np.tanh(layer) if card.output == "tanh" else np.clip(layer, -1.0, 1.0)), memory
 
+    def arguments(self) -> EnvArguments:
+        """Return what the environment was made with, also that of Part."""
+        return arguments_with(self.card.env_id, **self.card.environment)
+
     def family(self) -> Family:
-        """Return what the environment was made with; its observations and actions are the policy's."""
+        """Return what the environment of windows was made with; its observations and actions are the policy's."""
         return make_family(self.card.env_id, **self.card.environment)
 
 
-def meanings(family: Family) -> list[str]:
-    """Return what the entries of a family's actions are."""
-    return [ACTION_MEANINGS[name] for name in family.action_names]
+def meanings(family: EnvArguments) -> list[str]:
+    """Return what the entries of an environment's actions are."""
+    named = ACTION_MEANINGS if isinstance(family, Family) else _OF_PASSES
+    return [named[name] for name in family.action_names]
 
 
 def pack(weights: list[Floats], biases: list[Floats], lstm: Lstm | None = None) -> bytes:
@@ -315,10 +322,10 @@ def load(name: str, env_id: str | None = None) -> Policy:
 def _check_environment(card: Card, file: Path) -> None:
     """Refuse a policy whose inputs and outputs are not those of its environment."""
     try:
-        family = make_family(card.env_id, **card.environment)
+        family = arguments_with(card.env_id, **card.environment)
     except (InputError, TypeError, ValueError) as error:
         raise InputError(f"the policy's environment cannot be made: {error}", file) from None
-    expected = [entry.name for entry in entries_of(family)]
+    expected = [entry.name for entry in family.entries()]
     found = [entry.name for entry in card.observation]
     if found != expected:
         raise InputError(
@@ -335,13 +342,13 @@ def _check_environment(card: Card, file: Path) -> None:
         )
 
 
-def _check_residual(residual: Residual, family: Family, file: Path) -> None:
+def _check_residual(residual: Residual, family: EnvArguments, file: Path) -> None:
     """Refuse a law there is not, and an environment whose actions are not feeds of a window."""
     try:
         residual.make()
     except InputError as error:
         raise InputError(f"the law that the policy adds to: {error}", file) from None
-    if family.action != "speed" or family.decision_s is not None:
+    if not isinstance(family, Family) or family.action != "speed" or family.decision_s is not None:
         raise InputError("a policy that adds to a law commands a speed every window; its environment does not", file)
 
 

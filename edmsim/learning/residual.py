@@ -10,6 +10,7 @@ from stable_baselines3.common.vec_env import VecEnvWrapper
 
 from edmsim.controllers.protocols import FeedCommand
 from edmsim.envs.sb3 import EdmVecEnv
+from edmsim.envs.task import Family
 from edmsim.errors import InputError
 from edmsim.learning.policy_file import Residual
 
@@ -35,7 +36,9 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         super().__init__(venv)
         self.residual = residual
         lanes = venv.env
-        self._family = lanes.family
+        family = lanes.family
+        assert isinstance(family, Family)
+        self._family = family
         self._laws = [lanes.lane_law(lane, residual.make()) for lane in range(self.num_envs)]
         self._feed_um_s = np.zeros(self.num_envs)
 

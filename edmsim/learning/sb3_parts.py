@@ -15,10 +15,10 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvWrapper
 
 from edmsim.envs.arguments import plain
 from edmsim.envs.record import RecordRerun
-from edmsim.envs.registry import make_family, stand_in
+from edmsim.envs.registry import arguments_with, stand_in
 from edmsim.envs.sb3 import EdmVecEnv
 from edmsim.envs.single import EdmEnv
-from edmsim.envs.task import Family
+from edmsim.envs.task import EnvArguments
 from edmsim.errors import InputError
 from edmsim.learning.imitation import TaughtVecEnv
 from edmsim.learning.lagrangian import CostVecEnv
@@ -128,21 +128,21 @@ class Around(NamedTuple):
 
     Attributes
     ----------
-    family : Family
+    family : EnvArguments
         Their arguments.
     residual : Residual or None
         The law that actions are added to.
     """
 
-    family: Family
+    family: EnvArguments
     normalise: VecNormalize | None
     residual: Residual | None
 
     def environment(self) -> tuple[str, dict[str, Any]]:
         """Return id and arguments of the environment of edmsim that a card names."""
-        own = {f.name: plain(getattr(self.family, f.name)) for f in fields(self.family)}
+        own = {f.name: plain(getattr(self.family, f.name)) for f in fields(self.family)}  # type: ignore[arg-type]
         env_id, arguments = stand_in(type(self.family), own)
-        usual = make_family(env_id)
+        usual = arguments_with(env_id)
         return env_id, {name: value for name, value in arguments.items() if plain(getattr(usual, name)) != value}
 
 

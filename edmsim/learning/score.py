@@ -1,11 +1,12 @@
 """What a policy is worth beside classic controllers: its cuts of held-back episodes, summed up.
 
-``edmsim score NAME...`` measures policies again and writes the scores into their cards.
+``edmsim evaluate --policy NAME --write-card`` measures a policy again and writes the scores into its card.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result
+from edmsim.evaluation.parts import is_part
 from edmsim.learning import policy_file
 
 if TYPE_CHECKING:
@@ -21,6 +23,23 @@ if TYPE_CHECKING:
 RIVALS = ("counts", "voltage")
 """The controllers policies are measured against: that of 1982, and the classic one that earns most."""
 RESOLUTIONS = ("fast", "default", "fine")
+
+
+class Measured(NamedTuple):
+    """What a policy's cuts are compared with, and at which resolutions.
+
+    Attributes
+    ----------
+    rivals, resolutions : tuple of str
+    """
+
+    rivals: tuple[str, ...]
+    resolutions: tuple[str, ...]
+
+
+def measured_with(env_id: str) -> Measured:
+    """Return rivals and resolutions of an environment; parts take long, and are cut as the policy learnt it only."""
+    return Measured(("technology", "corrected"), ("fast",)) if is_part(env_id) else Measured(RIVALS, RESOLUTIONS)
 
 
 class Score(NamedTuple):
@@ -35,7 +54,7 @@ class Score(NamedTuple):
     rate_mm2_min : float
         Area cut over machine time.
     error_um : float or None
-        Path error, see `edmsim.evaluation.episode.Result`; None in straight cuts.
+        Path error, see `edmsim.evaluation.episode.Result`; of parts that of the edge; None in straight cuts.
     time_s : float
         Machine time of an episode.
     breaks, limits : int
@@ -55,9 +74,10 @@ class Score(NamedTuple):
 
 
 def measure(
-    env_id: str, policy: str, episodes: int, watch: Callable[[int, int], None] | None = None
+    env_id: str, policy: str, episodes: int, watch: Callable[[str, int, int], None] | None = None,
+    resolutions: Sequence[str] = (),
 ) -> list[Score]:
-    """Return the scores of a policy and of its rivals at every resolution.
+    """Return the scores of a policy and of its rivals at some resolutions, all by default; of parts at ``fast``.
 
     Parameters
     ----------
@@ -67,7 +87,7 @@ def measure(
     episodes : int
         2 or more.
     watch : callable, optional
-        Called with the episodes cut and to cut of the present resolution.
+        Called with a resolution, and the episodes cut and to cut at it.
 
     Raises
     ------
@@ -77,8 +97,10 @@ def measure(
     if episodes < 2:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more")
     scores = []
-    for resolution in RESOLUTIONS:
-        results = run(env_id, [f"policy:{policy}", *RIVALS], episodes, resolution, watch)
+    measured = measured_with(env_id)
+    for resolution in resolutions or measured.resolutions:
+        made_so_far = None if watch is None else partial(watch, f"{policy}, {resolution}")
+        results = run(env_id, [f"policy:{policy}", *measured.rivals], episodes, resolution, made_so_far)
         scores += [score(made, resolution) for made in results.values()]
     return [row._replace(controller="policy") if row.controller.startswith("policy:") else row for row in scores]
 
@@ -86,7 +108,8 @@ def measure(
 def score(results: Sequence[Result], resolution: str) -> Score:
     """Sum up a controller's cuts."""
     returns = np.array([result.total_return for result in results])
-    errors = [result.error_um for result in results if np.isfinite(result.error_um)]
+    known = [(r.error_um if np.isfinite(r.error_um) else r.edge_error_um) for r in results]
+    errors = [error for error in known if np.isfinite(error)]
     seconds = sum(result.time_s for result in results)
     return Score(
         results[0].controller, resolution, len(results), float(returns.mean()),
@@ -96,21 +119,20 @@ def score(results: Sequence[Result], resolution: str) -> Score:
     )
 
 
-def measure_again(policy: str, episodes: int) -> list[Score]:
-    """Measure a policy as `measure` does, and write the scores into its card.
+def write_card(policy: str, scores: Sequence[Score]) -> None:
+    """Write scores of `measure` into a policy's card, in the place of those at the same resolutions.
 
     Parameters
     ----------
     policy : str
         Either of its files, or a name under ``models/policies``.
-    episodes : int
-        2 or more.
+    scores : sequence of Score
     """
     stored, file = policy_file.load(policy), policy_file.locate(policy)
-    scores = measure(stored.card.env_id, policy, episodes)
-    card = stored.card.model_copy(update={"scores": [row._asdict() for row in scores]})
+    measured = {row.resolution for row in scores}
+    others = [row for row in stored.card.scores if row["resolution"] not in measured]
+    card = stored.card.model_copy(update={"scores": [*others, *(row._asdict() for row in scores)]})
     policy_file.write(card, file.with_suffix(".npz").read_bytes(), file)
-    return scores
 
 
 def render(scores: list[Score]) -> ScreenTable:

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from edmsim.envs.batch import entries_of
 from edmsim.errors import InputError
 from edmsim.learning.policy_file import Policy, load, meanings
 from edmsim.learning.sb3_parts import Around, PolicyNetwork, around, network_of, shape_in_words
 
-SCALES = ("max_feed_um_s", "max_change_um_s", "setting_octaves", "offset_um", "servo_target_share")
+SCALES = (
+    "max_feed_um_s", "max_change_um_s", "setting_octaves", "offset_um", "servo_target_share", "set_point_octaves",
+    "pause_octaves", "on_time_octaves",
+)  # fmt: skip
 """Arguments of an environment that say how much an action of 1 is."""
 
 
@@ -78,10 +80,10 @@ def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
     shape, own = shape_in_words(card.widths, card.activation, card.lstm, card.output), network.words()
     if shape != own:
         raise InputError(f"the policy has {shape}; the learner has {own}: choose its algorithm and network so")
-    sees = [[entry.name for entry in entries_of(each)] for each in (theirs, family)]
+    sees = [[entry.name for entry in each.entries()] for each in (theirs, family)]
     if sees[0] != sees[1] or meanings(theirs) != meanings(family):
         raise InputError(f"the policy, of {card.env_id}, sees or does something else than the training's environment")
     for name in SCALES:
-        here, there = getattr(family, name), getattr(theirs, name)
+        here, there = getattr(family, name, None), getattr(theirs, name, None)
         if here != there:
             raise InputError(f"the policy learnt with {name} {there}, the training has {here}: give it the same")

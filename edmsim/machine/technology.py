@@ -272,6 +272,33 @@ def _ours(name: str) -> tuple[str, str]:
     return file.read_text(encoding="utf-8"), f"models/technologies/{name}.toml"
 
 
+def nearest_technology(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
+    """Return the one of ours for a material or, if there is none, for the material that is removed most like it.
+
+    Parameters
+    ----------
+    material : str
+    machine, wire : str, optional
+        That it has to be for.
+
+    Raises
+    ------
+    InputError
+        There is none for the machine and the wire, or no such material.
+    """
+    known = [read_technology(name) for name in available_technologies()]
+    fitting = [one for one in known if machine in (None, one.machine) and wire in (None, one.wire)]
+    if not fitting:
+        return technology_for(material, machine, wire)
+    removal = _removal_mm3_J(material)
+    away = [abs(math.log(_removal_mm3_J(one.material) / removal)) for one in fitting]
+    return min(zip(fitting, away, strict=True), key=lambda pair: (pair[0].material != material, pair[1]))[0]
+
+
+def _removal_mm3_J(material: str) -> float:
+    return Machine.load(material=material).material.removal_mm3_J.value
+
+
 def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
     """Return the one of ours for a material, and for a machine and a wire if those are said.
 

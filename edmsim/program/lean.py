@@ -84,7 +84,7 @@ class Way(NamedTuple):
         return np.asarray(np.hypot(1.0, (middle[:, 1] * steps[:, 0] - middle[:, 0] * steps[:, 1]) / length))
 
 
-def guides_beside(
+def guides_for(
     points_mm: Floats, at_mm: float, slope: Floats, guides: GuideHeights, grid_um: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
     """Return where the guides are, in whole um, for wires that pass points and lean by so much per height.

@@ -1,15 +1,19 @@
 """The wire's path beside an edge: at one distance everywhere, round about the part's outer corners.
 
 About an outer corner the wire swings on an arc round the corner's point, so that it never leaves the edge by
-more than the offset (the rounding joint of wire-EDM controls; an extended, mitred corner would not). In an
-inner corner it goes to the point that is the offset away from both sides, and leaves the fillet every round
-wire leaves. What a wire of some radius and gap cannot make, inner corners, small radii, grooves, is found, too.
+more than the offset (the rounding joint of wire-EDM controls; an extended, mitred corner would not). Trims that are
+planned go straight past it instead, as CAM plans them where a corner is to stay sharp: on the arc a wire stays before
+one point of the part, where next to nothing is left for it to take, and rounds it. In an inner corner it goes to the
+point that is the offset away from both sides, and leaves the fillet every round wire leaves. What a wire of some
+radius and gap cannot make, inner corners, small radii, grooves, is found, too.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -18,7 +22,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
 from edmsim.program.outline import Outline, Program, Side, chords_of, signed_area
-from edmsim.program.taper import GuideHeights, Ruled, wire_beside
+from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
 
 QUAD_SEGMENTS = 32
 """Chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm."""
@@ -30,10 +34,12 @@ REACH_TOLERANCE_MM = 0.002
 """An edge counts as cut where the wire path comes this close (mm) to the offset from it (ours)."""
 
 _ON_RING_MM = 1e-6
+_MOST_MITRE = 1e3
+"""Length of a tip over the offset up to which it is made before it is cut off (ours: no corner is sharper)."""
 
 
 def offset_closed(
-    edge: NDArray[np.float64], side: Side, distance_mm: float
+    edge: NDArray[np.float64], side: Side, distance_mm: float, past_mm: float | None = None
 ) -> NDArray[np.float64]:
     """Return the closed path beside a closed edge.
 
@@ -45,6 +51,8 @@ def offset_closed(
         Side of the edge, looking along it.
     distance_mm : float
         Offset, 0 or more.
+    past_mm : float, optional
+        The path goes straight past an outer corner, so far from it at most; by default round it, on an arc.
 
     Returns
     -------
@@ -60,7 +68,9 @@ def offset_closed(
         return edge.copy()
     counter_clockwise = signed_area(edge) > 0
     inward = counter_clockwise == (side == "left")
-    grown = shapely.Polygon(edge).buffer(-distance_mm if inward else distance_mm, quad_segs=QUAD_SEGMENTS)
+    grown = shapely.Polygon(edge).buffer(
+        -distance_mm if inward else distance_mm, quad_segs=QUAD_SEGMENTS, **_join(past_mm)
+    )
     if grown.is_empty:
         raise InputError(too_narrow(distance_mm, "no path is left"))
     pieces = _pieces(grown)
@@ -71,18 +81,71 @@ def offset_closed(
     ring = shapely.get_coordinates(grown)
     if (signed_area(ring) > 0) != counter_clockwise:
         ring = ring[::-1]
-    return _simplified(_turned_to(ring, _beside_start(edge, side, distance_mm), edge[0]))
+    if past_mm is not None:
+        blunt = _blunted(ring, edge, past_mm, closed=True)
+        if blunt is None:
+            return offset_closed(edge, side, distance_mm)
+        ring = blunt
+    return _simplified(_turned_to(ring, _offset_start(edge, side, distance_mm), edge[0]))
 
 
-def offset_open(edge: NDArray[np.float64], side: Side, distance_mm: float) -> NDArray[np.float64]:
-    """Return the path beside an open edge (n, 2) in mm, in its direction; errors as in `offset_closed`."""
+def _join(past_mm: float | None) -> dict[str, Any]:
+    return {"join_style": "round"} if past_mm is None else {"join_style": "mitre", "mitre_limit": _MOST_MITRE}
+
+
+def _blunted(
+    path: NDArray[np.float64], edge: NDArray[np.float64], past_mm: float, *, closed: bool
+) -> NDArray[np.float64] | None:
+    """Return a path with corners whose tips are cut off on an arc `past_mm` from the edge's corners.
+
+    None where a tip has more than two sides within that: the edge has more corners there.
+    """
+    line = shapely.LineString(edge)
+    if closed:  # it begins in the middle of a side, so that every corner has two
+        sides = np.hypot(*np.diff(path, axis=0).T)
+        k = int(sides.argmax())
+        middle = (path[k] + path[k + 1]) / 2
+        path = np.concatenate([[middle], path[k + 1 : -1], path[: k + 1], [middle]])
+    away_mm = shapely.distance(line, shapely.points(path))
+    found = [path[:1]]
+    for i in range(1, len(path) - 1):
+        tip = path[i]
+        if away_mm[i] <= past_mm + SIMPLIFY_MM:
+            found.append(path[i : i + 1])
+            continue
+        corner = shapely.get_coordinates(line.interpolate(line.project(shapely.Point(tip))))[0]
+        ends = []
+        for neighbour in (path[i - 1], path[i + 1]):
+            side = neighbour - tip
+            length = float(np.hypot(*side))
+            foot = float((corner - tip) @ side) / length
+            back = foot - math.sqrt(max(past_mm**2 - (away_mm[i] ** 2 - foot**2), 0.0))
+            if back > length:
+                return None
+            ends.append(tip + side / length * back)
+        first, last = (math.atan2(*(end - corner)[::-1]) for end in ends)
+        swept = (last - first + math.pi) % (2 * math.pi) - math.pi
+        count = max(2, math.ceil(abs(swept) / (math.pi / 2) * QUAD_SEGMENTS))
+        angles = first + swept * np.linspace(0.0, 1.0, count + 1)
+        found.append(corner + past_mm * np.column_stack([np.cos(angles), np.sin(angles)]))
+    return np.concatenate([*found, path[-1:]])
+
+
+def offset_open(
+    edge: NDArray[np.float64], side: Side, distance_mm: float, past_mm: float | None = None
+) -> NDArray[np.float64]:
+    """Return the path beside an open edge (n, 2) in mm, in its direction; arguments and errors as `offset_closed`."""
     if distance_mm == 0:
         return edge.copy()
     signed = distance_mm if side == "left" else -distance_mm
-    curve = shapely.LineString(edge).offset_curve(signed, quad_segs=QUAD_SEGMENTS, join_style="round")
+    curve = shapely.LineString(edge).offset_curve(signed, quad_segs=QUAD_SEGMENTS, **_join(past_mm))
     if curve.is_empty or not isinstance(curve, shapely.LineString):
         raise InputError(too_narrow(distance_mm, "the path vanishes or falls into pieces"))
-    return _simplified(shapely.get_coordinates(curve))
+    path = np.asarray(shapely.get_coordinates(curve), np.float64)
+    if past_mm is not None:
+        blunt = _blunted(path, edge, past_mm, closed=False)
+        return offset_open(edge, side, distance_mm) if blunt is None else _simplified(blunt)
+    return _simplified(path)
 
 
 def nearest_chords(edge: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -113,17 +176,17 @@ def _pieces(grown: shapely.Polygon | shapely.MultiPolygon) -> list[shapely.Polyg
     return [shapely.Polygon(ring) for ring in grown.interiors]
 
 
-def _beside_start(edge: NDArray[np.float64], side: Side, distance_mm: float) -> NDArray[np.float64]:
+def _offset_start(edge: NDArray[np.float64], side: Side, distance_mm: float) -> NDArray[np.float64]:
     return np.asarray(edge[0] + distance_mm * normal(edge[:2], side))
 
 
 def _turned_to(
-    ring: NDArray[np.float64], wanted: NDArray[np.float64], corner: NDArray[np.float64]
+    ring: NDArray[np.float64], target: NDArray[np.float64], corner: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Let a ring begin at the wanted point if it passes there, else (inner corner) nearest to the corner."""
     line = shapely.LineString(ring)
-    on_ring = line.distance(shapely.Point(wanted)) < _ON_RING_MM
-    at = line.project(shapely.Point(wanted if on_ring else corner))
+    on_ring = line.distance(shapely.Point(target)) < _ON_RING_MM
+    at = line.project(shapely.Point(target if on_ring else corner))
     start = shapely.get_coordinates(line.interpolate(at))
     passed = arc_lengths(ring)
     after = ring[:-1][passed[:-1] > at]
@@ -289,7 +352,7 @@ def _touched(edge: NDArray[np.float64], path: NDArray[np.float64], distance_mm: 
     return np.asarray(shapely.dwithin(line, middles, distance_mm + REACH_TOLERANCE_MM), np.bool_)
 
 
-_KEPT_APART_MM = 0.002
+_SEPARATION_MM = 0.002
 
 
 @dataclass(frozen=True)
@@ -324,19 +387,24 @@ class OffsetOutline:
         return self if self.guides is None else self.at_height(0.5 * self.guides.height_mm)
 
 
-def offset_outline(program: Program, outline: Outline, offset_mm: float, notices: list[str]) -> OffsetOutline:
-    """Return an outline with its path at an offset; adds what the wire cannot reach to the notices."""
-    beside = offset_closed if outline.closed else offset_open
+def offset_outline(
+    program: Program, outline: Outline, offset_mm: float, notices: list[str], past_mm: float | None = None
+) -> OffsetOutline:
+    """Return an outline with its path at an offset; adds what the wire cannot reach to the notices.
+
+    `past_mm` is that of `offset_closed`.
+    """
+    offset_line = offset_closed if outline.closed else offset_open
     points = outline.points_mm
     if outline.wire_side is None:
         try:
-            return OffsetOutline(outline, points, beside(points, outline.part_side, offset_mm), offset_mm)
+            return OffsetOutline(outline, points, offset_line(points, outline.part_side, offset_mm), offset_mm)
         except InputError:  # there is no such edge, but the wire can go as the program says
             notices.append(f"{outline.name} is cut as written; no edge lies at the offset beside it, so its profile "
                            "is measured from the wire's centre")
             return OffsetOutline(outline, points, points, 0.0)
     try:
-        path = beside(points, outline.wire_side, offset_mm)
+        path = offset_line(points, outline.wire_side, offset_mm, past_mm)
         notices += check_reach(points, path, offset_mm, outline.line_numbers, outline.elements)
     except InputError as error:
         raise located(error, program, outline) from None
@@ -357,7 +425,7 @@ def leaning_outline(
         if guides is None:
             raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "
                              "whose file has guides.upper_travel_mm")
-        wall, wire = wire_beside(outline, offset_mm, guides)
+        wall, wire = wall_and_wire(outline, offset_mm, guides)
     except InputError as error:
         raise located(error, program, outline) from None
     return OffsetOutline(outline, wire.lower_mm, wall.lower_mm, offset_mm, (wall, wire), guides)
@@ -403,10 +471,10 @@ def keep_apart(legs: Sequence[OffsetOutline], source: str) -> None:
         line = shapely.LineString(leg.path)
         for other in shut:
             distance = line.distance(other.edge)
-            if distance < leg.offset_mm - _KEPT_APART_MM:
-                told = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"
+            if distance < leg.offset_mm - _SEPARATION_MM:
+                pair = f"{leg.outline.name} is too near {other.outline.name.removeprefix('the ')}"
                 reason = f"the wire's centre would pass {distance:.3f} mm from it, not {leg.offset_mm:.4f} mm"
-                raise InputError(f"{told}: {reason}; move them apart", source, leg.outline.line)
+                raise InputError(f"{pair}: {reason}; move them apart", source, leg.outline.line)
 
 
 def away(leg: OffsetOutline) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ from shapely.ops import substring
 
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
-from edmsim.program.lean import Lean, Way, guides_beside
+from edmsim.program.lean import Lean, Way, guides_for
 from edmsim.program.offset import OffsetOutline, dwells_along
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline
 from edmsim.program.taper import GuideHeights, Ruled
@@ -56,7 +56,7 @@ class PassPlan:
     Raises
     ------
     InputError
-        Offsets that grow or are none, a length below 0.
+        Offsets that grow or are invalid, a length below 0.
     """
 
     offsets_mm: tuple[float, ...]
@@ -76,7 +76,7 @@ class PassPlan:
 
 
 def check_offsets(offsets_mm: Sequence[float], line: int | None = None) -> None:
-    """Refuse offsets that are none, or of which one is larger than that of the pass before."""
+    """Refuse invalid offsets, and one that is larger than that of the pass before."""
     if not 1 <= len(offsets_mm) <= MOST_PASSES:
         raise InputError(f"a contour is cut in 1 to {MOST_PASSES} passes, not in {len(offsets_mm)}", line=line)
     for number, (before, now) in enumerate(pairwise(offsets_mm), 1):
@@ -106,7 +106,7 @@ class CutPass:
         Wire centre, of a leaning wire at the lower guide, from where the pass before ended; of the first pass from
         the start hole.
     approach_moves : int
-        The first so many moves bring the wire to where the pass begins.
+        Number of first moves, which bring the wire to where the pass begins.
     offset_um : float
         Distance from the drawing.
     reversed : bool
@@ -439,16 +439,16 @@ def on_grid(
         joined = _guided(known, way, len(before), passes[-1] if passes else None, grid_um)
         every = joined.points_um if joined.lean is None else np.hstack([joined.points_um, joined.lean.upper_um])
         moves = (np.diff(every, axis=0) != 0).any(axis=1)
-        kept = np.concatenate([[True], moves])
-        place = np.cumsum(kept) - 1
+        moving = np.concatenate([[True], moves])
+        place = np.cumsum(moving) - 1
         lean = joined.lean and replace(
-            joined.lean, upper_um=joined.lean.upper_um[kept], bends_mm=joined.lean.bends_mm[kept]
+            joined.lean, upper_um=joined.lean.upper_um[moving], bends_mm=joined.lean.bends_mm[moving]
         )
         passes.append(
             CutPass(
                 way.number,
                 way.piece,
-                joined.points_um[kept],
+                joined.points_um[moving],
                 int(moves[: len(before) + way.leads].sum()),
                 way.offset_mm * 1000,
                 way.reversed,
@@ -471,7 +471,7 @@ def _guided(
         return Way(np.round(known_mm * 1000 / grid_um).astype(np.int64) * grid_um)
     slope, wall, guides = way.tilt
     slope = np.concatenate([np.zeros((leads, 2)), slope])
-    points, upper, bends = guides_beside(known_mm, 0.5 * guides.height_mm, slope, guides, grid_um)
+    points, upper, bends = guides_for(known_mm, 0.5 * guides.height_mm, slope, guides, grid_um)
     if before is not None and before.lean is not None:
         points[0], upper[0] = before.points_um[-1], before.lean.upper_um[-1]
     return Way(points, Lean(upper, bends, wall, guides.height_mm))

@@ -18,7 +18,7 @@ from edmsim.geometry import arc_lengths
 from edmsim.machine.machine import Machine
 from edmsim.program.dialects import AUTO
 from edmsim.program.lead_in import check_approach, clears, own_lead_in
-from edmsim.program.lean import Lean, Way, guides_beside
+from edmsim.program.lean import Lean, Way, guides_for
 from edmsim.program.limits import check_fits
 from edmsim.program.offset import (
     OffsetOutline,
@@ -393,7 +393,7 @@ def plan_path(
     InputError
         A bad setting or program, a wire that does not fit, an approach through the part, a job too large.
     """
-    asked_mm = _offset_mm(offset, auto_offset_mm)
+    chosen_mm = _offset_mm(offset, auto_offset_mm)
     for name, value in (("lead_in_mm", lead_in_mm), ("start_hole_radius_mm", start_hole_radius_mm)):
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}: give a length above 0 mm")
@@ -406,14 +406,14 @@ def plan_path(
     program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
     _check_fits(program, table_um)
     notices = list(program.notices)
-    asked = None if offset == "auto" else asked_mm
-    if asked is not None:
-        others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, asked_mm)})
+    fixed_mm = None if offset == "auto" else chosen_mm
+    if fixed_mm is not None:
+        others = sorted({one.offset_mm for one in program.outlines if one.offset_mm not in (None, chosen_mm)})
         if others:
-            told = ", ".join(f"{mm:g}" for mm in others)
-            notices.append(f"the offset is {asked_mm:g} mm, as asked, not the {told} mm of the register")
+            registers = ", ".join(f"{mm:g}" for mm in others)
+            notices.append(f"the offset is {chosen_mm:g} mm, as requested, not the {registers} mm of the register")
     groups = grouped(program.outlines)
-    legs = [_legs(program, group, passes, asked, auto_offset_mm, guides, notices) for group in groups]
+    legs = [_legs(program, group, passes, fixed_mm, auto_offset_mm, guides, notices) for group in groups]
     heights = {of_group[0].guides.height_mm for of_group in legs if of_group[0].guides is not None}
     faces = [[of_group[0].at_height(z) for of_group in legs] for z in (0.0, *heights)]
     for face in faces:
@@ -452,12 +452,12 @@ def _conditions(program: Program, groups: Sequence[Sequence[Outline]]) -> Condit
 
 
 def _legs(
-    program: Program, group: list[Outline], passes: PassPlan | None, asked_mm: float | None, auto_offset_mm: float,
+    program: Program, group: list[Outline], passes: PassPlan | None, chosen_mm: float | None, auto_offset_mm: float,
     guides: Sequence[GuideHeights | None], notices: list[str],
 ) -> list[OffsetOutline]:
     """Return the edge of a group at the offsets of its passes; what the wire cannot reach is that of the last one."""
     once = len(group) == 1
-    planned = passes is not None and asked_mm is None and (
+    planned = passes is not None and chosen_mm is None and (
         not passes.of_program if once else len(passes.offsets_mm) == len(group)
     )
     plan_mm: Sequence[float | None] = passes.offsets_mm if passes is not None and planned else [None] * len(group)
@@ -465,16 +465,17 @@ def _legs(
     if once and len(plan_mm) > 1 and group[0].wire_side is None:
         reason = f"{group[0].name}: the wire follows it as drawn, and passes run beside an edge: use G41 or G42"
         raise InputError(reason, program.source, group[0].line)
-    found = []
+    found: list[OffsetOutline] = []  # planned trims go straight past outer corners, as far out as the rough pass
     for number, (outline, mm) in enumerate(zip(outlines, plan_mm, strict=True), 1):
         register_mm = None if once and mm is not None else outline.offset_mm
-        wanted = next(v for v in (asked_mm, register_mm, mm, auto_offset_mm) if v is not None)
-        told: list[str] = []
+        used_mm = next(v for v in (chosen_mm, register_mm, mm, auto_offset_mm) if v is not None)
+        own_notices: list[str] = []
         found.append(
-            offset_outline(program, outline, wanted, told) if outline.taper is None
-            else leaning_outline(program, outline, wanted, guides[min(number, len(guides)) - 1] if guides else None)
+            offset_outline(program, outline, used_mm, own_notices, found[0].offset_mm if found and once else None)
+            if outline.taper is None
+            else leaning_outline(program, outline, used_mm, guides[min(number, len(guides)) - 1] if guides else None)
         )
-        notices += told if number == len(outlines) else []
+        notices += own_notices if number == len(outlines) else []
     if planned and not once and any(outline.offset_mm is None for outline in outlines):
         notices.append(
             f"line {group[0].line}: {group[0].name} has passes without offset registers: they take those that belong "
@@ -515,9 +516,9 @@ def _as_first(program: Program, legs: list[OffsetOutline]) -> OffsetOutline:
         return last
     if last.surfaces is not None:
         return leaning_outline(program, first.outline, last.offset_mm, last.guides)
-    beside = offset_closed if first.outline.closed else offset_open
+    offset_line = offset_closed if first.outline.closed else offset_open
     assert first.outline.wire_side is not None
-    path = beside(first.outline.points_mm, first.outline.wire_side, last.offset_mm)
+    path = offset_line(first.outline.points_mm, first.outline.wire_side, last.offset_mm)
     return replace(last, outline=first.outline, path=path)
 
 
@@ -529,9 +530,9 @@ def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
     except ValueError:
         value = math.nan
     if not 0 <= value <= GREATEST_MM:
-        told = auto_offset_mm if offset == "auto" else offset
+        shown = auto_offset_mm if offset == "auto" else offset
         raise InputError(
-            f"the offset is {told!r}: give auto, none, or a length of 0 to {GREATEST_MM:g} mm{in_um(value)}"
+            f"the offset is {shown!r}: give auto, none, or a length of 0 to {GREATEST_MM:g} mm{in_um(value)}"
         )
     return value
 
@@ -546,12 +547,12 @@ def _lead(
             return _programmed_lead(leg, hole_radius_mm)
         if not outline.needs_lead_in:
             return _Lead(np.empty((0, 2)), ())
-        thread, told = own_lead_in(leg.path[0], away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
+        thread, lead_notices = own_lead_in(leg.path[0], away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
     except InputError as error:
         raise located(error, program, outline) from None
     if outline.line:
         notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
-    notices += told
+    notices += lead_notices
     return _Lead(thread[None, :], (0,))
 
 
@@ -586,10 +587,10 @@ def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
     lines = np.array([*lead.lines, *numbers.tolist()], np.int64)
     points = np.round(np.concatenate([lead.points, path]) * 1000 / grid_um).astype(np.int64) * grid_um
     moves = (np.diff(points, axis=0) != 0).any(axis=1)
-    kept = np.concatenate([[True], moves])
-    place = np.cumsum(kept) - 1
+    moving = np.concatenate([[True], moves])
+    place = np.cumsum(moving) - 1
     return WireContour(
-        points_um=points[kept],
+        points_um=points[moving],
         lead_in_moves=int(moves[: len(lead.points)].sum()),
         nominal_mm=leg.nominal,
         closed=outline.closed,
@@ -623,16 +624,16 @@ def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireConto
     count = len(lead.points)
     slope = np.concatenate([np.zeros((count, 2)), wire.slope])
     known = np.concatenate([lead.points, wire.lower_mm])
-    points, leads, bends = guides_beside(known, wire.low_mm, slope, guides, grid_um)
+    points, leads, bends = guides_for(known, wire.low_mm, slope, guides, grid_um)
     moves = (np.diff(np.concatenate([points, leads], axis=1), axis=0) != 0).any(axis=1)
-    kept = np.concatenate([[True], moves])
-    place = np.cumsum(kept) - 1
+    moving = np.concatenate([[True], moves])
+    place = np.cumsum(moving) - 1
     vertices = [*range(count), *(count + vertex for vertex in wire.vertices)]
     lines = np.array([*lead.lines, *wire.line_numbers], np.int64)
     own, drawn = len(outline.approach_mm), [(i, s) for i, s in outline.dwells]
     dwells = tuple((int(place[vertices[i - own + count if i >= own else min(i, count)]]), s) for i, s in drawn)
     return WireContour(
-        points_um=points[kept],
+        points_um=points[moving],
         lead_in_moves=int(moves[:count].sum()),
         nominal_mm=leg.nominal,
         closed=outline.closed,
@@ -642,7 +643,7 @@ def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireConto
         elements=tuple(zip(wall.elements, wall.line_numbers, strict=True)),
         offset_um=leg.offset_mm * 1000,
         compensated=outline.wire_side is not None,
-        lean=Lean(leads[kept], bends[kept], wall, guides.height_mm),
+        lean=Lean(leads[moving], bends[moving], wall, guides.height_mm),
     )
 
 

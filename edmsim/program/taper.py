@@ -125,7 +125,7 @@ def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -
     Raises
     ------
     InputError
-        An angle that is none.
+        An invalid angle.
     """
     if not (math.isfinite(angle_deg) and abs(angle_deg) < MOST_DEG):
         raise InputError(f"the wall cannot lean by {angle_deg:g} degrees: give up to {MOST_DEG:g} either way")
@@ -313,7 +313,7 @@ def _cylinders(outline: Outline, chords: _Chords) -> dict[int, Floats]:
     return found
 
 
-def beside(wall: Ruled, side: Side | None, offset_mm: float) -> Ruled:
+def offset_surface(wall: Ruled, side: Side | None, offset_mm: float) -> Ruled:
     """Return the way of a wire beside a wall, its centre at every height.
 
     In a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is
@@ -570,7 +570,7 @@ def _circles_meet(c1: Floats, r1: float, c2: Floats, r2: float) -> list[Floats]:
     return _line_meets(c1 + foot * along, np.array([-along[1], along[0]]), c1, r1)
 
 
-def _line_beside(
+def _offset_line(
     pieces: list[_Piece], joints: list[_Joint], chords: list[int], left: list[float], closed: bool
 ) -> Floats:
     """Return the points of the line that lies beside every piece by a distance of its own, to the left."""
@@ -646,7 +646,7 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
         else max(len(piece.points) - 1, _chords_of_arc(piece.swept, max(map(piece.radius_at, left[:, k].tolist()))))
         for k, piece in enumerate(pieces)
     ]
-    lines = [_line_beside(pieces, joints, chords, row, outline.closed) for row in left.tolist()]
+    lines = [_offset_line(pieces, joints, chords, row, outline.closed) for row in left.tolist()]
     elements: list[int] = []
     numbers: list[int] = []
     vertices: list[int] = []
@@ -668,7 +668,7 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
     return wall, wire
 
 
-def wire_beside(outline: Outline, offset_mm: float, guides: GuideHeights) -> tuple[Ruled, Ruled]:
+def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> tuple[Ruled, Ruled]:
     """Return wall and wire of a tapered outline, checked.
 
     Parameters
@@ -697,7 +697,7 @@ def wire_beside(outline: Outline, offset_mm: float, guides: GuideHeights) -> tup
     else:
         drawn = _of_two_lines(outline, low, high) if taper.upper_mm is not None else _of_angle(outline, low, high)
         side: Side = outline.part_side if outline.wire_side is None else outline.wire_side
-        wall, wire = drawn, beside(drawn, side, offset_mm)
+        wall, wire = drawn, offset_surface(drawn, side, offset_mm)
         if outline.wire_side is None:
             wall, wire = wire, wall
     refuse_vanished(wall, guides.height_mm, "the wall")
@@ -712,11 +712,11 @@ def wire_beside(outline: Outline, offset_mm: float, guides: GuideHeights) -> tup
 def _without_standstill(*surfaces: Ruled) -> tuple[Ruled, ...]:
     """Leave out points at which nothing moves; the surfaces go with each other point by point."""
     steps = [np.hypot(*np.diff(line, axis=0).T) for of in surfaces for line in (of.lower_mm, of.upper_mm)]
-    kept = np.concatenate([[True], np.max(steps, axis=0) > _NOTHING_MM])
-    place, chords = np.cumsum(kept) - 1, kept[1:]
+    chosen = np.concatenate([[True], np.max(steps, axis=0) > _NOTHING_MM])
+    place, chords = np.cumsum(chosen) - 1, chosen[1:]
     return tuple(
         replace(
-            of, lower_mm=of.lower_mm[kept], upper_mm=of.upper_mm[kept],
+            of, lower_mm=of.lower_mm[chosen], upper_mm=of.upper_mm[chosen],
             elements=tuple(np.array(of.elements)[chords].tolist()),
             line_numbers=tuple(np.array(of.line_numbers)[chords].tolist()),
             vertices=tuple(place[list(of.vertices)].tolist()),

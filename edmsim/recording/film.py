@@ -1,4 +1,4 @@
-"""``edmsim render``: a film of a cut, drawn from its recording without viewer, screen or GPU.
+"""``edmsim report --film``: a film of a cut, drawn from its recording without viewer, screen or GPU.
 
 Its pictures show the part from above, the gap at the wire, the oscilloscope and the series.
 """

@@ -110,6 +110,29 @@ class Terrace:
 
 
 @dataclass(frozen=True)
+class PassFace:
+    """The cut face of a contour as a pass left it.
+
+    Attributes
+    ----------
+    contour : int
+        Number of its map, from 0.
+    time_s, path_um : float
+        Machine time and length of path at its end.
+    points_mm : float64 array (n, 2)
+        Places of the nominal edge; of a wall that leans, at mid height.
+    error_um : float64 array (slices, n)
+        Profile error there, from the lowest slice: positive is metal left.
+    """
+
+    contour: int
+    time_s: float
+    path_um: float
+    points_mm: NDArray[np.float64]
+    error_um: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
 class Scene:
     """Everything drawn of one cut.
 
@@ -144,6 +167,8 @@ class Scene:
         at the lower and the upper guide in mm.
     walls_mm : tuple of Polylines
         Of tapered contours, the edges as drawn on the lower and on the upper face.
+    pass_faces : tuple of PassFace
+        Of a cut in passes, the faces that they left, in order.
     """
 
     maps: tuple[ErrorMap, ...]
@@ -161,6 +186,7 @@ class Scene:
     origin_mm: tuple[float, float] | None = None
     lead: NDArray[np.float64] | None = None
     walls_mm: tuple[Polylines, ...] = ()
+    pass_faces: tuple[PassFace, ...] = ()
 
     def lead_mm(self, path_um: NDArray[np.float64], heights_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far (n, heights, 2) a leaning wire is led from the lower guide's axis, by lengths of path."""
@@ -196,6 +222,7 @@ class Scene:
             stop_mm=None if self.stop_mm is None else (self.stop_mm[0] - dx, self.stop_mm[1] - dy),
             terraces=tuple(replace(t, outlines_mm=tuple(p - by for p in t.outlines_mm)) for t in self.terraces),
             walls_mm=tuple(tuple(line - by for line in lines) for lines in self.walls_mm),
+            pass_faces=tuple(replace(face, points_mm=face.points_mm - by) for face in self.pass_faces),
             origin_mm=(0.0, 0.0),
         )
 
@@ -300,6 +327,8 @@ def write_scene(scene: Scene, file: str | Path) -> None:
         **_flat("edges", scene.cut_edges_mm),
         **_flat("walls", scene.walls_mm),
         "lead": np.zeros((0, 5)) if scene.lead is None else scene.lead,
+        **_flat("passes", [[np.column_stack([face.points_mm, face.error_um.T])] for face in scene.pass_faces]),
+        "pass_ends": np.reshape([(f.contour, f.time_s, f.path_um) for f in scene.pass_faces], (-1, 3)),
         **_flat("terraces", [terrace.outlines_mm for terrace in scene.terraces]),
         "corners": np.reshape(np.array(corners, float), (-1, 4)),
         "starts_mm": scene.starts_mm, "holes_mm": scene.holes_mm,
@@ -366,6 +395,12 @@ def _scene(arrays: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> S
         origin_mm=None if document["origin_mm"] is None else tuple(document["origin_mm"]),
         lead=arrays["lead"] if len(arrays.get("lead", ())) else None,
         walls_mm=_groups(arrays, "walls") if "walls.points" in arrays else (),
+        pass_faces=tuple(
+            PassFace(int(contour), float(time_s), float(path_um), rows[:, :2], rows[:, 2:].T)
+            for (contour, time_s, path_um), (rows,) in zip(
+                arrays["pass_ends"], _groups(arrays, "passes"), strict=True
+            )
+        ) if "pass_ends" in arrays else (),  # earlier files have none
     )
 
 

@@ -51,7 +51,7 @@ class Learner(tune.Trainable):
             plan["env_id"], plan["algo"], out, steps=done + plan["windows"], seed=plan["seed"] + self._number,
             parameters=parameters, begin_from=self._last,
         )  # fmt: skip
-        command = f"edmsim tune {plan['env_id']} --algo {plan['algo']} --population {plan['population']}"
+        command = f"edmsim tune population {plan['env_id']} --algo {plan['algo']} --learners {plan['population']}"
         score = judge_policy(trained, command, out, plan["seeds"])
         (self._last,) = out.glob("checkpoint-*")
         (out / WHOSE).write_text(json.dumps(self._number), encoding="utf-8")

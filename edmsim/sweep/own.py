@@ -1,4 +1,4 @@
-"""Search of the settings of a user's own controller: what ``edmsim tune --own FILE.py:CLASS`` does.
+"""Search of the settings of a user's own controller: what ``edmsim tune own FILE.py:CLASS`` does.
 
 A firmware has dozens of settings that are tuned by trial on the machine. Here they are tried on machines drawn within
 the ranges of what is not known of a gap; what is chosen does well on the worst of them, and is tried once more on
@@ -158,7 +158,7 @@ def tune_own(
     chosen = max(spreads, key=lambda number: spreads[number][1].worst)
     values, spread = spreads[chosen]
     found = TunedOwn(values, spread, spreads[-1][1], made_in(study), made_in(study, "FAIL"), len(fresh), spreads)
-    what = f"{own_class.name}, {spread} on {len(fresh)} drawn machines; in use before: {found.first_spread}"
+    what = f"own: {own_class.name}, {spread} on {len(fresh)} drawn machines; in use before: {found.first_spread}"
     write_found(folder, what, spread.worst, fresh, "parameters", values, {})
     return found
 

@@ -1,4 +1,4 @@
-"""Population-based training on a Ray cluster (extras ``cluster``, ``rl``, ``tune``): ``edmsim tune --population``.
+"""Population-based training on a Ray cluster (extras ``cluster``, ``rl``, ``tune``): ``edmsim tune population``.
 
 Learners train side by side, generation by generation. After each, those worth least go on from the checkpoint of one
 of the best (exploit), with its settings moved a little or drawn again (explore): Jaderberg et al. 2017,
@@ -107,7 +107,7 @@ def train_population(
         Windows of a learner in all generations together, each rounded up to whole updates; those of
         ``models/training`` by default.
     algo, seed, seeds
-        See `edmsim.sweep.tune.tune`.
+        See `edmsim.sweep.tune.tune_training`.
     watch : callable, optional
         Called with a `PopulationResult` after every learner's generation.
 
@@ -242,8 +242,8 @@ def _write(folder: Path, plan: Plan, best: Any) -> None:
     with best.checkpoint.as_directory() as name:
         files = {file.name: file.read_bytes() for file in sorted(Path(name).glob("policy.*"))}
     text = (
-        f"{plan.algo} on {plan.env_id}, a population of {plan.population} over {plan.generations} generations of "
-        f"{plan.windows} windows; the best learner's last settings"
+        f"population: {plan.algo} on {plan.env_id}, {plan.population} learners, {plan.generations} generations of "
+        f"{plan.windows} windows; the best one's last settings"
     )
     write_found(folder, text, found.value, plan.seeds, "algorithm", found.values, files)
     with replacing(folder / TABLE) as partial:

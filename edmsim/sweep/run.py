@@ -1,4 +1,4 @@
-"""A sweep from its specification to its folder: what ``edmsim sweep`` does.
+"""A sweep from its specification to its folder: what ``edmsim sweep run`` does.
 
 All combinations are looked at before the first run: what no cut can be made with is refused in one line.
 """

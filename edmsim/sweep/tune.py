@@ -1,28 +1,33 @@
-"""Search of gains and training settings with Optuna (extra ``tune``) on an engine: what ``edmsim tune`` does.
+"""Search of gains and training settings: what ``edmsim tune gains`` and ``edmsim tune training`` do.
 
-The driver asks a study for values, the engine makes the trials, the driver tells what they are worth. So one search
-runs on the processors of a computer as on a cluster, and its nodes need neither Optuna nor a file in common.
+By Optuna (extra ``tune``), or by differential evolution. The driver asks a study for values, the engine makes the
+trials, the driver tells what they are worth. So one search runs on the processors of a computer as on a cluster, and
+its nodes need neither Optuna nor a file in common.
 """
 
 from __future__ import annotations
 
+import itertools
+import json
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from edmsim import __version__
 from edmsim.controllers import make
 from edmsim.controllers.own import from_file
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import resolve
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
 from edmsim.evaluation.episode import Episode
-from edmsim.evaluation.search import BOUNDS, run_all, score, training_seeds
+from edmsim.evaluation.search import BOUNDS, POPULATION, run_all, score, training_seeds
 from edmsim.files import make_writable, replacing
 from edmsim.learning.hyperparameters import load
 from edmsim.sweep.engine import Engine, LostJob, Processes
@@ -156,7 +161,7 @@ def _training(trial: Trial) -> TrialResult:
         trained = train(
             trial.name, trial.algo, folder / "run", steps=trial.steps, seed=trial.seeds[0], parameters=changed
         )
-        command = f"edmsim tune {trial.name} --algo {trial.algo}, trial {trial.number}"
+        command = f"edmsim tune training {trial.name} --algo {trial.algo}, trial {trial.number}"
         value = judge_policy(trained, command, folder, trial.seeds)
         files = {file.name: file.read_bytes() for file in sorted(folder.glob("policy.*"))}
     return TrialResult(value, None, files)
@@ -177,6 +182,9 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
 JOURNAL = "study.journal"
 """File of the study, in Optuna's journal storage."""
 BEST = "best.toml"
+EVOLUTION = "evolution.json"
+"""File of an evolution: what it is of, and what was tried."""
+METHODS = ("tpe", "evolution")
 
 
 class Tuned(NamedTuple):
@@ -199,27 +207,29 @@ class Tuned(NamedTuple):
     failed: int
 
 
-def tune(
-    name: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 5, algo: str = "ppo",
-    steps: int | None = None, engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
+def tune_gains(
+    name: str, out: str | Path, *, method: str = "tpe", trials: int = 40, seed: int = 0, seeds: int = 5,
+    engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
 ) -> Tuned:
-    """Search a controller's gains, or the settings of a training.
+    """Search a controller's gains.
 
     Parameters
     ----------
     name : str
-        A controller of `edmsim.evaluation.search.BOUNDS`, or an environment.
+        A controller of `edmsim.evaluation.search.BOUNDS`.
     out : path
-        Folder for the study and what is best; a study that is there goes on. Several processes, started with the
-        same folder, work on one study; trials under way elsewhere are not counted, so some more may be made.
+        Folder for the search and what is best; one that is there goes on. Several processes, started with the same
+        folder, work on one study; trials under way elsewhere are not counted, so some more may be made.
+    method : {"tpe", "evolution"}
+        ``tpe`` proposes by what earlier trials were worth (Optuna); its first trial is of the values in use, so that
+        what is found is never worse on these seeds. ``evolution`` is differential evolution (Storn and Price 1997, as
+        SciPy has it), trial by trial on the processors of this computer, and the same on any.
     trials : int
-        In all. The first is of the values in use, so that what is found is never worse on these seeds.
+        In all; of an evolution whole generations of `edmsim.evaluation.search.POPULATION`.
     seed : int
         First training seed, and seed of the search: on one process the same search finds the same.
     seeds : int
         Training seeds a trial is judged by; those held back for comparisons are never used.
-    algo, steps : str, int
-        Of a training: algorithm, and windows of each trial; those of ``models/training`` by default.
     engine : Engine, optional
         All processors of this computer by default.
     watch : callable, optional
@@ -230,23 +240,67 @@ def tune(
     InputError
         Nothing of this name is searched, Optuna is not installed, or an argument cannot be used.
     """
-    kind, space = _space(name, algo)
+    if name not in BOUNDS:
+        raise InputError(f"no gains of '{name}' are searched; choose one of {one_of(name, BOUNDS)}")
+    if method not in METHODS:
+        raise InputError(f"there is no method '{method}'; choose one of {one_of(method, METHODS)}")
+    judged_by = _judged_by(trials, seed, seeds)
+    if method == "evolution":
+        return _evolved(name, Path(out), trials, seed, judged_by, watch)
+    return _studied(
+        "gains", name, bounds("gains", name), Path(out), trials, seed, engine, watch,
+        lambda number, values: Trial(number, "gains", name, values, judged_by), name,
+    )  # fmt: skip
+
+
+def tune_training(
+    env_id: str, out: str | Path, *, algo: str = "ppo", steps: int | None = None, trials: int = 40, seed: int = 0,
+    seeds: int = 5, engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
+) -> Tuned:
+    """Search the settings of a training in an environment.
+
+    Parameters
+    ----------
+    env_id : str
+    algo : str
+        One of `TRAINING`.
+    steps : int, optional
+        Windows of each trial; those of ``models/training`` by default.
+    out, trials, seed, seeds, engine, watch
+        See `tune_gains`.
+
+    Raises
+    ------
+    InputError
+        As `tune_gains`.
+    """
+    space, judged_by, name = bounds("training", algo), _judged_by(trials, seed, seeds), resolve(env_id)
+    windows = load(name, algo).steps if steps is None else steps
+    if windows < 1:
+        raise InputError(f"{windows} windows train nothing: give 1 or more steps")
+    return _studied(
+        "training", name, space, Path(out), trials, seed, engine, watch,
+        lambda number, values: Trial(number, "training", name, values, judged_by, algo, windows), f"{env_id} {algo}",
+        algo,
+    )  # fmt: skip
+
+
+def _judged_by(trials: int, seed: int, seeds: int) -> tuple[int, ...]:
     if trials < 1:
         raise InputError(f"{trials} trials find nothing: give 1 or more")
-    judged_by = tuple(training_seeds(seed, seeds))
-    env_id = resolve(name) if kind == "training" else name
-    usual = _in_use(kind, env_id, algo, space)
-    windows = (load(env_id, algo).steps if steps is None else steps) if kind == "training" else 0
-    if kind == "training" and windows < 1:
-        raise InputError(f"{windows} windows train nothing: give 1 or more steps")
-    folder = Path(out)
+    return tuple(training_seeds(seed, seeds))
+
+
+def _studied(
+    kind: str, name: str, space: dict[str, Bound], folder: Path, trials: int, seed: int, engine: Engine | None,
+    watch: Callable[[Tuned], None] | None, made: Callable[[int, dict[str, float]], Trial], title: str, algo: str = "",
+) -> Tuned:
+    """Search by a study of Optuna."""
+    usual = _in_use(kind, name, algo, space)
     make_writable(folder)
-    study = open_study(folder, f"{name} {algo}" if kind == "training" else name, seed)
+    study = open_study(folder, title, seed)
     if not study.trials:
         study.enqueue_trial(usual)
-
-    def made(number: int, values: dict[str, float]) -> Trial:
-        return Trial(number, kind, env_id, values, judged_by, algo if kind == "training" else "", windows)
 
     def ended(trial: Trial, result: TrialResult) -> None:
         if result.error is None and study.best_trial.number == trial.number:
@@ -256,6 +310,57 @@ def tune(
 
     run_study(study, space, trials, engine or Processes(), made, ended)
     return _found(study)
+
+
+def _evolved(
+    name: str, folder: Path, trials: int, seed: int, judged_by: tuple[int, ...],
+    watch: Callable[[Tuned], None] | None,
+) -> Tuned:
+    """Search by differential evolution; what was tried is kept, so that the same search goes on."""
+    from scipy.optimize import Bounds, differential_evolution
+    from scipy.stats import qmc
+
+    make_writable(folder)
+    file, what = folder / EVOLUTION, {"name": name, "seed": seed, "seeds": list(judged_by)}
+    before: dict[str, Any] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {**what, "tried": []}
+    if {key: before[key] for key in what} != what:
+        raise InputError(f"the search in this folder is of {before['name']}, seeds from {before['seed']} on", folder)
+    tried: dict[tuple[float, ...], float] = {tuple(gains): value for gains, value in before["tried"]}
+
+    def judged(gains: dict[str, float]) -> float:
+        key = tuple(gains.values())
+        if key not in tried:
+            tried[key] = score(run_all(judged_by, partial(make, name, **gains)))
+            with replacing(file) as partial_file:
+                partial_file.write_text(json.dumps({**what, "tried": [[k, v] for k, v in tried.items()]}))
+        return tried[key]
+
+    low, high = np.array(list(BOUNDS[name].values())).T
+    calls = itertools.count(1)
+    used = judged({key: float(getattr(make(name), key)) for key in BOUNDS[name]})
+
+    def objective(values: NDArray[np.float64]) -> float:
+        value = judged(_rounded(name, values))
+        if watch is not None:
+            best = max(tried, key=lambda key: tried[key])
+            watch(Tuned(dict(zip(BOUNDS[name], best, strict=True)), tried[best], used, next(calls), 0))
+        return -value
+
+    generations = max(math.ceil(trials / POPULATION) - 1, 0)
+    first = qmc.scale(qmc.Sobol(len(low), rng=np.random.default_rng(seed)).random(POPULATION), low, high)
+    found = differential_evolution(
+        objective, Bounds(low, high), init=first, maxiter=generations, tol=0.0, polish=False,
+        rng=np.random.default_rng(seed),
+    )
+    gains, made_of = _rounded(name, found.x), POPULATION * (generations + 1)
+    text = f"gains {name} --method evolution --trials {made_of} --seed {seed}, of edmsim {__version__}"
+    write_found(folder, text, -float(found.fun), judged_by, "gains", gains, {})
+    return Tuned(gains, -float(found.fun), used, made_of, 0)
+
+
+def _rounded(name: str, values: Iterable[float]) -> dict[str, float]:
+    """Name gains; three digits are what a search of this size can tell."""
+    return {key: float(f"{value:.3g}") for key, value in zip(BOUNDS[name], values, strict=True)}
 
 
 def run_study(
@@ -297,14 +402,6 @@ def run_study(
     if not made_in(study, "COMPLETE"):
         failed = study.trials[-1].user_attrs.get("error", "")
         raise InputError(f"no trial could be made: {failed}")
-
-
-def _space(name: str, algo: str) -> tuple[Any, dict[str, Bound]]:
-    if name in BOUNDS:
-        return "gains", bounds("gains", name)
-    if "/" not in name and ".py:" not in name:
-        raise InputError(f"nothing of '{name}' is searched; choose one of {', '.join(BOUNDS)}, or an environment")
-    return "training", bounds("training", algo)
 
 
 def _in_use(kind: str, name: str, algo: str, space: dict[str, Bound]) -> dict[str, float]:
@@ -371,8 +468,9 @@ def _found(study: Any) -> Tuned:
 
 def _write_best(folder: Path, trial: Trial, result: TrialResult) -> None:
     """Write the best values, and of a training the policy."""
-    what = f"{trial.algo} on {trial.name}, {trial.steps} windows" if trial.kind == "training" else trial.name
-    table = "algorithm" if trial.kind == "training" else "gains"
+    is_training = trial.kind == "training"
+    what = f"training: {trial.algo} on {trial.name}, {trial.steps} windows" if is_training else f"gains: {trial.name}"
+    table = "algorithm" if is_training else "gains"
     write_found(folder, f"{what}; trial {trial.number}", result.value, trial.seeds, table, trial.values, result.files)
 
 
@@ -382,7 +480,7 @@ def write_found(
 ) -> None:
     """Write ``best.toml``, which says what was found and how, and files that belong to it."""
     lines = [
-        f"# Found by edmsim tune: {what}, worth {value:.4g} on training seeds",
+        f"# Found by edmsim tune {what}, worth {value:.4g} on training seeds",
         f"# {', '.join(map(str, seeds))}.", "", f"[{table}]",
         *(f"{key} = {value!r}" for key, value in values.items()), "",
     ]  # fmt: skip

@@ -9,7 +9,7 @@ import pytest
 
 from edmsim import controllers
 from edmsim.controllers import WindowObservation
-from edmsim.controllers.feed.wire_heat import heat_per_ignition_s
+from edmsim.controllers.feed.periods import heat_per_ignition_s
 from edmsim.controllers.protocols import SeesBreaks, tell
 from edmsim.machine.machine import Machine
 

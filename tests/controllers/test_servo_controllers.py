@@ -98,17 +98,18 @@ def test_the_voltage_servo_stands_still_at_its_reference():
 
 def test_the_mean_delay_counts_shorts_as_none_and_opens_as_the_on_time():
     controller = started("delay", reference_us=0.0, open_delay_us=30.0)
-    assert controller.error(seen(short=255, delay_us=math.nan)) == 0.0
-    assert controller.error(seen(open=255, delay_us=math.nan)) == 30.0
-    assert controller.error(seen(short=51, open=51, delay_us=10.0)) == pytest.approx(0.2 * 30 + 0.6 * 10)
+    assert controller.measure.error(seen(short=255, delay_us=math.nan), controller.servo) == 0.0
+    assert controller.measure.error(seen(open=255, delay_us=math.nan), controller.servo) == 30.0
+    mixed = controller.measure.error(seen(short=51, open=51, delay_us=10.0), controller.servo)
+    assert mixed == pytest.approx(0.2 * 30 + 0.6 * 10)
 
 
 def test_fuzzy_rules_are_ordered_and_shorts_overrule_them():
     def says(open_share, change_s=0.0, short_share=0.0):
         controller = started("fuzzy", filter_s=0.0)
         window = seen(short=round(short_share * 255), open=round(open_share * 255))
-        controller._ratios.open = window.open / 255 - change_s * WINDOW_S
-        return controller.error(window)
+        controller.measure.open = window.open / 255 - change_s * WINDOW_S
+        return controller.measure.error(window, controller.servo)
 
     target = controllers.make("fuzzy").open_target_share
     ratios = [says(share) for share in (0.0, target, min(1.0, target + 0.5), 1.0)]
@@ -141,8 +142,8 @@ def test_a_thick_workpiece_bears_more_normal_pulses():  # Sato: the threshold ri
 def test_standing_still_tells_no_thickness():
     controller = started("adaptive-off-time")
     after(controller, 100, open=40, feed_um_s=0.0)
-    assert controller.snapshot()["counter"]["height_mm"] == 0.0
-    assert controller.snapshot()["counter"]["period_us"] == 100.0
+    assert controller.snapshot()["period"]["height_mm"] == 0.0
+    assert controller.snapshot()["period"]["period_us"] == 100.0
 
 
 def test_the_oracle_follows_the_true_gap_and_slows_down_for_a_hot_wire():

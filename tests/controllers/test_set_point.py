@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import WindowObservation, make
-from edmsim.controllers.feed.set_point import lead_um
+from edmsim.controllers.feed.corners import lead_um
 from edmsim.controllers.protocols import tell
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine

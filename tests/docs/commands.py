@@ -30,10 +30,8 @@ SHORT: dict[str, tuple[str, ...]] = {
     "cut": ("--resolution", "fast", "--quiet"),
     "check": (),
     "view": (),
-    "render": ("--seconds", "0.5"),
-    "report": (),
+    "report": ("--seconds", "0.5"),
     "train": ("--steps", "64", "--score", "2"),
-    "score": ("--episodes", "2"),
     "dataset": ("--steps", "20"),
     "evaluate": ("--seeds", "2", "--resolution", "fast"),
     "calibrate": ("--json",),
@@ -43,10 +41,13 @@ SHORT: dict[str, tuple[str, ...]] = {
     "console 1982": ("--resolution", "fast"),
     "console servo": (),
     "console positioner": (),
-    "measure-table": ("--runs", "2"),
-    "find-guides": ("--height", "3", "--quiet"),
-    "sweep": ("--processes", "1"),
-    "tune": ("--trials", "1", "--seeds", "1"),
+    "measure table": ("--runs", "2"),
+    "measure guides": ("--height", "3", "--quiet"),
+    "sweep run": ("--processes", "1"),
+    "sweep show": (),
+    "tune gains": ("--trials", "1", "--seeds", "1"),
+    "tune own": ("--trials", "1", "--seeds", "1"),
+    "tune drive": (),
     "gap": ("--seconds", "0.2"),
     "export": (),
 }
@@ -72,7 +73,7 @@ def parse(words: list[str]) -> None:
         assert name in command.commands, f"there is no command {words[1]} {name}"
         command = command.commands[name]
     if any(word in arguments for word in ("ENV_ID", "PROGRAM", "DIR", "FILE", "...", "N")):
-        known = {option for parameter in command.params for option in parameter.opts}
+        known = {option for parameter in command.get_params(typer.Context(command)) for option in parameter.opts}
         assert {word for word in arguments if word.startswith("--")} <= known, words
     elif arguments and "--help" not in arguments:
         command.make_context(name, list(arguments))
@@ -117,7 +118,7 @@ def run(words: list[str], page: str) -> int:
         words, source = words[: words.index("<")], words[words.index("<") + 1]
     arguments = list(words[1:])
     if "--help" not in arguments:
-        arguments += SHORT[" ".join(arguments[: 1 + (arguments[0] == "console")])]
+        arguments += SHORT[" ".join(arguments[: 1 + (arguments[0] in cli.COMMANDS)])]
     if arguments[0] == "cut":
         seconds = CUT_S
         if "--max-time" in arguments:

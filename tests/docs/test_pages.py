@@ -30,16 +30,16 @@ NOT_RUN = {
     "edmsim report out/die --face out/die.glb": "tests/recording/test_cut_face.py: a cut of 5 s has no face yet",
     "pip install edmsim[fmu]": "the Makefile installs it",
     "ray start --head": "tests/sweep/test_sweep_cluster.py starts one",
-    "edmsim sweep sweep.toml --out out/sweep --ray auto": "tests/sweep/test_sweep_cluster.py",
-    "edmsim tune edmsim/GapFeed-v2 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
+    "edmsim sweep run sweep.toml --out out/sweep --ray auto": "tests/sweep/test_sweep_cluster.py",
+    "edmsim tune training edmsim/GapFeed-v2 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
     "pip install edmsim[cluster,rl,tune]": "the Makefile installs it",
-    "edmsim tune edmsim/GapFeed-v2 --population 8 --generations 10 --steps 200000 --out out/population --ray auto":
+    "edmsim tune population edmsim/GapFeed-v2 --learners 8 --generations 10 --steps 200000 --out out/population":
         "tests/sweep/test_population.py breeds one",
     "python -m tests.campaigns gcode --only 17": "tests/campaigns/test_campaigns.py gives such inputs",
     "edmsim technology tool-steel --height 10 --passes 2 --out steel.toml": "tests/evaluation/test_technology.py",
     "edmsim cut examples/punch.ngc --passes 2 --height 10 --technology steel.toml --out out/punch-2":
         "it takes what the command before it leaves; tests/evaluation/test_technology.py",
-    "edmsim render out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
+    "edmsim report out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
 }
 """Commands of blocks that are checked but not run, and why."""
 ELSEWHERE = {

@@ -13,7 +13,6 @@ import pytest
 
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs import Family
-from edmsim.envs.batch import entries_of
 from edmsim.envs.registry import env_id_of
 
 from .conftest import NAMES
@@ -26,7 +25,7 @@ SECTIONS = (
 )  # fmt: skip
 
 
-@pytest.fixture(params=(*NAMES, "MaxRate", "MaxRateShift", "ThinWireShift"))
+@pytest.fixture(params=(*NAMES, "MaxRate", "Part", "MaxRateShift", "ThinWireShift"))
 def env_name(request):
     return request.param
 
@@ -64,7 +63,7 @@ def test_the_page_has_every_entry_of_the_spaces(env):
     assert f"``Box({env.observation_space.shape}, float32)``" in observations
     row = re.compile(r"^(\d+) +(\w+) +\S+\.\.\S+ ", re.M)
     assert row.findall(actions) == [(str(k), name) for k, name in enumerate(env.family.action_names)]
-    entries = [entry.name for entry in entries_of(env.family)]
+    entries = [entry.name for entry in env.family.entries()]
     assert row.findall(observations) == [(str(k), name) for k, name in enumerate(entries) if "[" not in name]
 
 

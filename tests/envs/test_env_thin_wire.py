@@ -7,7 +7,7 @@ import pytest
 
 import edmsim
 from edmsim.controllers import make
-from edmsim.controllers.feed.set_point import ClimbController
+from edmsim.controllers.feed.laws import ClimbController
 from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.evaluation.episode import Episode
 
@@ -59,7 +59,7 @@ def test_a_law_goes_on_with_the_next_wire(make_task, weak):
     outcome = None
     while outcome is None and task.wires_lost < 1:
         outcome = episode.step()
-    assert law.factor(0.0) == pytest.approx(2.0 * law.back_factor)
+    assert law.period.factor_at(0.0, law) == pytest.approx(2.0 * law.back_factor)
     assert task.wires_lost == 1
     assert episode.step() is None
     assert task.machine.t_period_us == pytest.approx(100 * law.back_factor, abs=2.5)
@@ -92,7 +92,7 @@ def test_a_law_at_a_lane_sees_every_window_and_every_lost_wire(make_env, weak):
     assert len(law.seen_s) == lost + 1
     partial_s = 255 * 60e-6
     assert info["dt_s"] - lost * partial_s < sum(law.seen_s) < info["dt_s"]
-    assert law.factor(0.0) == pytest.approx(law.back_factor**lost)
+    assert law.period.factor_at(0.0, law) == pytest.approx(law.back_factor**lost)
     at_lane.stop()
     before = law.seen_s
     env.step(np.array([-1.0, 0.0], np.float32))

@@ -12,7 +12,7 @@ from edmsim.controllers import make
 from edmsim.errors import InputError
 from edmsim.evaluation import search
 from edmsim.evaluation.episode import HELD_BACK, Result
-from edmsim.evaluation.search import BOUNDS, as_toml, training_seeds
+from edmsim.evaluation.search import BOUNDS, training_seeds
 
 
 @pytest.fixture(autouse=True)
@@ -24,24 +24,6 @@ def result(controller: str, rate: float, earned: float) -> Result:
     return Result(
         0, controller, "finished", 60.0, 1.0, 10.0, rate, earned, 0, 0.0, 0.1, 0.2, math.nan, math.nan, 320.0
     )
-
-
-def of_reference(seeds, controller):
-    """Cuts that earn most, 100, with a reference of 12 V and little proportional action."""
-    law = controller()
-    return [result(law.name, 1.0, 100.0 - 10 * abs(law.reference_V - 12.0) - law.proportional_um_s_V) for _ in seeds]
-
-
-def test_a_search_finds_the_best_gains_and_repeats_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search, "run_all", of_reference)
-    tried: list[int] = []
-    found = search.search("voltage", 3, seeds=1, population=16, generations=30, watch=tried.append)
-    assert tried == list(range(1, len(tried) + 1))
-    assert 16 < len(tried) <= 16 * 31  # it may stop where all gains have become the same
-    assert found.gains["reference_V"] == pytest.approx(12.0, abs=0.3)
-    assert found.gains["proportional_um_s_V"] < 0.3
-    assert found.default_score < found.score < 100.0
-    assert search.search("voltage", 3, seeds=1, population=16, generations=30) == found
 
 
 @pytest.mark.slow
@@ -70,20 +52,10 @@ def test_held_back_seeds_are_never_trained_on() -> None:
             training_seeds(seed, 2)
 
 
-def test_a_controller_without_bounds_is_refused() -> None:
-    with pytest.raises(InputError, match="no gains of 'mcu' are searched"):
-        search.search("mcu", 0)
-
-
-def test_fewer_than_no_generations_are_refused() -> None:
-    with pytest.raises(InputError, match="-1 generations"):
-        search.search("fixed", 0, generations=-1)
-
-
 @pytest.mark.parametrize("name", sorted(set(BOUNDS) - {"counts"}))
 def test_the_found_gains_are_used_and_name_their_command(name: str) -> None:
     text = models.path(f"gains/{name}.toml").read_text(encoding="utf-8")
-    assert f"edmsim search-gains {name} --seed 0 " in text
+    assert f"edmsim tune gains {name} --method evolution" in text
     gains = tomllib.loads(text)["gains"]
     assert set(gains) == set(BOUNDS[name])
     for gain, value in gains.items():
@@ -92,7 +64,3 @@ def test_the_found_gains_are_used_and_name_their_command(name: str) -> None:
         assert getattr(make(name), gain) == value
     assert getattr(make(name, **{gain: low}), gain) == low
 
-
-def test_the_file_reads_back() -> None:
-    found = search.SearchResult({"reference_V": 12.0, "filter_s": 0.1}, 0.9, 0.8)
-    assert tomllib.loads(as_toml("voltage", 0, 7, found))["gains"] == found.gains

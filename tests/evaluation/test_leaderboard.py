@@ -40,7 +40,7 @@ def test_a_comparison_comes_back_to_the_digit_and_another_controller_joins_it(sh
 def test_what_is_no_leaderboard_is_refused(tmp_path, text):
     file = tmp_path / "board.json"
     file.write_text(text)
-    with pytest.raises(InputError, match="no leaderboard, or a damaged one"):
+    with pytest.raises(InputError, match="not a leaderboard, or a damaged one"):
         leaderboard.read(file)
 
 
@@ -56,7 +56,7 @@ def test_places_differ_from_where_policies_are_trained(short_episodes):
     assert render(GAP_FEED, moved, 2).row_count == len(everywhere)
 
 
-@pytest.mark.parametrize("env_id", registered_ids())
+@pytest.mark.parametrize("env_id", [env_id for env_id in registered_ids() if "Part" not in env_id])
 def test_places_are_beyond_the_ranges_of_the_id_and_can_be_cut(env_id):
     known = gymnasium.make(env_id).unwrapped.family
     for place in places(env_id):

@@ -13,7 +13,7 @@ import pytest
 
 import edmsim
 from edmsim.controllers.protocols import WindowObservation, tell
-from edmsim.envs.batch import action_space_of, entries_of
+from edmsim.envs.batch import action_space_of
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError
@@ -32,7 +32,7 @@ def make_policy(tmp_path):
     def make(name, output="clip", **environment):
         environment = {"resolution": "fast", **environment}
         family = make_family(name, **environment)
-        seen = entries_of(family)
+        seen = family.entries()
         rng = np.random.default_rng(4)
         sizes = [len(seen), 8, action_space_of(family).shape[0]]
         weights = [rng.normal(0, 0.4, shape) for shape in pairwise(sizes)]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from edmsim.envs.batch import action_space_of
-from edmsim.envs.registry import make_family, registered_ids
+from edmsim.envs.registry import arguments_with, registered_ids
 from edmsim.errors import InputError
 from edmsim.files import locked
 from edmsim.learning import hyperparameters, policy_file
@@ -30,7 +30,7 @@ pytestmark = [
 @pytest.mark.parametrize("env_id", registered_ids())
 def test_every_environment_has_hyperparameters(env_id, algo):
     given = hyperparameters.load(env_id, algo)
-    family = make_family(env_id, **given.environment)
+    family = arguments_with(env_id, **given.environment)
     assert family.resolution == "fast"
     first = given.network.first_action
     assert first is None or (algo not in ("sac", "tqc") and len(first) == action_space_of(family).shape[0])

@@ -9,7 +9,13 @@ from pathlib import Path
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.machine.technology import available_technologies, machine_of, read_technology, technology_for
+from edmsim.machine.technology import (
+    available_technologies,
+    machine_of,
+    nearest_technology,
+    read_technology,
+    technology_for,
+)
 
 SHOP_MM = {
     1: (0.1727,), 2: (0.2057, 0.1397), 3: (0.2515, 0.1854, 0.1397), 4: (0.2692, 0.2032, 0.1575, 0.1397),
@@ -51,8 +57,10 @@ def test_what_it_has_no_settings_for_is_refused_with_what_to_do() -> None:
         OURS.table(25.4, 8)
     with pytest.raises(InputError, match="too far from 5 mm: find some with edmsim technology tool-steel --height 5"):
         OURS.table(5.0, 2)
-    with pytest.raises(InputError, match="there is no technology for copper; there are: tool-steel"):
+    with pytest.raises(InputError, match=r"there is no technology for copper; there are: .*tool-steel"):
         technology_for("copper")
+    with pytest.raises(InputError, match="there is no technology for copper, wire molybdenum-180; there are: "):
+        nearest_technology("copper", wire="molybdenum-180")
     with pytest.raises(InputError, match="there is no technology 'steel'"):
         read_technology("steel")
 
@@ -60,7 +68,7 @@ def test_what_it_has_no_settings_for_is_refused_with_what_to_do() -> None:
 @pytest.mark.parametrize(
     ("before", "now", "named"),
     [
-        ("step_um = 38.1", "step_um = -1", "step_um is below 0: the offset would grow"),
+        ("step_um = 38.0", "step_um = -1", "step_um is below 0: the offset would grow"),
         ("height_mm = 76.2", "height_mm = 20", "heights must rise"),
         ("t_on_us = 1.1", "t_on_us = 0", "t_on_us"),
         ("t_on_us = 1.1", "on_us = 1.1", "on_us"),

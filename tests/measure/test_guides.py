@@ -1,4 +1,4 @@
-"""Where the guides are, found from a test cut, as `edmsim find-guides` does."""
+"""Where the guides are, found from a test cut, as `edmsim measure guides` does."""
 
 from __future__ import annotations
 

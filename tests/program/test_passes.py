@@ -241,3 +241,30 @@ def test_offsets_of_a_program_may_not_grow(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="the offset grows from pass 1 to pass 2") as refused:
         plan(tmp_path, text)
     assert refused.value.line == 14
+
+
+def test_planned_trims_go_straight_past_outer_corners_no_further_out_than_the_rough_pass(tmp_path: Path) -> None:
+    """On an arc a trim stays before the corner's point, and rounds it (row "error of an outer corner")."""
+    sharp = "Y4\nX4\nY0\nX2\nY-3\nX0\nY2\n"  # with an inner corner, and one that is sharper than a right angle
+    contour = plan(tmp_path, SQUARE.format(sharp), passes=PassPlan(OFFSETS_MM, tab_mm=0.0)).contours[0]
+    edge = shapely.LineString(contour.nominal_mm)
+    rough, *trims = contour.passes
+    for one in trims:
+        points = one.points_um[one.approach_moves :] * 1e-3
+        away_mm = shapely.distance(edge, shapely.points(points))
+        assert away_mm.min() == pytest.approx(one.offset_um * 1e-3, abs=2e-3)
+        assert away_mm.max() == pytest.approx(min(np.sqrt(2) * one.offset_um, rough.offset_um) * 1e-3, abs=2e-3)
+        corner = contour.nominal_mm[0] + (-one.offset_um * 1e-3, 2.0 + one.offset_um * 1e-3)
+        reaches = shapely.LineString(points).distance(shapely.Point(corner))
+        assert reaches == pytest.approx(max(np.sqrt(2) * one.offset_um - rough.offset_um, 0.0) * 1e-3, abs=2e-3)
+    places = shapely.distance(edge, shapely.points(rough.points_um[rough.approach_moves :] * 1e-3))
+    np.testing.assert_allclose(places, rough.offset_um * 1e-3, atol=2e-3)
+
+
+def test_a_programs_own_trims_go_round_as_its_rough_pass_does(tmp_path: Path) -> None:
+    text = "G21 G90\nD1=0.25\nD2=0.2\n" + AGAIN.format("G41", "D1", ROUND) + AGAIN.format("G41", "D2", ROUND) + "M2\n"
+    contour = plan(tmp_path, text).contours[0]
+    edge = shapely.LineString(contour.nominal_mm)
+    for one in contour.passes:
+        places = shapely.points(one.points_um[one.approach_moves :] * 1e-3)
+        np.testing.assert_allclose(shapely.distance(edge, places), one.offset_um * 1e-3, atol=2e-3)

@@ -72,7 +72,7 @@ def test_whole_um_count_for_registers_as_well(tmp_path: Path) -> None:
 def test_an_offset_that_was_asked_for_wins_with_a_notice(tmp_path: Path) -> None:
     path = plan(tmp_path, SQUARE.format("D1=0.155", "D1"), offset=0.16)
     assert path.offset_um == 160.0
-    assert "the offset is 0.16 mm, as asked, not the 0.155 mm of the register" in path.notices
+    assert "the offset is 0.16 mm, as requested, not the 0.155 mm of the register" in path.notices
 
 
 TWO_HOLES = """\
@@ -98,7 +98,7 @@ def test_contours_have_the_offsets_of_their_registers(tmp_path: Path) -> None:
     assert "offset 160, 200 um" in repr(path)
     asked = plan(tmp_path, TWO_HOLES.format(x="X5.", second="D2"), offset=0.18)
     assert asked.offset_um == 180.0
-    assert "the offset is 0.18 mm, as asked, not the 0.16, 0.2 mm of the register" in asked.notices
+    assert "the offset is 0.18 mm, as requested, not the 0.16, 0.2 mm of the register" in asked.notices
 
 
 def test_a_register_that_is_set_again_holds_from_there(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from edmsim.errors import InputError
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.path import load_program, plan_path
-from edmsim.program.taper import GuideHeights, beside, leaning, wire_beside
+from edmsim.program.taper import GuideHeights, leaning, offset_surface, wall_and_wire
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 GUIDES = GuideHeights(-10.0, 20.0, 10.0, 30.0)
@@ -55,7 +55,7 @@ def rounded_square(angle_deg, corners, radius=1.0, size=6.0, part="left"):
 @pytest.mark.parametrize("angle_deg", [3.0, -3.0, 15.0, -15.0])
 def test_sharp_corners_move_by_tan_a_times_the_sum_of_normals(angle_deg):
     # m = tan a (n1 + n2) / (1 + n1.n2); at a right angle both components are tan a
-    wall, _ = wire_beside(square(angle_deg), OFFSET, GUIDES)
+    wall, _ = wall_and_wire(square(angle_deg), OFFSET, GUIDES)
     tan = math.tan(math.radians(angle_deg))
     np.testing.assert_allclose(wall.slope, -tan * np.sign(wall.lower_mm), atol=1e-12)
     np.testing.assert_allclose(wall.at(4.0), wall.lower_mm * (1 - 4.0 * tan / 3.0), atol=1e-12)
@@ -64,7 +64,7 @@ def test_sharp_corners_move_by_tan_a_times_the_sum_of_normals(angle_deg):
 @pytest.mark.parametrize("angle_deg", [3.0, 15.0, -15.0])
 @pytest.mark.parametrize("height_mm", [0.0, 5.0, 10.0])
 def test_the_wire_is_beside_a_wall_by_the_ellipse(angle_deg, height_mm):
-    wall, wire = wire_beside(square(angle_deg), OFFSET, GUIDES)
+    wall, wire = wall_and_wire(square(angle_deg), OFFSET, GUIDES)
     edge, way = (shapely.LinearRing(of.at(height_mm)) for of in (wall, wire))
     middles = shapely.points((way.coords[:-1] + np.array(way.coords[1:])) / 2)
     np.testing.assert_allclose(edge.distance(middles), OFFSET / math.cos(math.radians(angle_deg)), atol=1e-9)
@@ -95,7 +95,7 @@ def test_the_bend_of_guides_is_where_stiffness_and_edge_put_it():
 @pytest.mark.parametrize("angle_deg", [4.0, -4.0])
 @pytest.mark.parametrize("height_mm", [0.0, 3.0, 10.0])
 def test_conical_arcs_change_their_radius_about_one_centre(angle_deg, height_mm):
-    wall, _ = wire_beside(rounded_square(angle_deg, "conical"), OFFSET, GUIDES)
+    wall, _ = wall_and_wire(rounded_square(angle_deg, "conical"), OFFSET, GUIDES)
     found = wall.at(height_mm)
     radius = 1.0 - height_mm * math.tan(math.radians(angle_deg))  # R(z) = R +- (z - z_P) tan a
     centre = np.array([2.0, -2.0])
@@ -105,7 +105,7 @@ def test_conical_arcs_change_their_radius_about_one_centre(angle_deg, height_mm)
 
 @pytest.mark.parametrize("height_mm", [0.0, 3.0, 10.0])
 def test_cylindrical_arcs_keep_their_radius_and_move_by_the_mitre(height_mm):
-    wall, _ = wire_beside(rounded_square(-4.0, "cylindrical"), OFFSET, GUIDES)
+    wall, _ = wall_and_wire(rounded_square(-4.0, "cylindrical"), OFFSET, GUIDES)
     of_arc = wall.at(height_mm)[np.flatnonzero(np.array(wall.elements) == 1)]
     d = height_mm * math.tan(math.radians(4.0))
     centre = np.array([2.0 + d, -2.0 - d])  # d (n1 + n2) / (1 + n1.n2)
@@ -114,7 +114,7 @@ def test_cylindrical_arcs_keep_their_radius_and_move_by_the_mitre(height_mm):
 
 @pytest.mark.parametrize("corners", ["conical", "rounded"])
 def test_a_corner_that_opens_becomes_an_arc_of_radius_d(corners):
-    wall, wire = wire_beside(square(-5.0, corners), OFFSET, GUIDES)
+    wall, wire = wall_and_wire(square(-5.0, corners), OFFSET, GUIDES)
     d = 10.0 * math.tan(math.radians(5.0))
     corner = np.array([3.0, 3.0])
     fan = np.hypot(*(wall.lower_mm - corner).T) < 1e-9
@@ -125,7 +125,7 @@ def test_a_corner_that_opens_becomes_an_arc_of_radius_d(corners):
 
 
 def test_an_arc_that_meets_a_line_at_a_corner_is_cut_off_where_they_meet():
-    wall, _ = wire_beside(leaning(load_program(EXAMPLES / "punch.ngc").outlines, 3.0, "conical")[0], OFFSET, GUIDES)
+    wall, _ = wall_and_wire(leaning(load_program(EXAMPLES / "punch.ngc").outlines, 3.0, "conical")[0], OFFSET, GUIDES)
     d = 10.0 * math.tan(math.radians(3.0))
     notch = wall.at(10.0)[np.flatnonzero(np.array(wall.line_numbers) == 11)]
     # the line y = 6 - d and the circle of radius 0.8 + d about (5, 6)
@@ -135,7 +135,7 @@ def test_an_arc_that_meets_a_line_at_a_corner_is_cut_off_where_they_meet():
 
 def test_a_die_opens_upwards_where_its_part_is_smaller_above():
     outline = leaning(load_program(EXAMPLES / "die.ngc").outlines, 3.0, "conical")[0]
-    wall, _ = wire_beside(outline, OFFSET, GUIDES)
+    wall, _ = wall_and_wire(outline, OFFSET, GUIDES)
     below, above = (np.ptp(wall.at(z), axis=0) for z in (0.0, 10.0))
     np.testing.assert_allclose(above - below, 20.0 * math.tan(math.radians(3.0)), atol=1e-9)
 
@@ -155,7 +155,7 @@ def test_ruled_walls_lean_by_their_angle_at_every_height(sides, radius, angle_de
     if vanishes:
         assert "vanishes" in refused(outline)
         return
-    wall, wire = wire_beside(outline, OFFSET, GUIDES)
+    wall, wire = wall_and_wire(outline, OFFSET, GUIDES)
     d = height_mm * math.tan(math.radians(angle_deg))
     drawn, found = shapely.LinearRing(outline.points_mm), shapely.Polygon(wall.at(height_mm))
     line = wall.at(height_mm)
@@ -176,7 +176,7 @@ def test_a_wire_between_two_contours_keeps_the_ellipse_from_both(shifts, height_
     upper[:4] += np.array(shifts)
     upper[4] = upper[0]
     outline = replace(outline, taper=Taper(upper_mm=upper, second_plane_mm=10.0))
-    wall, wire = wire_beside(outline, OFFSET, GUIDES)
+    wall, wire = wall_and_wire(outline, OFFSET, GUIDES)
     np.testing.assert_allclose(wall.at(10.0), upper)
     np.testing.assert_allclose(wall.at(height_mm), lower + (upper - lower) * height_mm / 10.0)
     # a wall that twists is met between its planes, too, within what its lean changes over a side
@@ -187,21 +187,21 @@ def test_a_wire_between_two_contours_keeps_the_ellipse_from_both(shifts, height_
 def test_the_plain_offset_would_leave_the_formulas_undersize():
     # (r + gap) (1 / cos a - 1): 0.2 um at 3 degrees, 6 um at 15 for 0.173 mm
     for angle_deg, undersize_um in ((3.0, 0.24), (15.0, 6.1)):
-        wall, wire = wire_beside(square(angle_deg, size=8.0), 0.173, GUIDES)
+        wall, wire = wall_and_wire(square(angle_deg, size=8.0), 0.173, GUIDES)
         gap = shapely.distance(shapely.LinearRing(wire.at(5.0)), shapely.LinearRing(wall.at(5.0)))
         assert (gap - 0.173) * 1e3 == pytest.approx(undersize_um, abs=0.05)
 
 
 def test_a_wire_path_as_written_has_its_wall_beside_it():
     outline = square(3.0, side=None)
-    wall, wire = wire_beside(outline, OFFSET, GUIDES)
+    wall, wire = wall_and_wire(outline, OFFSET, GUIDES)
     np.testing.assert_allclose(wire.lower_mm, outline.points_mm)
     assert shapely.Polygon(wire.at(7.0)).contains(shapely.Polygon(wall.at(7.0)))
 
 
 def refused(outline, guides=GUIDES, offset=OFFSET):
     with pytest.raises(InputError) as caught:
-        wire_beside(outline, offset, guides)
+        wall_and_wire(outline, offset, guides)
     return caught.value.reason
 
 
@@ -248,7 +248,7 @@ def test_a_groove_narrower_than_the_wire_is_refused():
 
 
 def test_a_corner_that_became_a_cone_is_an_element_of_its_own():
-    wall, _ = wire_beside(square(-5.0, "conical"), OFFSET, GUIDES)
+    wall, _ = wall_and_wire(square(-5.0, "conical"), OFFSET, GUIDES)
     assert sorted(set(wall.elements)) == [1, 2, 3, 4, 5, 6, 7, 8]
     fan = wall.at(10.0)[np.flatnonzero(np.array(wall.elements) == 5)]
     np.testing.assert_allclose(np.hypot(*(fan - (3.0, -3.0)).T), 10.0 * math.tan(math.radians(5.0)))
@@ -322,6 +322,6 @@ def test_without_taper_a_path_is_what_it_was():
 
 def test_beside_is_the_offset_itself_where_a_wall_is_upright():
     outline = replace(square(), taper=Taper(upper_mm=square().points_mm))
-    wall, _ = wire_beside(outline, OFFSET, GUIDES)
-    for points in (beside(wall, "right", OFFSET).lower_mm, beside(wall, "right", OFFSET).upper_mm):
+    wall, _ = wall_and_wire(outline, OFFSET, GUIDES)
+    for points in (offset_surface(wall, "right", OFFSET).lower_mm, offset_surface(wall, "right", OFFSET).upper_mm):
         np.testing.assert_allclose(points, wall.lower_mm * (1 + OFFSET / 3.0))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import re
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,9 +14,7 @@ import pytest
 from PIL import Image
 
 import edmsim
-from edmsim.cosim.simulation import Progress
 from edmsim.errors import InputError
-from edmsim.job import notebook
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.traces import traces
 
@@ -70,47 +67,6 @@ def test_a_figure_shows_by_itself(result: edmsim.CutResult, name: str) -> None:
 def test_a_figure_that_is_not_there_is_told(result: edmsim.CutResult) -> None:
     with pytest.raises(InputError, match=r"no figure 'kerf'; there are: profile, profile-error, .*wire-spectrum$"):
         result.plot("kerf")
-
-
-class FakeDisplay:
-    """IPython's display: the first picture, and what is drawn over it."""
-
-    def __init__(self) -> None:
-        self.shown: list[dict[str, str]] = []
-
-    def __call__(self, data: dict[str, str], *, raw: bool, display_id: bool = True) -> FakeDisplay:
-        self.shown.append(data)
-        return self
-
-    def update(self, data: dict[str, str], *, raw: bool) -> None:
-        self.shown.append(data)
-
-
-def test_a_cut_shows_its_progress_in_a_notebook_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    display = FakeDisplay()
-    shell = SimpleNamespace(kernel=object())
-    session = SimpleNamespace(get_ipython=lambda: shell)
-    monkeypatch.setitem(sys.modules, "IPython", session)  # type: ignore[arg-type]
-    monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(display=display))  # type: ignore[arg-type]
-    monkeypatch.delenv("EDMSIM_PROGRESS", raising=False)
-    bar = notebook.notebook_progress("<punch>.ngc")
-    assert bar is not None
-    bar.enter("cutting")
-    bar.show(Progress(500.0, 2000.0, 65.0, 12.5, 51, 102, 4.0))
-    bar.end("finished")
-    first, middle, last = display.shown
-    assert first["text/plain"] == "<punch>.ngc: 0.0 %, cutting"
-    assert middle["text/plain"] == (
-        "<punch>.ngc: 25.0 %, 1 min 05 s simulated in 4.0 s, 12.5 µm/s, short 20 %, open 40 %"
-    )
-    assert 'value="0.2500"' in middle["text/html"]
-    assert "&lt;punch&gt;" in middle["text/html"]
-    assert last["text/plain"].endswith("4.0 s, finished")
-    monkeypatch.setenv("EDMSIM_PROGRESS", "0")
-    assert notebook.notebook_progress("punch.ngc") is None
-    monkeypatch.delenv("EDMSIM_PROGRESS")
-    shell.kernel = None  # IPython at a terminal
-    assert notebook.notebook_progress("punch.ngc") is None
 
 
 @pytest.mark.slow

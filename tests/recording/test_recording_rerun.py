@@ -15,9 +15,10 @@ import pytest
 
 from edmsim.recording import Closeups, Frames, Scene, WindowTable
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS
-from edmsim.recording.rerun.machine import Shapes, wire_strips
+from edmsim.recording.rerun.machine import Shapes, face_mesh, wire_strips
 from edmsim.recording.rerun.viewer import RERUN
 from edmsim.recording.rerun.write import group_starts, grouped, recording_id, write_recording
+from edmsim.recording.scene import PassFace, read_scene, write_scene
 from edmsim.recording.windows import NAMES, column, lag_along_um
 
 
@@ -177,6 +178,31 @@ def test_rows_around_events_are_not_averaged() -> None:
     assert len(starts) == 10 + 42
     many = group_starts(10**6, 50, np.arange(0, 10**6, 50))
     assert len(many) <= 20_000 + 20_000 + 2 * 500  # bounded, however much happens
+
+
+def test_the_faces_of_passes_appear_when_these_end(cut: SimpleNamespace, tmp_path: Path) -> None:
+    points = cut.scene.maps[0].points_mm[::5]
+    error_um = np.array([[95.0], [40.0], [2.0]])[:, :, None] + np.array([-3.0, 0.0, 3.0])[:, None]
+    faces = [
+        PassFace(0, 100.0 * k, 1000.0 * k, points, np.broadcast_to(row, (3, len(points))).copy())
+        for k, row in enumerate(error_um, 1)
+    ]
+    faces[0].error_um[1, 4] = np.nan  # nothing was measured there
+    scene = dataclasses.replace(cut.scene, pass_faces=tuple(faces))
+    write_scene(scene, tmp_path / "part.npz")
+    kept = read_scene(tmp_path / "part.npz").pass_faces
+    assert [(face.contour, face.time_s, face.path_um) for face in kept] == [
+        (0, 100.0, 1000.0), (0, 200.0, 2000.0), (0, 300.0, 3000.0),
+    ]  # fmt: skip
+    np.testing.assert_array_equal(kept[0].error_um, faces[0].error_um)
+    (mesh, off_um), (whole, _) = (face_mesh(scene, face) for face in faces[:2])
+    assert len(mesh.positions) == 5 * len(points)  # both faces of the workpiece, and the middle of every slice
+    assert len(mesh.triangles) == len(whole.triangles) - 6  # all that touch the place
+    np.testing.assert_allclose(off_um.reshape(5, -1)[:, 10], [-3.0, -3.0, 0.0, 3.0, 3.0], atol=0.1)
+    before_mm = whole.positions.reshape(5, -1, 3)[2, 10, :2] - points[10]
+    assert np.hypot(*before_mm) == pytest.approx(0.04 + 0.02, abs=1e-3)  # metal left, and just before it
+    read = Read(write(cut, tmp_path / "passes.rrd", scene=scene))
+    assert len(read.column("/world/table/face/0", "Mesh3D:vertex_colors")) == 3
 
 
 @pytest.mark.slow

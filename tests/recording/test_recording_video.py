@@ -1,4 +1,4 @@
-"""``edmsim render``: films that play, pictures without a screen, and what cannot be done in one line."""
+"""``edmsim report --film``: films that play, pictures without a screen, and what cannot be done in one line."""
 
 from __future__ import annotations
 

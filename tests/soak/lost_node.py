@@ -54,7 +54,7 @@ def lose(folder: Path, cuts: int = 200) -> dict[str, Any]:
     program.write_text(LINE, encoding="ascii")
     spec.write_text(SPECIFICATION.format(program=program, seeds=cuts // 4), encoding="utf-8")
     out = folder / "ray"
-    command = [sys.executable, "-m", "edmsim", "sweep", str(spec), "--out"]
+    command = [sys.executable, "-m", "edmsim", "sweep", "run", str(spec), "--out"]
     with two_nodes() as nodes:
         ray = [*command, str(out), "--ray", nodes.address]
         driver = subprocess.Popen(ray, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

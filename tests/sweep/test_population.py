@@ -32,15 +32,16 @@ def test_what_cannot_be_bred_is_refused(given: dict[str, Any], named: str, tmp_p
     assert not (tmp_path / "new").exists()
 
 
-def test_without_a_cluster_the_command_says_what_is_missing(
+def test_the_command_refuses_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["edmsim", "tune", ENV, "--out", str(tmp_path / "new"), "--population", "4"])
+    words = ["edmsim", "tune", "population", ENV, "--out", str(tmp_path / "new"), "--learners", "2"]
+    monkeypatch.setattr(sys, "argv", words)
     with pytest.raises(SystemExit) as left:
         cli.main()
     err = capsys.readouterr().err
     assert (left.value.code, len(err.splitlines())) == (2, 1)
-    assert "--ray" in err
+    assert "a population of 2 has no best quarter: give 4 or more" in err
 
 
 @pytest.mark.slow

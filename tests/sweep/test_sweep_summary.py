@@ -98,15 +98,15 @@ def test_the_command_sweeps_shows_and_goes_on(
     line: Path, giving_up: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ("sweep", line, "--height", "5,8", "--controller", f"counts,{giving_up}", "--max-time=1",
+    words = ("sweep", "run", line, "--height", "5,8", "--controller", f"counts,{giving_up}", "--max-time=1",
              "--resolution", "fast", "--offset", "none", "--out", "o", "--processes", 1)  # fmt: skip
     assert command(*words, monkeypatch=monkeypatch) == 3  # some failed
     told = capsys.readouterr()
     assert "4 runs, 4 made now, 2 failed." in told.out
-    assert "4/4" in told.err
+    assert "runs 100.0 % 4 of 4, 2 failed" in told.err
     assert command(*words, monkeypatch=monkeypatch) == 3
     assert "4 runs, 0 made now, 2 failed." in capsys.readouterr().out
-    assert command("sweep", "--show", "o", monkeypatch=monkeypatch) == 0
+    assert command("sweep", "show", "o", monkeypatch=monkeypatch) == 0
     shown = capsys.readouterr().out
     assert "4 runs, 2 failed" in shown
     assert "2 failed: RuntimeError: out of ideas" in shown
@@ -117,10 +117,10 @@ def test_the_command_sweeps_shows_and_goes_on(
 
 
 @pytest.mark.parametrize(("words", "named"), [
-    (("line.ngc",), "--out DIR"), (("line.ngc", "--out", "o", "5"), "--height 5,10,20"),
+    (("line.ngc",), "--out"), (("line.ngc", "--out", "o", "5"), "--height 5,10,20"),
     (("line.ngc", "--out", "o", "--height"), "--height has no values"),
-    (("none.toml", "--out", "o"), "none.toml: cannot be read"), (("--show", "o"), "no result"),
-    (("--show", "o", "line.ngc"), "takes no specification"), (("line.ngc", "--out", "o", "--colour", "1"), "colour"),
+    (("none.toml", "--out", "o"), "none.toml: cannot be read"), (("show", "o"), "no result"),
+    (("line.ngc", "--out", "o", "--colour", "1"), "colour"),
     (("line.ngc", "--out", "o", "--processes", "0"), "1 or more"),
     (("line.ngc", "--out", "o", "--processes", "1", "--ray", "auto"), "leave them out"),
     (("edmsim/Pond-v0", "--out", "o"), "edmsim/Pond-v0"),
@@ -131,7 +131,7 @@ def test_bad_usage_is_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(line.parent)
-    assert command("sweep", *words, monkeypatch=monkeypatch) == 2
+    assert command("sweep", *(() if words[0] == "show" else ("run",)), *words, monkeypatch=monkeypatch) == 2
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.count("\n") == 1

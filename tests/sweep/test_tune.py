@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import tomllib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +14,10 @@ import pytest
 
 from edmsim.controllers import from_text
 from edmsim.errors import InputError
+from edmsim.evaluation.episode import Result
+from edmsim.sweep import tune
 from edmsim.sweep.engine import LostJob
-from edmsim.sweep.tune import Trial, TrialResult, Tuned, judge_trial, tune
+from edmsim.sweep.tune import Trial, TrialResult, Tuned, judge_trial, tune_gains, tune_training
 
 
 class Peak:
@@ -41,9 +46,9 @@ def test_a_search_finds_what_is_best_and_goes_on(tmp_path: Path) -> None:
     seen: list[Tuned] = []
     first = Peak(stop_after=10)
     with pytest.raises(KeyboardInterrupt):
-        tune("fixed", tmp_path, trials=30, engine=first, watch=seen.append)
+        tune_gains("fixed", tmp_path, trials=30, engine=first, watch=seen.append)
     again = Peak()
-    found = tune("fixed", tmp_path, trials=30, engine=again, watch=seen.append)
+    found = tune_gains("fixed", tmp_path, trials=30, engine=again, watch=seen.append)
     # the eleventh was asked for when the search was interrupted; nothing of it is left under way
     assert (found.trials, found.failed, len(again.seen)) == (30, 2, 19)
     assert found.values["feed_um_s"] == pytest.approx(20.0, abs=0.5)
@@ -57,8 +62,8 @@ def test_a_search_finds_what_is_best_and_goes_on(tmp_path: Path) -> None:
 
 def test_processes_share_a_study(tmp_path: Path) -> None:
     other = Peak()
-    one = Peak(then=lambda: tune("fixed", tmp_path, trials=8, engine=other))
-    found = tune("fixed", tmp_path, trials=16, engine=one)
+    one = Peak(then=lambda: tune_gains("fixed", tmp_path, trials=8, engine=other))
+    found = tune_gains("fixed", tmp_path, trials=16, engine=one)
     assert found.trials == 16
     assert (len(other.seen), len(one.seen)) == (8, 8)
     numbers = [trial.number for trial in (*one.seen, *other.seen)]
@@ -71,26 +76,66 @@ def test_gains_are_judged_by_training_seeds() -> None:
     told = judge_trial(Trial(0, "gains", "fixed", {"feed_um_s": 400.0}, (3,)))
     assert "feed_um_s" in str(told.error)
     with pytest.raises(InputError, match="training seeds"):
-        tune("fixed", "nowhere", seed=1_000_000)
+        tune_gains("fixed", "nowhere", seed=1_000_000)
     assert not Path("nowhere").exists()
 
 
 @pytest.mark.parametrize(("given", "named"), [
     ({"name": "genius"}, "counts"), ({"name": "fixed", "trials": 0}, "1 or more"),
-    ({"name": "edmsim/GapFeed-v2", "algo": "dqn"}, "ppo, sac"), ({"name": "fixed", "seeds": 0}, "1 or more"),
-    ({"name": "edmsim/GapFeed-v2", "algo": "imitation"}, "no settings of the algorithm 'imitation' are searched"),
-    ({"name": "edmsim/GapFeed-v2", "steps": 0}, "0 windows train nothing"),
+    ({"name": "fixed", "method": "luck"}, "tpe, evolution"),
+    ({"env_id": "edmsim/GapFeed-v2", "algo": "dqn"}, "ppo, sac"), ({"name": "fixed", "seeds": 0}, "1 or more"),
+    ({"env_id": "edmsim/GapFeed-v2", "algo": "imitation"}, "no settings of the algorithm 'imitation' are searched"),
+    ({"env_id": "edmsim/GapFeed-v2", "steps": 0}, "0 windows train nothing"),
 ])  # fmt: skip
 def test_what_cannot_be_searched_is_refused(given: dict[str, Any], named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):
-        tune(**given, out=tmp_path / "new")
+        (tune_training if "env_id" in given else tune_gains)(**given, out=tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
 def test_a_folder_has_one_study(tmp_path: Path) -> None:
-    tune("fixed", tmp_path, trials=1, engine=Peak())
+    tune_gains("fixed", tmp_path, trials=1, engine=Peak())
     with pytest.raises(InputError, match="of fixed, not of counts"):
-        tune("counts", tmp_path, trials=1, engine=Peak())
+        tune_gains("counts", tmp_path, trials=1, engine=Peak())
+
+
+def of_reference(seeds: Any, controller: Any) -> list[Result]:
+    """Cuts that earn most, 100, with a reference of 12 V and little proportional action."""
+    law = controller()
+    earned = 100.0 - 10 * abs(law.reference_V - 12.0) - law.proportional_um_s_V
+    return [
+        Result(0, law.name, "finished", 60.0, 1.0, 10.0, 1.0, earned, 0, 0.0, 0.1, 0.2, math.nan, math.nan, 320.0)
+        for _ in seeds
+    ]
+
+
+def test_an_evolution_finds_the_best_gains_and_repeats_itself_also_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tune, "run_all", of_reference)
+    search = partial(tune_gains, "voltage", method="evolution", trials=120, seed=3, seeds=1)
+    seen: list[Tuned] = []
+    found = search(tmp_path / "whole", watch=seen.append)
+    assert [one.trials for one in seen] == list(range(1, len(seen) + 1))
+    assert 8 < len(seen) <= 120  # it may stop where all gains have become the same
+    assert found.values["reference_V"] == pytest.approx(12.0, abs=1.0)
+    assert found.first_value < found.value < 100.0
+    text = (tmp_path / "whole" / "best.toml").read_text()
+    assert "edmsim tune gains voltage --method evolution --trials 120 --seed 3" in text
+    assert tomllib.loads(text)["gains"] == found.values
+
+    def interrupted(seeds: Any, controller: Any) -> list[Result]:
+        if next(calls) == 20:
+            raise KeyboardInterrupt
+        return of_reference(seeds, controller)
+
+    calls = itertools.count()
+    monkeypatch.setattr(tune, "run_all", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        search(tmp_path / "again")
+    assert search(tmp_path / "again") == found
+    with pytest.raises(InputError, match="of voltage, seeds from 3 on"):
+        tune_gains("voltage", tmp_path / "again", method="evolution", seed=4, seeds=1)
 
 
 @pytest.mark.slow
@@ -103,7 +148,7 @@ def test_a_training_leaves_its_policy(short_training: None, tmp_path: Path) -> N
             for job in jobs:
                 yield job, function(job)
 
-    found = tune("edmsim/GapFeed-v2", tmp_path, trials=2, seeds=1, steps=64, engine=Here())
+    found = tune_training("edmsim/GapFeed-v2", tmp_path, trials=2, seeds=1, steps=64, engine=Here())
     assert (found.trials, found.failed) == (2, 0)
     assert set(found.values) == {"learning_rate", "gamma", "gae_lambda", "clip_range"}
     assert from_text(f"policy:{tmp_path / 'policy.json'}").name == "policy"

@@ -129,15 +129,14 @@ def test_bounds_that_say_nothing_are_refused(tmp_path, bounds, said):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["counts", "--own", "a.py:A", "--out", "s"], "leave out the name"), (["counts"], "give --out DIR"),
-        (["--out", "s"], "give --own FILE.py:CLASS"), (["counts", "--height", "5", "--out", "s"], "without --own"),
-        (["--own", "firmware", "--out", "s"], "names no controller of your own"),
-        (["--own", "none.py:A", "--out", "s"], "cannot be read"),
+        (["own.py:A"], "--out"), (["--out", "s"], "missing"), (["a.py:A", "--colour", "5", "--out", "s"], "--colour"),
+        (["firmware", "--out", "s"], "names no controller of your own"),
+        (["none.py:A", "--out", "s"], "cannot be read"),
     ],
 )  # fmt: skip
 def test_the_command_refuses_in_one_line(arguments, said, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["edmsim", "tune", *arguments])
+    monkeypatch.setattr("sys.argv", ["edmsim", "tune", "own", *arguments])
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == 2

@@ -1,4 +1,4 @@
-"""``edmsim console servo --autotune``: values for a drive on an axis, found at its serial line, and what they change.
+"""``edmsim tune drive``: values for a drive on an axis, found at its serial line, and what they change.
 
 A relay experiment tells how fast the axis is, the manual's recipe follows, and then the drive as delivered and the
 tuned one are both measured on the bench, sample by sample. The result is what a person would type.

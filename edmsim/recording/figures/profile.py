@@ -472,7 +472,8 @@ def _scale_bars(axes: Axes, factor: float | None) -> None:
     length = round_number((high - low) * 0.12)
     bars = [(0.034, f"{length:g} mm")]
     if factor is not None:
-        bars = [(0.078, f"{length:g} mm"), (0.034, f"{length * 1000.0 / factor:g} µm of error")]
+        apart = max(0.044, 16.0 / axes.get_window_extent().height)  # a line of text has room on small pictures, too
+        bars = [(0.034 + apart, f"{length:g} mm"), (0.034, f"{length * 1000.0 / factor:g} µm of error")]
     for bottom, text in bars:
         span = length / (high - low)
         axes.plot(

@@ -6,6 +6,7 @@ The world is the machine: wire and guides stand still, the table with the workpi
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,11 +16,12 @@ from numpy.typing import NDArray
 from shapely.geometry import MultiLineString
 from shapely.geometry.base import BaseGeometry
 
+from edmsim.geometry import arc_lengths
 from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.stream import at_height, indexes, log_lines, log_points, on_screen
-from edmsim.recording.scene import Scene
+from edmsim.recording.scene import PassFace, Scene
 from edmsim.recording.stores import Frames
 from edmsim.recording.windows import jump_rows, stretches
 
@@ -400,6 +402,64 @@ def log_errors(recording: rr.RecordingStream, scene: Scene) -> None:
             colours = palette.error_rgb(edge.error_um[:-1][good], limit)
             lines = rr.LineStrips3D(pieces, colors=colours, radii=on_screen(1.5))
             recording.log(f"world/table/error/{index}", lines, static=True)
+
+
+FACE_OFF_MM = 0.02
+"""The face of a pass is drawn so far before the metal (ours: the workpiece's own wall would cover it)."""
+
+
+def log_faces(recording: rr.RecordingStream, scene: Scene) -> None:
+    """Log the cut face as every pass left it, coloured by how far it lies off its own mean."""
+    import rerun as rr
+
+    for contour in sorted({face.contour for face in scene.pass_faces}):
+        faces = [face for face in scene.pass_faces if face.contour == contour]
+        meshes = [face_mesh(scene, face) for face in faces]
+        limit_um = scene.error_limit_um()
+        colours = [palette.error_rgb(off_um, limit_um) for _, off_um in meshes]
+        name = f"world/table/face/{contour}"
+        per_vertex = rr.Mesh3D.columns(
+            vertex_positions=np.concatenate([mesh.positions for mesh, _ in meshes]),
+            vertex_normals=np.concatenate([mesh.normals for mesh, _ in meshes]),
+            vertex_colors=np.concatenate(colours),
+        ).partition([len(mesh.positions) for mesh, _ in meshes])
+        triangles = rr.Mesh3D.columns(
+            triangle_indices=np.concatenate([mesh.triangles for mesh, _ in meshes])
+        ).partition([len(mesh.triangles) for mesh, _ in meshes])
+        times = np.array([face.time_s for face in faces]), np.array([face.path_um for face in faces])
+        recording.send_columns(name, indexes(*times), [*per_vertex, *triangles])
+
+
+def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, NDArray[np.float64]]:
+    """Return the mesh of a face, just before its metal, and for every vertex how many um it is off the mean."""
+    edge, count = scene.maps[face.contour], len(face.error_um)
+    error = np.concatenate([face.error_um[:1], face.error_um, face.error_um[-1:]])
+    heights = np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]]) * scene.height_mm
+    outward = replace(edge, points_mm=face.points_mm).outward()
+    walls = scene.walls_mm[face.contour] if scene.walls_mm else (edge.nominal_mm, edge.nominal_mm)
+    middle = (walls[0] + walls[1]) / 2
+    passed, at = arc_lengths(middle), shapely.line_locate_point(
+        shapely.LineString(middle), shapely.points(face.points_mm)
+    )
+    known = np.isfinite(error)
+    filled_um = np.where(known, error, 0.0)
+    rows = []
+    for z_mm, off_um in zip(heights, filled_um, strict=True):
+        share = z_mm / scene.height_mm
+        wall = (1 - share) * walls[0] + share * walls[1]
+        places = np.stack([np.interp(at, passed, column) for column in wall.T], axis=1)
+        off_mm = outward * (off_um * 1e-3 + FACE_OFF_MM)[:, None]
+        rows.append(np.column_stack([places + off_mm, np.full(len(places), z_mm)]))
+    number = np.arange(error.size).reshape(error.shape)
+    a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
+    triangles = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
+    triangles = triangles[known.reshape(-1)[triangles].all(axis=1)]
+    normals = np.tile(np.column_stack([outward, np.zeros(len(outward))]), (len(heights), 1))
+    mean_um = float(error[known].mean()) if known.any() else 0.0
+    mesh = Mesh(
+        np.concatenate(rows).astype(np.float32), normals.astype(np.float32), triangles.astype(np.uint32)
+    )
+    return mesh, filled_um.reshape(-1) - mean_um
 
 
 def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> None:

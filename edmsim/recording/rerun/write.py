@@ -238,6 +238,7 @@ def _log_machine(
     log_machine.log_workpiece(recording, growth, t_s, path_um)
     log_machine.log_drawing(recording, scene)
     log_machine.log_errors(recording, scene)
+    log_machine.log_faces(recording, scene)
     log_machine.log_marks(recording, scene, factor)
     log_machine.log_motion(recording, scene, shapes, factor)
     return growth.tolerance_mm
@@ -282,6 +283,10 @@ def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, th
         "(blue: too much removed, orange: metal left). All else is to scale, in mm.",
         "- The view at the wire is to scale, in µm, at mid height; it moves with the guides, whose axis is the "
         "cross. Every ray that meets metal is drawn from the wire to it, the redder the narrower.",
+        *(
+            ["- The coloured face is the cut face as the last pass that ended left it, where it is off its own mean."]
+            if scene.pass_faces else []
+        ),
         "- Discharges are drawn on the metal, in the middle of their slice of height, and fade: "
         "blue sparks, pink arcs, red contacts.",
         "- Pale bubbles show gas on the wire's front, one for every slice: where gas covers a slice wholly, it is as "

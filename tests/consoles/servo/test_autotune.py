@@ -1,4 +1,4 @@
-"""``edmsim console servo --autotune``: values found are better than those of delivery, can be typed in and saved."""
+"""``edmsim tune drive``: values found are better than those of delivery, can be typed in and saved."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_the_figures_of_an_answer():
 
 @pytest.mark.slow
 def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path: Path):
-    words = ["console", "servo", "servo-module", "--axis", "table", "--autotune"]
+    words = ["tune", "drive", "servo-module", "--axis", "table"]
     words += ["--out", str(tmp_path / "steps.png")]
     told = subprocess.run([sys.executable, "-m", "edmsim", *words], capture_output=True, text=True, check=True)
     assert told.stdout.splitlines() == list(tuning("servo-module", "table").lines)

@@ -105,17 +105,17 @@ def test_the_machine_s_own_axis_has_its_screw_its_mass_and_the_ends_of_its_trave
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["servo"], "choose one of uhu, servo-module"),
-        (["uhu", "--axis", "z"], "there is no axis 'z'"),
-        (["uhu", "--axis", "fast", "--tuned"], "no UHU is tuned"),
-        (["uhu", "--axis", "z", "--autotune"], "there is no axis 'z'"),
-        (["steam", "--autotune"], "choose one of uhu, servo-module"),
-        (["uhu", "--autotune", "--out", "/dev/null/before.png"], "/dev/null"),
-        (["uhu", "--speed", "0"], "--speed is above 0"),
+        (["console", "servo", "servo"], "choose one of uhu, servo-module"),
+        (["console", "servo", "uhu", "--axis", "z"], "there is no axis 'z'"),
+        (["console", "servo", "uhu", "--axis", "fast", "--tuned"], "no UHU is tuned"),
+        (["console", "servo", "uhu", "--speed", "0"], "--speed is above 0"),
+        (["tune", "drive", "uhu", "--axis", "z"], "there is no axis 'z'"),
+        (["tune", "drive", "steam"], "choose one of uhu, servo-module"),
+        (["tune", "drive", "uhu", "--out", "/dev/null/before.png"], "/dev/null"),
     ],
 )
 def test_what_cannot_be_is_told_in_a_line(arguments, reason, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["edmsim", "console", "servo", *arguments])
+    monkeypatch.setattr(sys, "argv", ["edmsim", *arguments])
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == 2

@@ -1,4 +1,4 @@
-"""``edmsim measure-table``."""
+"""``edmsim measure``: a machine's table, and the heights of its wire guides."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import OUT, Json
+from edmsim.cli.console import OUT, Json, Quiet
 from edmsim.cli.options import Unset, takes
 
 
@@ -16,7 +16,7 @@ from edmsim.cli.options import Unset, takes
     "machine", "compensation", "seed",
     compensation=Unset("What is written is then what these tables, in force, have left."),
 )
-def measure_table(
+def table(
     out: Annotated[Path | None, typer.Option(help="File for the compensation tables, .toml.")] = None,
     interval: Annotated[float | None, typer.Option(help="Distance of the targets in mm, by default 0.5.")] = None,
     runs: Annotated[int | None, typer.Option(help="Runs to every target, either way; by default 5.")] = None,
@@ -32,7 +32,7 @@ def measure_table(
     from edmsim.job.remake import FORMATS
     from edmsim.job.settings import CutSettings
     from edmsim.measure.report import as_json, headline, render
-    from edmsim.measure.table import measure_table as measure
+    from edmsim.measure.table import measure_table
 
     if plot is not None and plot.suffix.removeprefix(".") not in FORMATS:
         raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", plot)
@@ -43,7 +43,7 @@ def measure_table(
     for file in (out, plot):
         if file is not None:
             make_writable(file.parent)
-    found = measure(worn, interval_mm=interval, runs=runs, seed=settings.seed, compensation=loaded)
+    found = measure_table(worn, interval_mm=interval, runs=runs, seed=settings.seed, compensation=loaded)
     if out is not None:
         about = f"Errors of the table of {settings.machine}: what an axis indicates less where it truly is."
         with replacing(out) as partial:
@@ -59,3 +59,35 @@ def measure_table(
     OUT.print(render(found))
     if out is not None:
         OUT.print(f"Cut with it: edmsim cut PROGRAM --compensation {out} --out DIR", highlight=False, soft_wrap=True)
+
+
+@takes(
+    "machine", "height_mm", "wire", "constants", "taper_deg", "guide_errors_mm", "resolution", "seed",
+    resolution="fast", taper_deg=10.0,
+)  # fmt: skip
+def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
+    """Find the heights of the wire guides from a test cut."""
+    from json import dumps
+
+    from edmsim.job.progress import CutProgress
+    from edmsim.job.settings import CutSettings
+    from edmsim.measure.guides import measure_guides
+    from edmsim.progress import ShownProgress
+
+    settings = CutSettings.model_validate(options)
+    with ShownProgress(quiet) as bar:
+        found = measure_guides(
+            settings.load_machine(), settings.taper_deg, settings.guide_errors_mm or (0.0, 0.0), seed=settings.seed,
+            resolution=settings.resolution, watch=CutProgress(bar, "test cut").show,
+        )
+    lower_um, upper_um = found.uncertainty_mm
+    if json:
+        sys.stdout.write(dumps({
+            "lower_mm": found.lower_mm, "upper_mm": found.upper_mm, "uncertainty_mm": found.uncertainty_mm,
+            "heights_mm": found.heights_mm.tolist(), "shift_um": found.shift_um.tolist(),
+        }) + "\n")  # fmt: skip
+        return
+    for name, error, own in (("lower", found.lower_mm, lower_um), ("upper", found.upper_mm, upper_um)):
+        OUT.print(f"the {name} guide is {error:+.3f} mm higher than its file says, ±{own:.3f} mm", highlight=False)
+    message = f"Cut with it: edmsim cut PROGRAM --guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}"
+    OUT.print(message, highlight=False, soft_wrap=True)

@@ -1,0 +1,154 @@
+"""What a law does at corners: machines take power back there, because the wire bends with it, and lead the guides.
+
+The guides go beside the path by as much as the wire is bent. The numbers are ours; those of a task's reference lines
+are in `edmsim.evaluation.lines`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.feed.law import CornerRule
+from edmsim.controllers.protocols import GapWindow, WindowObservation
+from edmsim.geometry import CORNER_DEG, Polyline, left_of
+from edmsim.machine.machine import Machine
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class Corners(CornerRule):
+    """A longer period near corners, and an offset behind them.
+
+    Parameters
+    ----------
+    before_um, behind_um : float
+        Lengths of path before and behind a corner on which the period is longer; 0 for none.
+    corner_factor : float
+        Period there over the period elsewhere.
+    slack_um : float
+        Where this is above 0, that is so for a wire that 1 N per m of workpiece bends by as many um, and longer or
+        shorter in proportion to the root of what it bends another: errors grow with the bend, and time with the
+        period.
+    offset_um : float
+        Offset to the left of the path.
+    pull_N_m : float
+        Force on the wire per height of workpiece, forward; below 0 for a wire that lags. It bends the wire ahead of
+        its guides, by `lead_um`, and a corner turns that into an error beside the path: behind it, the offset is
+        changed by as much to the other side, and less and less as the wire comes round.
+    fade_um : float
+        Length of path behind a corner on which that falls to 1/e.
+    """
+
+    before_um: float = 0.0
+    behind_um: float = 0.0
+    corner_factor: float = 4.0
+    slack_um: float = 0.0
+    offset_um: float = 0.0
+    pull_N_m: float = 0.0
+    fade_um: float = 100.0
+
+    def __post_init__(self) -> None:
+        self.start_um = self._lead_um = 0.0
+        self._at_corner = 1.0
+        self._corners_um: Floats = np.zeros(0)
+        self._turns_rad: Floats = np.zeros(0)
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in where the leg has corners, and how far the wire is bent."""
+        line = Polyline(points_um * 1e-3, closed=False)
+        corners = line.corners(CORNER_DEG)
+        self._corners_um = line.s[corners] * 1e3 + start_um
+        self._turns_rad = np.radians(line.turn_deg[corners])
+        self._lead_um = lead_um(machine, self.pull_N_m)
+        slack = math.sqrt(lead_um(machine, 1.0) / self.slack_um) if self.slack_um else 1.0
+        self._at_corner = max(self.corner_factor * slack, 1.0)
+        self.start_um = start_um
+
+    def slowing(self, path_um: float) -> float:
+        """Return the period at a place over the one elsewhere."""
+        passed_um = path_um - self._corners_um
+        near = bool(((-self.before_um < passed_um) & (passed_um < self.behind_um)).any())
+        return self._at_corner if near else 1.0
+
+    def offset(self, path_um: float) -> float:
+        """Return the offset at a place of the path, to its left."""
+        behind_um = path_um - self._corners_um
+        passed = behind_um >= 0.0
+        lateral_um = self._lead_um * np.sin(self._turns_rad[passed]) * np.exp(-behind_um[passed] / self.fade_um)
+        return self.offset_um + float(lateral_um.sum())
+
+
+def lead_um(machine: Machine, force_N_m: float) -> float:
+    """Return how far a wire is bent, in um, in the mean over the workpiece's height.
+
+    A string between the guides with an even load over the middle of its length: ``q h (2 l - h) / (8 T)`` at mid
+    height, less ``q h**2 / (24 T)`` in the mean.
+
+    Parameters
+    ----------
+    machine : Machine
+        Height h, tension T and distance l of the guides.
+    force_N_m : float
+        The load q.
+    """
+    height_m, guides_m = machine.height_mm * 1e-3, machine.guide_distance_mm * 1e-3
+    bent = height_m * (2 * guides_m - height_m) / 8 - height_m**2 / 24
+    return force_N_m * bent / machine.tension * 1e6
+
+
+@dataclass
+class TrueBend(Corners):
+    """Leads the guides so that the wire, whose true bend no machine shows, is on the path.
+
+    The offset is the part of the true mean deflection across the path, to the other side. Force per height
+    (``pull_N_m``) and fading (``fade_um``) have nothing to do here.
+
+    Parameters
+    ----------
+    average_s : float
+        Time constant with which the deflection is averaged, so that the guides do not follow the wire's vibration.
+    """
+
+    average_s: float = 0.25
+
+    bent_um: tuple[float, float] = field(default=(0.0, 0.0), init=False)
+    mean_um: Floats = field(default_factory=lambda: np.zeros(2), init=False)
+    last_s: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._ends_um: Floats = np.zeros(0)
+        self._left: Floats = np.zeros((1, 2))
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the path, too: where each of its pieces ends, and what is to the left of it."""
+        super().set_up(machine, points_um, start_um)
+        pieces = np.diff(np.asarray(points_um, np.float64), axis=0)
+        lengths_um = np.hypot(pieces[:, 0], pieces[:, 1])
+        self._ends_um = start_um + np.cumsum(lengths_um)
+        self._left = left_of(pieces / lengths_um[:, None])
+
+    def begin(self) -> None:
+        """Begin with a wire that is straight, as far as is known."""
+        self.mean_um, self.last_s = np.zeros(2), 0.0
+
+    def see(self, truth: GapWindow) -> None:
+        """Take in the true deflection of a window."""
+        self.bent_um = truth.deflection_um
+
+    def look(self, window: WindowObservation) -> None:
+        """Average the deflection."""
+        weight = -math.expm1((self.last_s - window.time_s) / self.average_s) if self.average_s else 1.0
+        self.mean_um = self.mean_um + weight * (np.array(self.bent_um) - self.mean_um)
+        self.last_s = window.time_s
+
+    def offset(self, path_um: float) -> float:
+        """Return what brings the wire back on the path."""
+        piece = min(int(np.searchsorted(self._ends_um, path_um, side="right")), len(self._left) - 1)
+        return self.offset_um - float(self.mean_um @ self._left[piece])

@@ -1,0 +1,312 @@
+"""What the gap laws are made of: a servo that feeds, a measure of the gap, a rule for the period, one for corners.
+
+The classic machines feed in proportion to how far a mean of the gap is from its reference, ``v = K (U - U_ref)``,
+and so run backwards by themselves when the gap shorts. An integral part (ours) holds the reference at any height
+and material.
+
+A law names its parts and the defaults that are its own; its parameters are those of its parts, in one list:
+
+>>> from edmsim.controllers.feed.measures import MeanVoltage
+>>> class Slow(ServoLaw, measure=MeanVoltage, start_feed_um_s=2.0):
+...     name = "slow"
+>>> Slow(reference_V=12.0).reset(33.0)
+FeedCommand(feed_um_s=2.0, alarm=None, t_on_us=None, t_period_us=None, latency_s=0.0, offset_um=0.0)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+from numpy.typing import NDArray
+
+from edmsim.controllers.protocols import (
+    FeedCommand,
+    GapWindow,
+    SeesTruth,
+    WindowObservation,
+    check_feed,
+    check_parameters,
+)
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.snapshots import Snapshots
+
+PERSISTENT_SHORT = "persistent short"
+"""The alarm's text."""
+SHORTED_SHARE = 0.5
+"""From this share of short pulses on a window counts as shorted (ours, as the counts controller has it)."""
+
+
+class Gains(NamedTuple):
+    """How a servo answers.
+
+    Attributes
+    ----------
+    proportional, integral : float
+        Feed in um/s, and its growth in um/s per s, per unit of the error.
+    filter_s : float
+        Time constant of the low-pass filter on the error.
+    """
+
+    proportional: float
+    integral: float
+    filter_s: float
+
+
+@dataclass
+class Part(Snapshots):
+    """A part of a law: its arguments are parameters of the law, its other fields are its state."""
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the set-up and the next leg; see `KnowsSetup.set_up`."""
+
+    def begin(self) -> None:
+        """Begin a leg, with the state as it was made."""
+        for each in fields(self):
+            if not each.init:
+                setattr(self, each.name, each.default if each.default_factory is MISSING else each.default_factory())
+
+    def fresh_wire(self) -> None:
+        """Begin with a fresh wire where the last one broke."""
+        self.begin()
+
+
+@dataclass
+class GapServo(Part):
+    """What all laws share: the answer to an error, retracts from shorts, and when to give up.
+
+    Parameters
+    ----------
+    filter_s : float
+        Time constant of the low-pass filter on the measured mean.
+    start_feed_um_s : float
+        Feed the integral starts from.
+    retract_feed_um_s : float
+        Largest speed backwards; a short that stays is met with it.
+    patience_s : float
+        Shorted time after which the wire retracts (ours, as the counts controller has it).
+    integral_share : float
+        What is left of the integral after a retract (ours: half, so that a feed that was too fast is soon found).
+    give_up_s : float
+        Time shorted without a break after which the machine is stopped (ours: at 20 um/s a way back of 0.4 mm,
+        longer than any short this wire leaves behind it).
+    """
+
+    filter_s: float = 0.1
+    start_feed_um_s: float = 10.0
+    retract_feed_um_s: float = 20.0
+    patience_s: float = 0.15
+    integral_share: float = 0.5
+    give_up_s: float = 20.0
+
+    max_feed_um_s: float = field(default=0.0, init=False)
+    error: float = field(default=0.0, init=False)
+    integral_um_s: float = field(default=0.0, init=False)
+    shorted_s: float = field(default=0.0, init=False)
+    retracting: bool = field(default=False, init=False)
+
+    def start(self, max_feed_um_s: float) -> None:
+        """Begin with the start feed."""
+        self.begin()
+        self.max_feed_um_s, self.integral_um_s = max_feed_um_s, self.start_feed_um_s
+
+    def weight(self, duration_s: float) -> float:
+        """Weight of a window in the low-pass filter."""
+        return -math.expm1(-duration_s / self.filter_s) if self.filter_s else 1.0
+
+    def update(self, window: WindowObservation, error: float, gains: Gains) -> FeedCommand:
+        """Feed for the next window, backwards while a short stays; `error` is positive where the gap is too wide."""
+        if math.isnan(error):
+            error = self.error
+        shorted = window.short >= SHORTED_SHARE * WINDOW_PULSES
+        self.shorted_s = self.shorted_s + window.duration_s if shorted else 0.0
+        if self.shorted_s >= self.give_up_s:
+            return FeedCommand(0.0, PERSISTENT_SHORT)
+        if shorted and self.shorted_s >= self.patience_s:
+            self.retracting = True
+            return FeedCommand(-self.retract_feed_um_s)
+        if self.retracting:  # cleared: the filter forgets the short
+            self.retracting = False
+            self.error = error
+            self.integral_um_s *= self.integral_share
+        weight = -math.expm1(-window.duration_s / gains.filter_s) if gains.filter_s else 1.0
+        self.error += weight * (error - self.error)
+        growth = gains.integral * self.error * window.duration_s
+        self.integral_um_s = min(max(self.integral_um_s + growth, 0.0), self.max_feed_um_s)
+        feed = self.integral_um_s + gains.proportional * self.error
+        return FeedCommand(min(max(feed, -self.retract_feed_um_s), self.max_feed_um_s))
+
+
+class Measure(Part):
+    """How far the gap is from what is held."""
+
+    FEEDS: ClassVar[tuple[str, ...]] = ()
+    """Parameters that the machine must be able to run."""
+    GAINS: ClassVar[tuple[str, str]]
+    """Parameters that say how the servo answers: see `Gains`."""
+
+    def gains(self, servo: GapServo) -> Gains:
+        """How the servo answers."""
+        proportional, integral = self.GAINS
+        return Gains(getattr(self, proportional), getattr(self, integral), servo.filter_s)
+
+    def error(self, window: WindowObservation, servo: GapServo) -> float:
+        """How much too wide the gap is; NaN if the window does not tell."""
+        raise NotImplementedError
+
+    def first_feed_um_s(self, servo: GapServo) -> float:
+        """Feed of a leg's first window."""
+        return servo.start_feed_um_s
+
+
+class PeriodRule(Part):
+    """What setting the generator is to have; by default the operator's."""
+
+    def first_setting_us(self, law: ServoLaw) -> tuple[float | None, float | None]:
+        """Return on-time and period with which a leg or wire begins; None leaves them."""
+        return None, None
+
+    def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> tuple[float | None, float | None]:
+        """Return on-time and period of the next window; asked before the servo answers the last one."""
+        return None, None
+
+
+class CornerRule(Part):
+    """What changes near corners; by default nothing."""
+
+    start_um = 0.0
+    """Length of path at which the leg begins."""
+
+    def look(self, window: WindowObservation) -> None:
+        """Look at a window."""
+
+    def slowing(self, path_um: float) -> float:
+        """Return the period at a place over the one elsewhere."""
+        return 1.0
+
+    def offset(self, path_um: float) -> float:
+        """Return the offset at a place of the path, to its left."""
+        return 0.0
+
+
+class Gauge(Part):
+    """How near the wire is to boiling dry."""
+
+    def near(self, window: WindowObservation) -> float:
+        """Return 1 where it does, and 0 far from it."""
+        raise NotImplementedError
+
+
+@dataclass
+class ServoLaw(Snapshots):
+    """A gap law of parts: `GapServo`, a measure, and rules for period and corners.
+
+    Where the parts come from: the class' keywords ``measure``, ``period``, ``corner``, ``gauge``. ``fixed`` names
+    parameters of parts that are none of the law; other keywords are defaults that differ from the parts'.
+    """
+
+    name: ClassVar[str]
+    PARTS: ClassVar[dict[str, type[Part]]] = {
+        "servo": GapServo, "measure": Measure, "period": PeriodRule, "corner": CornerRule, "gauge": Gauge,
+    }  # fmt: skip
+    STATE = tuple(PARTS)
+    if TYPE_CHECKING:
+        servo: GapServo
+        measure: Measure
+        period: PeriodRule
+        corner: CornerRule
+        gauge: Gauge
+
+    def __init_subclass__(
+        cls, measure: type[Measure] | None = None, period: type[PeriodRule] | None = None,
+        corner: type[CornerRule] | None = None, gauge: type[Gauge] | None = None, fixed: tuple[str, ...] = (),
+        **defaults: float,
+    ) -> None:
+        """Give a law the parameters of its parts."""
+        super().__init_subclass__()
+        own = {"measure": measure, "period": period, "corner": corner, "gauge": gauge}
+        cls.PARTS = {**cls.PARTS, **{slot: kind for slot, kind in own.items() if kind is not None}}
+        if measure is None:
+            return
+        found = {each.name: each.default for each in _parameters(cls.PARTS) if each.name not in fixed}
+        cls.__annotations__ = {**vars(cls).get("__annotations__", {}), **dict.fromkeys(found, "float")}
+        for parameter, default in {**found, **defaults}.items():
+            setattr(cls, parameter, default)
+        dataclass(cls)
+
+    def __post_init__(self) -> None:
+        """Make the parts of the parameters."""
+        check_parameters(self)
+        for slot, kind in self.PARTS.items():
+            own = [each.name for each in _arguments(kind) if hasattr(self, each.name)]
+            setattr(self, slot, kind(**{parameter: getattr(self, parameter) for parameter in own}))
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The servo and all rules."""
+        return tuple(getattr(self, slot) for slot in self.PARTS)
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the set-up and the next leg."""
+        for part in self.parts:
+            part.set_up(machine, points_um, start_um)
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a leg; refuses feeds the machine cannot run."""
+        for parameter in ("start_feed_um_s", "retract_feed_um_s", *self.measure.FEEDS):
+            check_feed(self.name, parameter, getattr(self, parameter), max_feed_um_s)
+        for part in self.parts:
+            part.begin()
+        return self._first(max_feed_um_s)
+
+    def wire_lost(self) -> FeedCommand:
+        """Begin with a fresh wire where the last one broke."""
+        limit_um_s = self.servo.max_feed_um_s
+        for part in self.parts:
+            part.fresh_wire()
+        return self._first(limit_um_s)
+
+    def _first(self, limit_um_s: float) -> FeedCommand:
+        self.servo.start(limit_um_s)
+        on_us, period_us = self.period.first_setting_us(self)
+        offset_um = self.corner.offset(self.corner.start_um)
+        feed_um_s = self.measure.first_feed_um_s(self.servo)
+        return FeedCommand(feed_um_s, t_on_us=on_us, t_period_us=period_us, offset_um=offset_um)
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        """Feed, setting and offset for the next window."""
+        self.corner.look(window)
+        on_us, period_us = self.period.next_setting_us(window, self)
+        error, gains = self.measure.error(window, self.servo), self.measure.gains(self.servo)
+        offset_um = self.corner.offset(window.path_um)
+        command = self.servo.update(window, error, gains)
+        return command._replace(t_on_us=on_us, t_period_us=period_us, offset_um=offset_um)
+
+
+class TruthLaw(ServoLaw):
+    """A law with parts that look at what no machine shows: a bound to compare with."""
+
+    def see(self, truth: GapWindow) -> None:
+        """Take in what happened in the gap."""
+        for part in self.parts:
+            if isinstance(part, SeesTruth):
+                part.see(truth)
+
+
+def _arguments(kind: Any) -> list[Any]:
+    return [each for each in fields(kind) if each.init]
+
+
+def _parameters(parts: dict[str, type[Part]]) -> Iterator[Any]:
+    """Yield the arguments of parts; those that a rule adds to the rule it is derived from come behind all others."""
+    rules = [kind for slot, kind in parts.items() if slot != "gauge"]
+    added: list[Any] = []
+    for kind in rules:
+        bases = [base for base in reversed(kind.__mro__) if is_dataclass(base)]
+        own = next((found for base in bases if (found := _arguments(base))), [])
+        yield from own
+        added += _arguments(kind)[len(own) :]
+    yield from (*added, *_arguments(parts["gauge"]))

@@ -1,0 +1,275 @@
+"""What the gap laws hold: mean voltage, mean ignition delay, the share of opens, fuzzy rules, the true gap.
+
+Sources of `MeanVoltage`: US 4296302 (servo on average gap voltage and power), CA 1049621 (servo of a wire machine,
+1976); the law is the simplest of the classic machines.
+
+Sources of `MeanDelay`, for a wide gap ignites late: ETH's open wire-EDM simulator SPARC, whose machines are
+controlled in proportion to the mean voltage or the mean ignition delay; a monitor of wire-EDM turning that replaces
+the voltage by the mean delay over 200 ms (doi:10.1177/0954405414543488). The counting of shorts and opens is ours.
+
+Source of `FuzzyRules`, the field's classic: Lin, Chung, Huang, J. Mater. Process. Technol. 113 (2001) 324-330, fuzzy
+control of a wire-EDM machine from what its pulses show. Their memberships and rule table could not be read; those
+here are ours, after the usual scheme: a Sugeno controller of order zero, triangular memberships, product and
+weighted mean.
+
+====================  =========  =====  =====
+open ratio            low        right  high
+====================  =========  =====  =====
+falling               -1         -0.5   +0.5
+steady                -1          0     +1
+rising                -0.5       +0.5   +1
+short ratio is high   -2, whatever the open ratio
+====================  =========  =====  =====
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from edmsim.controllers.feed.law import Gains, GapServo, Measure
+from edmsim.controllers.protocols import GapWindow, WindowObservation
+from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
+
+_RULES = ((-1.0, -0.5, 0.5), (-1.0, 0.0, 1.0), (-0.5, 0.5, 1.0))
+"""Change of feed by the open ratio's change (falling, steady, rising) and by the ratio (low, right, high)."""
+_ON_SHORTS = -2.0
+
+
+@dataclass
+class MeanVoltage(Measure):
+    """The mean gap voltage.
+
+    It is averaged over whole periods, pauses included, as a moving-coil meter would: the reference belongs to a duty
+    factor.
+
+    Parameters
+    ----------
+    reference_V : float
+        Mean gap voltage held.
+    proportional_um_s_V : float
+        Feed per volt above the reference, um/s.
+    integral_um_s2_V : float
+        Growth of the feed per volt above the reference, um/s per s.
+    """
+
+    GAINS: ClassVar[tuple[str, str]] = ("proportional_um_s_V", "integral_um_s2_V")
+
+    reference_V: float = 15.0
+    proportional_um_s_V: float = 1.0
+    integral_um_s2_V: float = 1.0
+
+    def error(self, window: WindowObservation, servo: GapServo) -> float:
+        """Volts above the reference."""
+        return window.mean_voltage_V - self.reference_V
+
+
+@dataclass
+class MeanDelay(Measure):
+    """The mean ignition delay of all pulses.
+
+    A short counts as ignited at once, an open pulse as one that waited `open_delay_us`; so the mean is there even
+    where nothing ignites.
+
+    Parameters
+    ----------
+    reference_us : float
+        Mean delay held.
+    proportional_um_s_us : float
+        Feed per us above the reference, um/s.
+    integral_um_s2_us : float
+        Growth of the feed per us above the reference, um/s per s.
+    open_delay_us : float
+        What an open pulse counts as (ours: the on-time of the default setting, the least it can have waited).
+    """
+
+    GAINS: ClassVar[tuple[str, str]] = ("proportional_um_s_us", "integral_um_s2_us")
+
+    reference_us: float = 12.0
+    proportional_um_s_us: float = 1.0
+    integral_um_s2_us: float = 1.0
+    open_delay_us: float = 30.0
+
+    def error(self, window: WindowObservation, servo: GapServo) -> float:
+        """Microseconds above the reference."""
+        ignited = WINDOW_PULSES - window.short - window.open
+        waited = window.open * self.open_delay_us
+        if ignited:  # without any there is no mean delay
+            waited += ignited * window.mean_delay_us
+        return waited / WINDOW_PULSES - self.reference_us
+
+
+@dataclass
+class OpenShare(Measure):
+    """The share of open pulses, less that of weighted shorts.
+
+    Parameters
+    ----------
+    open_target_share : float
+        Share of open pulses held when nothing shorts.
+    short_weight : float
+        How many open pulses one short pulse outweighs.
+    proportional_um_s, integral_um_s2 : float
+        Feed, and its growth per second, per unit of the difference from the target.
+    """
+
+    GAINS: ClassVar[tuple[str, str]] = ("proportional_um_s", "integral_um_s2")
+
+    open_target_share: float = 0.1
+    short_weight: float = 1.0
+    proportional_um_s: float = 10.0
+    integral_um_s2: float = 30.0
+
+    def error(self, window: WindowObservation, servo: GapServo) -> float:
+        """Share of opens above the target, less the weighted shorts."""
+        return (window.open - self.short_weight * window.short) / WINDOW_PULSES - self.open_target_share
+
+
+@dataclass
+class FuzzyRules(Measure):
+    """Rules on the ratios of short and open pulses, which the servo's filter smooths; the feed sums up what they say.
+
+    Parameters
+    ----------
+    open_target_share : float
+        Share of open pulses that is right.
+    open_width_share : float
+        Distance from it at which the ratio is low or high and nothing else.
+    change_share_s : float
+        Change of the open ratio per second that is falling or rising and nothing else, in parts of all pulses.
+    short_begin_share, short_high_share : float
+        Short ratio that begins to be high, and that which is high and nothing else.
+    rate_um_s2 : float
+        Change of feed per second where the rules say 1.
+    """
+
+    open_target_share: float = 0.2
+    open_width_share: float = 0.2
+    change_share_s: float = 1.0
+    short_begin_share: float = 0.1
+    short_high_share: float = 0.4
+    rate_um_s2: float = 10.0
+
+    short: float = field(default=0.0, init=False)
+    open: float = field(default=0.0, init=False)
+
+    def begin(self) -> None:
+        """Begin at the right share."""
+        self.short, self.open = 0.0, self.open_target_share
+
+    def gains(self, servo: GapServo) -> Gains:
+        """The feed is the sum of its changes."""
+        return Gains(0.0, self.rate_um_s2, 0.0)
+
+    def error(self, window: WindowObservation, servo: GapServo) -> float:
+        """What the rules say, from -2 to 1, after taking in a window's ratios."""
+        before, weight = self.open, servo.weight(window.duration_s)
+        self.open += weight * (window.open / WINDOW_PULSES - self.open)
+        self.short += weight * (window.short / WINDOW_PULSES - self.short)
+        return self._infer((self.open - before) / window.duration_s)
+
+    def _infer(self, open_change_s: float) -> float:
+        span = max(self.short_high_share - self.short_begin_share, 1e-9)
+        high = min(max((self.short - self.short_begin_share) / span, 0.0), 1.0)
+        ratio = _memberships((self.open - self.open_target_share) / max(self.open_width_share, 1e-9))
+        change = _memberships(open_change_s / max(self.change_share_s, 1e-9))
+        free = sum(
+            c * r * out
+            for c, row in zip(change, _RULES, strict=True)
+            for r, out in zip(ratio, row, strict=True)
+        )
+        return (1.0 - high) * free + high * _ON_SHORTS
+
+
+def _memberships(value: float) -> tuple[float, float, float]:
+    """Degrees of low, right and high; they add up to 1."""
+    low, high = min(max(-value, 0.0), 1.0), min(max(value, 0.0), 1.0)
+    return low, 1.0 - low - high, high
+
+
+@dataclass
+class ShortShare(Measure):
+    """A constant feed that shorts slow down; the servo's integral has no part in it.
+
+    Parameters
+    ----------
+    feed_um_s : float
+        The feed where nothing shorts.
+    stop_share : float
+        Share of shorts at which the wire stops; between none and that many the feed falls evenly (ours).
+    """
+
+    FEEDS: ClassVar[tuple[str, ...]] = ("feed_um_s",)
+
+    feed_um_s: float = 30.0
+    stop_share: float = 0.3
+
+    shorts: float = field(default=0.0, init=False)
+
+    def gains(self, servo: GapServo) -> Gains:
+        """How the servo answers: not at all."""
+        return Gains(0.0, 0.0, servo.filter_s)
+
+    def error(self, window: WindowObservation, servo: GapServo) -> float:
+        """Share of shorts, against none."""
+        self.shorts += servo.weight(window.duration_s) * (window.short / WINDOW_PULSES - self.shorts)
+        return -window.short / WINDOW_PULSES
+
+    def first_feed_um_s(self, servo: GapServo) -> float:
+        """The feed where nothing shorts."""
+        return self.feed_um_s
+
+    @property
+    def slowed_um_s(self) -> float:
+        """Feed at the present share of shorts."""
+        share = self.shorts / self.stop_share if self.stop_share else float(self.shorts > 0)
+        return self.feed_um_s * max(1.0 - share, 0.0)
+
+
+@dataclass
+class TrueGap(Measure):
+    """The true gap, or how much too hot the wire is; no machine shows either.
+
+    Parameters
+    ----------
+    gap_target_um : float
+        Mean gap at the places of ignition that is held.
+    proportional_um_s_um : float
+        Feed per um above the target, um/s.
+    integral_um_s2_um : float
+        Growth of the feed per um above the target, um/s per s.
+    short_um : float
+        By how many um a window full of shorts is closer than its few sparks show (ours: by the target, so that it
+        counts as shut).
+    hot_K : float
+        Wire temperature above which the wire slows down.
+    kelvin_per_um : float
+        How far above it costs as much as a gap 1 um too narrow.
+    """
+
+    GAINS: ClassVar[tuple[str, str]] = ("proportional_um_s_um", "integral_um_s2_um")
+
+    gap_target_um: float = 16.0
+    proportional_um_s_um: float = 1.0
+    integral_um_s2_um: float = 2.0
+    short_um: float = 16.0
+    hot_K: float = 560.0
+    kelvin_per_um: float = 10.0
+
+    gap_um: float = field(default=0.0, init=False)
+    temperature_K: float = field(default=-1.0, init=False)  # below 0 before anything was seen
+
+    def see(self, truth: GapWindow) -> None:
+        """Take in the true gap and temperature of a window."""
+        self.gap_um, self.temperature_K = truth.gap_um, truth.wire_temperature_K
+        if math.isnan(self.gap_um):  # nothing ignited: all open, or all short
+            self.gap_um = 2.0 * self.gap_target_um if truth.open > truth.short else 0.0
+
+    def error(self, window: WindowObservation, servo: GapServo) -> float:
+        """Micrometres above the target, or how much too hot the wire is, whichever asks for less feed."""
+        if self.temperature_K < 0:
+            raise InputError("the oracle was shown nothing of the gap: call see() before update()")
+        wide = self.gap_um - self.gap_target_um - self.short_um * window.short / WINDOW_PULSES
+        return min(wide, (self.hot_K - self.temperature_K) / max(self.kelvin_per_um, 1e-9))

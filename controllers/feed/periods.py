@@ -1,0 +1,406 @@
+"""Rules for the pulse period: one that is given, one per count of normal pulses, one that spares the wire's heat.
+
+Source of `NormalPulses`: Sato et al. (physics notes of the project, sections 5 and 6): normal pulses are counted per
+100 ms and held below a threshold curve over the workpiece's thickness by the off-time; the thickness is known on-line
+from mean current over speed, for removal goes with the mean current; the threshold rises less than proportionally
+with thickness. Reported: 24 % more speed. There the off-time is also shortened below the operator's; at the
+laboratory machine the operator's period is the shortest, because its generator's limit of 2 A leaves no shorter one.
+The curve's numbers were not published: they come from a search.
+
+`RisingPeriod` is what an operator sets who wants no broken wire. `HoldHeat` takes a measured heat flux, or the wire's
+true temperature. Water cools a wire the better the hotter it is, until the heat flux is critical: then steam covers
+it, and it grows hot and breaks within some 20 ms. No law is quick enough for that; so the period is set by how far
+the hottest place of the wire is from it.
+
+`Climb` searches: more power until a wire breaks, then less. It is how an operator finds the setting for a wire and a
+height that no table has (ours). Its pace was chosen in the first version of ThinWire: of five on 64 training machines
+that of the defaults earned 1,336, with 23 wires lost; the others 1,100 to 1,359, with 20 to 27.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw
+from edmsim.controllers.protocols import GapWindow, WindowObservation
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, least_period_us, pulse_form
+
+COUNT_S = 0.1
+"""Time over which normal pulses are counted: 100 ms (Sato et al.)."""
+STEP_SHARE = 0.1
+"""Largest change of the period per count (ours: off-times change smoothly, not from pulse to pulse)."""
+STEP_US = 5
+"""The shortest period is rounded up to whole multiples of this (ours: knobs have steps)."""
+MOST_ERROR = 1.0
+"""No larger deviation from what is held counts (ours: one window of few sparks tells little)."""
+_BOILING_K = 373.15
+_Setting = tuple[float | None, float | None]
+
+
+@dataclass
+class NormalPulses(PeriodRule):
+    """Holds the count of normal pulses by the off-time.
+
+    Parameters
+    ----------
+    normal_at_10mm : float
+        Threshold at 10 mm of thickness: normal pulses per 100 ms.
+    exponent_share : float
+        Power of the thickness with which the threshold rises: below 1.
+    height_factor : float
+        Thickness in mm per ampere and s/um of mean current over speed. Ours: tool steel 20 mm high at 46 um/s
+        and 1.63 A with the default set-up.
+    height_filter_s : float
+        Time constant of the low-pass filter on the thickness.
+    shortest_factor, longest_factor : float
+        Shortest and longest period, in periods as the operator set it.
+    """
+
+    normal_at_10mm: float = 600.0
+    exponent_share: float = 0.5
+    height_factor: float = 562.0
+    height_filter_s: float = 0.5
+    shortest_factor: float = 1.0
+    longest_factor: float = 5.0
+
+    # sums since the last count, the thickness, and the setting; 0 where nothing is known yet
+    seconds: float = field(default=0.0, init=False)
+    normal: float = field(default=0.0, init=False)
+    charge: float = field(default=0.0, init=False)
+    travel_um: float = field(default=0.0, init=False)
+    height_mm: float = field(default=0.0, init=False)
+    base_us: float = field(default=0.0, init=False)
+    period_us: float = field(default=0.0, init=False)
+
+    def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
+        """Add a window; every 100 ms compare with the threshold and set the period."""
+        if not self.base_us:  # the first window tells the operator's
+            self.base_us = self.period_us = round(window.duration_s * 1e6 / WINDOW_PULSES, 6)
+        self.seconds += window.duration_s
+        self.normal += WINDOW_PULSES - window.short - window.open
+        if math.isfinite(window.mean_current_A):
+            self.charge += window.mean_current_A * window.duration_s
+        self.travel_um += window.feed_um_s * window.duration_s
+        if self.seconds >= COUNT_S:
+            self._take_count()
+        return None, self.period_us
+
+    def _take_count(self) -> None:
+        self._estimate_height()
+        threshold = self.normal_at_10mm * (self.height_mm / 10.0) ** self.exponent_share
+        # before the wire has moved nothing is known of the thickness: the period stays
+        excess = self.normal / self.seconds * COUNT_S / threshold if threshold else 1.0
+        change = min(max(excess, 1.0 - STEP_SHARE), 1.0 + STEP_SHARE)
+        shortest = min(self.shortest_factor, 1.0) * self.base_us
+        longest = max(self.longest_factor, 1.0) * self.base_us
+        # whole us, as timers count them
+        self.period_us = max(float(round(min(max(self.period_us * change, shortest), longest))), shortest)
+        self.seconds = self.normal = self.charge = self.travel_um = 0.0
+
+    def _estimate_height(self) -> None:
+        """Thickness from mean current over speed; standing still or running back tells nothing."""
+        if self.travel_um <= 0:
+            return
+        h_mm = self.height_factor * self.charge / self.travel_um
+        weight = -math.expm1(-self.seconds / self.height_filter_s) if self.height_filter_s else 1.0
+        self.height_mm = h_mm if not self.height_mm else self.height_mm + weight * (h_mm - self.height_mm)
+
+
+@dataclass
+class FreshNormalPulses(NormalPulses):
+    """The same, but every wire begins with a longer period.
+
+    Parameters
+    ----------
+    slow_factor : float
+        Period with which every wire begins, over the operator's (ours).
+    """
+
+    slow_factor: float = 2.5
+
+    fresh: bool = field(default=True, init=False)
+
+    def fresh_wire(self) -> None:
+        """What was found of the thickness stays."""
+        self.fresh = True
+
+    def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
+        """Return the period of the next window."""
+        super().next_setting_us(window, law)
+        if self.fresh:
+            self.fresh = False
+            self.period_us = self.base_us * max(self.slow_factor, 1.0)
+        return None, self.period_us
+
+
+@dataclass
+class RisingPeriod(PeriodRule):
+    """A period that a fresh wire reaches slowly.
+
+    Parameters
+    ----------
+    period_us : float
+        Pulse period; 0 for the one that the operator has set.
+    rise_s : float
+        Time in which a fresh wire comes to it, from `slow_factor` times as long a period.
+    slow_factor : float
+        Period with which a fresh wire begins, over the one it comes to.
+    """
+
+    period_us: float = 40.0
+    rise_s: float = 1.5
+    slow_factor: float = 2.0
+
+    cutting_s: float = field(default=0.0, init=False)  # since the wire was threaded
+    first_us: float = field(default=0.0, init=False)  # with which the leg began; 0 before the first window
+
+    def fresh_wire(self) -> None:
+        """The next wire comes to its period slowly, as the first one did."""
+        self.cutting_s = 0.0
+
+    def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
+        """Return the period of the next window."""
+        self.cutting_s += window.duration_s
+        left = max(1.0 - self.cutting_s / self.rise_s, 0.0) if self.rise_s else 0.0
+        return None, self.next_us(window, law) * float(max(self.slow_factor, 1.0) ** left)
+
+    def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
+        """Period of a wire that has come to it."""
+        if not self.first_us:
+            self.first_us = round(window.duration_s * 1e6 / WINDOW_PULSES, 1)
+        return self.period_us or self.first_us
+
+
+@dataclass
+class HoldHeat(RisingPeriod):
+    """Holds what a gauge says of how near the wire is to boiling dry; ``period_us`` is the one a cut begins with.
+
+    Parameters
+    ----------
+    hold_share : float
+        Of that measure, 1 where the wire boils dry.
+    break_hold_share : float
+        Of what is held, after every lost wire (ours): what broke one wire breaks the next one.
+    proportional_share, integral_per_s : float
+        Change of the period's logarithm, and its growth per second, per unit of the difference from it.
+    shortest_us, longest_us : float
+        Limits of the period (ours): where hardly a pulse ignites there is no heat to hold, the period goes to the
+        shortest, and the discharges that ignite next find it there.
+    """
+
+    hold_share: float = 0.6
+    break_hold_share: float = 0.8
+    proportional_share: float = 0.3
+    integral_per_s: float = 1.0
+    shortest_us: float = 25.0
+    longest_us: float = 150.0
+
+    log_us: float = field(default=0.0, init=False)  # the period's regulated part
+    hold: float = field(default=0.0, init=False)
+
+    def begin(self) -> None:
+        """Begin a leg."""
+        super().begin()
+        self.log_us, self.hold = math.log(max(self.period_us, 1.0)), self.hold_share
+
+    def fresh_wire(self) -> None:
+        """Go on more carefully than with the wire that broke."""
+        super().fresh_wire()
+        self.log_us = min(self.log_us + math.log(max(self.slow_factor, 1.0)), self._longest)
+        self.hold *= self.break_hold_share
+
+    @property
+    def _longest(self) -> float:
+        return math.log(max(self.longest_us, self.shortest_us, 1.0))
+
+    def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
+        """Period that brings the measure to what is held."""
+        error = min(max(law.gauge.near(window) - self.hold, -MOST_ERROR), MOST_ERROR)
+        grown = self.log_us + self.integral_per_s * error * window.duration_s
+        self.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
+        return max(math.exp(self.log_us + self.proportional_share * error), self.shortest_us)
+
+
+@dataclass
+class FluxGauge(Gauge):
+    """The greatest local heat flux over the critical one, as located sparks and the files' constants give it.
+
+    It knows what an operator does: names of the set-up's files, wire, height and pulse. It takes the constants of the
+    files, as it cannot know those of the machine at work.
+
+    Parameters
+    ----------
+    flux_filter_s : float
+        Time constant of the low-pass filter on the flux of each fifth of the height.
+    """
+
+    flux_filter_s: float = 0.05
+
+    flux: NDArray[np.float64] = field(default_factory=lambda: np.zeros(5), init=False)
+    """Filtered heat flux of each fifth of the height over the critical one, (5,), from below."""
+
+    def __post_init__(self) -> None:
+        self._per_ignition: NDArray[np.float64] = np.zeros((5, 5))
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the dials: see `heat_per_ignition_s`."""
+        self._per_ignition = heat_per_ignition_s(machine)
+
+    def near(self, window: WindowObservation) -> float:
+        """Return the greatest flux of a fifth over the critical one."""
+        flux = self._per_ignition @ np.array(window.fifths, np.float64) / window.duration_s
+        weight = -math.expm1(-window.duration_s / self.flux_filter_s) if self.flux_filter_s else 1.0
+        self.flux += weight * (flux - self.flux)
+        return float(self.flux.max())
+
+
+def heat_per_ignition_s(machine: Machine) -> NDArray[np.float64]:
+    """Return what an ignition in each fifth adds to each fifth's heat flux, over the critical one: (5, 5), in s.
+
+    A spark heats its own fifth; its current, which comes from both guides and divides as the wire's resistances do,
+    heats all of them.
+    """
+    files = Machine.load(
+        machine.name, material=machine.material_name, wire=machine.wire_name, generator=machine.generator_name
+    )
+    cooling, wire, burning_V = files.base.cooling, files.wire, files.material.burning_voltage_V.value
+    on_s, height_m = machine.t_on_us * 1e-6, machine.height_mm * 1e-3
+    pulse = ("t_on_us", "t_period_us", "peak_current_A", "resistance_ohm", "pulse_shape")
+    current_A = discharge_current_A(files.with_(**{name: getattr(machine, name) for name in pulse}))
+    diameter_m = machine.wire_diameter_um * 1e-6
+    clearance_m = files.base.guides.clearance_mm.value * 1e-3
+    ohm_m = wire.resistivity_Ohm_m.value / (math.pi / 4 * diameter_m**2)
+    place = (clearance_m + (np.arange(5) + 0.5) / 5 * height_m) / (height_m + 2 * clearance_m)
+    below = np.arange(5)[:, None] < np.arange(5)  # the place heated below the spark
+    share = np.where(below, (1 - place) ** 2, np.where(below.T, place**2, ((1 - place) ** 2 + place**2) / 2))
+    joule_J = share * pulse_form(machine).square * current_A**2 * on_s * ohm_m * height_m / 5
+    spark_J = np.eye(5) * cooling.wire_heat_share.value * current_A * burning_V * on_s
+    return np.asarray((joule_J + spark_J) / (math.pi * diameter_m * height_m / 5 * cooling.critical_W_m2.value))
+
+
+@dataclass
+class HeatGauge(Gauge):
+    """The true superheat, 0 at the boiling point and 1 where the wire of this very machine boils dry."""
+
+    superheat: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        self._superheat_K = 30.0
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in where this machine's wire boils dry."""
+        self._superheat_K = machine.base.cooling.superheat_K.value
+
+    def see(self, truth: GapWindow) -> None:
+        """Take in the true temperature."""
+        self.superheat = (truth.wire_temperature_K - _BOILING_K) / self._superheat_K
+
+    def near(self, window: WindowObservation) -> float:
+        """Return the superheat over the one at which the wire boils dry; it is negative below the boiling point."""
+        return self.superheat
+
+
+@dataclass
+class SetPoint(PeriodRule):
+    """A setting in proportion to the operator's, and a longer period at corners.
+
+    Where the period changes, the feed changes with it at once, as the metal does that is removed: a servo alone would
+    run into the metal for a second.
+
+    Parameters
+    ----------
+    on_factor, period_factor : float
+        On-time and pulse period, in those that the operator set.
+    """
+
+    on_factor: float = 1.0
+    period_factor: float = 1.0
+
+    slowing: float = field(default=1.0, init=False)  # period away from corners, in the operator's
+    factor: float = field(default=1.0, init=False)  # period in force, in the operator's
+
+    def __post_init__(self) -> None:
+        self._machine: Machine | None = None
+        self._on_us, self._least_us = 1.0, 0.0
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the operator's setting and what the supply gives."""
+        self._machine = machine
+        self._on_us = float(max(round(machine.t_on_us * self.on_factor), 1))
+        self._least_us = float(math.ceil(least_period_us(machine, self._on_us) / STEP_US) * STEP_US)
+
+    def begin(self) -> None:
+        """Begin at the period that is set."""
+        super().begin()
+        self.slowing = self.period_factor
+
+    def fresh_wire(self) -> None:
+        """Go on with what was found of the period."""
+
+    @property
+    def least_factor(self) -> float:
+        """Shortest period that the supply gives, in the operator's; 0 where no set-up is known."""
+        return 0.0 if self._machine is None else self._least_us / self._machine.t_period_us
+
+    def factor_at(self, path_um: float, law: ServoLaw) -> float:
+        """Return the period at a place of the path, in the operator's, and not shorter than the supply gives."""
+        return max(self.slowing * law.corner.slowing(path_um), self.least_factor)
+
+    def first_setting_us(self, law: ServoLaw) -> _Setting:
+        """Return the setting of the leg's begin."""
+        self.factor = self.factor_at(law.corner.start_um, law)
+        return self._whole_us()
+
+    def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
+        """Return the setting of the next window; the feed changes with the period."""
+        factor = self.factor_at(window.path_um, law)
+        law.servo.integral_um_s *= self.factor / factor
+        self.factor = factor
+        return self._whole_us()
+
+    def _whole_us(self) -> _Setting:
+        if self._machine is None:
+            return None, None
+        return self._on_us, float(round(self._machine.t_period_us * self.factor))
+
+
+@dataclass
+class Climb(SetPoint):
+    """Shortens the period step by step until the wire breaks; ``period_factor`` is where the first wire begins.
+
+    Parameters
+    ----------
+    climb_s : float
+        Time of cutting after which the period is made shorter; it waits while the wire retracts.
+    step_share : float
+        By how much: a share of it.
+    back_factor : float
+        Period after a break over the one that broke the wire. From there on it is held; a further break lengthens it
+        again.
+    """
+
+    climb_s: float = 5.0
+    step_share: float = 0.13
+    back_factor: float = 1.41
+
+    held_s: float = field(default=0.0, init=False)
+    broken: bool = field(default=False, init=False)
+
+    def fresh_wire(self) -> None:
+        """Go on at a longer period, and climb no more."""
+        self.slowing, self.held_s, self.broken = self.slowing * self.back_factor, 0.0, True
+
+    def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
+        """Return the setting of the next window, at a shorter period where it is time."""
+        if not (law.servo.retracting or self.broken):
+            self.held_s += window.duration_s
+        if self.held_s >= self.climb_s:
+            self.held_s = 0.0
+            self.slowing = max(self.slowing * (1.0 - self.step_share), self.least_factor)
+        return super().next_setting_us(window, law)

@@ -1,0 +1,184 @@
+"""``edmsim tune``: searches of gains, of settings of one's own controller, of trainings, of servo drives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from edmsim.cli.console import INTERRUPTED, OUT, say
+from edmsim.cli.options import SET_UP, Unset, takes
+from edmsim.cli.sweep import ProcessCount, Ray, engine_of
+
+if TYPE_CHECKING:
+    from edmsim.progress import ShownProgress
+    from edmsim.sweep.tune import Tuned
+
+Study = Annotated[Path, typer.Option("--out", help="Folder of the study; one that is there goes on.")]
+Trials = Annotated[int, typer.Option(help="Trials in all.")]
+FirstSeed = Annotated[int, typer.Option("--seed", help="First training seed, and seed of the search.")]
+Seeds = Annotated[int, typer.Option(help="Training seeds a trial is judged by.")]
+Environment = Annotated[
+    str,
+    typer.Argument(metavar="ENV_ID", help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False),
+]
+Algorithm = Annotated[str, typer.Option(help="As in edmsim train.")]
+Steps = Annotated[int | None, typer.Option(help="Windows of each training; default by environment.")]
+
+
+def gains(
+    name: Annotated[str, typer.Argument(help="Feed controller, as those with a file in models/gains.",
+                                        show_default=False)],
+    out: Study,
+    method: Annotated[
+        str, typer.Option(help="tpe (Optuna, extra tune), or evolution: trial by trial on this computer.")
+    ] = "tpe",
+    trials: Trials = 40,
+    seed: FirstSeed = 0,
+    seeds: Seeds = 5,
+    ray: Ray = None,
+    processes: ProcessCount = None,
+) -> None:  # fmt: skip
+    """Search the gains of a feed controller."""
+    from edmsim.sweep.tune import tune_gains
+
+    with _searching() as bar:
+        found = tune_gains(
+            name, out, method=method, trials=trials, seed=seed, seeds=seeds, engine=engine_of(ray, processes),
+            watch=lambda found: _show(bar, name, trials, found),
+        )  # fmt: skip
+    _print_found(name, found, out)
+
+
+def training(
+    env_id: Environment,
+    out: Study,
+    algo: Algorithm = "ppo",
+    steps: Steps = None,
+    trials: Trials = 40,
+    seed: FirstSeed = 0,
+    seeds: Seeds = 5,
+    ray: Ray = None,
+    processes: ProcessCount = None,
+) -> None:
+    """Search the settings of a training (needs the extras rl and tune)."""
+    from edmsim.sweep.tune import tune_training
+
+    with _searching() as bar:
+        found = tune_training(
+            env_id, out, algo=algo, steps=steps, trials=trials, seed=seed, seeds=seeds,
+            engine=engine_of(ray, processes), watch=lambda found: _show(bar, env_id, trials, found),
+        )  # fmt: skip
+    _print_found(env_id, found, out)
+
+
+def population(
+    env_id: Environment,
+    out: Annotated[Path, typer.Option(help="Folder that every computer of the cluster has; what is there goes on.")],
+    ray: Annotated[str, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT.")] = "auto",
+    learners: Annotated[int, typer.Option(help="4 or more, a processor each.")] = 8,
+    generations: Annotated[int, typer.Option(help="How often they are compared.")] = 10,
+    algo: Algorithm = "ppo",
+    steps: Annotated[int | None, typer.Option(help="Windows of a learner in all; default by environment.")] = None,
+    seed: FirstSeed = 0,
+    seeds: Seeds = 5,
+) -> None:
+    """Train a population on a Ray cluster, with settings that follow the best (extras cluster, rl and tune)."""
+    from edmsim.sweep.population import PopulationResult, train_population
+
+    made = iter(range(1, learners * generations + 1))
+    with _searching("population") as bar:
+
+        def watch(result: PopulationResult) -> None:
+            text = f"generation {result.generation}, {result.value:.4g}"
+            bar.show(env_id, next(made, learners * generations), learners * generations, text)
+
+        found = train_population(
+            env_id, out, address=ray, population=learners, generations=generations, steps=steps, algo=algo, seed=seed,
+            seeds=seeds, watch=watch,
+        )  # fmt: skip
+    _print_values(env_id, found.values, f"worth {found.value:.4g}; {learners} learners", out)
+
+
+@takes("machine", SET_UP, machine=Unset(""), material=Unset(""), wire=Unset(""), generator=Unset(""),
+       height_mm=Unset("By default drawn, 4 to 40."))  # fmt: skip
+def own(
+    name: Annotated[str, typer.Argument(metavar="FILE.py:CLASS", help="Your controller; its BOUNDS say what is "
+                                        "searched.", show_default=False)],
+    out: Study,
+    trials: Trials = 40,
+    seed: FirstSeed = 0,
+    seeds: Annotated[int, typer.Option(help="Drawn machines a trial is judged by.")] = 5,
+    ray: Ray = None,
+    processes: ProcessCount = None,
+    **options: Any,
+) -> None:  # fmt: skip
+    """Search the settings of a controller of your own, on drawn machines (needs the extra tune)."""
+    from edmsim.sweep.own import tune_own
+    from edmsim.sweep.tune import BEST
+
+    height = {key: options.pop(key) for key in ("height_mm",) if key in options}
+    machine = {"name" if key == "machine" else key: value for key, value in options.items()}
+    with _searching() as bar:
+        found = tune_own(
+            name, out, trials=trials, seed=seed, seeds=seeds, engine=engine_of(ray, processes),
+            watch=lambda made, best: bar.show(name, made, trials, f"{best:.4g}"),
+            **({"machine": machine} if machine else {}), **height,
+        )  # fmt: skip
+    listed = ",".join(f"{key}={value:g}" for key, value in found.values.items())
+    tried = sorted(found.tried_again.items(), key=lambda item: item[1][1].worst)
+    lines = [
+        *(f"{'in use' if number < 0 else f'trial {number}'}: {spread}" for number, (_, spread) in tried),
+        f"{name}:{listed}", f"on {found.machines} other machines: {found.spread}",
+        f"settings in use:      {found.first_spread}",
+        f"{found.trials} trials, {found.failed} failed. Written: {out / BEST}",
+    ]  # fmt: skip
+    OUT.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
+
+
+def drive(
+    name: Annotated[str, typer.Argument(metavar="DRIVE", help="Drive: uhu or servo-module.", show_default=False)],
+    axis: Annotated[
+        str, typer.Option(help="Of the machine: x, y; others: bench, table, fast, low-impedance.")
+    ] = "bench",
+    out: Annotated[Path | None, typer.Option(help="Picture of before and after, .png.")] = None,
+) -> None:
+    """Tune a servo drive to its axis, and print what to type."""
+    from edmsim.consoles.servo.command import tune
+
+    OUT.print("\n".join(tune(name, axis, out, say)), highlight=False)
+
+
+@contextmanager
+def _searching(what: str = "study") -> Iterator[ShownProgress]:
+    """Give what shows progress; an interruption ends the command with the way to go on."""
+    from edmsim.progress import ShownProgress
+
+    with ShownProgress() as bar:
+        try:
+            yield bar
+        except KeyboardInterrupt:
+            say(f"interrupted; the same command goes on with the {what}")
+            raise typer.Exit(INTERRUPTED) from None
+
+
+def _show(bar: ShownProgress, name: str, trials: int, found: Tuned) -> None:
+    bar.show(name, found.trials, trials, f"{found.value:.4g}")
+
+
+def _print_found(name: str, found: Tuned, out: Path) -> None:
+    score = f"score {found.value:.4g} (before {found.first_value:.4g})"
+    _print_values(name, found.values, f"{score}; {found.trials} trials, {found.failed} failed", out)
+
+
+def _print_values(name: str, values: dict[str, float], score: str, out: Path) -> None:
+    from edmsim.sweep.tune import BEST
+
+    listed = ",".join(f"{key}={value:g}" for key, value in values.items())
+    OUT.print(f"{name}:{listed}\n{score}. Written: {out / BEST}", highlight=False, soft_wrap=True, markup=False)
+    if (out / "policy.json").is_file():
+        OUT.print(f"Cut with the best policy: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
+                  highlight=False, soft_wrap=True, markup=False)  # fmt: skip

@@ -1,0 +1,122 @@
+"""How far long work is: a bar on a terminal and in a notebook, and a line now and then in a file or a pipe."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from html import escape
+from pkgutil import resolve_name
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from edmsim.compiled import PROGRESS
+
+LINE_EVERY_S = 10.0
+"""Between two lines of progress where no bar can be drawn (ours)."""
+NOTEBOOK_EVERY_S = 0.3
+"""Between two pictures of the bar in a notebook (ours: seen to move, and little for a browser)."""
+
+
+class ShownProgress:
+    """One bar for each name that is shown; none is drawn before the first, so that bad input prints its line alone.
+
+    >>> with ShownProgress(quiet=True) as bar:
+    ...     bar.show("cutting", 3, 10, "12 um/s")
+
+    Parameters
+    ----------
+    quiet : bool
+        Show nothing.
+    keep : bool
+        Leave the bars on the terminal when all is done.
+    """
+
+    def __init__(self, quiet: bool = False, keep: bool = False) -> None:
+        self._console = Console(stderr=True)
+        self._quiet, self._keep = quiet, keep
+        self._bars = Progress(
+            TextColumn("{task.description}"), BarColumn(bar_width=24), TextColumn("{task.fields[share]}"),
+            TimeElapsedColumn(), TextColumn("{task.fields[text]}"), console=self._console, transient=not keep,
+        )  # fmt: skip
+        self._tasks: dict[str, TaskID] = {}
+        self._display: Any = None
+        self._drawn_s = time.monotonic()
+        self._line = ""
+
+    def __enter__(self) -> ShownProgress:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if self._bars.live.is_started:
+            self._bars.stop()
+        elif self._keep and self._line and kind is None:
+            self._print()
+
+    def show(
+        self, name: str, done: float = 0.0, total: float | None = None, text: str = "", at_once: bool = False
+    ) -> None:
+        """Say how far something is.
+
+        Parameters
+        ----------
+        name : str
+            What is done; each has a bar of its own.
+        done, total : float
+            In any unit; without a total nobody knows how much it is.
+        text : str
+            What else there is to say.
+        at_once : bool
+            Whether a notebook draws it however soon it comes: something else begins.
+        """
+        if self._quiet:
+            return
+        share = f"{100 * done / total:.1f} %" if total else ""
+        if self._console.is_terminal:
+            if name not in self._tasks:
+                self._bars.start()
+                self._tasks[name] = self._bars.add_task(name, share="", text="")
+            self._bars.update(self._tasks[name], completed=done, total=total, share=share, text=text)
+        elif in_notebook():
+            if at_once or self._display is None or self._is_due(NOTEBOOK_EVERY_S):
+                self._draw_in_notebook(name, done / total if total else None, text)
+        else:
+            self._line = " ".join(word for word in (name, share, text) if word)
+            if self._is_due(LINE_EVERY_S):
+                self._print()
+
+    def _print(self) -> None:
+        self._console.print(self._line, highlight=False, soft_wrap=True, markup=False)
+        self._line = ""
+
+    def of(self, name: str) -> Callable[..., None]:
+        """Return `show` for one name: ``watch(done, total)``."""
+        return partial(self.show, name)
+
+    def _is_due(self, every_s: float) -> bool:
+        now = time.monotonic()
+        is_due = now >= self._drawn_s + every_s
+        if is_due:
+            self._drawn_s = now
+        return is_due
+
+    def _draw_in_notebook(self, name: str, share: float | None, text: str) -> None:
+        percent, value = ("", "") if share is None else (f"{100 * share:.1f} %", f' value="{share:.4f}"')
+        words = f"{name}: " + ", ".join(word for word in (percent, text) if word)
+        data = {"text/plain": words, "text/html": f'<progress max="1"{value}></progress> {escape(words)}'}
+        if self._display is None:
+            display: Callable[..., Any] = resolve_name("IPython.display:display")
+            self._display = display(data, raw=True, display_id=True)
+        else:
+            self._display.update(data, raw=True)
+
+
+def in_notebook() -> bool:
+    """Whether this is a notebook in which nobody has switched progress off."""
+    ipython = sys.modules.get("IPython")  # a notebook has loaded it; nobody else need wait for it
+    shell = None if ipython is None else ipython.get_ipython()
+    return getattr(shell, "kernel", None) is not None and os.environ.get(PROGRESS) != "0"

@@ -1,0 +1,112 @@
+"""The page of Part: its class's docstring, whose tables are made of what the code declares."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.envs.batch import action_space_of, observation_space_of
+from edmsim.envs.page import arguments, joined, limits, own_sections, paragraph, parts, table
+from edmsim.envs.part_task import ACTIONS, ENTRIES, Part
+
+ENDS = {
+    StopCause.FINISHED: "the part is cut",
+    StopCause.WIRE_BREAK: "the last wire breaks",
+    StopCause.LIMIT_SWITCH: "an end switch of the table opens",
+    StopCause.PERSISTENT_SHORT: "the feed of a pass reports a short that stays",
+    StopCause.OUT_OF_RANGE: "the wire is pushed further than the plant's model holds for",
+}
+"""What terminates an episode."""
+_VALUES = {"time": "-w T / 1 min", "error": "-w e / 1 um", "roughness": "-w Ra / 1 um",
+           "wire_break": "-w B H / 1 min", "limit": "-w L"}  # fmt: skip
+_SYMBOLS = (
+    ("T", "time of cutting in the step; that for threading is not in it"),
+    ("e", "error of the finished part, um: root mean square of the distance from the drawing\nto the wall, all "
+          "along the contour, corners too, and over the height"),
+    ("Ra", "roughness of its face, um, as a cut's report has it"),
+    ("B, H", "wires that broke in the step, 0 or 1; time to thread another"),
+    ("L", "1 in the step in which the last wire breaks or a limit ends the episode, else 0"),
+)  # fmt: skip
+
+
+def written(family: Part, particular: str) -> str:
+    """Return the page of Part at its defaults, given what is particular to it."""
+    summary, own = own_sections(particular)
+    return joined(summary, {
+        "Description": own["Description"],
+        "Action space": _actions(family),
+        "Observation space": _observations(family),
+        "Reward": _rewards(family),
+        "Starting state": own["Starting state"],
+        "End of the episode": _ends(family),
+        "Arguments": arguments(family),
+        "Versions": own["Versions"],
+    })  # fmt: skip
+
+
+def _actions(family: Part) -> str:
+    space = action_space_of(family)
+    rows = (
+        (str(k), name, limits(-1, 1), meaning, unit) for k, (name, (meaning, unit)) in enumerate(ACTIONS.items())
+    )
+    return parts(
+        f"``Box(-1, 1, {space.shape}, float32)``: a pass' settings against the technology's; 0 is what that has.",
+        table(("Index", "Name", "Range", "Meaning", "Unit of 1"), rows),
+        paragraph(
+            "Actions beyond the range are clipped; NaN raises `InvalidAction`. A step is a pass. The passes of the "
+            "tab belong to the last step, with the settings and offsets that the profile's passes had. Where a wire "
+            "breaks, the step ends, and the next action is for the rest of the pass: set-point, pause and on-time "
+            "count, and the offset stays.",
+        ),
+        paragraph(
+            "The offset is rounded to 1 um, and is at most that of the pass before: a trim runs nearer to the part. "
+            "A setting that the generator refuses is replaced by the technology's pause, then by its pulses, and "
+            '``info["refused"]`` has the reason.',
+        ),
+    )
+
+
+def _observations(family: Part) -> str:
+    rows = (
+        (str(k), one.name, limits(one.low, one.high), one.quantity, one.divisor) for k, one in enumerate(ENTRIES)
+    )
+    return parts(
+        f"``Box({observation_space_of(family).shape}, float32)``: what a machine and a gauge can measure and an "
+        "operator knows, clipped to its range.",
+        table(("Index", "Name", "Range", "Quantity", "Divided by"), rows),
+        paragraph(
+            "The entries up to the last action's are of the last step, 0 before the first. The wall that a pass of "
+            "the profile left is gauged when it is over, on straight stretches 0.4 mm off corners and ends, with an "
+            "error of ``gauge_um``; what it is to leave follows from the technology's offsets.",
+        ),
+    )
+
+
+def _rewards(family: Part) -> str:
+    weights = family.reward_weights
+    rows = ((f.name, f"``{_VALUES[f.name]}``", f"{getattr(weights, f.name):g}") for f in fields(weights))
+    return parts(
+        'The sum of the terms in ``info["reward_terms"]``, with weights w of `PartWeights`, where',
+        table(("Symbol", "Meaning"), _SYMBOLS),
+        "and",
+        table(("Term", "Value", "Weight"), rows),
+        paragraph(
+            "Error and roughness are paid in the step that finishes the part. "
+            '``info["cost"]`` is 1 for a lost wire and for an end by a limit.',
+        ),
+    )
+
+
+def _ends(family: Part) -> str:
+    causes = "; ".join(f"{when} (``{WORDS[cause].info}``)" for cause, when in ENDS.items())
+    return parts(
+        paragraph(
+            "A wire that breaks is replaced by a fresh one where it broke; there are "
+            f"{family.wires} in all (``wires``)."
+        ),
+        paragraph(f'Terminated, with the reason in ``info["cause"]``: {causes}.'),
+        paragraph(
+            f"Truncated after {family.episode_s:g} s of cutting (``episode_s``), also within a pass; "
+            '``info["dt_s"]`` is the machine time of a step.'
+        ),
+    )

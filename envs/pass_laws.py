@@ -1,0 +1,147 @@
+"""Who decides on the passes of Part: the technology's constants, other constants, a law, a policy.
+
+They are named as on the command line: ``technology``, ``constant:pause=-0.5``, ``corrected``, ``policy:FILE``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim import user_code
+from edmsim.controllers.named_numbers import named_numbers
+from edmsim.envs.part_task import ENTRIES, LEFT_UM
+from edmsim.errors import InputError, one_of
+
+Floats = NDArray[np.float64]
+_AT = {entry.name: k for k, entry in enumerate(ENTRIES)}
+
+
+class PassLaw(Protocol):
+    """Decides on every pass of a part, given the environment's observation."""
+
+    def begin(self) -> None:
+        """Begin a part."""
+
+    def act(self, observation: NDArray[np.float32]) -> Floats:
+        """Return the action (4,), within -1..1, for an observation."""
+
+
+@dataclass
+class Constant:
+    """The same for every pass: entries of an action by name; all 0 is what the technology has."""
+
+    set_point: float = 0.0
+    pause: float = 0.0
+    on_time: float = 0.0
+    offset: float = 0.0
+
+    def begin(self) -> None:
+        """Begin a part: nothing is kept."""
+
+    def act(self, _: NDArray[np.float32]) -> Floats:
+        """Return the constants."""
+        return np.array([self.set_point, self.pause, self.on_time, self.offset])
+
+
+@dataclass
+class Corrected(Constant):
+    """The technology's constants, corrected by what was measured of the pass before.
+
+    Offsets: a pass that left more or less than it was to leave, its own path's move taken off, says by how much the
+    next one will; that moves its path. What the rough pass left says nothing of the first trim. Set-points: a trim is
+    fast if few pulses of the pass before shorted. Pauses: every wire that breaks lengthens them for the rest of the
+    pass, and of the same pass along the tab. The numbers are ours: fits to some of the training machines
+    (`edmsim.evaluation.lines`).
+
+    Parameters
+    ----------
+    fast : float
+        Set-point of a fast trim.
+    short_share : float
+        Share of shorts from which on it is not fast.
+    gain, bias_um : float
+        What a pass is expected to leave beyond what it is to leave: gain times that of the pass before, and bias.
+    last_gain, last_bias_um : float
+        The same of the last pass.
+    calm : float
+        Added to the pause for every wire that broke in the pass.
+    offset_um : float
+        Reach of an offset's action, as the environment has it.
+    """
+
+    fast: float = 0.7
+    short_share: float = 0.05
+    gain: float = 1.0
+    bias_um: float = -4.0
+    last_gain: float = 0.6
+    last_bias_um: float = 2.5
+    calm: float = 0.5
+    offset_um: float = 20.0
+
+    _number: int = 0
+    _moved_um: float = 0.0
+
+    def begin(self) -> None:
+        """Begin a part."""
+        self._number, self._moved_um = 0, 0.0
+        self._last = np.zeros(4)
+
+    def act(self, observation: NDArray[np.float32]) -> Floats:
+        """Return the constants with what is corrected."""
+        seen = {name: float(observation[k]) for name, k in _AT.items()}
+        action = super().act(observation)
+        if seen["broke"]:
+            action = self._last.copy()
+            action[1] = min(action[1] + self.calm, 1.0)
+        else:
+            self._number += 1
+            if self._number > 1 and seen["short"] < self.short_share:
+                action[0] = self.fast
+            if self._number > 2 and seen["gauged"]:
+                last = seen["pass"] == 1.0
+                gain, bias_um = (self.last_gain, self.last_bias_um) if last else (self.gain, self.bias_um)
+                self._moved_um = -(gain * (seen["left"] * LEFT_UM - self._moved_um) + bias_um)
+            action[3] = min(max(self.offset + self._moved_um / self.offset_um, -1.0), 1.0)
+        self._last = action
+        return action
+
+
+LAWS: dict[str, type[Constant]] = {"technology": Constant, "constant": Constant, "corrected": Corrected}
+"""Laws by name; the technology has no numbers of its own."""
+
+
+def names() -> tuple[str, ...]:
+    """Names of the laws."""
+    return tuple(LAWS)
+
+
+def from_text(text: str) -> PassLaw:
+    """Make a law as it is named on the command line: with numbers, ``corrected:gain=0.4``; or ``policy:FILE``.
+
+    Raises
+    ------
+    InputError
+        There is no such law, it has no such number, or the policy cannot be used.
+
+    Examples
+    --------
+    >>> from_text("constant:pause=-0.5").act(np.zeros(len(ENTRIES)))
+    array([ 0. , -0.5,  0. ,  0. ])
+    """
+    name, _, rest = text.partition(":")
+    if name in user_code.PASS_MAKERS:
+        return cast(PassLaw, user_code.make(name, rest, user_code.PASS_MAKERS))
+    if name not in LAWS:
+        listed = one_of(name, names(), (*names(), *(f"{kind}:FILE" for kind in user_code.PASS_MAKERS)))
+        raise InputError(f"there is no law of passes {name!r}; choose one of {listed}")
+    kind = LAWS[name]
+    known = [] if name == "technology" else [f.name for f in fields(kind) if not f.name.startswith("_")]
+    numbers = named_numbers(rest, "law")
+    for parameter in numbers:
+        if parameter not in known:
+            raise InputError(f"the law {name} has no number {parameter!r}; it has {', '.join(known) or 'none'}")
+    return kind(**numbers)

@@ -1,0 +1,82 @@
+"""Progress: lines in a file, one bar in a notebook, nothing before there is anything to say."""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from edmsim import progress
+from edmsim.cosim.simulation import Progress
+from edmsim.job.progress import CutProgress
+from edmsim.progress import ShownProgress, in_notebook
+
+
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    clock = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    return clock
+
+
+def test_in_a_file_it_is_a_line_now_and_then(now: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+    with ShownProgress() as bar:
+        for done in range(1, 41):
+            now[0] += 1.0
+            bar.show("runs", done, 40, "none failed")
+    assert capsys.readouterr().err.splitlines() == [f"runs {share}.0 % none failed" for share in (25, 50, 75, 100)]
+
+
+def test_what_is_kept_ends_with_its_last_line(now: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+    for keep in (False, True):
+        with ShownProgress(keep=keep) as bar:
+            bar.show("runs", 1, 2)
+            bar.of("runs")(2, 2)
+    assert capsys.readouterr().err == "runs 100.0 %\n"
+    with ShownProgress(quiet=True, keep=True) as bar:
+        bar.show("runs", 2, 2)
+    assert capsys.readouterr().err == ""
+
+
+class FakeDisplay:
+    """IPython's display: the first picture, and what is drawn over it."""
+
+    def __init__(self) -> None:
+        self.shown: list[dict[str, str]] = []
+
+    def __call__(self, data: dict[str, str], *, raw: bool, display_id: bool = True) -> FakeDisplay:
+        self.shown.append(data)
+        return self
+
+    def update(self, data: dict[str, str], *, raw: bool) -> None:
+        self.shown.append(data)
+
+
+def test_a_cut_shows_its_progress_in_a_notebook_only(now: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    display = FakeDisplay()
+    shell = SimpleNamespace(kernel=object())
+    session = SimpleNamespace(get_ipython=lambda: shell)
+    monkeypatch.setitem(sys.modules, "IPython", session)  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(display=display))  # type: ignore[arg-type]
+    monkeypatch.delenv("EDMSIM_PROGRESS", raising=False)
+    assert in_notebook()
+    bar = CutProgress(ShownProgress(), "<punch>.ngc")
+    bar.enter("cutting")
+    now[0] += 1.0
+    for _ in range(3):  # a browser is not drawn to more often than can be seen
+        bar.show(Progress(500.0, 2000.0, 65.0, 12.5, 51, 102, 4.0))
+    bar.enter("finished")
+    first, middle, last = display.shown
+    assert first["text/plain"] == "<punch>.ngc: 0.0 %, cutting"
+    assert middle["text/plain"] == (
+        "<punch>.ngc: 25.0 %, 1 min 05 s simulated in 4.0 s, 12.5 um/s, short 20 %, open 40 %"
+    )
+    assert 'value="0.2500"' in middle["text/html"]
+    assert "&lt;punch&gt;" in middle["text/html"]
+    assert last["text/plain"].endswith("4.0 s, finished")
+    monkeypatch.setenv("EDMSIM_PROGRESS", "0")
+    assert not in_notebook()
+    monkeypatch.delenv("EDMSIM_PROGRESS")
+    shell.kernel = None  # IPython at a terminal
+    assert not in_notebook()
