@@ -4,13 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: cut test lint type fast notebooks clean
+.PHONY: cut test compiled lint type fast notebooks clean
 
 cut: $(VENV)/.installed
 	$(BIN)/edmsim cut examples/punch.ngc --out out/punch
 
 test: $(VENV)/.installed-test
-	$(MAKE) --jobs 2 lint type docs
+	$(MAKE) --jobs 2 compiled lint type docs
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 fast: $(VENV)/.installed-test  ## the usual run while developing
@@ -33,6 +33,9 @@ lost-node: $(VENV)/.installed-test  ## a sweep of 200 cuts that loses a node, an
 .PHONY: mutants
 mutants: $(VENV)/.installed-test  ## do the tests notice sixty small wrongs? results into out/mutants; hours
 	$(BIN)/python -m tests.mutants --out out/mutants
+
+compiled: $(VENV)/.installed-test  ## so that no test waits for the compiler
+	$(BIN)/edmsim warm-up
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

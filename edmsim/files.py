@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 import shutil
 import tempfile
 import tokenize
@@ -16,15 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock, Timeout
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-
-try:
-    import fcntl
-except ImportError:  # not a POSIX system: nothing is locked there
-    fcntl = None  # type: ignore[assignment]
 
 _LOCK = ".edmsim-lock"
 MOST_ARRAY_BYTES = 800_000_000
@@ -47,10 +42,8 @@ def replacing(file: str | Path) -> Iterator[Path]:
 def read_arrays(packed: bytes) -> dict[str, NDArray[Any]]:
     """Return the arrays of an ``.npz`` by name; nothing is unpickled, and no memory is taken for what is not there.
 
-    Raises
-    ------
-    ValueError
-        It is damaged, holds something else than arrays of numbers, or more than `MOST_ARRAY_BYTES`; in one line.
+    Raises `ValueError` in one line if it is damaged, holds anything but arrays of numbers, or more than
+    `MOST_ARRAY_BYTES`.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
@@ -95,7 +88,6 @@ def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
 
     Parameters
     ----------
-    folder : path
     who : str
         Who works there, for those who come too late.
 
@@ -106,30 +98,18 @@ def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
     """
     make_writable(folder)
     file = folder / _LOCK
-    descriptor = _lock(file, who)
+    lock = FileLock(file, timeout=0)
+    with suppress(OSError):  # on a file system without locks nothing is locked
+        try:
+            lock.acquire()
+        except Timeout:
+            raise InputError(f"another {who} is at work in this folder: wait, or give another", folder) from None
     try:
         yield
     finally:
         with suppress(OSError):
             file.unlink(missing_ok=True)
-        os.close(descriptor)
-
-
-def _lock(file: Path, who: str) -> int:
-    while True:
-        descriptor = os.open(file, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
-        try:
-            if fcntl is not None:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(descriptor), os.stat(file)):
-                    return descriptor
-        except BlockingIOError:
-            os.close(descriptor)
-            raise InputError(f"another {who} is at work in this folder: wait, or give another", file.parent) from None
-        except OSError:  # a file system without locks
-            return descriptor
-        os.close(descriptor)  # its last owner removed the file meanwhile
+        lock.release()
 
 
 @contextmanager

@@ -37,7 +37,6 @@ class Polyline:
 
     Attributes
     ----------
-    points : array (n, 2)
     s : array (n,)
         Arc length in mm at every point.
     length : float

@@ -40,7 +40,7 @@ class ShownProgress:
         self._console = Console(stderr=True)
         self._quiet, self._keep = quiet, keep
         self._bars = Progress(
-            TextColumn("{task.description}"), BarColumn(bar_width=24), TextColumn("{task.fields[share]}"),
+            TextColumn("{task.description}"), BarColumn(bar_width=12), TextColumn("{task.fields[share]}"),
             TimeElapsedColumn(), TextColumn("{task.fields[text]}"), console=self._console, transient=not keep,
         )  # fmt: skip
         self._tasks: dict[str, TaskID] = {}

@@ -27,7 +27,6 @@ class UserObject(NamedTuple):
 
     Attributes
     ----------
-    file : str
     name : str
         What it is called there; empty if nothing was named.
     rest : str

@@ -71,7 +71,7 @@ class Batch:
         self._episodes = np.zeros(count, np.int64)
         self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
         self._terms = [TERMS.index(name) for name in family.objectives]
-        self.earned = self._fresh_account()
+        self.account = self._fresh_account()
 
     def _fresh_account(self) -> StepRewards:
         family = self.family
@@ -82,7 +82,7 @@ class Batch:
         assert isinstance(family, Family)
         self.family = self.lanes.family = family
         self._episodes[:] = 0
-        self.earned = self._fresh_account()
+        self.account = self._fresh_account()
 
     def begin(
         self, lane: int, rng: np.random.Generator, machine: Machine | None, *, anew: bool
@@ -134,7 +134,7 @@ class Batch:
 
     def clear(self) -> None:
         """Forget what the last step earned and cost."""
-        self.earned.begin()
+        self.account.begin()
 
     @property
     def ended(self) -> NDArray[np.bool_]:
@@ -154,7 +154,7 @@ class Batch:
         """Run a step in the active lanes; returns the rewards (n,), or (n, objectives), 0 in the others."""
         lanes = self.lanes
         clamped = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)  # np.clip takes four times as long
-        self.earned.begin()
+        self.account.begin()
         self._shown[active] = np.zeros((), observation.SHOWN)
         lanes.rows["step_ns"][active] = 0
         self._command(active, clamped)
@@ -164,7 +164,7 @@ class Batch:
             self._window(left)
             left = left[(lanes.rows["step_ns"][left] < wait_ns) & (lanes.rows["cause"][left] == RUNNING)]
         observation.show(active, self._shown, self._scales, self.family.max_feed_um_s, self._history)
-        return self.earned.terms[self._terms].T.copy() if self._terms else self.earned.total.copy()
+        return self.account.terms[self._terms].T.copy() if self._terms else self.account.total.copy()
 
     def _command(self, active: Ints, clamped: Floats) -> None:
         """Turn the knobs, and set the offsets, and the feed or the servos' targets."""
@@ -189,7 +189,7 @@ class Batch:
         lanes.advance(left, self._servos["feed_um_s"].copy() if by_servo else self._feed_um_s)
         windows = lanes.fleet.windows
         observation.gather(left, lanes.rows, windows, self._shown)
-        self.earned.add(left, lanes.rows, lanes.counted_um, windows)
+        self.account.add(left, lanes.rows, lanes.counted_um, windows)
         if by_servo:
             shares = windows["counts"] / np.maximum(windows["counts"].sum(axis=1), 1)[:, None]
             servo.respond(
@@ -255,14 +255,14 @@ class Batch:
             "wire_temperature_K": windows["temperature_max_K"].copy(),
             "debris": windows["debris"].copy(),
             "error_um": rows["error_um"].copy(),
-            "area_mm2": self.earned.area_mm2.copy(),
+            "area_mm2": self.account.area_mm2.copy(),
             "wires_lost": rows["wires_lost"].copy(),
-            "cost": self.earned.cost.copy(),
+            "cost": self.account.cost.copy(),
         }
 
     def reward_terms(self) -> dict[str, Floats]:
         """Return the terms of the last rewards by name, in fresh arrays (n,)."""
-        return dict(zip(TERMS, self.earned.terms.copy(), strict=True))
+        return dict(zip(TERMS, self.account.terms.copy(), strict=True))
 
     def words(self) -> dict[str, NDArray[Any]]:
         """Return the texts of `info` (n,): why the episode ended, what the generator refused; empty where nothing."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
-    """Return what runs so many episodes side by side."""
+    """Return what runs `count` episodes side by side."""
     if isinstance(family, Family):
         return Batch(family, count, threads)
     from edmsim.envs.part_task import Part

@@ -120,7 +120,7 @@ class Task:
         self.max_feed_um_s = self.family.greatest_feed_um_s
         self._lanes = Lanes(self.family, 1)
         family = self.family
-        self._earned = StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, 1)
+        self._account = StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, 1)
         self._random = np.random.Generator(np.random.PCG64())
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> WindowObservation:
@@ -186,7 +186,7 @@ class Task:
     @property
     def reward_terms(self) -> dict[str, float]:
         """Terms of the last window's reward by name."""
-        return dict(zip(TERMS, self._earned.terms[:, 0].tolist(), strict=True))
+        return dict(zip(TERMS, self._account.terms[:, 0].tolist(), strict=True))
 
     def recorder(self) -> EpisodeRecorder:
         """Return a recorder of the episode that has just begun; actions are the commands."""
@@ -238,10 +238,10 @@ class Task:
         row = lanes.rows[0]
         end_ns = window.start_ns + window.duration_ns  # a fresh wire may have been threaded since
         observation = WindowObservation.of(window, end_ns, float(row["feed_um_s"]), self.path_um)
-        self._earned.begin()
-        self._earned.add(_LANE, lanes.rows, lanes.counted_um, lanes.fleet.windows)
+        self._account.begin()
+        self._account.add(_LANE, lanes.rows, lanes.counted_um, lanes.fleet.windows)
         return StepResult(
             observation, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
             bool(lanes.near[0]), StopCause(row["cause"]), lanes.refused[0],
-            float(self._earned.total[0]), float(self._earned.cost[0]), bool(lanes.out_of_time[0]),
+            float(self._account.total[0]), float(self._account.cost[0]), bool(lanes.out_of_time[0]),
         )

@@ -204,7 +204,7 @@ class PartCut:
         done_um = simulation.path_um - simulation.leg_from_um
         return min(max(1.0 - done_um / float(along_um[-1] - along_um[0]), 0.0), 1.0)
 
-    def wanted_um(self, number: int) -> int:
+    def target_um(self, number: int) -> int:
         """Return the metal that a pass is to leave on the drawing, by the technology."""
         offset_mm, setting = self.table.offsets_mm[number - 1], self.table.settings[number - 1]
         return round(offset_mm * 1e3) - round(setting.last_offset_um)
@@ -295,9 +295,9 @@ class PartCut:
 
     def _planned(self, number: int, shift_um: float) -> CutPath:
         """Plan the passes with another offset of the one to come; none is beyond that of the pass before."""
-        wanted_mm = self.table.offsets_mm[number - 1] + round(shift_um) * 1e-3
+        target_mm = self.table.offsets_mm[number - 1] + round(shift_um) * 1e-3
         before_mm = self._offsets_mm[number - 2] if number > 1 else math.inf
-        self._offsets_mm[number - 1] = round(min(wanted_mm, before_mm), 6)
+        self._offsets_mm[number - 1] = round(min(target_mm, before_mm), 6)
         self.offset_um = self._offsets_mm[number - 1] * 1e3
         later = [min(mm, self._offsets_mm[number - 1]) for mm in self.table.offsets_mm[number:]]
         offsets_mm = (*self._offsets_mm[:number], *later)
@@ -320,7 +320,7 @@ class PartCut:
         if self._stops_after == self.passes:
             return error_stats(profile_error(simulation.plant.field, simulation.path.contours[0]).error_um)["rms"]
         wall = self.wall(self._stops_after)
-        return math.nan if wall is None else math.hypot(wall.mean_um - self.wanted_um(self._stops_after), wall.rms_um)
+        return math.nan if wall is None else math.hypot(wall.mean_um - self.target_um(self._stops_after), wall.rms_um)
 
     def ra_um(self) -> float:
         """Return Ra of the face behind the last pass of the profile; by its craters where it has no wall."""

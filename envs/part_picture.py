@@ -84,7 +84,7 @@ def _passes(lane: Lane) -> NDArray[np.uint8]:
 
     cut, figure = lane.cut, canvas(BELOW - STRIP)
     walls = [cut.wall(number) for number in range(1, cut.passes + 1)]
-    left = [math.nan if wall is None else wall.mean_um - cut.wanted_um(k) for k, wall in enumerate(walls, 1)]
+    left = [math.nan if wall is None else wall.mean_um - cut.target_um(k) for k, wall in enumerate(walls, 1)]
     figure.text(0.02, 0.5, "metal left, less\nwhat is wanted, \u00b5m", fontsize=8, color=MUTED, va="center")
     axes = figure.add_axes((0.2, 0.3, 0.78, 0.62))
     axes.axhline(0.0, color=MUTED, linewidth=0.6)

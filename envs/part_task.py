@@ -162,7 +162,7 @@ class Part(EnvArguments):
             raise InputError(f"objectives is the text {self.objectives!r}: give a list, as [{self.objectives!r}]")
         for term in self.objectives:
             one_of("objective", term, TERMS)
-        self.drawn_constants  # noqa: B018 - refuses names that are none
+        self.drawn_constants  # noqa: B018 - refuses unknown names
         self.read  # noqa: B018 - refuses a program that cannot be read
 
     @cached_property

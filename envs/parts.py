@@ -198,7 +198,7 @@ class Parts:
         wall = None if one.step.broke else cut.wall(one.number)
         if wall is not None:
             error_um = family.gauge_um * float(one.random.standard_normal())
-            one.left_um = wall.mean_um - cut.wanted_um(one.number) + error_um
+            one.left_um = wall.mean_um - cut.target_um(one.number) + error_um
 
     def _pay(self, one: Lane) -> None:
         """Work out what a step earned and cost."""
@@ -236,18 +236,18 @@ class Parts:
 
     def _observation(self, one: Lane) -> list[float]:
         cut, step, family = one.cut, one.step, self.family
-        sums, seen = step.sums, [0.0] * 8
+        sums, measured = step.sums, [0.0] * 8
         if step.seconds > 0.0 and sums.pulses:
             left = one.left_um
             usual_um_s = cut.table.settings[one.number - 1].feed_mm_min / 0.06
-            seen = [
+            measured = [
                 sums.short / sums.pulses, sums.open / sums.pulses, (sums.spark + sums.arc) / sums.pulses,
                 abs(sums.voltage_s) / step.seconds / open_V(family.base),
                 math.log2(max(step.travel_um / step.seconds / usual_um_s, 1e-3)),
                 left / LEFT_UM if math.isfinite(left) else 0.0, float(math.isfinite(left)), float(step.broke),
             ]  # fmt: skip
         return [
-            *seen, *one.action.tolist(), cut.number / cut.passes, cut.rest_share, cut.wires_lost / family.wires,
+            *measured, *one.action.tolist(), cut.number / cut.passes, cut.rest_share, cut.wires_lost / family.wires,
             cut.cutting_s / family.episode_s, cut.height_mm / 50.0, one.tension_share,
         ]  # fmt: skip
 
@@ -265,7 +265,7 @@ class Parts:
             "offset_um": cut.offset_um, "t_on_us": cut.setting.t_on_us, "t_period_us": cut.setting.t_period_us,
             "feed_um_s": one.step.travel_um / one.step.seconds if one.step.seconds else 0.0,
             "short": sums.short, "open": sums.open, "spark": sums.spark, "arc": sums.arc,
-            "left_um": 0.0 if wall is None else wall.mean_um, "wanted_um": cut.wanted_um(max(one.number, 1)),
+            "left_um": 0.0 if wall is None else wall.mean_um, "wanted_um": cut.target_um(max(one.number, 1)),
             "area_mm2": one.step.face_mm2, "wires_lost": cut.wires_lost, "cost": one.cost,
             **{name: value if math.isfinite(value) else -1.0 for name, value in known.items()},
         }  # fmt: skip

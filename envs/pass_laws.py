@@ -92,19 +92,19 @@ class Corrected(Constant):
 
     def act(self, observation: NDArray[np.float32]) -> Floats:
         """Return the constants with what is corrected."""
-        seen = {name: float(observation[k]) for name, k in _AT.items()}
+        entries = {name: float(observation[k]) for name, k in _AT.items()}
         action = super().act(observation)
-        if seen["broke"]:
+        if entries["broke"]:
             action = self._last.copy()
             action[1] = min(action[1] + self.calm, 1.0)
         else:
             self._number += 1
-            if self._number > 1 and seen["short"] < self.short_share:
+            if self._number > 1 and entries["short"] < self.short_share:
                 action[0] = self.fast
-            if self._number > 2 and seen["gauged"]:
-                last = seen["pass"] == 1.0
+            if self._number > 2 and entries["gauged"]:
+                last = entries["pass"] == 1.0
                 gain, bias_um = (self.last_gain, self.last_bias_um) if last else (self.gain, self.bias_um)
-                self._moved_um = -(gain * (seen["left"] * LEFT_UM - self._moved_um) + bias_um)
+                self._moved_um = -(gain * (entries["left"] * LEFT_UM - self._moved_um) + bias_um)
             action[3] = min(max(self.offset + self._moved_um / self.offset_um, -1.0), 1.0)
         self._last = action
         return action

@@ -183,7 +183,7 @@ def _strip(batch: Batch, lane: int) -> NDArray[np.uint8]:
     facts = [f"{float(info['time_s'][lane]):.2f} s", f"feed {float(info['feed_um_s'][lane]):.1f} µm/s"]
     if pulses:
         facts += [f"{name} {count}" for name, count in counts.items()]
-        facts.append(f"reward {float(batch.earned.total[lane]):+.3f}")
+        facts.append(f"reward {float(batch.account.total[lane]):+.3f}")
     else:
         facts.append("no pulse yet")
     return strip(facts, counts)

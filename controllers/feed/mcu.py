@@ -47,7 +47,6 @@ class _Setup(NamedTuple):
         Codes nearest to it.
     t_on_us : float
         On-time as it was set.
-    unit : {"um", "step"}
     points : tuple of (int, int)
         Corner points of the path in `unit`, each other than the one before.
     starts_um, corners_um : tuple of float

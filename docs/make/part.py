@@ -96,8 +96,8 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=6)
     parser.add_argument("--steps", type=int, default=640)
     parser.add_argument("--seed", type=int, default=0)
-    asked = parser.parse_args()
-    print(speed(asked.episodes) if asked.what == "speed" else learn(asked.steps, asked.seed))
+    arguments = parser.parse_args()
+    print(speed(arguments.episodes) if arguments.what == "speed" else learn(arguments.steps, arguments.seed))
 
 
 if __name__ == "__main__":

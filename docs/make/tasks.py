@@ -21,36 +21,45 @@ from edmsim.envs.registry import env_id_of
 from edmsim.evaluation import leaderboard
 from edmsim.evaluation.compare import Comparison
 from edmsim.evaluation.lines import lines_of
+from edmsim.evaluation.parts import is_part
 from edmsim.evaluation.table import ranked, shown
 
 DOCS = Path(__file__).parents[1]
 PAGES = {
     "GapFeed": "gap-feed", "HeightStep": "height-step", "Corner": "corner", "Contour": "contour",
-    "MaxRate": "max-rate", "ThinWire": "thin-wire", "Trim": "trim", "MaxRateShift": "max-rate-shift",
-    "ThinWireShift": "thin-wire-shift",
+    "MaxRate": "max-rate", "ThinWire": "thin-wire", "Trim": "trim", "Part": "part",
+    "MaxRateShift": "max-rate-shift", "ThinWireShift": "thin-wire-shift",
 }  # fmt: skip
 TAKEN_S = {
     "GapFeed": 20.0, "HeightStep": 20.0, "Corner": 15.0, "Contour": 25.0, "MaxRate": 15.0, "ThinWire": 30.0,
-    "Trim": 8.0, "MaxRateShift": 60.0, "ThinWireShift": 60.0,
+    "Trim": 8.0, "Part": 1800.0, "MaxRateShift": 60.0, "ThinWireShift": 60.0,
 }  # fmt: skip
 """Machine time at which a picture is taken, at the latest."""
-FURTHER = {"Corner": (0.0, 0.0, 0.0), "MaxRate": (1.0,), "ThinWire": (0.0,), "Trim": (0.0, 0.0, 0.0),
-           "MaxRateShift": (0.0,), "ThinWireShift": (-0.5,)}  # fmt: skip
+FURTHER = {
+    "Corner": (0.0, 0.0, 0.0), "MaxRate": (1.0,), "ThinWire": (0.0,), "Trim": (0.0, 0.0, 0.0),
+    "Part": (0.0, 0.0, 0.0), "MaxRateShift": (0.0,), "ThinWireShift": (-0.5,),
+}  # fmt: skip
 """What knobs and offset of a task are set to; MaxRate's wire would break at its first period."""
-FIRST = {"Trim": 0.4}
-"""What entry 0 is set to where that is not the middle of a servo's targets: a feed of 80 um/s."""
+FIRST = {"Trim": 0.4, "Part": 0.0}
+"""What entry 0 is set to where that is not the middle of a servo's targets: a feed of 80 um/s, or what the technology
+has."""
 COLUMNS = {"score": "score", "rate_mm2_min": "net rate, mm2/min", "total_return": "return"}
+OF_PARTS = {
+    "score": "score", "total_return": "return", "time_s": "s", "edge_error_um": "error, um", "ra_um": "Ra, um",
+}  # fmt: skip
+"""Columns of Part; the last three are of finished parts."""
 
 
 def table(comparison: Comparison) -> str:
     """Return the reference lines, laws and policies of a task, the best score first."""
     lines = lines_of(comparison.env_id)
     ends = {lines.reference: "the reference", lines.blind: "score 0"}
-    heads = "controller", *COLUMNS.values(), "wires lost, jams"
+    shows = OF_PARTS if is_part(comparison.env_id) else COLUMNS
+    heads = "controller", *shows.values(), "wires lost, jams"
     rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name in ranked(comparison):
         figures, cuts = comparison.figures[name], comparison.results[name]
-        cells = [shown(column, figures[column]) for column in COLUMNS]
+        cells = [shown(column, figures[column]) for column in shows]
         lost = f"{sum(cut.wires_lost for cut in cuts)}, {sum(cut.jammed for cut in cuts)}"
         label = f"`{name}`, {ends[name]}" if name in ends else f"`{name}`"
         rows.append(f"| {label} | {' | '.join(cells)} | {lost} |")

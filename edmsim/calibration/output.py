@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import tomlkit
 from pydantic import BaseModel
 
 from edmsim import __version__
@@ -84,26 +85,17 @@ def _wire(machine: Machine) -> BaseModel:
 
 def as_toml(model: BaseModel) -> str:
     """Return a machine, wire or material as its TOML file: texts, then constants, then tables of constants."""
-    lines, tables = [], []
-    for name, value in model:
-        if isinstance(value, BaseModel) and "source" not in type(value).model_fields:
-            tables += ["", f"[{name}]", *_lines(value)]
-        elif value is not None:
-            lines.append(f"{name} = {_value(value)}")
-    return "\n".join([*lines, *tables, ""])
+    document = tomlkit.document()
+    document.update({name: _item(value) for name, value in model if value is not None})
+    return tomlkit.dumps(document)
 
 
-def _lines(table: BaseModel) -> list[str]:
-    return [f"{name} = {_value(value)}" for name, value in table if value is not None]
-
-
-def _value(value: Any) -> str:
+def _item(value: Any) -> Any:
     if isinstance(value, BaseModel):
-        return f"{{ {', '.join(f'{name} = {_value(item)}' for name, item in value if item is not None)} }}"
-    if isinstance(value, tuple):
-        return f"[{', '.join(_value(item) for item in value)}]"
-    # a JSON text is a TOML basic string; repr of a float is a TOML float
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+        table = tomlkit.inline_table() if "source" in type(value).model_fields else tomlkit.table()
+        table.update({name: _item(item) for name, item in value if item is not None})
+        return table
+    return list(value) if isinstance(value, tuple) else value
 
 
 def check_writable(out: Path) -> None:

@@ -8,14 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from edmsim.cli.console import OUT, Program, default_folder, say
-from edmsim.cli.options import takes
+from edmsim.cli.options import SET_UP, takes
 from edmsim.errors import BAD_INPUT, InputError
 
 
 @takes(
-    "machine", "material", "wire", "generator", "height_mm", "tension", "t_on_us", "t_period_us", "planner", "offset",
-    "offsets", "ignore", "dialect", "conditions", "layers", "upper_layer", "taper_deg", "taper_corners",
-    "guide_errors_mm", "unit", "passes", "technology", "tab_mm", "overlap_mm", "after_tab",
+    "machine", SET_UP, "planner", "offset", "offsets", "ignore", "dialect", "conditions", "layers", "upper_layer",
+    "taper_deg", "taper_corners", "guide_errors_mm", "unit", "passes", "technology", "tab_mm", "overlap_mm",
+    "after_tab",
 )  # fmt: skip
 def check(
     program: Program,

@@ -26,14 +26,10 @@ from pathlib import Path
 from typing import IO, Any
 
 import llvmlite.binding as llvm
+from filelock import FileLock
 
 from edmsim.compiled import PROGRESS, cache
 from edmsim.compiled.marks import PART, with_marks
-
-try:
-    import fcntl
-except ImportError:  # where there is no flock, two processes may compile the same
-    fcntl = None  # type: ignore[assignment]
 
 Parts = tuple[tuple[str, ...], ...]
 """Functions of each part of a program with marks; none of one without."""
@@ -224,11 +220,9 @@ def _say(share: float) -> None:
 
 def _made_once(file: Path, make: Callable[[], bytes]) -> bytes:
     """Return a file's content, which one process makes while others wait for it."""
-    with ExitStack() as open_files:
+    with ExitStack() as locks:
         with suppress(OSError):  # where nothing can be written, each process makes its own
-            lock = open_files.enter_context(file.with_suffix(f"{file.suffix}.lock").open("w"))
-            if fcntl is not None:
-                fcntl.flock(lock, fcntl.LOCK_EX)
+            locks.enter_context(FileLock(file.with_suffix(f"{file.suffix}.lock")))
         content = cache.read_signed(file)
         if content is None:
             content = make()

@@ -22,7 +22,7 @@ from edmsim.program.path import CutPath, WireContour
 from edmsim.snapshots import Snapshots
 
 FACE_EVERY = 5
-"""Of the places of a profile error so many make one of a pass' face: 0.1 mm (ours: pictures show no more)."""
+"""Places of a profile error per place of a pass' face: 0.1 mm (ours: pictures show no more)."""
 LEAST_PIECE_MM2 = 0.02
 """Smaller pieces of metal are crumbs: less than half of a wire's cross-section (ours)."""
 

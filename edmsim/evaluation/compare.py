@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,22 +37,47 @@ class Figure:
     high: float
 
 
+class FigureKind(NamedTuple):
+    """What a figure of a controller is, and how it is shown.
+
+    Attributes
+    ----------
+    meaning, head : str
+        What it is called, with its unit; and shorter, over a column on the screen.
+    digits : int
+        Decimals.
+    is_share : bool
+        Whether it is shown in percent.
+    is_rare : bool
+        Whether 0 is common, and its interval hard to read.
+    in_narrow : bool
+        Whether a narrow terminal shows it.
+    """
+
+    meaning: str
+    head: str
+    digits: int = 1
+    is_share: bool = False
+    is_rare: bool = False
+    in_narrow: bool = False
+
+
 FIGURES = {
-    "score": "score",
-    "rate_mm2_min": "cutting rate, mm2/min",
-    "oracle_share": "share of the oracle's rate",
-    "short_share": "short pulses",
-    "open_share": "open pulses",
-    "total_return": "return",
-    "error_um": "path error rms, um",
-    "edge_error_um": "edge error rms, um",
-    "ra_um": "Ra, um",
-    "time_s": "time of finished cuts, s",
-    "breaks_per_m": "wire breaks per m",
-    "jams_per_m": "jams per m",
-    "cost": "cost",
+    "score": FigureKind("score", "score", digits=2, in_narrow=True),
+    "rate_mm2_min": FigureKind("cutting rate, mm2/min", "mm2/min", in_narrow=True),
+    "oracle_share": FigureKind("share of the oracle's rate", "of oracle", is_share=True),
+    "short_share": FigureKind("short pulses", "short", is_share=True, in_narrow=True),
+    "open_share": FigureKind("open pulses", "open", is_share=True, in_narrow=True),
+    "total_return": FigureKind("return", "return"),
+    "error_um": FigureKind("path error rms, um", "path um"),
+    "edge_error_um": FigureKind("edge error rms, um", "edge um", in_narrow=True),
+    "ra_um": FigureKind("Ra, um", "Ra um", digits=2, in_narrow=True),
+    "time_s": FigureKind("time of finished cuts, s", "s", in_narrow=True),
+    "breaks_per_m": FigureKind("wire breaks per m", "breaks/m", is_rare=True),
+    "jams_per_m": FigureKind("jams per m", "jams/m", is_rare=True),
+    "cost": FigureKind("cost", "cost", digits=2),
 }
-"""Figures of a controller, and what they are called."""
+"""Figures of a controller by name."""
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,9 @@ def _comparison(env_id: str, entry: dict[str, Any]) -> Comparison:
 
 
 def _entry(comparison: Comparison) -> dict[str, Any]:
-    columns = [name for name in Result._fields if name not in ("seed", "controller")]
+    cuts = [cut for made in comparison.results.values() for cut in made]
+    left_out = ["seed", "controller"] + (["ra_um"] if all(math.isnan(cut.ra_um) for cut in cuts) else [])
+    columns = [name for name in Result._fields if name not in left_out]
     rows = {
         name: [[_number(getattr(cut, column)) for column in columns] for cut in cuts]
         for name, cuts in comparison.results.items()

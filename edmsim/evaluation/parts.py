@@ -62,13 +62,13 @@ def _cut(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -
     env, decides = gym.make(env_id, **options), pass_laws.from_text(law)
     observation, info = env.reset(seed=seed)
     decides.begin()
-    earned = cost = seconds = area_mm2 = 0.0
+    gained = cost = seconds = area_mm2 = 0.0
     counts = dict.fromkeys(("short", "open", "spark", "arc"), 0)
     over = False
     while not over:
         observation, reward, terminated, truncated, info = env.step(decides.act(observation).astype(np.float32))
         over = terminated or truncated
-        earned, cost, seconds = earned + float(reward), cost + info["cost"], seconds + info["dt_s"]
+        gained, cost, seconds = gained + float(reward), cost + info["cost"], seconds + info["dt_s"]
         area_mm2 += info["area_mm2"]
         counts = {kind: count + info[kind] for kind, count in counts.items()}
     env.close()
@@ -76,7 +76,7 @@ def _cut(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -
     known = {key: info[key] if info[key] >= 0.0 else math.nan for key in ("error_um", "ra_um")}
     outcome = _OUTCOMES[info["cause"]] if info["cause"] else WORDS[StopCause.TIME_LIMIT].episode
     return Result(
-        seed, name, outcome, seconds, info["path_um"] * 1e-3, area_mm2, 60.0 * area_mm2 / info["time_s"], earned,
+        seed, name, outcome, seconds, info["path_um"] * 1e-3, area_mm2, 60.0 * area_mm2 / info["time_s"], gained,
         info["wires_lost"], cost, counts["short"] / pulses, counts["open"] / pulses, math.nan, known["error_um"],
         math.nan, known["ra_um"],
     )  # fmt: skip

@@ -18,32 +18,17 @@ if TYPE_CHECKING:
 
 WIDE = 170
 """Columns of a terminal from which on the table shows intervals."""
-_SHORT = {
-    "score": "score", "rate_mm2_min": "mm2/min",
-    "oracle_share": "of oracle", "short_share": "short", "open_share": "open",
-    "total_return": "return", "error_um": "path um", "edge_error_um": "edge um", "ra_um": "Ra um", "time_s": "s",
-    "breaks_per_m": "breaks/m", "jams_per_m": "jams/m",
-    "cost": "cost",
-}
-"""Heads of the table on the screen."""
-_NARROW = ("score", "rate_mm2_min", "short_share", "open_share", "edge_error_um", "ra_um", "time_s")
-"""Figures of a table that is narrower than `WIDE`, where events are counted."""
-_RARE = ("breaks_per_m", "jams_per_m")
-"""Figures of which 0 is common, and its interval hard to read."""
-_SMALL = ("score", "cost", "ra_um")
-"""Figures shown with two decimals."""
-_PERCENT = ("oracle_share", "short_share", "open_share")
 
 
 def shown(name: str, figure: Figure) -> str:
     """Return a figure with its interval as text; empty if the figure is None."""
     if math.isnan(figure.value):
         return ""
-    values = [100 * v if name in _PERCENT else v for v in (figure.value, figure.low, figure.high)]
-    unit = " %" if name in _PERCENT else ""
-    fine = 2 if name in _SMALL else 1
-    texts = [f"{v:.0f}" if abs(v) >= 99.5 else f"{v:.{fine}f}" for v in values]
-    if name in _RARE and figure.value == 0.0:
+    kind = FIGURES[name]
+    values = [100 * v if kind.is_share else v for v in (figure.value, figure.low, figure.high)]
+    unit = " %" if kind.is_share else ""
+    texts = [f"{v:.0f}" if abs(v) >= 99.5 else f"{v:.{kind.digits}f}" for v in values]
+    if kind.is_rare and figure.value == 0.0:
         return f"none (at most {texts[2]})"
     between = "" if math.isnan(figure.low) else f" ({texts[1]} to {texts[2]})"
     return f"{texts[0]}{unit}{between}"
@@ -72,8 +57,8 @@ def render(comparison: Comparison, width: int) -> RenderableType:
     from edmsim.screen import ScreenTable
 
     wide = width >= WIDE
-    used = [name for name in columns(comparison) if wide or name in _NARROW]
-    heads = [_SHORT[name] for name in used] + ([] if wide else ["breaks", "jams"])
+    used = [name for name in columns(comparison) if wide or FIGURES[name].in_narrow]
+    heads = [FIGURES[name].head for name in used] + ([] if wide else ["breaks", "jams"])
     table = ScreenTable(
         "controller", numbers=heads, title=_title(comparison), box=None, padding=(0, 2, 0, 0), title_justify="left"
     )
@@ -114,7 +99,6 @@ def as_json(
 
     Parameters
     ----------
-    comparisons : sequence of Comparison
     places : mapping of str to sequence of NamedTuple, optional
         By environment, what controllers did elsewhere.
     policies : mapping of str to sequence of NamedTuple, optional
@@ -163,7 +147,8 @@ def _title(comparison: Comparison) -> str:
 def markdown_table(comparison: Comparison) -> list[str]:
     """Return the lines of the table in Markdown, the best controller first, with all intervals."""
     used = columns(comparison)
-    lines = ["| controller | " + " | ".join(FIGURES[name] for name in used) + " |", "|---" * (len(used) + 1) + "|"]
+    heads = " | ".join(FIGURES[name].meaning for name in used)
+    lines = [f"| controller | {heads} |", "|---" * (len(used) + 1) + "|"]
     for controller in ranked(comparison):
         cells = (shown(name, comparison.figures[controller][name]) for name in used)
         lines.append(f"| `{controller}` | " + " | ".join(cells) + " |")

@@ -1,7 +1,7 @@
 """The search for a technology: straight cuts, pass after pass on the same metal, until each takes what it should.
 
 What is asked of the passes, roughness, feed and stock, is that of a job shop with 0.25 mm brass wire on 25.4 mm of
-steel (`ASKED`). Pulses follow from the roughness by the model's craters, the power of the rough pass from the wire,
+steel (`TARGETS`). Pulses follow from the roughness by the model's craters, the power of the rough pass from the wire,
 the offsets from where the wall of a simulated cut ends.
 """
 
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from edmsim.controllers import from_text
@@ -34,7 +35,7 @@ from edmsim.program.passes import CutPass, PassPlan, on_grid, ways_of
 from edmsim.program.path import CutPath, WireContour
 
 
-class Asked(NamedTuple):
+class PassTarget(NamedTuple):
     """What is asked of a pass: Ra, feed at 25.4 mm, stock to take, and with which generator.
 
     The numbers are those of a shop's table for 1 to 7 passes (brass 0.254 mm, steel, 25.4 mm, second hand). Shops
@@ -51,14 +52,14 @@ class Asked(NamedTuple):
     pressure: float
 
 
-ASKED = (
-    Asked(1.52, 3.05, math.nan, "production", 1.1, 1.0, 1.0),
-    Asked(1.17, 4.57, 33.0, "production", 0.8, 1.3, 0.25),
-    Asked(1.07, 4.06, 45.7, "production", 0.7, 1.3, 0.25),
-    Asked(0.97, 3.81, 17.8, "production", 0.6, 1.4, 0.25),
-    Asked(0.30, 4.57, 7.6, "fine", 0.2, 1.5, 0.15),
-    Asked(0.23, 4.06, 1.3, "fine", 0.15, 1.5, 0.15),
-    Asked(0.18, 3.56, 1.3, "fine", 0.1, 1.5, 0.15),
+TARGETS = (
+    PassTarget(1.52, 3.05, math.nan, "production", 1.1, 1.0, 1.0),
+    PassTarget(1.17, 4.57, 33.0, "production", 0.8, 1.3, 0.25),
+    PassTarget(1.07, 4.06, 45.7, "production", 0.7, 1.3, 0.25),
+    PassTarget(0.97, 3.81, 17.8, "production", 0.6, 1.4, 0.25),
+    PassTarget(0.30, 4.57, 7.6, "fine", 0.2, 1.5, 0.15),
+    PassTarget(0.23, 4.06, 1.3, "fine", 0.15, 1.5, 0.15),
+    PassTarget(0.18, 3.56, 1.3, "fine", 0.1, 1.5, 0.15),
 )
 """The passes, from rough to last."""
 AT_MM = 25.4
@@ -108,8 +109,8 @@ class Job:
 
     def check(self) -> None:
         """Refuse what cannot be searched for."""
-        if not 1 <= self.passes <= len(ASKED):
-            raise InputError(f"a technology has 1 to {len(ASKED)} passes, not {self.passes}")
+        if not 1 <= self.passes <= len(TARGETS):
+            raise InputError(f"a technology has 1 to {len(TARGETS)} passes, not {self.passes}")
         self.setup("production").check()
 
     def check_like(self, known: Technology, file: Path) -> None:
@@ -212,32 +213,32 @@ class Search:
         found = self._known() if resume else []
         metal: KerfField | None = None
         offset_mm = self._first_mm
-        for number, asked in enumerate(ASKED[: self._job.passes], 1):
+        for number, target in enumerate(TARGETS[: self._job.passes], 1):
             if number <= len(found):  # cut again, for the metal behind it
                 one = found[number - 1]
                 cut = self._cut(one, number, offset_mm, metal)
             else:
-                one, cut, offset_mm, found = self._next(asked, number, offset_mm, metal, found)
+                one, cut, offset_mm, found = self._next(target, number, offset_mm, metal, found)
             metal, offset_mm = cut.metal, offset_mm - one.step_um * 1e-3
             self._note(found)
         return AtHeight.model_validate({"height_mm": self._job.height_mm, "pass": tuple(found)})
 
     def _next(
-        self, asked: Asked, number: int, offset_mm: float, metal: KerfField | None, found: list[PassSetting]
+        self, target: PassTarget, number: int, offset_mm: float, metal: KerfField | None, found: list[PassSetting]
     ) -> tuple[PassSetting, Cut, float, list[PassSetting]]:
         """Find one more pass; the step of the one before, and so its offset, follow from what it is to take."""
         if number == 1:
-            one, cut = self._rough(asked)
+            one, cut = self._rough(target)
             return one, cut, offset_mm, [one]
         assert metal is not None
         before = found[-1]
-        one, cut, step_um = self._trim(asked, number, offset_mm, metal, before)
+        one, cut, step_um = self._trim(target, number, offset_mm, metal, before)
         found = [*found[:-1], before.model_copy(update={"step_um": round(step_um, 1)}), one]
         return one, cut, offset_mm - round(step_um, 1) * 1e-3, found
 
-    def _rough(self, asked: Asked) -> tuple[PassSetting, Cut]:
+    def _rough(self, target: PassTarget) -> tuple[PassSetting, Cut]:
         """Shorten the pause until the wire breaks or nothing is gained, and take some of it back."""
-        one = self._setting(asked, 1, None)
+        one = self._setting(target, 1, None)
         machine = self._job.machine_of(one)
         least_us = self._least_period_us(machine)
         period_us, best, held = one.t_period_us, 0.0, 0.0
@@ -258,28 +259,28 @@ class Search:
         raise InputError(f"no rough pass was found that holds: {cut.outcome} at a period of {held:.1f} us")
 
     def _trim(
-        self, asked: Asked, number: int, offset_mm: float, metal: KerfField, before: PassSetting
+        self, target: PassTarget, number: int, offset_mm: float, metal: KerfField, before: PassSetting
     ) -> tuple[PassSetting, Cut, float]:
         """Find step and power of a trim: it takes its stock and keeps its feed."""
-        one = self._setting(asked, number, before)
+        one = self._setting(target, number, before)
         same = one.generator == before.generator
         last_um = before.last_offset_um if same else self._radius_um + 0.3 * (before.last_offset_um - self._radius_um)
         for _ in range(MOST_TRIES):
-            step_um = max(asked.stock_um + before.last_offset_um - last_um, 0.0)
+            step_um = max(target.stock_um + before.last_offset_um - last_um, 0.0)
             cut = self._cut(one, number, offset_mm - step_um * 1e-3, metal)
             if cut.record.wall is None:  # the wire went into the metal, or the pulses were too few
                 last_um, one = last_um + SHALLOWER_UM, self._stronger(one)
                 continue
             took_um = step_um - before.last_offset_um + cut.last_offset_um
-            kept = cut.feed_mm_min / one.feed_mm_min
-            off = abs(took_um - asked.stock_um) > max(STOCK_SHARE * asked.stock_um, STOCK_UM)
-            rough = abs(cut.ra_um / asked.ra_um - 1.0) > RA_SHARE
-            if not (off or rough) and kept >= FEED_REACHED:
+            feed_share = cut.feed_mm_min / one.feed_mm_min
+            off = abs(took_um - target.stock_um) > max(STOCK_SHARE * target.stock_um, STOCK_UM)
+            rough = abs(cut.ra_um / target.ra_um - 1.0) > RA_SHARE
+            if not (off or rough) and feed_share >= FEED_REACHED:
                 break
             last_um = cut.last_offset_um
             if rough:  # arcs are shorter than other discharges, and nobody knows beforehand how many there are
-                one = self._with_ra(one, asked.ra_um / cut.ra_um)
-            if kept < FEED_REACHED:
+                one = self._with_ra(one, target.ra_um / cut.ra_um)
+            if feed_share < FEED_REACHED:
                 one = self._stronger(one)
         if cut.record.wall is None:
             raise InputError(f"pass {number} did not come to its end: {cut.outcome}")
@@ -305,24 +306,24 @@ class Search:
     def _radius_um(self) -> float:
         return self._job.setup("production").wire_diameter_um / 2
 
-    def _setting(self, asked: Asked, number: int, before: PassSetting | None) -> PassSetting:
+    def _setting(self, target: PassTarget, number: int, before: PassSetting | None) -> PassSetting:
         """Return the setting to begin with: pulses that make the Ra asked for, at some power."""
-        plain = self._job.setup(asked.generator, t_on_us=asked.t_on_us)
-        current_A = _current_for(plain, asked.ra_um)
-        pressure_Pa = plain.base.dielectric.flushing_pressure_Pa.value * asked.pressure
+        plain = self._job.setup(target.generator, t_on_us=target.t_on_us)
+        current_A = _current_for(plain, target.ra_um)
+        pressure_Pa = plain.base.dielectric.flushing_pressure_Pa.value * target.pressure
         scale = (self._job.height_mm / AT_MM) ** FEED_EXPONENT if number > 1 else AT_MM / self._job.height_mm
         own_us = START_OF * plain.t_period_us * current_A / most_current_A(plain)
         if number > 1:
-            wanted_um3_us = asked.stock_um * asked.feed_mm_min * scale / 60 * self._job.height_mm
+            target_um3_us = target.stock_um * target.feed_mm_min * scale / 60 * self._job.height_mm
             volume_um3 = crater_um3(plain.with_(peak_current_A=current_A))
-            own_us = volume_um3 / (POWER * wanted_um3_us)
+            own_us = volume_um3 / (POWER * target_um3_us)
         return PassSetting(
-            generator=asked.generator, t_on_us=plain.t_on_us,
+            generator=target.generator, t_on_us=plain.t_on_us,
             peak_current_A=_in_tenths(current_A, most_current_A(plain)),
             t_period_us=round(max(own_us, self._least_period_us(plain)), 2),
-            tension_N=round(plain.tension * asked.tension, 2),
+            tension_N=round(plain.tension * target.tension, 2),
             flushing_lower_Pa=pressure_Pa, flushing_upper_Pa=pressure_Pa,
-            feed="adaptive" if number == 1 else "constant", feed_mm_min=round(asked.feed_mm_min * scale, 3),
+            feed="adaptive" if number == 1 else "constant", feed_mm_min=round(target.feed_mm_min * scale, 3),
             last_offset_um=self._radius_um, found=FoundPass(feed_mm_min=0.0, stock_um=0.0, ra_um=0.0, bow_um=0.0),
         )  # fmt: skip
 
@@ -354,17 +355,17 @@ class Search:
     def _note(self, found: Sequence[PassSetting]) -> None:
         if self._journal is None:
             return
-        told = {"job": _plain(self._job), "passes": [one.model_dump() for one in found]}
+        document = {"job": _plain(self._job), "passes": [one.model_dump() for one in found]}
         with replacing(self._journal) as partial:
-            partial.write_text(json.dumps(told, indent=1), encoding="utf-8")
+            partial.write_text(json.dumps(document, indent=1), encoding="utf-8")
 
     def _known(self) -> list[PassSetting]:
         """Return the passes of the journal."""
         if self._journal is None or not self._journal.exists():
             raise InputError("there is no interrupted search to resume", self._journal)
         try:
-            told = json.loads(self._journal.read_text(encoding="utf-8"))
-            job, passes = told["job"], [PassSetting.model_validate(row) for row in told["passes"]]
+            document = json.loads(self._journal.read_text(encoding="utf-8"))
+            job, passes = document["job"], [PassSetting.model_validate(row) for row in document["passes"]]
         except (ValueError, LookupError, TypeError) as error:
             raise InputError(
                 f"the journal of the search is damaged ({error}): search again without --resume", self._journal
@@ -453,20 +454,17 @@ def _in_tenths(current_A: float, most_A: float) -> float:
 
 def technology_text(job: Job, found: Sequence[AtHeight], source: str) -> str:
     """Return a technology as its file holds it."""
-    lines = [
-        f'title = "{job.material} with the wire {job.wire} on the machine {job.machine}"',
-        f"source = {json.dumps(source)}",
-        f'machine = "{job.machine}"', f'material = "{job.material}"', f'wire = "{job.wire}"', 'planner = "exact"',
-    ]  # fmt: skip
-    for at in found:
-        lines += ["", "[[height]]", f"height_mm = {at.height_mm:g}", f"approach_share = {at.approach_share:g}"]
-        for one in at.passes:
-            lines += ["", "[[height.pass]]"]
-            for name, value in one.model_dump(exclude={"found"}, exclude_none=True).items():
-                lines.append(f"{name} = {json.dumps(value)}")
-            told = ", ".join(f"{name} = {value}" for name, value in one.found.model_dump().items())
-            lines.append(f"found = {{ {told} }}")
-    return "\n".join(lines) + "\n"
+    title = f"{job.material} with the wire {job.wire} on the machine {job.machine}"
+    document = tomlkit.document()
+    document.update({
+        "title": title, "source": source, "machine": job.machine, "material": job.material, "wire": job.wire,
+        "planner": "exact",
+        "height": [{
+            "height_mm": at.height_mm, "approach_share": at.approach_share,
+            "pass": [one.model_dump(exclude_none=True) for one in at.passes],
+        } for at in found],
+    })  # fmt: skip
+    return tomlkit.dumps(document)
 
 
 def merged(known: Technology | None, job: Job, at: AtHeight) -> list[AtHeight]:

@@ -86,8 +86,8 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
         settings = in_force(settings, technology, table)
         own = PassPlan(table.offsets_mm, of_program=True)
         path = plan(program, settings, _machines(settings, technology, table), own)
-        told = f"the program cuts an edge {path.passes} times: these are passes, with the settings of the technology "
-        return _made(settings, technology, table, path, (f"{told}'{technology.title}'", *table.notices))
+        note = f"the program cuts an edge {path.passes} times: these are passes, with the settings of the technology "
+        return _made(settings, technology, table, path, (f"{note}'{technology.title}'", *table.notices))
     if settings.offset == "none":
         raise InputError("passes run beside an edge at their offsets: offset none leaves nothing to trim")
     technology = _technology(settings)
@@ -95,9 +95,9 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
     shift_mm = 0.0 if settings.offset == "auto" else float(settings.offset) - table.offsets_mm[-1]
     offsets_mm = tuple(round(mm + shift_mm, 6) for mm in table.offsets_mm)
     after_tab: Any = settings.after_tab
-    wanted = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, after_tab)
+    pass_plan = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, after_tab)
     settings = in_force(settings, technology, table)
-    path = plan(program, settings, _machines(settings, technology, table), wanted)
+    path = plan(program, settings, _machines(settings, technology, table), pass_plan)
     return _made(settings, technology, table, path, table.notices)
 
 
@@ -148,11 +148,11 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
         "controller": rough.controller(), **{name: getattr(rough, own) for name, own in _OF_PASS.items()},
     }  # fmt: skip
     for name, value in decided.items():
-        given, usual = getattr(settings, name), CutSettings.model_fields[name].default
-        if given not in (usual, value):
+        chosen, usual = getattr(settings, name), CutSettings.model_fields[name].default
+        if chosen not in (usual, value):
             raise InputError(
-                f"the technology '{technology.title}' decides {name}, {value!r}, and it is given as {given!r}: leave "
-                "it out, or give a technology that has it"
+                f"the technology '{technology.title}' decides {name}, {value!r}, and it is given as {chosen!r}: "
+                "leave it out, or give a technology that has it"
             )
     return settings.model_copy(update=decided)
 

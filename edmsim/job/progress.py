@@ -18,14 +18,14 @@ class CutProgress:
 
     Parameters
     ----------
-    bar : ShownProgress
     name : str
         What is cut.
     """
 
     def __init__(self, bar: ShownProgress, name: str) -> None:
         self._bar, self._name = bar, name
-        self._share, self._times, self._looked_s = 0.0, "", 0.0
+        self._last: Progress | None = None
+        self._drawn_s = 0.0
 
     def enter(self, phase: str) -> None:
         """Name what is being done from now on, or how it ended."""
@@ -33,15 +33,17 @@ class CutProgress:
 
     def show(self, progress: Progress) -> None:
         """Take in a window."""
-        self._share = min(1.0, progress.path_um / progress.total_um)
+        self._last = progress
         now = time.monotonic()
-        if now < self._looked_s + _EVERY_S and self._share < 1.0:
+        if now < self._drawn_s + _EVERY_S:
             return
-        self._looked_s = now
-        self._times = f"{duration_text(progress.time_s)} simulated in {duration_text(progress.wall_time_s)}"
+        self._drawn_s = now
         short, open_ = percent_of_window(progress.short), percent_of_window(progress.open)
         self._draw(f"{progress.feed_um_s:.1f} um/s, short {short:.0f} %, open {open_:.0f} %")
 
     def _draw(self, words: str, at_once: bool = False) -> None:
-        text = ", ".join(word for word in (self._times, words) if word)
-        self._bar.show(self._name, self._share, 1.0, text, at_once)
+        share, times = 0.0, ""
+        if (last := self._last) is not None:
+            share = min(1.0, last.path_um / last.total_um)
+            times = f"{duration_text(last.time_s)} simulated in {duration_text(last.wall_time_s)}, "
+        self._bar.show(self._name, share, 1.0, times + words, at_once)

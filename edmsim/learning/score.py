@@ -126,7 +126,6 @@ def write_card(policy: str, scores: Sequence[Score]) -> None:
     ----------
     policy : str
         Either of its files, or a name under ``models/policies``.
-    scores : sequence of Score
     """
     stored, file = policy_file.load(policy), policy_file.locate(policy)
     measured = {row.resolution for row in scores}

@@ -117,8 +117,6 @@ def arc_points(
         +1 counter-clockwise, -1 clockwise.
     full : bool
         Whether it is a full circle, whose ends need not be equal to the last bit.
-    chords : int
-        As many chords at least.
 
     Raises
     ------
@@ -152,7 +150,6 @@ def extent_mm(points: Floats, elements: Sequence[int]) -> Floats:
 
     Parameters
     ----------
-    points : float64 array (n, 2)
     elements : sequence of int
         For every chord the line, arc or curve it belongs to; empty if nobody knows.
     """

@@ -55,7 +55,6 @@ class Ignored:
     ----------
     letters : frozenset of str
         Left out with any number.
-    words : frozenset of (str, float)
     """
 
     letters: frozenset[str] = frozenset()
@@ -95,7 +94,6 @@ class UnknownWordsError(InputError):
     ----------
     found : sequence of (str, int)
         Every one, with its line.
-    file : path
     hint : str
         Who knows them, to end the message with.
 
@@ -233,10 +231,7 @@ class Block:
 def read_text(file: Path) -> str:
     """Return a program's text: UTF-8, or what its byte order mark says.
 
-    Raises
-    ------
-    InputError
-        No such file, a directory, not readable, or not text.
+    Raises `InputError` for no such file, a directory, not readable, or not text.
     """
     check_size(file)
     try:
@@ -313,7 +308,6 @@ def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) 
         Name for error messages.
     ignored : Ignored
         Words to leave out.
-    dialect : Dialect
 
     Raises
     ------
@@ -552,7 +546,6 @@ def units_of(
 
     Parameters
     ----------
-    blocks : sequence of Block
     file : str
         Name for error messages.
     dialect : Dialect
@@ -632,7 +625,6 @@ def expanded(main: Sequence[Block], behind: Sequence[Block], file: str) -> tuple
 
     Returns
     -------
-    blocks : list of Block
     notices : list of str
         Subprograms that nobody calls.
 

@@ -46,7 +46,6 @@ class Regular:
 
     Attributes
     ----------
-    text : bytes
     left_out : Counter of str
         Entities that are not cut, by kind; they are no longer in the text.
     foreign : list of str
@@ -183,13 +182,11 @@ def look_into(path: Path, look: Callable[[Drawing], Found]) -> tuple[Found, list
 
     Parameters
     ----------
-    path : path
     look : callable
         Takes the document. What it raises besides `InputError` says that the document is damaged.
 
     Returns
     -------
-    found
     notices : list of str
         How the file is irregular, in one, and what of it is not cut.
 

@@ -45,7 +45,6 @@ class Drawn:
 
     Parameters
     ----------
-    document : ezdxf.document.Drawing
     layers : sequence of str
         Only these are cut, upper or lower case; all that are shown if empty.
     without : str, optional

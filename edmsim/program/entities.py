@@ -33,7 +33,6 @@ def spline_points(entity: Any, tolerance: float) -> NDArray[np.float64]:
 
     Parameters
     ----------
-    entity : ezdxf.entities.Spline
     tolerance : float
         Largest distance of the chords from the curve, in drawing units.
     """
@@ -192,10 +191,7 @@ _FLAT = 0.9999
 def pieces_of(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
     """Return the lines and arcs of an entity, points (n, 2) in mm each.
 
-    Raises
-    ------
-    InputError
-        An entity that cannot be cut, lies out of the XY plane, or is too large.
+    Raises `InputError` for an entity that cannot be cut, lies out of the XY plane, or is too large.
     """
     kind = entity.dxftype()
     if kind not in CUT:

@@ -207,11 +207,6 @@ def outline_of(run: Run) -> tuple[Outline, list[str]]:
     lead-out. Neither is cut, for the contour is done. Without a loop the edge is open; if compensation was switched
     on at the thread point its first move is the approach.
 
-    Returns
-    -------
-    outline : Outline
-    notices : list of str
-
     Raises
     ------
     InputError

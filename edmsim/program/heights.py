@@ -62,10 +62,8 @@ class Heights:
     def of(cls, height_mm: float, along: Sequence[Height], areas: Sequence[Area]) -> Heights:
         """Check what a user gave.
 
-        Raises
-        ------
-        InputError
-            A height beyond what machines take, lengths that do not rise, an area that is not a polygon.
+        Raises `InputError` for a height beyond what machines take, lengths that do not rise, an area that is not a
+        polygon.
         """
         check_height(height_mm)
         return cls(float(height_mm), checked_changes(along), checked_areas(areas))
@@ -88,15 +86,7 @@ class Heights:
     def steps(self, path: CutPath, wire_diameter_um: float) -> tuple[LowerRegion, ...]:
         """Return the regions of one height on the table, none if the height never changes.
 
-        Parameters
-        ----------
-        path : CutPath
-        wire_diameter_um : float
-
-        Raises
-        ------
-        InputError
-            A change of height beyond the path's end, or an area that lies beside the blank.
+        Raises `InputError` for a change of height beyond the path's end, or an area that lies beside the blank.
         """
         blank = shapely.box(*path.stock_mm)
         steps = [*self._areas(path, blank), *self._stretches(path, wire_diameter_um * 5e-4 + WIRE_MARGIN_MM)]
@@ -170,13 +160,7 @@ def checked_areas(value: Sequence[Area]) -> tuple[tuple[shapely.Polygon, float],
 
 
 def parse_height(text: str) -> Height:
-    """Read ``12.5:30``: from 12.5 mm of path on, 30 mm high.
-
-    Raises
-    ------
-    InputError
-        If it is no such pair.
-    """
+    """Read ``12.5:30``: from 12.5 mm of path on, 30 mm high; raises `InputError` for anything else."""
     place, _, height = text.partition(":")
     try:
         return float(place), float(height)

@@ -77,10 +77,7 @@ class UpperMotion:
     def points(self, chords: int, lower_centre: complex | None, full: bool) -> list[complex]:
         """Return its points after the start, in at least a number of chords.
 
-        Raises
-        ------
-        InputError
-            Start and end of its arc are not equally far from the centre.
+        Raises `InputError` if start and end of its arc are not equally far from the centre.
         """
         centre = self.centre
         if centre is None and lower_centre is not None:
@@ -137,12 +134,10 @@ class Reading:
 
     Attributes
     ----------
-    motion : CuttingMotion
     centre : complex or None
         Centre of the arc; None if the motion goes straight to its end.
     full : bool or None
         Whether it is a full circle; None where ends that all but meet may mean that or the short arc between them.
-    notices : tuple of str
     """
 
     motion: CuttingMotion
@@ -222,7 +217,6 @@ def reading_of(motion: CuttingMotion, absolute: bool | None, rounding: Rounding)
         One that `prefer_absolute` has not refused.
     absolute : bool or None
         What I J mean in the program where both readings fit.
-    rounding : Rounding
     """
     arc = motion.arc
     if arc is None:

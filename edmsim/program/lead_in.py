@@ -43,11 +43,6 @@ def own_lead_in(
     offset_mm, length_mm, hole_radius_mm : float
         In mm.
 
-    Returns
-    -------
-    thread : float64 array (2,)
-    notices : list of str
-
     Raises
     ------
     InputError
@@ -72,10 +67,7 @@ def check_approach(
 ) -> None:
     """Check the program's own approach (n, 2) in mm, thread point first, start of the wire path last.
 
-    Raises
-    ------
-    InputError
-        The wire or the start hole would cut into the part.
+    Raises `InputError` if the wire or the start hole would cut into the part.
     """
     x, y = approach[0]
     if not clears(approach, edge, offset_mm):

@@ -95,8 +95,6 @@ def guides_for(
         Places of the wire's centre.
     at_mm : float
         Height at which they lie.
-    slope : float64 array (n, 2)
-    guides : GuideHeights
     grid_um : int
         The lower guide's points are whole multiples of it.
 
@@ -106,8 +104,6 @@ def guides_for(
         Of the lower guide.
     upper_um : int64 array (n, 2)
         Of the upper one, relative to the lower one.
-    bends_mm : float64 array (n, 2)
-        See `Lean`.
     """
     bends = guides.bends_mm(slope)
     lower, upper = (points_mm + slope * (z - at_mm)[:, None] for z in bends.T)

@@ -46,7 +46,6 @@ def check_points(points_mm: NDArray[np.float64], what: str, hint: str = "") -> N
 
     Parameters
     ----------
-    points_mm : float64 array (n, 2)
     what : str
         Whose points they are, to begin the message with.
     hint : str

@@ -416,10 +416,7 @@ def leaning_outline(
 ) -> OffsetOutline:
     """Return a tapered outline with the wire's way at an offset.
 
-    Raises
-    ------
-    InputError
-        As `wire_beside`, or the machine has no guides that lead.
+    Raises `InputError` as `wall_and_wire`, or if the machine has no guides that lead.
     """
     try:
         if guides is None:

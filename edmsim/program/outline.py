@@ -188,10 +188,8 @@ class CutMove:
         Its points after the start, ``x + 1j * y`` in mm.
     side : {"left", "right", None}
         The compensated side.
-    line : int
     offset : Offset, optional
         The register in force.
-    state : InForce
     upper : tuple of complex
         For each point that of the second plane; empty if the wire is not led along two contours.
     """
@@ -214,7 +212,6 @@ class Run:
         Where the wire is threaded, ``x + 1j * y`` in mm; of a later pass, where the one before it ended.
     on_contour : bool
         Compensation was on already when the wire was brought there: the point lies on the contour (Robofil).
-    moves : tuple of CutMove
     dwells : tuple of (int, float)
         ``(moves done, seconds)``.
     join_mm : float

@@ -208,7 +208,6 @@ def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
     ----------
     legs : sequence of OffsetOutline
         The outline at the plan's offsets, in their order.
-    plan : PassPlan
 
     Raises
     ------
@@ -423,7 +422,6 @@ def on_grid(
 
     Parameters
     ----------
-    ways : sequence of Stretch
     lead : float64 array (k, 2)
         In mm, from the start hole; the first way's begin is not in it.
     grid_um : int

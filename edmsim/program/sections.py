@@ -34,10 +34,6 @@ def passes_of(run: Run) -> list[Run]:
 
     Moves under an offset of 0 beside some under a greater one are approach and way out, as where they had none.
 
-    Parameters
-    ----------
-    run : Run
-
     Returns
     -------
     list of Run

@@ -1,7 +1,7 @@
 """Tapered walls: what an outline is at every height, and where a leaning wire and its two guides go beside it.
 
 >>> outline = Outline(square, (0,) * 4, True, "right", "left", np.empty((0, 2)), taper=Taper((3.0,) * 4))
->>> wall, wire = wire_beside(outline, 0.164, GuideHeights(-10.0, 30.0, 20.0, 60.0))
+>>> wall, wire = wall_and_wire(outline, 0.164, GuideHeights(-10.0, 30.0, 20.0, 60.0))
 >>> lower, upper = wire.at(-10.0), wire.at(30.0)   # at the guides
 
 A wall is ruled: every point of its lower line is joined with one point of the upper line by a straight line, along
@@ -116,11 +116,8 @@ def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -
 
     Parameters
     ----------
-    outlines : tuple of Outline
     angle_deg : float
         Between wall and vertical; positive where the part is smaller above than in the plane that is drawn.
-    corners : str
-        See `Taper`.
 
     Raises
     ------
@@ -266,10 +263,7 @@ def _turned(normal: Floats, turn: float, count: int) -> Floats:
 def mitre(n1: Floats, n2: Floats, d1: float, d2: float) -> Floats:
     """Return the vector from a corner to where lines at two distances from its chords, to their left, meet.
 
-    Raises
-    ------
-    InputError
-        The corner turns back on itself.
+    Raises `InputError` if the corner turns back on itself.
     """
     both, apart = n1 + n2, n1 - n2
     if math.degrees(abs(_turn(n1, n2))) > _MOST_TURN_DEG:
@@ -321,7 +315,6 @@ def offset_surface(wall: Ruled, side: Side | None, offset_mm: float) -> Ruled:
 
     Parameters
     ----------
-    wall : Ruled
     side : {"left", "right"} or None
         Of the wall; None: the wire's centre goes along it.
     offset_mm : float
@@ -364,10 +357,7 @@ def _offsets(normals: Floats, slope: Floats, offset_mm: float, closed: bool) -> 
 def refuse_vanished(wall: Ruled, height_mm: float, what: str) -> None:
     """Refuse a surface of which a part vanishes, and turns round, at some height of the workpiece.
 
-    Raises
-    ------
-    InputError
-        With the place and the height.
+    Raises `InputError` with the place and the height.
     """
     low, rise = np.diff(wall.lower_mm, axis=0), np.diff(wall.slope, axis=0)
     along = np.where(np.hypot(*low.T)[:, None] > _NOTHING_MM, low, rise * (1 if wall.high_mm > wall.low_mm else -1))
@@ -392,13 +382,7 @@ def refuse_vanished(wall: Ruled, height_mm: float, what: str) -> None:
 
 
 def refuse_crossings(wire: Ruled, height_mm: float) -> None:
-    """Refuse a wire whose way crosses itself at some height of the workpiece.
-
-    Raises
-    ------
-    InputError
-        With the height.
-    """
+    """Refuse a wire whose way crosses itself at some height of the workpiece; raises `InputError` with the height."""
     for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
         points = wire.at(z)
         steps = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > 1e-7])
@@ -412,10 +396,7 @@ def refuse_crossings(wire: Ruled, height_mm: float) -> None:
 def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) -> None:
     """Refuse a wire that comes too near to the wall at some height of the workpiece.
 
-    Raises
-    ------
-    InputError
-        With the height, and by how much.
+    Raises `InputError` with the height, and by how much.
     """
     for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
         line, points = shapely.LineString(wall.at(z)), shapely.points(wire.at(z))
@@ -430,10 +411,7 @@ def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) 
 def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
     """Refuse a wire that leans further than the upper guide goes.
 
-    Raises
-    ------
-    InputError
-        With how far it would go, and the greatest angle.
+    Raises `InputError` with how far it would go, and the greatest angle.
     """
     bends = guides.bends_mm(wire.slope)
     lead = wire.slope * (bends[:, 1:] - bends[:, :1])
@@ -455,8 +433,6 @@ class _Piece(NamedTuple):
 
     Attributes
     ----------
-    points : float64 array (k, 2)
-    element, line : int
     first : int
         Number of its first point along the outline.
     tangent : float
@@ -677,7 +653,6 @@ def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> t
         With a taper.
     offset_mm : float
         Wire radius and gap.
-    guides : GuideHeights
 
     Raises
     ------

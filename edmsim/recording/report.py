@@ -458,7 +458,7 @@ def _percent(share: float | None) -> float | None:
 
 def _shares_line(shares: Mapping[str, Mapping[str, float | None]] | None) -> str:
     if shares is None:
-        return "not split: the wire's centre was to run on the edge"
+        return "not split: the wire leans, or its centre was to run on the edge"
     return ", ".join(f"{name} {figure_text(share['rms'], 'µm')}" for name, share in shares.items()) + " rms"
 
 

@@ -261,18 +261,10 @@ def tune_training(
 
     Parameters
     ----------
-    env_id : str
     algo : str
         One of `TRAINING`.
     steps : int, optional
         Windows of each trial; those of ``models/training`` by default.
-    out, trials, seed, seeds, engine, watch
-        See `tune_gains`.
-
-    Raises
-    ------
-    InputError
-        As `tune_gains`.
     """
     space, judged_by, name = bounds("training", algo), _judged_by(trials, seed, seeds), resolve(env_id)
     windows = load(name, algo).steps if steps is None else steps

@@ -26,16 +26,16 @@ def main() -> None:
     parser.add_argument("--program", help="part to cut in the end; that of the training if not given")
     parser.add_argument("--tab-mm", type=float, default=0.6, help="its tab")
     parser.add_argument("--seed", type=int, default=0)
-    asked = parser.parse_args()
+    args = parser.parse_args()
 
-    lanes = edmsim.envs.make_sb3_vec_env("edmsim/Part-v0", asked.lanes, seed=asked.seed, passes=asked.passes)
+    lanes = edmsim.envs.make_sb3_vec_env("edmsim/Part-v0", args.lanes, seed=args.seed, passes=args.passes)
     learnt_on = VecNormalize(lanes, gamma=1.0)
-    model = PPO("MlpPolicy", learnt_on, n_steps=16, batch_size=64, gamma=1.0, learning_rate=1e-3, seed=asked.seed,
+    model = PPO("MlpPolicy", learnt_on, n_steps=16, batch_size=64, gamma=1.0, learning_rate=1e-3, seed=args.seed,
                 policy_kwargs={"log_std_init": -1.0, "net_arch": [32, 32]}, device="cpu")  # fmt: skip
-    model.learn(asked.steps)
+    model.learn(args.steps)
 
-    env = gymnasium.make("edmsim/Part-v0", program=asked.program, passes=asked.passes, tab_mm=asked.tab_mm)
-    observation, _ = env.reset(seed=asked.seed)
+    env = gymnasium.make("edmsim/Part-v0", program=args.program, passes=args.passes, tab_mm=args.tab_mm)
+    observation, _ = env.reset(seed=args.seed)
     over = False
     while not over:
         action, _ = model.predict(learnt_on.normalize_obs(observation), deterministic=True)

@@ -372,9 +372,9 @@ def test_progress_is_told_where_there_is_no_terminal(
         return np.full((10, 5), 0.5)
 
     monkeypatch.setattr("edmsim.calibration.comparison.simulate", briefly)
-    monkeypatch.setattr("edmsim.screen.LINE_EVERY_S", 0.0)
+    monkeypatch.setattr("edmsim.progress.LINE_EVERY_S", 0.0)
     assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == INTERRUPTED
-    assert "1 cuts simulated" in capsys.readouterr().err
+    assert "calibrate 1 cuts simulated" in capsys.readouterr().err
 
 
 def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared: Callable[..., Compared]) -> None:

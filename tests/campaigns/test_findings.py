@@ -154,8 +154,8 @@ def packed(name: str, header: bytes, body: bytes) -> bytes:
 
 @pytest.mark.parametrize(("header", "named"), [
     ("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999,), }", "another size than it says"),
-    ("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }", "no array of numbers"),
-    ("{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", "no array of numbers"),
+    ("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }", "is not an array of numbers"),
+    ("{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", "is not an array of numbers"),
     ("nothing", "header|Header|EOF|malformed"), ("{" * 500, "."),
 ])  # fmt: skip
 def test_arrays_that_are_none_take_no_memory(header: str, named: str) -> None:

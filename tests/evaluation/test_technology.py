@@ -14,7 +14,7 @@ from edmsim.cosim.passes import PassRecord
 from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology
-from edmsim.evaluation.technology import ASKED, Cut, Job, Search
+from edmsim.evaluation.technology import TARGETS, Cut, Job, Search, technology_text
 from edmsim.machine.technology import PassSetting, read_technology
 from edmsim.metrology.passes import WallError
 
@@ -31,7 +31,7 @@ def answer(job: Job, one: PassSetting, number: int, offset_mm: float, metal: Any
     record = PassRecord(
         1, number, "profile", number % 2 == 0, offset_mm * 1e3, 0.0, 1500.0 / feed_um_s, 0.0, 1500.0, Sums(), wall
     )
-    return Cut(record, metal, ASKED[number - 1].ra_um, "wire-break" if breaks else "finished")
+    return Cut(record, metal, TARGETS[number - 1].ra_um, "wire-break" if breaks else "finished")
 
 
 @pytest.fixture(autouse=True)
@@ -50,9 +50,9 @@ def test_the_rough_pass_stays_off_the_period_that_breaks_the_wire() -> None:
 def test_offsets_let_every_pass_take_its_stock() -> None:
     rough, trim, last = Search(Job("tool-steel", passes=3), lambda text: None).run().passes
     assert [one.last_offset_um for one in (rough, trim, last)] == [163.0, 149.0, 147.0]
-    assert rough.step_um == pytest.approx(ASKED[1].stock_um + 36.0 - 22.0, abs=6.0)
-    assert trim.step_um == pytest.approx(ASKED[2].stock_um + 22.0 - 20.0, abs=8.0)
-    assert last.found.stock_um == pytest.approx(ASKED[2].stock_um, abs=7.0)
+    assert rough.step_um == pytest.approx(TARGETS[1].stock_um + 36.0 - 22.0, abs=6.0)
+    assert trim.step_um == pytest.approx(TARGETS[2].stock_um + 22.0 - 20.0, abs=8.0)
+    assert last.found.stock_um == pytest.approx(TARGETS[2].stock_um, abs=7.0)
     assert rough.feed == "adaptive"
     assert trim.feed == last.feed == "constant"
 
@@ -86,6 +86,16 @@ def test_the_command_writes_a_technology_and_adds_heights(tmp_path: Path) -> Non
     other = runner.invoke(cli.app, ["technology", "copper", "--passes", "1", "--out", str(file)])
     assert isinstance(other.exception, InputError)
     assert "holds a technology for material tool-steel, not copper" in str(other.exception)
+
+
+def test_a_technology_is_valid_toml_whatever_its_files_are_called(tmp_path: Path) -> None:
+    known = read_technology("tool-steel-brass-254")
+    job = Job('own\\"steel".toml', wire=r"C:\wires\thin.toml")
+    file = tmp_path / "made.toml"
+    file.write_text(technology_text(job, known.heights, 'by "hand"'), encoding="utf-8")
+    made = read_technology(str(file))
+    assert (made.material, made.wire, made.source) == (job.material, job.wire, 'by "hand"')
+    assert made.heights == known.heights
 
 
 def test_what_cannot_be_searched_is_refused() -> None:

@@ -68,7 +68,7 @@ def test_what_it_has_no_settings_for_is_refused_with_what_to_do() -> None:
 @pytest.mark.parametrize(
     ("before", "now", "named"),
     [
-        ("step_um = 38.0", "step_um = -1", "step_um is below 0: the offset would grow"),
+        ("step_um = 38.1", "step_um = -1", "step_um is below 0: the offset would grow"),
         ("height_mm = 76.2", "height_mm = 20", "heights must rise"),
         ("t_on_us = 1.1", "t_on_us = 0", "t_on_us"),
         ("t_on_us = 1.1", "on_us = 1.1", "on_us"),

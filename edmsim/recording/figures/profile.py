@@ -250,7 +250,7 @@ def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=7,
+        ncols=5 if scene.walls_mm else 7,  # two rows where there are the edges of both faces
         frameon=False,
         fontsize=8.5,
         handlelength=1.6,

@@ -1,0 +1,48 @@
+"""Docstrings of internals, which are not in the reference, have one to three lines; few of them are longer."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from .test_house import ROOT, modules, place, tree
+
+PAGES = "\n".join(file.read_text(encoding="utf-8") for file in (ROOT / "docs" / "api").glob("*.rst"))
+NAMED = set(re.findall(r"auto(?:class|function|exception):: (?:\w+\.)*(\w+)", PAGES))
+WITH_MEMBERS = set(re.findall(r"autoclass:: (?:\w+\.)*(\w+)\n +:members:", PAGES))
+LONGEST, LONG_SHARE = 3, 0.1
+"""Lines that an internal's docstring has, and how much of the product longer ones may be."""
+
+
+class Documented(NamedTuple):
+    place: str
+    text: str
+    lines: int
+
+
+def internals() -> Iterator[Documented]:
+    """Docstrings of functions, classes and methods that are not in the reference."""
+
+    def within(body: list[ast.stmt], file: str, owner: str, listed: bool) -> Iterator[Documented]:
+        for node in body:
+            if not isinstance(node, ast.FunctionDef | ast.ClassDef):
+                continue
+            public = listed and not node.name.startswith("_") if owner else node.name in NAMED
+            text = ast.get_docstring(node)
+            if text is not None and not public:
+                first = node.body[0]
+                assert first.end_lineno is not None
+                yield Documented(f"{file}:{node.lineno}: {node.name}", text, first.end_lineno - first.lineno + 1)
+            if isinstance(node, ast.ClassDef):
+                yield from within(node.body, file, node.name, node.name in WITH_MEMBERS)
+
+    for name, file in modules().items():
+        yield from within(tree(name).body, place(file), "", False)
+
+
+def test_few_internals_have_long_docstrings() -> None:
+    lines = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in modules().values())
+    long = sum(doc.lines for doc in internals() if doc.lines > LONGEST)
+    assert long < LONG_SHARE * lines, f"{long} of {lines} lines"

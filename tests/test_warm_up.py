@@ -1,0 +1,37 @@
+"""``edmsim warm-up``: afterwards a cut and an environment find all that they would compile."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from edmsim.cli import app as cli
+from edmsim.plant import plant
+
+USE = """
+import gymnasium as gym
+from numba.core import event
+
+import edmsim, edmsim.envs
+
+with event.install_recorder("numba:compile") as seen:
+    env = gym.make("edmsim/HeightStep-v2", resolution="fast")
+    env.reset(seed=3)
+    env.step(env.action_space.sample())
+    edmsim.cut({program!r}, resolution="fast", max_time_s=0.2, height_mm=5.0)
+print([happened.data["dispatcher"].py_func.__qualname__ for _, happened in seen.buffer if happened.is_start])
+"""
+
+
+@pytest.mark.slow
+def test_nothing_is_compiled_afterwards(monkeypatch, capsys, small_punch):
+    monkeypatch.setattr(plant, "shapes", lambda shapes=plant.shapes: shapes()[:1])
+    monkeypatch.setattr(sys, "argv", ["edmsim", "warm-up"])
+    with pytest.raises(SystemExit, match="0"):
+        cli.main()
+    assert "is compiled, for all resolutions" in capsys.readouterr().out
+    code = USE.format(program=str(small_punch))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

@@ -1,0 +1,111 @@
+"""The house's words: names are the field's terms, and prose says things as Gymnasium's documentation would."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+CODE = ("edmsim", "controllers", "envs", "models", "docs", "examples")
+NAMES = {
+    "afresh": "isolated, again",
+    "asked": "requested, query",
+    "astray": "error, deviation",
+    "begun": "start, partial",
+    "beside": "lateral, margin, comparison",
+    "earned": "reward, return",
+    "given": "options, overrides",
+    "kept": "stored, cached, chosen",
+    "seen": "observation, measured",
+    "strayed": "following_error",
+    "strung": "string",
+    "swing": "oscillation",
+    "told": "message, document, status",
+    "wanted": "target, expected, requested",
+    "whoever": "user, caller",
+    "worth": "score, result",
+}
+"""Words that no name may have among its parts, and what to call such a thing instead."""
+PROSE = {
+    r"\b[Aa]fresh\b": "again",
+    r"\bastray\b": "out of range, away from the path",
+    r"\b(?:is|are|was|were|be|been|being|if|as) told\b": "is reported, is recorded, is set",
+    r"\b[Tt]old (?:of|apart|by|what)\b": "called with, distinguished, found by",
+    r"\b[Ww]hoever\b": "the user, the caller, the controller",
+    r"\b[Ss]o many\b": "the number's name: `count`, at most N, one in `every`",
+    r"\b[Ww]hat [\w' ]{1,25} makes? of\b": "the result, the effect, the model of",
+    r"\bfor want of\b": "as ... is missing",
+    r"\b(?:beyond|left|out of) every reason\b": "out of range or not finite",
+    r"(?<!\b[Tt]here )(?<!\bhere )\b(?:is|was|are|were) none(?=[.;,:]|$)": "is invalid, is unknown",
+    r"(?<!\b[Tt]here )\bis no (?:number|constant|option|file|word|name|value|setting|share|place|policy)\b(?! of)":
+        "is not a ...",
+    r"\bdesign section\b": "a page that exists",
+}  # fmt: skip
+"""Phrases that no text may have, and what to write instead."""
+COMMENT = re.compile(r"#\s(.*)$", re.MULTILINE)
+BLANKS = re.compile(r"\s+")
+
+
+@cache
+def files(ending: str) -> list[Path]:
+    """Every file of the product, its pages and examples; links within `edmsim` lead to folders that are listed."""
+    found = [file for folder in CODE for file in sorted((ROOT / folder).rglob(f"*{ending}"))]
+    links = tuple(ROOT / "edmsim" / folder for folder in ("controllers", "envs", "models"))
+    return [file for file in found if not any(map(file.is_relative_to, links)) and "notebooks" not in file.parts]
+
+
+def names(tree: ast.Module) -> Iterator[tuple[str, int]]:
+    """Every name that a file gives to something."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
+                yield name, node.lineno
+            case ast.arg(arg=name) | ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                yield name, node.lineno
+
+
+@cache
+def tree(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+def texts(file: Path) -> Iterator[tuple[str, int]]:
+    """Docstrings, messages and comments of a file, or the paragraphs of a page."""
+    source = file.read_text(encoding="utf-8")
+    if file.suffix == ".py":
+        for node in ast.walk(tree(file)):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value, node.lineno
+        for comment in COMMENT.finditer(source):
+            yield comment[1], source.count("\n", 0, comment.start()) + 1
+    else:
+        for paragraph in re.finditer(r"\S.*?(?=\n\s*\n|\Z)", source, re.DOTALL):
+            yield paragraph[0], source.count("\n", 0, paragraph.start()) + 1
+
+
+def test_names_are_terms_of_the_field() -> None:
+    found = []
+    for file in files(".py"):
+        for name, line in names(tree(file)):
+            found += [
+                f"{file.relative_to(ROOT)}:{line}: {name}: {NAMES[part]}"
+                for part in re.split(r"_|(?<=[a-z])(?=[A-Z])", name) if part.lower() in NAMES
+                for part in [part.lower()]
+            ]  # fmt: skip
+    assert not found, "\n".join(found)
+
+
+def test_texts_have_no_private_phrases() -> None:
+    phrases = [(re.compile(phrase), instead) for phrase, instead in PROSE.items()]
+    found = []
+    for file in [*files(".py"), *files(".md"), ROOT / "README.md"]:
+        for text, line in texts(file):
+            flat = BLANKS.sub(" ", text)
+            found += [
+                f"{file.relative_to(ROOT)}:{line}: '{match[0]}': {instead}"
+                for phrase, instead in phrases for match in phrase.finditer(flat)
+            ]  # fmt: skip
+    assert not found, "\n".join(found)
