@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs import observation, servo
+from edmsim.envs import servo
 from edmsim.envs.knobs import least_setting_us
 from edmsim.envs.lanes import Lanes
+from edmsim.envs.observation_builder import ObservationBuilder
 from edmsim.envs.path_follower import RUNNING
 from edmsim.envs.reward import TERMS, StepRewards
 from edmsim.envs.task import EnvArguments, Family
@@ -52,22 +53,16 @@ class Batch:
     Attributes
     ----------
     lanes : Lanes
-    earned : Earned
+    account : StepRewards
         Rewards, their terms and costs of the last step.
     """
 
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
         self.family = family
         self.lanes = Lanes(family, count, threads)
-        ages = family.history + family.measured_by.delay_steps
-        self._history = np.zeros((count, ages, len(observation.of_a_step(family.locates_discharges))), np.float32)
-        self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
-        self._shown: NDArray[np.void] = np.zeros(count, observation.SHOWN)
-        self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)
+        self.builder = ObservationBuilder(family, count, family.measured_by)
         self._servos: NDArray[np.void] = np.zeros(count, servo.SERVO)
         self._feed_um_s = np.zeros(count)
-        self._threaded_ns = np.zeros(count, np.int64)
-        self._broke_at = np.zeros(count)
         self._episodes = np.zeros(count, np.int64)
         self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
         self._terms = [TERMS.index(name) for name in family.objectives]
@@ -80,7 +75,8 @@ class Batch:
     def change(self, family: EnvArguments) -> None:
         """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""
         assert isinstance(family, Family)
-        self.family = self.lanes.family = family
+        self.family = self.lanes.family = self.builder.family = family
+        self.builder.sensors = family.measured_by
         self._episodes[:] = 0
         self.account = self._fresh_account()
 
@@ -108,12 +104,7 @@ class Batch:
             self._constants[lane] = {name: scenario.drawn[name] for name in family.drawn_constants}
         self._episodes[lane] = 0 if machine is not None else (self._episodes[lane] if chosen is not None else 0) + 1
         self.lanes.begin(lane, scenario)
-        self._history[lane] = 0.0
-        self._shown[lane] = np.zeros((), observation.SHOWN)
-        self._dials[lane] = observation.dials(scenario.machine)
-        self._take_scale(lane)
-        self._scales[lane]["key"], self._scales[lane]["draws"] = key_of(scenario.plant_seed + 1), 0
-        self._broke_at[lane] = 0.0
+        self.builder.begin(lane, self.lanes.rows[lane], scenario.machine, key_of(scenario.plant_seed + 1))
         self._begin_wire(lane)
         constants = self._constants[lane] if machine is None else {}
         return {
@@ -122,15 +113,8 @@ class Batch:
         }
 
     def _begin_wire(self, lane: int) -> None:
-        self._threaded_ns[lane] = self.lanes.rows["elapsed_ns"][lane]
         self._feed_um_s[lane] = self.family.first_feed_um_s
         servo.begin(self._servos[lane], self.family.first_feed_um_s)
-
-    def _take_scale(self, lane: int) -> None:
-        scale, row, sensors = self._scales[lane], self.lanes.rows[lane], self.family.measured_by
-        for name in ("open_V", "limit_A", "wait_us"):
-            scale[name] = row[name]
-        scale["noise_share"], scale["step"] = sensors.noise_share, sensors.step
 
     def clear(self) -> None:
         """Forget what the last step earned and cost."""
@@ -155,7 +139,7 @@ class Batch:
         lanes = self.lanes
         clamped = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)  # np.clip takes four times as long
         self.account.begin()
-        self._shown[active] = np.zeros((), observation.SHOWN)
+        self.builder.begin_step(active)
         lanes.rows["step_ns"][active] = 0
         self._command(active, clamped)
         wait_ns = round(self.family.decision_s * 1e9) if self.family.decision_s is not None else 0
@@ -163,7 +147,7 @@ class Batch:
         while len(left):
             self._window(left)
             left = left[(lanes.rows["step_ns"][left] < wait_ns) & (lanes.rows["cause"][left] == RUNNING)]
-        observation.show(active, self._shown, self._scales, self.family.max_feed_um_s, self._history)
+        self.builder.end_step(active)
         return self.account.terms[self._terms].T.copy() if self._terms else self.account.total.copy()
 
     def _command(self, active: Ints, clamped: Floats) -> None:
@@ -188,7 +172,7 @@ class Batch:
         by_servo = family.action == "servo"
         lanes.advance(left, self._servos["feed_um_s"].copy() if by_servo else self._feed_um_s)
         windows = lanes.fleet.windows
-        observation.gather(left, lanes.rows, windows, self._shown)
+        self.builder.add(left, lanes.rows, windows)
         self.account.add(left, lanes.rows, lanes.counted_um, windows)
         if by_servo:
             shares = windows["counts"] / np.maximum(windows["counts"].sum(axis=1), 1)[:, None]
@@ -197,8 +181,8 @@ class Batch:
                 family.greatest_feed_um_s, *family.servo_gains,
             )
         for lane in np.flatnonzero(lanes.rows["wires_lost"] != lost):
-            on_us, period_us = lanes.rows["setting_us"][lane]
-            self._broke_at[lane] = max(self._broke_at[lane], period_us / on_us)
+            row = lanes.rows[lane]
+            self.builder.lose_wire(int(lane), row, tuple(row["setting_us"].tolist()))
             self._begin_wire(int(lane))
 
     def _set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
@@ -210,24 +194,12 @@ class Batch:
             machine = lanes.fleet.plants[lane].machine
             lanes.set_generator(lane, *least_setting_us(machine, t_on_us, self.family.detents_us))
             lanes.refused[lane] = refused
-        self._take_scale(lane)
+        self.builder.take_scale(lane, lanes.rows[lane])
 
     def observations(self) -> NDArray[np.float32]:
         """Return every lane's observation, in a fresh array."""
-        count, lanes = len(self._history), self.lanes
-        parts = [self._history[:, self.family.measured_by.delay_steps :].reshape(count, -1), self._dials]
-        if self.family.knows_corners:
-            parts.append(observation.corners(lanes.rows["path_um"], lanes.corner_um, lanes.corner_deg))
-        if self.family.offset_um is not None:
-            parts.append(np.asarray(lanes.rows["offset_um"] / self.family.offset_um, np.float32)[:, None])
-        if self.family.knows_wires:
-            spent_ns, whole_s = lanes.rows["elapsed_ns"], self.family.episode_s or np.inf
-            parts.append(observation.wires(
-                np.asarray(lanes.rows["wires_lost"] / self.family.wires, np.float64),
-                np.asarray((spent_ns - self._threaded_ns) * 1e-9, np.float64),
-                np.asarray(spent_ns * 1e-9 / whole_s, np.float64), self._broke_at,
-            ))  # fmt: skip
-        return np.concatenate(parts, axis=1)
+        lanes = self.lanes
+        return self.builder.observations(lanes.rows, lanes.corner_um, lanes.corner_deg)
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Return what `info` tells at every step, in fresh arrays; much of it no real machine knows.
@@ -235,7 +207,7 @@ class Batch:
         Counts and area are of the step, gap, temperature, debris and error of its last window; ``gap_um`` is -1
         where nothing ignited, as checkers take no NaN for another.
         """
-        lanes, rows, shown = self.lanes, self.lanes.rows, self._shown
+        lanes, rows, shown = self.lanes, self.lanes.rows, self.builder.sums
         states, windows = lanes.fleet.states, lanes.fleet.windows
         ignitions = windows["ignitions"]
         return {

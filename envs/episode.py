@@ -236,12 +236,10 @@ class Task:
         lanes, plant = self._lanes, self._lanes.fleet.plants[0]
         window = plant.window()
         row = lanes.rows[0]
-        end_ns = window.start_ns + window.duration_ns  # a fresh wire may have been threaded since
-        observation = WindowObservation.of(window, end_ns, float(row["feed_um_s"]), self.path_um)
         self._account.begin()
         self._account.add(_LANE, lanes.rows, lanes.counted_um, lanes.fleet.windows)
         return StepResult(
-            observation, window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
+            lanes.observation(0), window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
             bool(lanes.near[0]), StopCause(row["cause"]), lanes.refused[0],
             float(self._account.total[0]), float(self._account.cost[0]), bool(lanes.out_of_time[0]),
         )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers import FeedController, SeesTruth, WindowObservation
+from edmsim.controllers import FeedController, SeesTruth
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
 from edmsim.envs.as_action import as_action
 from edmsim.machine.setting import WINDOW_PULSES
@@ -73,13 +73,12 @@ class LaneLaw:
     def _see(self) -> None:
         """Show it the window that the lane has just had."""
         self.command()  # a leg or wire that the last window ended is over before this one
-        row, window = self._lanes.rows[self._lane], self._lanes.fleet.plants[self._lane].window()
+        window = self._lanes.fleet.plants[self._lane].window()
         if window.pulses != WINDOW_PULSES:
             return
-        end_ns, path_um = window.start_ns + window.duration_ns, float(row["before_um"] + row["path_um"])
         if isinstance(self._controller, SeesTruth):
             self._controller.see(window)
-        self._take(self._controller.update(WindowObservation.of(window, end_ns, float(row["feed_um_s"]), path_um)))
+        self._take(self._controller.update(self._lanes.observation(self._lane)))
 
     def _take(self, command: FeedCommand) -> None:
         self._command = check_command(self._controller.name, command)

@@ -18,6 +18,7 @@ from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.planner.course import Course
 from edmsim.controllers.planner.record import PLANNER
 from edmsim.controllers.planner.registry import kind_of, position_unit
+from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs.knobs import to_detents
 from edmsim.envs.path_follower import (
     DONE,
@@ -183,6 +184,13 @@ class Lanes:
     def path_um(self) -> Floats:
         """Length of path behind each lane by its planner, over all its legs."""
         return np.asarray(self.rows["before_um"] + self.rows["path_um"])
+
+    def observation(self, lane: int) -> WindowObservation:
+        """Return what a machine shows of a lane's last window, as feed controllers see it."""
+        window, row = self.fleet.plants[lane].window(), self.rows[lane]
+        end_ns = window.start_ns + window.duration_ns  # a fresh wire may have been threaded since
+        path_um = float(row["before_um"] + row["path_um"])
+        return WindowObservation.of(window, end_ns, float(row["feed_um_s"]), path_um)
 
     def set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""

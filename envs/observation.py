@@ -1,16 +1,22 @@
-"""The observation: only what a machine can measure and its operator knows, with a fixed place for every entry."""
+"""The observation: only what a machine can measure and its operator knows, with a fixed place for every entry.
+
+An entry is declared here with its value; the values of the entries of a step are in `show`, which is compiled.
+`observation_builder` puts them together.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import normal, uniform
-from edmsim.machine.machine import Machine
 from edmsim.machine.setting import wire_speed_m_s
 from edmsim.plant.constants import faces_Pa
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
@@ -28,6 +34,9 @@ class Entry(NamedTuple):
         What it is clipped to.
     quantity, divisor : str
         What it is, and by what it is divided.
+    value : callable, optional
+        Returns it of a `Machine` if it is a dial, of the `Known` (n,) if it stands behind the dials. Those of a step
+        have theirs in `show`.
     """
 
     name: str
@@ -35,6 +44,7 @@ class Entry(NamedTuple):
     high: float
     quantity: str
     divisor: str
+    value: Callable[..., Any] | None = None
 
     @property
     def meaning(self) -> str:
@@ -62,29 +72,86 @@ FIFTHS = tuple(
 )
 """Entries behind those of a step, where discharges are located (`Family.locates_discharges`)."""
 DIALS = (
-    Entry("tension", 0.0, 10.0, "tension of the wire, N", "10 N"),
-    Entry("wire_diameter", 0.0, 4.0, "diameter of the wire, um", "100 um"),
-    Entry("height", 0.0, 8.0, "height of the workpiece, the greatest, mm", "50 mm"),
-    Entry("flushing_lower", 0.0, 30.0, "pressure of the lower nozzle, Pa", "1 bar"),
-    Entry("flushing_upper", 0.0, 30.0, "pressure of the upper nozzle, Pa", "1 bar"),
-    Entry("wire_speed", 0.0, 15.0, "speed of the running wire, m/s", "1 m/s"),
+    Entry("tension", 0.0, 10.0, "tension of the wire, N", "10 N", lambda m: m.tension / 10.0),
+    Entry("wire_diameter", 0.0, 4.0, "diameter of the wire, um", "100 um", lambda m: m.wire_diameter_um / 100.0),
+    Entry("height", 0.0, 8.0, "height of the workpiece, the greatest, mm", "50 mm", lambda m: m.height_mm / 50.0),
+    # a gauge at the nozzle shows what a stand-off leaves, too
+    Entry("flushing_lower", 0.0, 30.0, "pressure of the lower nozzle, Pa", "1 bar", lambda m: faces_Pa(m)[0] * 1e-5),
+    Entry("flushing_upper", 0.0, 30.0, "pressure of the upper nozzle, Pa", "1 bar", lambda m: faces_Pa(m)[1] * 1e-5),
+    Entry("wire_speed", 0.0, 15.0, "speed of the running wire, m/s", "1 m/s", wire_speed_m_s),
 )
 """Entries behind all steps: what the operator has set up and knows."""
+
+
+@dataclass
+class Known:
+    """What is known behind the dials, of n episodes.
+
+    Attributes
+    ----------
+    rows : (n,) `path_follower.LANE`
+    corner_um, corner_deg : (n, most)
+        Length of path up to each corner, infinite for the filling, and its turn.
+    age_s : (n,)
+        Time of cutting with the present wire.
+    broke_at : (n,)
+        Longest period per on-time at which a wire broke; 0 where none did.
+    offset_um, wires, episode_s
+        Arguments of the environment.
+    """
+
+    rows: NDArray[np.void]
+    corner_um: Floats
+    corner_deg: Floats
+    age_s: Floats
+    broke_at: Floats
+    offset_um: float | None
+    wires: int
+    episode_s: float | None
+
+    @cached_property
+    def ahead(self) -> tuple[Floats, Floats]:
+        """Path to the next corner, 1 for `LOOK_UM` or more, and the corner's turn, 0 from there on."""
+        way_um = self.corner_um - self.rows["path_um"][:, None]
+        return self._nearest(np.where(way_um > 0, way_um, np.inf))
+
+    @cached_property
+    def behind(self) -> tuple[Floats, Floats]:
+        """The same of the last corner."""
+        way_um = self.corner_um - self.rows["path_um"][:, None]
+        return self._nearest(np.where(way_um <= 0, -way_um, np.inf))
+
+    def _nearest(self, ways_um: Floats) -> tuple[Floats, Floats]:
+        lane, k = np.arange(len(ways_um)), ways_um.argmin(axis=1)
+        way_um = ways_um[lane, k]
+        return np.minimum(way_um / LOOK_UM, 1.0), np.where(way_um <= LOOK_UM, self.corner_deg[lane, k] / 180.0, 0.0)
+
+
 CORNERS = (
-    Entry("corner_ahead", 0.0, 1.0, "path to the next corner, mm; 1 if none is nearer", "1 mm"),
-    Entry("corner_turn", -1.0, 1.0, "its turn, left positive; 0 if none is within 1 mm", "180 degrees"),
-    Entry("corner_behind", 0.0, 1.0, "path from the last corner, mm; 1 if none is nearer", "1 mm"),
-    Entry("corner_turned", -1.0, 1.0, "its turn, left positive; 0 if none is within 1 mm", "180 degrees"),
-)
+    Entry("corner_ahead", 0.0, 1.0, "path to the next corner, mm; 1 if none is nearer", "1 mm",
+          lambda k: k.ahead[0]),
+    Entry("corner_turn", -1.0, 1.0, "its turn, left positive; 0 if none is within 1 mm", "180 degrees",
+          lambda k: k.ahead[1]),
+    Entry("corner_behind", 0.0, 1.0, "path from the last corner, mm; 1 if none is nearer", "1 mm",
+          lambda k: k.behind[0]),
+    Entry("corner_turned", -1.0, 1.0, "its turn, left positive; 0 if none is within 1 mm", "180 degrees",
+          lambda k: k.behind[1]),
+)  # fmt: skip
 """Entries behind the dials, where the program is known."""
-OFFSET = Entry("offset", -1.0, 1.0, "offset from the path, left positive, um", "``offset_um``")
+OFFSET = Entry(
+    "offset", -1.0, 1.0, "offset from the path, left positive, um", "``offset_um``",
+    lambda k: k.rows["offset_um"] / k.offset_um,
+)  # fmt: skip
 """Entry behind those, where an action leads the guides beside the path."""
 WIRES = (
-    Entry("wires_lost", 0.0, 1.0, "wires that broke in the episode", "``wires``"),
-    Entry("wire_age", 0.0, 1.0, "time of cutting with the present wire, s", "60 s"),
-    Entry("spent", 0.0, 1.0, "time of cutting, s", "``episode_s``"),
-    Entry("broke_at", 0.0, 1.0, "log2 of the longest period/on-time that broke", "10"),
-)
+    Entry("wires_lost", 0.0, 1.0, "wires that broke in the episode", "``wires``",
+          lambda k: k.rows["wires_lost"] / k.wires),
+    Entry("wire_age", 0.0, 1.0, "time of cutting with the present wire, s", "60 s", lambda k: k.age_s / WIRE_AGE_S),
+    Entry("spent", 0.0, 1.0, "time of cutting, s", "``episode_s``",
+          lambda k: k.rows["elapsed_ns"] * 1e-9 / (k.episode_s or np.inf)),
+    Entry("broke_at", 0.0, 1.0, "log2 of the longest period/on-time that broke", "10",
+          lambda k: np.log2(np.maximum(k.broke_at, 1.0)) / 10.0),
+)  # fmt: skip
 """Entries behind all others, where an operator remembers the wires of the episode."""
 WIRE_AGE_S = 60.0
 """Age of a wire at which its entry is 1 (ours: the time to thread one)."""
@@ -97,6 +164,11 @@ def of_a_step(locates_discharges: bool) -> tuple[Entry, ...]:
     return MEASURED + FIFTHS if locates_discharges else MEASURED
 
 
+def known_entries(knows_corners: bool, offsets: bool, knows_wires: bool) -> tuple[Entry, ...]:
+    """Entries behind the dials."""
+    return *(CORNERS if knows_corners else ()), *((OFFSET,) if offsets else ()), *(WIRES if knows_wires else ())
+
+
 def entries(
     history: int, knows_corners: bool, locates_discharges: bool = False, offsets: bool = False,
     knows_wires: bool = False,
@@ -107,8 +179,7 @@ def entries(
         for age in range(history)
         for entry in of_a_step(locates_discharges)
     ]
-    known = *(CORNERS if knows_corners else ()), *((OFFSET,) if offsets else ()), *(WIRES if knows_wires else ())
-    return [*steps, *DIALS, *known]
+    return [*steps, *DIALS, *known_entries(knows_corners, offsets, knows_wires)]
 
 
 _LOW = tuple(entry.low for entry in MEASURED)
@@ -117,24 +188,35 @@ _VOLTAGE, _CURRENT, _DELAY = 3, 4, 5
 
 SHOWN = np.dtype(
     [
-        ("short", "i8"), ("open", "i8"), ("ignited", "i8"), ("arc", "i8"), ("ignitions", "i8"), ("duration_ns", "i8"),
-        ("voltage_V_us", "f8"), ("charge_A_us", "f8"), ("delay_us", "f8"), ("travel_um", "f8"), ("feed_um_s", "f8"),
-        ("t_on_us", "f8"), ("t_period_us", "f8"), ("fifths", "i8", 5),
+        ("short", "i8"),
+        ("open", "i8"),
+        ("ignited", "i8"),
+        ("arc", "i8"),  # of those that ignited; no machine tells them apart
+        ("ignitions", "i8"),
+        ("duration_ns", "i8"),
+        ("voltage_V_us", "f8"),  # gap voltage, summed over the time
+        ("charge_A_us", "f8"),  # gap current, summed over the time
+        ("delay_us", "f8"),  # sum of the ignitions' delays
+        ("travel_um", "f8"),  # along the path, by the counters
+        ("feed_um_s", "f8"),  # commanded for the last window
+        ("t_on_us", "f8"),  # of the last window
+        ("t_period_us", "f8"),
+        ("fifths", "i8", 5),  # ignitions by where they were located (`edmsim.plant.kernel.discharge.locate`)
     ]
-)  # fmt: skip
-"""What the windows of a step showed.
-
-Pulses of each kind, arcs among those that ignited (which no machine tells apart), ignitions, and sums over the time:
-of gap voltage and current, of the ignitions' delays, and the travel along the path by the counters; ``fifths`` are
-the ignitions by where they were located (see `edmsim.plant.kernel.discharge.locate`). The feed
-commanded and the generator's setting are the last window's.
-"""
-SCALE = np.dtype(
-    [("open_V", "f8"), ("limit_A", "f8"), ("wait_us", "f8"), ("noise_share", "f8"), ("step", "f8"), ("key", "u8"),
-     ("draws", "u8")]
 )
-"""By what voltage, current and delay are divided, and how they are measured: noise and converters' steps as shares of
-that (see `sensors.Sensors`), key and number of the noise's draws."""
+"""What the windows of a step showed."""
+SCALE = np.dtype(
+    [
+        ("open_V", "f8"),  # by what voltage, current and delay are divided
+        ("limit_A", "f8"),
+        ("wait_us", "f8"),
+        ("noise_share", "f8"),  # noise and the converters' step, as shares of that (`sensors.Sensors`)
+        ("step", "f8"),
+        ("key", "u8"),  # of the noise's draws
+        ("draws", "u8"),  # how many there were
+    ]
+)
+"""How what windows showed is measured."""
 
 
 @exactly_compiled
@@ -226,48 +308,10 @@ def _measured(scales: NDArray[np.void], i: int, value: float) -> float:
     return float(np.rint(value / scales[i].step) * scales[i].step) if scales[i].step > 0.0 else value
 
 
-def dials(machine: Machine) -> NDArray[np.float32]:
-    """Return the entries about a set-up, (len(DIALS),)."""
-    lower, upper = faces_Pa(machine)  # a gauge at the nozzle shows what a stand-off leaves, too
-    values = [
-        machine.tension / 10.0, machine.wire_diameter_um / 100.0, machine.height_mm / 50.0, lower * 1e-5,
-        upper * 1e-5, wire_speed_m_s(machine),
-    ]
-    return np.clip(values, [e.low for e in DIALS], [e.high for e in DIALS]).astype(np.float32)
-
-
-def corners(places_um: Floats, along_um: Floats, turns_deg: Floats) -> NDArray[np.float32]:
-    """Return the entries about corners, (n, len(CORNERS)).
-
-    Parameters
-    ----------
-    places_um : (n,)
-        Length of path behind each lane.
-    along_um, turns_deg : (n, most)
-        Length of path up to each corner, infinite for the filling, and its turn.
-    """
-    ahead = along_um - places_um[:, None]
-    lane = np.arange(len(places_um))
-    rows = np.empty((len(lane), len(CORNERS)))
-    for column, distances in ((0, np.where(ahead > 0, ahead, np.inf)), (2, np.where(ahead <= 0, -ahead, np.inf))):
-        k = distances.argmin(axis=1)
-        distance = distances[lane, k]
-        rows[:, column] = np.minimum(distance / LOOK_UM, 1.0)
-        rows[:, column + 1] = np.where(distance <= LOOK_UM, turns_deg[lane, k] / 180.0, 0.0)
-    return rows.astype(np.float32)
-
-
-def wires(lost_share: Floats, age_s: Floats, spent_share: Floats, broke_at: Floats) -> NDArray[np.float32]:
-    """Return the entries about wires, (n, len(WIRES)), given arrays (n,).
-
-    Parameters
-    ----------
-    lost_share, spent_share : (n,)
-        Wires lost of the episode's, and time of cutting of its.
-    age_s : (n,)
-        Time of cutting with the present wire.
-    broke_at : (n,)
-        Longest period per on-time at which a wire broke; 0 where none did.
-    """
-    rows = np.stack([lost_share, age_s / WIRE_AGE_S, spent_share, np.log2(np.maximum(broke_at, 1.0)) / 10.0], axis=1)
-    return np.clip(rows, 0.0, 1.0).astype(np.float32)
+def values_of(entries: Sequence[Entry], of: Any, count: int) -> NDArray[np.float32]:
+    """Return entries of a machine, or of what is `Known`, (count, entries)."""
+    values = np.empty((count, len(entries)))
+    for k, entry in enumerate(entries):
+        assert entry.value is not None
+        values[:, k] = np.minimum(np.maximum(entry.value(of), entry.low), entry.high)
+    return values.astype(np.float32)

@@ -37,58 +37,44 @@ RUNNING, DONE, WIRE_BREAK, OUT_OF_RANGE = (
 
 LANE = np.dtype(
     [
-        ("units", "i8"),
-        ("units_before", "i8"),
-        ("latency_ns", "i8"),
-        ("longest_ns", "i8"),
-        ("elapsed_ns", "i8"),
-        ("step_ns", "i8"),
-        ("settling_ns", "i8"),
-        ("steps", "i8"),
-        ("beside", "i8", 2),
-        ("cause", "i8"),
-        ("broke", "i8"),
+        ("units", "i8"),  # feed in the planner's units, negative backwards
+        ("units_before", "i8"),  # feed until the new one counts
+        ("latency_ns", "i8"),  # a new feed counts so long after the window's begin
+        ("longest_ns", "i8"),  # longest window of the setting
+        ("elapsed_ns", "i8"),  # time of cutting in the episode
+        ("step_ns", "i8"),  # time since the last action
+        ("settling_ns", "i8"),  # for how long a fresh wire settles yet
+        ("steps", "i8"),  # motor steps planned
+        ("beside", "i8", 2),  # steps by which the motors are beside the path, where offset_um leads them
+        ("cause", "i8"),  # why the episode ended
+        ("broke", "i8"),  # whether the wire broke in the window
         ("wires_lost", "i8"),
-        ("step_um", "f8"),
-        ("table_um", "f8"),
-        ("feed_um_s", "f8"),
-        ("offset_um", "f8"),
-        ("path_um", "f8"),
-        ("travel_um", "f8"),
-        ("reached_um", "f8"),
+        ("step_um", "f8"),  # travel of a motor step
+        ("table_um", "f8"),  # the table's travel
+        ("feed_um_s", "f8"),  # feed commanded
+        ("offset_um", "f8"),  # of the guides, to the left of the path
+        ("path_um", "f8"),  # length of the leg behind the lane by its planner
+        ("travel_um", "f8"),  # of the last window, along the path
+        ("reached_um", "f8"),  # length of the leg up to where the wire really is: metal bends it and holds it back
+        # the length of the leg that was cut follows the wire by the share of pulses that ignite, so that a wire
+        # pushed into metal, or led through air, cuts nothing until it sparks
         ("cut_um", "f8"),
-        ("progress_um", "f8"),
-        ("area_mm2", "f8"),
-        ("error_um", "f8"),
-        ("before_um", "f8"),
-        ("total_um", "f8"),
-        ("shorted_s", "f8"),
-        ("setting_us", "f8", 2),
-        ("first_setting_us", "f8", 2),
-        ("open_V", "f8"),
-        ("limit_A", "f8"),
-        ("wait_us", "f8"),
-        ("energy_mJ", "f8"),
-        ("threading_s", "f8"),
+        ("progress_um", "f8"),  # of the cut, in the last window
+        ("area_mm2", "f8"),  # that, times the local height
+        ("error_um", "f8"),  # distance of the wire's true place from the path
+        ("before_um", "f8"),  # length of the legs before
+        ("total_um", "f8"),  # length of all legs
+        ("shorted_s", "f8"),  # for how long there have been nothing but shorts
+        ("setting_us", "f8", 2),  # on-time and period
+        ("first_setting_us", "f8", 2),  # those at the begin
+        ("open_V", "f8"),  # the generator's open voltage
+        ("limit_A", "f8"),  # its limit of the mean current
+        ("wait_us", "f8"),  # longest wait for an ignition
+        ("energy_mJ", "f8"),  # of a discharge of the setting
+        ("threading_s", "f8"),  # what a lost wire costs the machine
     ]
 )
-"""Numbers of one lane.
-
-``units`` is the feed in the planner's units, negative backwards; it counts ``latency_ns`` after the window's begin,
-till then ``units_before``. ``longest_ns`` is the longest window; ``elapsed_ns`` the time of cutting in the episode,
-``step_ns`` since the last action, ``settling_ns`` for how long a fresh wire settles yet; ``steps`` how many motor
-steps are planned, ``beside`` by how many the motors are beside the path, where ``offset_um`` leads them; ``cause``
-why the episode ended; ``broke`` whether the wire broke in the window, ``wires_lost`` how many have.
-``step_um, table_um`` are the motor step and the table's travel. ``feed_um_s`` is the feed commanded, ``path_um``
-the length of the leg behind the lane by its planner.
-Of the last window: ``travel_um`` along the path, ``progress_um`` of the cut and ``area_mm2``, that times the local
-height. ``reached_um`` is the length of the leg up to where the wire really is, ``error_um`` its distance from there:
-a wire pushed against metal bends and stays behind its counters. ``cut_um`` is the length of the leg that was cut: it
-follows the wire by the share of pulses that ignite, so that a wire pushed into metal, or led through air, cuts
-nothing until it sparks. ``before_um`` is the length of the legs before, ``total_um`` of all; ``shorted_s`` for how
-long there have been nothing but shorts; ``setting_us`` on-time and period, now and at first; ``open_V, limit_A,
-wait_us`` the generator's open voltage, limit of mean current, and longest wait for an ignition; ``energy_mJ`` that of
-a discharge of the setting, ``threading_s`` what a lost wire costs the machine."""
+"""Numbers of one lane."""
 
 
 @exactly_compiled

@@ -27,10 +27,16 @@ INTEGRAL_SHARE = 0.5
 """What is left of the integral after a retract, as the classic servos have it (`controllers.feed.law`)."""
 
 SERVO = np.dtype(
-    [("target", "f8"), ("error", "f8"), ("integral_um_s", "f8"), ("shorted_s", "f8"), ("retracting", "i8"),
-     ("feed_um_s", "f8")]
+    [
+        ("target", "f8"),  # share of open pulses less shorts that is held
+        ("error", "f8"),  # low-passed
+        ("integral_um_s", "f8"),  # integral part of the feed
+        ("shorted_s", "f8"),  # time shorted
+        ("retracting", "i8"),
+        ("feed_um_s", "f8"),  # feed asked for
+    ]
 )
-"""What changes of a servo: target as a share, filtered error, integral part, time shorted, and the feed asked for."""
+"""What changes of a servo."""
 
 
 def begin(row: Any, feed_um_s: float) -> None:

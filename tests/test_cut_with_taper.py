@@ -14,7 +14,9 @@ from edmsim.controllers import axis, from_text
 from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
+from edmsim.job.check import check
 from edmsim.job.cut import guides_of
+from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
 from edmsim.metrology.profile import slice_heights_mm
@@ -193,6 +195,69 @@ def test_a_leaning_trim_goes_on_to_the_bit_from_its_snapshot(trimmed):
     arrays, whole = again.snapshot()[0], cut.snapshot()[0]
     assert all(arrays[name].tobytes() == whole[name].tobytes() for name in whole)
     assert json.dumps(again.passes.snapshot()) == json.dumps(cut.passes.snapshot())
+
+
+SODICK = """( ONE WALL THAT LEANS IN BY 3 DEGREES, CUT AND TRIMMED )
+C001 = 0012 0016 2215 000 250 +034.0 8.0 0040 0 0000 0000 025 120 100 050;
+C002 = 0002 0010 2205 000 230 +052.0 7.0 6040 0 0000 0000 025 140 100 012;
+H000 = +000000.0000;
+H001 = +000000.1850;
+H002 = +000000.1550;
+TP0.0 TN2.0;
+G90 G92 X0.0 Y-0.5;
+C001 G41 H001 G52 A0;
+G01 Y0.0;
+A3.0;
+X-1.6;
+G40 H000 A0 G01 Y-0.3;
+C002 G42 H002 G51 A0;
+G01 Y0.0;
+A3.0;
+X0.0;
+G40 H000 G50 G01 Y-0.3;
+M02;
+"""
+CONDITIONS = """[C001]
+tension_N = 10.0
+feed_um_s = 70.0
+[C002]
+tension_N = 14.0
+t_on_us = 0.6
+t_period_us = 16.0
+feed_um_s = 90.0
+"""
+
+
+def test_a_program_trims_its_leaning_wall_with_its_own_conditions(tmp_path):
+    program, table = tmp_path / "wall.nc", tmp_path / "conditions.toml"
+    program.write_text(SODICK)
+    table.write_text(CONDITIONS)
+    result = edmsim.cut(
+        program, conditions=str(table), height_mm=2.0, machine="production", generator="production",
+        wire="brass-250", planner="exact", resolution="fast",
+    )  # fmt: skip
+    rough, trim = result.report["passes"]
+    assert result.report["outcome"] == "finished"
+    assert (rough["offset_um"], trim["offset_um"]) == (185.0, 155.0)
+    assert (rough["reversed"], trim["reversed"]) == (False, True)
+    assert trim["stock_um"] == pytest.approx(30.0, abs=10.0)
+    assert trim["straightness_um"] < 6.0
+    leads = [one.lean.upper_um[-2, 1] for one in result.path.contours[0].passes]
+    assert leads[1] > leads[0]  # it bends nearer to the guides under more tension
+    assert [face.error_um.shape[0] for face in result.scene.pass_faces] == [5, 5]
+
+
+@pytest.mark.parametrize("name", ["taper-sodick.nc", "taper-mitsubishi.nc", "taper-charmilles.iso"])
+def test_the_examples_of_tapers_in_passes_are_planned_whole(name):
+    found = check(
+        Path(__file__).parents[1] / "examples" / "dialects" / name, CutSettings(height_mm=16.0, resolution="fast")
+    )
+    (contour,) = found.path.contours
+    assert [one.number for one in contour.passes] == [1, 2]
+    assert contour.passes[0].offset_um > contour.passes[1].offset_um
+    assert all(np.abs(one.lean.upper_um).max() > 300 for one in contour.passes)
+    assert [row.number for row in found.passes] == [1, 2]
+    assert 600 < found.expected_s < 3000
 
 
 def test_a_cut_reports_its_taper(tmp_path):

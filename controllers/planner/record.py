@@ -22,34 +22,26 @@ Row = Any
 
 PLANNER = np.dtype(
     [
-        ("kind", "i8"),
-        ("last_move", "i8"),
-        ("unit_um", "i8"),
-        ("hertz", "i8"),
+        ("kind", "i8"),  # one of the five above
+        ("last_move", "i8"),  # index of the path's last straight move
+        ("unit_um", "i8"),  # travel of one unit of position
+        ("hertz", "i8"),  # the clock is hertz / per
         ("per", "i8"),
-        ("step_um", "f8"),
-        ("from_um", "f8", 2),
-        ("move", "i8"),
-        ("counter", "i8", 2),
-        ("along", "i8"),
-        ("timer", "i8", 2),
-        ("rate", "i8", 2),
-        ("aim", "i8", 5),
-        ("carrot_is_end", "i8"),
-        ("heading", "i8"),
-        ("speed", "i8"),
+        ("step_um", "f8"),  # travel of a motor step
+        ("from_um", "f8", 2),  # where the planner began
+        # what changes while it runs, see `CHANGES`
+        ("move", "i8"),  # the one the wire is on
+        ("counter", "i8", 2),  # steps made, those back deducted
+        ("along", "i8"),  # length run in 1 / 10^12 um (`EXACT`), or within the move in step_um / 65536 (`DDA`)
+        ("timer", "i8", 2),  # to the next step: an accumulator's phase, or ticks left of a reload counter (`LITERAL`)
+        ("rate", "i8", 2),  # axis speeds in units / 128
+        ("aim", "i8", 5),  # fields of the `Displacement` they come from, but its halvings
+        ("carrot_is_end", "i8"),  # whether that leads to the move's end
+        ("heading", "i8"),  # of the last command
+        ("speed", "i8"),  # of the last command, in units
     ]
 )
-"""Numbers of one planner.
-
-``kind`` is one of the five above; ``last_move`` the index of the path's last straight move, ``unit_um`` the travel
-of one unit of position, ``hertz / per`` the clock, ``step_um`` the travel of a motor step, ``from_um`` where the
-planner began. The rest changes: ``move`` is the one the wire is on; ``counter`` the steps made, those back deducted;
-``along`` the length run in 1 / 10^12 um (`EXACT`), or within the move in ``step_um / 65536`` (`DDA`); ``timer`` what
-counts to the next step of each axis: the phase of its accumulator, or the ticks left of its reload counter
-(`LITERAL`); ``rate`` the axis speeds in units / 128, ``aim`` the fields of the `Displacement` they come from but its
-halvings; ``carrot_is_end`` whether that leads to the move's end; ``heading, speed`` the last command, in units.
-"""
+"""Numbers of one planner."""
 
 CHANGES = ("move", "counter", "along", "timer", "rate", "aim", "carrot_is_end", "heading", "speed")
 """Fields that change while a planner runs."""

@@ -22,19 +22,19 @@ from typer.models import ArgumentInfo
 
 from edmsim import controllers
 from edmsim.cli import app as cli
-from edmsim.cli.options import with_options
+from edmsim.cli.options import flag, with_options
 from edmsim.controllers.axis import ServoModule, Uhu
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.feed.law import GapServo, ServoLaw
 from edmsim.machine.machine import Machine
-from edmsim.machine.options import available
+from edmsim.machine.options import Names, SetUpOptions, available, fact, limits_text
 from edmsim.machine.setting import most_current_A, open_V, pulse_shape
 from edmsim.recording.windows import COLUMNS, EQUALISING_COLUMNS
 
 DOCS = Path(__file__).parents[1]
 MARK = re.compile(
-    r"(?P<begin><!-- begin table: (?P<kind>commands|columns|letters|parameters|set-ups) ?(?P<words>.*?) -->\n).*?"
-    r"(?P<end><!-- end table -->)", re.DOTALL,
+    r"(?P<begin><!-- begin table: (?P<kind>commands|columns|letters|options|parameters|set-ups) ?"
+    r"(?P<words>.*?) -->\n).*?(?P<end><!-- end table -->)", re.DOTALL,
 )
 LINUXCNC = {
     "proportional_gain": "Pgain", "integral_gain": "Igain", "derivative_gain": "Dgain", "clamp": "maxoutput",
@@ -126,6 +126,17 @@ def described(parameter: inspect.Parameter, info: Any) -> tuple[str, ...]:
     return f"`{name}`", default, info.help
 
 
+def options(*names: str) -> list[str]:
+    """Options of a set-up by name: meaning and limits."""
+    body = []
+    for name in names:
+        field = SetUpOptions.model_fields[name]
+        listed = fact(field, Names)
+        within = limits_text(name, field) if listed is None else ", ".join(listed.listed())
+        body.append((f"`{flag(name, field)}`", f"`{name}`", " ".join(str(field.description).split()), within))
+    return rows(("option", "in Python", "meaning", "limits"), iter(body))
+
+
 def columns() -> list[str]:
     """Columns of ``windows.parquet``."""
     columns = COLUMNS + EQUALISING_COLUMNS
@@ -208,7 +219,8 @@ SET_UPS: dict[str, tuple[tuple[str, ...], Callable[[Machine], tuple[str, ...]]]]
     "generators": (("on-time, us", "period, us", "open voltage, V", "pulse, peak current in A"), _generator),
 }
 TABLES: dict[str, Callable[..., list[str]]] = {
-    "commands": commands, "columns": columns, "letters": letters, "parameters": parameters, "set-ups": set_ups,
+    "commands": commands, "columns": columns, "letters": letters, "options": options, "parameters": parameters,
+    "set-ups": set_ups,
 }
 
 

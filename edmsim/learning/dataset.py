@@ -29,6 +29,7 @@ from edmsim.envs.single import EdmEnv
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import check_controllers
 from edmsim.evaluation.episode import HELD_BACK
+from edmsim.evaluation.parts import is_part
 from edmsim.files import locked, replacing
 
 if TYPE_CHECKING:
@@ -95,6 +96,8 @@ def record(
     if not 0 <= seed < HELD_BACK // 2:
         raise InputError(f"the seed {seed} must be from 0 to {HELD_BACK // 2 - 1}: those above are held back")
     family, _ = find(env_id)
+    if is_part(env_id):
+        raise InputError(f"{env_id} is decided on pass by pass: no feed controller acts in it")
     check_controllers(controllers)
     env: Any = gym.make(env_id_of(env_id), action="speed", decision_s=None, disable_env_checker=True)
     if not isinstance(env.unwrapped, EdmEnv):

@@ -13,6 +13,7 @@ from edmsim.envs.as_action import target_share
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
+from edmsim.evaluation.parts import is_part
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Residual
 
@@ -71,10 +72,11 @@ def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
         raise InputError(f"the table lagrangian is for ppo-lag, and needed there; the algorithm is {algo}")
     if (parameters.teacher is not None) != (algo == "imitation"):
         raise InputError(f"a teacher is for imitation, and needed there; the algorithm is {algo}")
+    of_windows = parameters.privileged_critic, parameters.teacher is not None, parameters.residual is not None
+    if is_part(env_id) and any(of_windows):
+        raise InputError(f"{env_id} is decided on pass by pass: it has no teacher, residual or privileged critic")
     family = arguments_with(env_id, **parameters.environment)
     if not isinstance(family, Family):
-        if parameters.privileged_critic or parameters.teacher is not None or parameters.residual is not None:
-            raise InputError(f"{env_id} is decided on pass by pass: it has no teacher, residual or privileged critic")
         return
     if parameters.teacher is not None:
         teacher = from_text(parameters.teacher)

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
-from edmsim.envs import observation, servo
+from edmsim.envs import servo
 from edmsim.envs.knobs import least_setting_us, to_detents
-from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE
+from edmsim.envs.observation_builder import ObservationBuilder, window_of
+from edmsim.envs.path_follower import LANE, SHORTED_S, SHORTED_SHARE
+from edmsim.envs.sensors import EXACT
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.learning.policy_file import Policy, load
@@ -37,17 +39,15 @@ class PolicyController(Snapshots):
 
     name: ClassVar[str] = "policy"
     STATE = (
-        "_law", "_law_um_s", "_feed_um_s", "_limit_um_s", "_path_um", "_shorted_s", "_setting_us", "_offset_um",
-        "_lost", "_age_s", "_spent_s", "_broke_at", "_history", "_shown", "_servo", "_memory",
+        "_law", "_law_um_s", "_feed_um_s", "_limit_um_s", "_path_um", "_setting_us", "_rows", "_builder", "_servo",
+        "_memory",
     )  # fmt: skip
 
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
         self._family = policy.family()
-        width = len(observation.of_a_step(self._family.locates_discharges))
-        self._history = np.zeros((1, self._family.history, width), np.float32)
-        self._shown: NDArray[np.void] = np.zeros(1, observation.SHOWN)
-        self._scale: NDArray[np.void] = np.zeros(1, observation.SCALE)
+        self._builder = ObservationBuilder(self._family, 1, EXACT)  # the machine measures as it does
+        self._rows: NDArray[np.void] = np.zeros(1, LANE)  # what the environment's lane would have
         self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
         self._memory: Floats = policy.fresh_memory()
         residual = policy.card.residual
@@ -57,10 +57,7 @@ class PolicyController(Snapshots):
         self._machine: Machine | None = None
         self._corner_um: Floats = np.full((1, 1), np.inf)
         self._corner_deg: Floats = np.zeros((1, 1))
-        self._feed_um_s = self._limit_um_s = self._start_um = self._path_um = self._shorted_s = 0.0
-        self._age_s = self._spent_s = self._broke_at = 0.0
-        self._offset_um = 0.0
-        self._lost = 0
+        self._feed_um_s = self._limit_um_s = self._start_um = self._path_um = 0.0
 
     def set_up(self, machine: Machine, points_um: Floats, start_um: float) -> None:
         """Take in the set-up and the path; called before every leg of the cut."""
@@ -88,12 +85,9 @@ class PolicyController(Snapshots):
         self._setting_us = tuple(self._first_us.tolist())
         self._limit_um_s = max_feed_um_s
         self._feed_um_s = self._family.first_feed_um_s
-        self._path_um, self._shorted_s = self._start_um, 0.0
-        self._age_s = self._spent_s = self._broke_at = 0.0
-        self._offset_um = 0.0
-        self._lost = 0
-        self._history[:] = 0.0
-        self._shown[:] = np.zeros((), observation.SHOWN)
+        self._path_um = self._start_um
+        self._rows[:] = np.zeros((), LANE)
+        self._builder.begin(0, self._rows[0], self._machine)
         servo.begin(self._servo[0], self._feed_um_s)
         self._memory = self.policy.fresh_memory()
         if self._law is not None:
@@ -103,49 +97,45 @@ class PolicyController(Snapshots):
 
     def update(self, window: WindowObservation) -> FeedCommand:
         """Feed, and setting where the environment has it in its actions, after what a window showed."""
-        self._look(window)
+        row = self._look(window)
         if abs(window.feed_um_s - self._feed_um_s) > SPEED_UNIT_NM_S * 1e-3:
             self._feed_um_s = window.feed_um_s  # the machine ran another one, at a dwell perhaps: change that
         shorted = window.short >= SHORTED_SHARE * WINDOW_PULSES
-        self._shorted_s = self._shorted_s + window.duration_s if shorted else 0.0
-        if self._shorted_s > SHORTED_S:
+        row["shorted_s"] = row["shorted_s"] + window.duration_s if shorted else 0.0
+        if row["shorted_s"] > SHORTED_S:
             return FeedCommand(0.0, "persistent short")
         if self._family.action == "servo":
             self._respond(window)
         if self._law is not None:
             self._law_um_s = self._law.update(window).feed_um_s
-        if self._shown[0]["duration_ns"] >= round((self._family.decision_s or 0.0) * 1e9):
-            observation.show(_LANE, self._shown, self._scale, self._family.max_feed_um_s, self._history)
-            self._shown[:] = np.zeros((), observation.SHOWN)
+        if self._builder.sums[0]["duration_ns"] >= round((self._family.decision_s or 0.0) * 1e9):
+            self._builder.end_step(_LANE)
+            self._builder.begin_step(_LANE)
             self._decide()
         return self._command()
 
     def wire_lost(self) -> FeedCommand:
         """Go on with the next wire, which begins at the first setting, as the first one did."""
-        t_on_us, t_period_us = self._setting_us
-        self._lost += 1
-        self._broke_at, self._age_s = max(self._broke_at, t_period_us / t_on_us), 0.0
+        row = self._rows[0]
+        row["wires_lost"] += 1
+        row["shorted_s"] = 0.0
+        if self._family.counts_threading and self._machine is not None:
+            row["elapsed_ns"] += round(self._machine.base.table.threading_s.value * 1e9)
+        self._builder.lose_wire(0, row, self._setting_us)
         self._setting_us = tuple(self._first_us.tolist())
-        self._feed_um_s, self._shorted_s = self._family.first_feed_um_s, 0.0
+        self._feed_um_s = self._family.first_feed_um_s
         servo.begin(self._servo[0], self._feed_um_s)
-        if self._family.counts_threading:
-            self._go_on_by_the_clock()
+        if self._family.counts_threading:  # threading ends a step of the environment
+            if self._builder.sums[0]["duration_ns"]:
+                self._builder.end_step(_LANE)
+                self._builder.begin_step(_LANE)
+            self._decide()
         return self._command()
 
-    def _go_on_by_the_clock(self) -> None:
-        """Let the time of threading pass, and decide anew: where it counts, it ends a step of the environment."""
-        assert self._machine is not None
-        self._spent_s += self._machine.base.table.threading_s.value
-        if self._shown[0]["duration_ns"]:
-            observation.show(_LANE, self._shown, self._scale, self._family.max_feed_um_s, self._history)
-            self._shown[:] = np.zeros((), observation.SHOWN)
-        self._decide()
-
-    def _wires(self) -> NDArray[np.float32]:
-        """Entries about the wires, as the environment has them."""
-        family = self._family
-        lost, spent = self._lost / family.wires, self._spent_s / (family.episode_s or np.inf)
-        rows = observation.wires(*(np.array([v]) for v in (lost, self._age_s, spent, self._broke_at)))
+    @property
+    def observation(self) -> NDArray[np.float32]:
+        """What the policy is shown, as its environment would have it."""
+        rows = self._builder.observations(self._rows, self._corner_um, self._corner_deg)
         return np.asarray(rows[0], np.float32)
 
     @property
@@ -160,26 +150,20 @@ class PolicyController(Snapshots):
         t_on_us, t_period_us = setting_us
         self._machine = self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
 
-    def _look(self, window: WindowObservation) -> None:
-        """Add a window to what the step showed, as the environment does."""
+    def _look(self, window: WindowObservation) -> np.void:
+        """Add a window to what the step showed; returns the row that the environment's lane would have."""
         assert self._machine is not None
-        us, shown = window.duration_s * 1e6, self._shown[0]
-        ignited = WINDOW_PULSES - window.short - window.open
-        for name, value in (
-            ("short", window.short), ("open", window.open), ("ignited", ignited), ("ignitions", ignited),
-            ("duration_ns", round(window.duration_s * 1e9)),  # the plant counts whole nanoseconds
-            ("voltage_V_us", window.mean_voltage_V * us), ("charge_A_us", window.mean_current_A * us),
-            ("delay_us", window.mean_delay_us * ignited if ignited else 0.0),
-            ("travel_um", window.path_um - self._path_um), ("fifths", window.fifths),
-        ):
-            shown[name] += value
-        shown["feed_um_s"], shown["t_on_us"], shown["t_period_us"] = window.feed_um_s, *self._setting_us
-        scale = self._scale[0]
-        scale["open_V"], scale["wait_us"] = open_V(self._machine), ignition_wait_us(self._machine)
-        scale["limit_A"] = self._machine.generator.mean_current_limit_A.value
-        self._path_um = window.path_um
-        self._age_s += window.duration_s
-        self._spent_s += window.duration_s
+        row: np.void = self._rows[0]
+        row["travel_um"], self._path_um = window.path_um - self._path_um, window.path_um
+        row["path_um"] = window.path_um - self._start_um
+        row["feed_um_s"], row["setting_us"] = window.feed_um_s, self._setting_us
+        row["open_V"], row["wait_us"] = open_V(self._machine), ignition_wait_us(self._machine)
+        row["limit_A"] = self._machine.generator.mean_current_limit_A.value
+        record = window_of(window)
+        row["elapsed_ns"] += record[0]["duration_ns"]
+        self._builder.take_scale(0, row)
+        self._builder.add(_LANE, self._rows, record)
+        return row
 
     def _respond(self, window: WindowObservation) -> None:
         """Let the servo answer a window."""
@@ -192,15 +176,7 @@ class PolicyController(Snapshots):
     def _decide(self) -> None:
         """Ask the policy, and take up what it wants."""
         assert self._machine is not None
-        entries = np.concatenate([self._history.reshape(-1), observation.dials(self._machine)])
-        if self._family.knows_corners:
-            place = np.array([self._path_um - self._start_um])
-            entries = np.append(entries, observation.corners(place, self._corner_um, self._corner_deg)[0])
-        if self._family.offset_um is not None:
-            entries = np.append(entries, np.float32(self._offset_um / self._family.offset_um))
-        if self._family.knows_wires:
-            entries = np.append(entries, self._wires())
-        action, self._memory = self.policy.act(entries, self._memory)
+        action, self._memory = self.policy.act(self.observation, self._memory)
         if self.policy.card.residual is not None:
             action[0] = self.policy.card.residual.action(self._family, self._law_um_s, float(np.float32(action[0])))
         if self._family.action == "servo":
@@ -211,13 +187,13 @@ class PolicyController(Snapshots):
         if self._family.knobs:
             self._turn(self._family.setting_us(self._first_us, action[1 : 1 + len(self._family.knobs)]))
         if self._family.offset_um is not None:
-            self._offset_um = float(np.float32(action[-1])) * self._family.offset_um
+            self._rows[0]["offset_um"] = float(np.float32(action[-1])) * self._family.offset_um
 
     def _command(self) -> FeedCommand:
         """Return the feed in force, and the setting where the policy turns knobs."""
         if self._family.action == "servo":
             self._feed_um_s = float(self._servo["feed_um_s"][0])
-        command = FeedCommand(self._feed_um_s, offset_um=self._offset_um)
+        command = FeedCommand(self._feed_um_s, offset_um=float(self._rows[0]["offset_um"]))
         if not self._family.knobs:
             return command
         t_on_us, t_period_us = self._setting_us

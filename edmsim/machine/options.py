@@ -132,9 +132,8 @@ class Choices(Options):
     """Resistor in series with the gap in ohm, in place of the generator's own and of a peak current."""
     ignition_wait_us: Annotated[Number | None, Limits(0.1, 10_000.0)] = None
     """Longest wait for ignition in us, by default the generator's own; an iso-pulse generator has none."""
-    pulse_shape: str | None = None
-    """Shape of the current, rectangle or triangle, by default the generator's own; a triangle not for an iso-pulse
-    generator."""
+    pulse_shape: Annotated[str | None, Names(registered("edmsim.machine.setting:PULSE_FORMS"))] = None
+    """Shape of the current, by default the generator's own; no triangle with an iso-pulse generator."""
     wire_speed_m_s: Annotated[Number | None, Limits(0.001, 15.0)] = None
     """Speed of the running wire in m/s; by default the machine's own."""
     flushing_lower_Pa: Annotated[Number | None, Limits(0.0, 3e6, "pressure of the lower nozzle")] = None
@@ -185,12 +184,17 @@ def limits_of(options: type[BaseModel]) -> dict[str, Limits]:
 
 def meaning(name: str, field: FieldInfo) -> str:
     """Return what help and docstrings say of an option: meaning, names and limits."""
-    text, limits, names = " ".join((field.description or "").split()), fact(field, Limits), fact(field, Names)
+    text, names = " ".join((field.description or "").split()), fact(field, Names)
     if names is not None:
         text += f" One of: {', '.join(names.listed())}{f', or {names.or_else}' if names.or_else else ''}."
-    if limits is not None:
-        text += f" {limits.low:g} to {limits.high:g} {unit_of(name)}."
-    return text
+    limits = limits_text(name, field)
+    return f"{text} {limits}." if limits else text
+
+
+def limits_text(name: str, field: FieldInfo) -> str:
+    """Return an option's limits in words, nothing if it has none."""
+    limits = fact(field, Limits)
+    return "" if limits is None else f"{limits.low:g} to {limits.high:,.10g} {unit_of(name)}"
 
 
 def checked_name(options: type[BaseModel], name: str, value: Any) -> Any:

@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 
 import edmsim
 from edmsim.envs import DiscreteFeed, render
-from edmsim.envs.observation import DIALS, dials, entries
+from edmsim.envs.observation import DIALS
 from edmsim.envs.registry import env_id_of
 from edmsim.errors import InputError
 from edmsim.recording.figures.palette import VERMILION, rgb
@@ -94,7 +94,7 @@ def test_observation_is_finite_and_within_its_space(make_env, env_name, actions_
 def test_observation_is_what_its_entries_say(make_env):
     env = make_env("GapFeed", action="speed", history=2, planner="exact")
     env.reset(seed=1)
-    names = [entry.name for entry in entries(2, False)]
+    names = [entry.name for entry in env.unwrapped.family.entries()]
     assert len(names) == env.observation_space.shape[0]
     for _ in range(120):
         before = env.step(np.array([0.28], np.float32))
@@ -114,7 +114,7 @@ def test_observation_is_what_its_entries_say(make_env):
 
 def test_the_dials_show_the_pressure_that_a_stand_off_leaves():
     machine = edmsim.Machine.load("production", generator="production", standoff_upper_mm=0.5)
-    seen = dict(zip([entry.name for entry in DIALS], dials(machine).tolist(), strict=True))
+    seen = {entry.name: entry.value(machine) for entry in DIALS}
     assert (seen["flushing_lower"], seen["flushing_upper"]) == pytest.approx((2.0, 0.624), rel=1e-3)  # bar
 
 

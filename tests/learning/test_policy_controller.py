@@ -120,12 +120,11 @@ def test_a_policy_goes_on_with_the_next_wire(make_policy):
     command = controller.wire_lost()
     assert (command.feed_um_s, command.t_on_us, command.t_period_us) == (5.0, 10.0, 100.0)
     assert ratio != 10.0
-    state = controller.snapshot()
-    assert (state["lost"], state["age_s"]) == (1, 0.0)
-    assert state["broke_at"] == ratio
-    assert state["spent_s"] == pytest.approx(10 * 0.0255)
+    family = controller.policy.family()
+    expected = [1 / family.wires, 0.0, 10 * 0.0255 / family.episode_s, np.log2(ratio) / 10]
+    assert controller.observation[-4:] == pytest.approx(expected)
     assert controller.reset(33.0) == controller.reset(33.0)
-    assert controller.snapshot()["lost"] == 0
+    assert controller.observation[-4] == 0.0
 
 
 def test_a_snapshot_goes_on_bit_for_bit(make_policy):
