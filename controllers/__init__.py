@@ -18,8 +18,10 @@ from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.controllers.feed.law import ServoLaw
 from edmsim.controllers.feed.laws import (
+    AdaptiveHoldController,
     AdaptiveOffTimeController,
     ClimbController,
+    ClimbingHoldController,
     DelayController,
     FixedPeriodController,
     FuzzyController,
@@ -50,7 +52,7 @@ _CONTROLLERS: dict[str, _Kind] = {
         CountsController, FixedController, VoltageController, DelayController, FuzzyController,
         AdaptiveOffTimeController, OracleController, McuController, FixedPeriodController, SatoController,
         HeatFluxController, HeatOracleController, SetPointController, ClimbController,
-        LeadOracleController, TrimController,
+        LeadOracleController, TrimController, ClimbingHoldController, AdaptiveHoldController,
     )
 }
 
@@ -61,7 +63,7 @@ OF_A_TASK = tuple(
     kind.name
     for kind in (
         SetPointController, ClimbController, LeadOracleController, FixedPeriodController, SatoController,
-        HeatFluxController, HeatOracleController, TrimController,
+        HeatFluxController, HeatOracleController, TrimController, ClimbingHoldController, AdaptiveHoldController,
     )
 )
 """Controllers whose constants belong to one task: compared where that task names them."""

@@ -1,8 +1,9 @@
 """Gymnasium environments: cuts to be controlled window by window, alone or many at once.
 
 ``import edmsim`` registers ``edmsim/GapFeed-v2``, ``edmsim/HeightStep-v2``, ``edmsim/Corner-v2``,
-``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1``, ``edmsim/Trim-v1`` and ``edmsim/Part-v0``, which
-is decided on pass by pass; each has a file whose environment class describes action, observation and reward.
+``edmsim/Contour-v2``, ``edmsim/MaxRate-v1``, ``edmsim/ThinWire-v1``, ``edmsim/Trim-v1``, ``edmsim/MaxRateShift-v0``,
+``edmsim/ThinWireShift-v0`` and ``edmsim/Part-v0``, which is decided on pass by pass; the environment class of each
+describes action, observation and reward.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from edmsim.envs.sb3 import make_sb3_vec_env
     from edmsim.envs.scenario import Scenario
     from edmsim.envs.sensors import Sensors
+    from edmsim.envs.shift import MaxRateShift, ThinWireShift
     from edmsim.envs.single import EdmEnv
     from edmsim.envs.task import Family
     from edmsim.envs.thin_wire import ThinWire
@@ -43,6 +45,7 @@ _HOMES = {
     "GapFeed": "gap_feed",
     "HeightStep": "height_step",
     "MaxRate": "max_rate",
+    "MaxRateShift": "shift",
     "Part": "part_task",
     "PartWeights": "part_task",
     "RecordEpisodes": "record_episodes",
@@ -52,6 +55,7 @@ _HOMES = {
     "StepResult": "episode",
     "Task": "episode",
     "ThinWire": "thin_wire",
+    "ThinWireShift": "shift",
     "Trim": "trim",
     "Weights": "reward",
     "make_sb3_vec_env": "sb3",
@@ -59,8 +63,8 @@ _HOMES = {
 }
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "MaxRate", "Part", "PartWeights", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors",
-    "StepResult", "Task", "ThinWire", "Trim", "Weights", "make_sb3_vec_env", "register",
+    "HeightStep", "MaxRate", "MaxRateShift", "Part", "PartWeights", "RecordEpisodes", "RecordRerun", "Scenario",
+    "Sensors", "StepResult", "Task", "ThinWire", "ThinWireShift", "Trim", "Weights", "make_sb3_vec_env", "register",
 ]
 
 

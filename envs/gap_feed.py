@@ -37,12 +37,16 @@ class GapFeed(Family):
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
         """Lay a straight path into the slot's end; nothing is drawn for it."""
-        stock = started_slot(machine, machine.base.table.centre_um)
+        stock = started_slot(machine, self.start_um(machine))
         return Scenario(machine, stock, (self.path_um(machine),), even_height(machine), seed, drawn)
 
+    def start_um(self, machine: Machine) -> tuple[float, float]:
+        """Return where the wire stands at first: on the middle of the table."""
+        return machine.base.table.centre_um
+
     def path_um(self, machine: Machine) -> Floats:
-        """Return the path (2, 2), from the table's centre along x."""
-        x, y = machine.base.table.centre_um
+        """Return the path (2, 2), along x."""
+        x, y = self.start_um(machine)
         return np.array([(x, y), (x + self.length_mm * 1e3, y)])
 
 

@@ -54,14 +54,14 @@ class HeightStep(GapFeed):
             heights.append(machine.height_mm * float(rng.uniform(self.low_share, 1.0)))
             at += float(rng.uniform(*self.band_mm)) * 1e3
         ends = [*starts[1:], total + _MARGIN_UM]
-        x, y = machine.base.table.centre_um
+        x, y = start = self.start_um(machine)
         x += machine.wire_diameter_um / 2 + SLOT_GAP_UM  # where the wire's front meets a jump
         steps = [
             LowerRegion(shapely.box(x + a, y - _MARGIN_UM, x + b, y + _MARGIN_UM), h)
             for a, b, h in zip(starts[1:], ends[1:], heights[1:], strict=True)
         ]
         drawn |= {"height_jumps": float(len(steps))}
-        stock = started_slot(machine, machine.base.table.centre_um, steps=steps)
+        stock = started_slot(machine, start, steps=steps)
         profile = np.array(starts), np.array(heights)
         return Scenario(machine, stock, (self.path_um(machine),), profile, seed, drawn)
 

@@ -50,6 +50,7 @@ FINISHED_UM = 80.0
 """Distance behind the wire from which on it takes no more from a wall (ours: half of what its rays see of one)."""
 STRETCH_UM = 24.0
 """Length of wall that is measured at every window (ours: four columns of cells)."""
+NEVER_NS = np.iinfo(np.int64).max
 _NO_STEPS: Ints = np.zeros((0, 3), np.int64)
 
 class Lanes:
@@ -98,6 +99,7 @@ class Lanes:
         self._other_planner: NDArray[np.void] = np.zeros(1, PLANNER)
         self.scenarios: list[Scenario | None] = [None] * count
         self.refused: list[str | None] = [None] * count
+        self._drifts_ns: Ints = np.full(count, NEVER_NS)
         self.corner_um: Floats = np.full((count, 1), np.inf)
         self.corner_deg: Floats = np.zeros((count, 1))
         self.counted_um: Floats = np.zeros(count)
@@ -121,7 +123,8 @@ class Lanes:
         start = scenario.legs_um[0][0]
         position = float(start[0]), float(start[1])
         plant = self.fleet.plants[lane]
-        another = machine if before is None or before.machine is not machine else None
+        kept = before is not None and before.machine is machine and before.drift is None
+        another = None if kept else machine
         plant.reset(scenario.plant_seed, stock=scenario.stock, position_um=position, machine=another)
         self.fleet.windows[lane] = np.zeros((), self.fleet.windows.dtype)
         self.scenarios[lane] = scenario
@@ -132,6 +135,7 @@ class Lanes:
         starts, heights = scenario.heights
         self._height_from = _with_row(self._height_from, lane, starts, np.inf)
         self._heights = _with_row(self._heights, lane, heights, 0.0)
+        self._drifts_ns[lane] = NEVER_NS if scenario.drift is None else 0
         self._begin_leg(lane, 0)
 
     def _take_constants(self, lane: int, machine: Machine) -> None:
@@ -223,6 +227,9 @@ class Lanes:
             lanes, rows, self.planners, self._other_planner, *path, self._height_from, self._heights, fleet.states,
             fleet.windows, _NO_STEPS,
         )
+        if self.family.scrap_s:
+            testing = lanes[rows["elapsed_ns"][lanes] <= self.family.scrap_s * 1e9]
+            rows["area_mm2"][testing] = 0.0
         self._count_errors(lanes)
         if (status != FINE).any():
             lost = lanes[(status != FINE) & (fleet.windows["broken"][lanes] == 0)]
@@ -234,6 +241,16 @@ class Lanes:
             self._end_leg(int(lane))
         for lane in lanes[rows["cause"][lanes] == WIRE_BREAK]:
             self._lose_wire(int(lane))
+        for lane in lanes[rows["elapsed_ns"][lanes] >= self._drifts_ns[lanes]]:
+            self._drift(int(lane))
+
+    def _drift(self, lane: int) -> None:
+        """Let a lane's machine become what it is by now, and say when it will be another."""
+        scenario, elapsed_ns = self.scenarios[lane], int(self.rows[lane]["elapsed_ns"])
+        assert scenario is not None
+        assert scenario.drift is not None
+        self.fleet.plants[lane].drift(scenario.drift.machine(scenario.machine, elapsed_ns * 1e-9))
+        self._drifts_ns[lane] = elapsed_ns + round(scenario.drift.every_s * 1e9)
 
     def _count_errors(self, lanes: Ints) -> None:
         near_um = self.family.near_corner_um
@@ -271,7 +288,11 @@ class Lanes:
             return
         row["cause"] = RUNNING
         row["settling_ns"], row["shorted_s"] = SETTLING_NS, 0.0
-        plant.rethread(plant.commanded_um, round(float(row["threading_s"]) * 1e9))
+        threading_ns = round(float(row["threading_s"]) * 1e9)
+        plant.rethread(plant.commanded_um, threading_ns)
+        if self.family.counts_threading:
+            row["elapsed_ns"] += threading_ns
+            row["step_ns"] += threading_ns
         self._reset_setting(lane)
 
     def _end_leg(self, lane: int) -> None:

@@ -17,15 +17,18 @@ if TYPE_CHECKING:
 
 _FILES = {
     "GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour",
-    "MaxRate": "max_rate", "ThinWire": "thin_wire", "Trim": "trim", "Part": "part",
+    "MaxRate": "max_rate", "ThinWire": "thin_wire", "Trim": "trim", "Part": "part", "MaxRateShift": "shift",
+    "ThinWireShift": "shift",
 }  # fmt: skip
-_VERSIONS = dict.fromkeys(_FILES, 2) | dict.fromkeys(("MaxRate", "ThinWire", "Trim"), 1) | {"Part": 0}
+_VERSIONS = dict.fromkeys(_FILES, 2) | dict.fromkeys(("MaxRate", "ThinWire", "Trim"), 1) | dict.fromkeys(
+    ("Part", "MaxRateShift", "ThinWireShift"), 0
+)
 """Present versions. The last change was that debris ignites the gap: nothing earned before compares."""
 _GENERAL = "edmsim.envs.single:EdmEnv", "edmsim.envs.vector:EdmVectorEnv"
 _WITHDRAWN = "edmsim.envs.registry:withdrawn"
 _REFERENCES = {
     "GapFeed": 1772.0, "HeightStep": 1523.0, "Corner": 1506.0, "Contour": 2407.0, "MaxRate": 4083.0,
-    "ThinWire": 5813.0, "Trim": 829.0, "Part": -15.5,
+    "ThinWire": 5813.0, "Trim": 829.0, "Part": -15.5, "MaxRateShift": 175801.0, "ThinWireShift": 59551.0,
 }
 """Mean return of the reference over the held-back seeds (docs/benchmark.md), Gymnasium's `reward_threshold`."""
 _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are registered under

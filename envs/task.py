@@ -128,8 +128,9 @@ class Family(EnvArguments):
     """Episodes of one kind: limits, what is drawn, what actions mean; its fields are an environment's arguments.
 
     A subclass says in `draw_cut` what is cut, and has `own_weights` and `own_machine`. `knows_corners` shows corners,
-    `locates_discharges` where pulses ignite, `knows_wires` what the wires did; with `finishes_wall` errors are those
-    of `Scenario.wall`, and not of the wire's place. An id's defaults are its benchmark.
+    `locates_discharges` where pulses ignite, `knows_wires` what the wires did; with
+    `counts_threading` an episode lasts by the clock, with the time of threading; with `finishes_wall` errors are
+    those of `Scenario.wall`, and not of the wire's place. An id's defaults are its benchmark.
 
     Parameters
     ----------
@@ -202,6 +203,7 @@ class Family(EnvArguments):
     knows_corners: ClassVar[bool] = False
     locates_discharges: ClassVar[bool] = False
     knows_wires: ClassVar[bool] = False
+    counts_threading: ClassVar[bool] = False
     finishes_wall: ClassVar[bool] = False
     own_weights: ClassVar[Weights] = Weights()
     lasting: ClassVar[tuple[str, ...]] = LASTING
@@ -310,6 +312,11 @@ class Family(EnvArguments):
     def measured_by(self) -> Sensors:
         """Sensors in force."""
         return self.sensors or EXACT
+
+    @property
+    def scrap_s(self) -> float:
+        """Time of an episode at whose begin what is cut is scrap, and earns nothing."""
+        return 0.0
 
     @property
     def first_feed_um_s(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from edmsim.controllers.feed.adaptive_hold import AdaptiveHold, ClimbingHold
 from edmsim.controllers.feed.corners import Corners, TrueBend
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
 from edmsim.controllers.feed.measures import FuzzyRules, MeanDelay, MeanVoltage, OpenShare, ShortShare, TrueGap
@@ -86,6 +87,24 @@ class HeatFluxController(
     """Holds the greatest local heat flux, as located sparks and the files' constants give it, by the period."""
 
     name: ClassVar[str] = "heat-flux"
+
+
+class ClimbingHoldController(
+    ServoLaw, measure=OpenShare, period=ClimbingHold, gauge=FluxGauge, hold_share=0.3, break_hold_share=0.85,
+    proportional_share=0.6, integral_per_s=4.0, shortest_us=18.0, **HEAT,
+):  # fmt: skip
+    """Holds the greatest local heat flux, more and more of it until a wire breaks; then less, and climbs slower."""
+
+    name: ClassVar[str] = "climbing-hold"
+
+
+class AdaptiveHoldController(
+    ServoLaw, measure=OpenShare, period=AdaptiveHold, gauge=FluxGauge, fixed=("hold_share", "break_hold_share"),
+    proportional_share=0.6, integral_per_s=4.0, shortest_us=18.0, **HEAT,
+):  # fmt: skip
+    """Holds the greatest local heat flux, as much of it as earns most by what is known of what these wires bear."""
+
+    name: ClassVar[str] = "adaptive-hold"
 
 
 class HeatOracleController(

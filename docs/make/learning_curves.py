@@ -21,6 +21,7 @@ from tasks import PAGES, with_block
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation import leaderboard
 from edmsim.evaluation.lines import lines_of
+from edmsim.learning.curve import in_words
 from edmsim.recording.figures.palette import BLUE, MUTED
 
 ROOT = Path(__file__).parents[2]
@@ -136,9 +137,12 @@ def learned(name: str, curves: list[np.ndarray]) -> str:
     reward, cost = (
         f"{np.median(v):.{d}f} ({v.min():.{d}f} to {v.max():.{d}f})" for v, d in ((last[:, 1], 0), (last[:, 2], 2))
     )
+    decisions, values = on_grid(curves)
+    curve = in_words(decisions.astype(int).tolist(), np.median(values, axis=0).tolist())
     return (
         f"After {STEPS[name]:,} decisions the last twenty episodes earned {reward},\n"
-        f"at a cost of {cost} each: the median of five seeds, the least and the greatest."
+        f"at a cost of {cost} each: the median of five seeds, the least and the greatest.\n"
+        f"Their median is {curve.replace('steps', 'decisions')}."
     )
 
 

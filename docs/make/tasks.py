@@ -28,15 +28,16 @@ DOCS = Path(__file__).parents[1]
 PAGES = {
     "GapFeed": "gap-feed", "HeightStep": "height-step", "Corner": "corner", "Contour": "contour",
     "MaxRate": "max-rate", "ThinWire": "thin-wire", "Trim": "trim", "Part": "part",
+    "MaxRateShift": "max-rate-shift", "ThinWireShift": "thin-wire-shift",
 }  # fmt: skip
 TAKEN_S = {
     "GapFeed": 20.0, "HeightStep": 20.0, "Corner": 15.0, "Contour": 25.0, "MaxRate": 15.0, "ThinWire": 30.0,
-    "Trim": 8.0, "Part": 1800.0,
+    "Trim": 8.0, "Part": 1800.0, "MaxRateShift": 60.0, "ThinWireShift": 60.0,
 }  # fmt: skip
 """Machine time at which a picture is taken, at the latest."""
 FURTHER = {
     "Corner": (0.0, 0.0, 0.0), "MaxRate": (1.0,), "ThinWire": (0.0,), "Trim": (0.0, 0.0, 0.0),
-    "Part": (0.0, 0.0, 0.0),
+    "Part": (0.0, 0.0, 0.0), "MaxRateShift": (0.0,), "ThinWireShift": (-0.5,),
 }  # fmt: skip
 """What knobs and offset of a task are set to; MaxRate's wire would break at its first period."""
 FIRST = {"Trim": 0.4, "Part": 0.0}

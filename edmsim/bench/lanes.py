@@ -67,7 +67,7 @@ def table(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> l
 def _half_cheetahs(count: int) -> Callable[[], object]:
     """As many HalfCheetah-v5 as Gymnasium runs them side by side by itself, one after another in one process."""
     try:
-        with _warnings_unseen():
+        with warnings_unseen():
             env: Any = gym.make_vec("HalfCheetah-v5", num_envs=count, max_episode_steps=-1)
     except (ImportError, gym.error.DependencyNotInstalled) as error:
         raise InputError(
@@ -79,7 +79,7 @@ def _half_cheetahs(count: int) -> Callable[[], object]:
 
 
 @contextmanager
-def _warnings_unseen() -> Iterator[None]:
+def warnings_unseen() -> Iterator[None]:
     """Let MuJoCo be silent about Gymnasium's own models, once for each of the environments."""
     mujoco.set_mju_user_warning(lambda _: None)
     yield

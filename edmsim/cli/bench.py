@@ -27,6 +27,9 @@ def bench(
     pairs: Annotated[int, typer.Option(min=1, help="Pairs of --against.")] = 10,
     profile: Annotated[bool, typer.Option("--profile", help="Show where a pulse's time goes.")] = False,
     serial: Annotated[bool, typer.Option("--serial", help="Measure edmsim gap --serial.")] = False,
+    training: Annotated[
+        bool, typer.Option("--training", help="Measure PPO beside HalfCheetah-v5 (needs the extra rl).")
+    ] = False,
     figure: Annotated[Path | None, typer.Option(help="Picture of the profile: .png, .svg or .pdf.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -46,6 +49,8 @@ def bench(
                 found["against"] = _compared(against, pairs, watch)
             if serial:
                 found["serial"] = _answered(watch)
+            if training:
+                found["training"] = _trained(watch)
             if not found:
                 found["speed"] = _measured()
     except KeyboardInterrupt:
@@ -68,6 +73,13 @@ def _measured() -> _Result:
 
 def _answered(watch: Callable[[str], None]) -> _Result:
     from edmsim.bench.serial import measure, render
+
+    found = measure(watch)
+    return found, render(found)
+
+
+def _trained(watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.training import measure, render
 
     found = measure(watch)
     return found, render(found)

@@ -39,6 +39,9 @@ def evaluate(
     leaderboard: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write every cut into this leaderboard, .json.")
     ] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page with table and figure, .md.")
+    ] = None,
     places: Annotated[
         bool, typer.Option("--places", help="Compare at finer resolutions and beyond the ranges, too.")
     ] = False,
@@ -57,10 +60,12 @@ def evaluate(
     from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.evaluation import leaderboard as boards
+    from edmsim.evaluation import page as pages
     from edmsim.evaluation.compare import check, evaluate, usual
     from edmsim.evaluation.compare import env_ids as all_ids
     from edmsim.evaluation.episode import episodes
     from edmsim.evaluation.table import as_json, render
+    from edmsim.files import make_writable
     from edmsim.progress import ShownProgress
 
     resolution, named = options.get("resolution"), env_ids or []
@@ -72,6 +77,10 @@ def evaluate(
     }
     for env_id, laws in chosen.items():
         check(env_id, laws, episodes(env_id) if seeds is None else seeds, resolution)
+    if page is not None:
+        if page.suffix != ".md":
+            raise InputError("a page is Markdown: name it .md", page)
+        make_writable(page.parent)
     if leaderboard is not None:
         boards.read(leaderboard)  # an invalid file is refused before hours of cuts
     found, moved, scores = [], {}, {}
@@ -85,6 +94,8 @@ def evaluate(
                 moved[env_id] = _elsewhere(env_id, laws, seeds, bar.of(f"{env_id}, places"))
         for name in policy or ():
             scores[name] = _measured(name, seeds, resolution, write_card, bar.show)
+    if page is not None:
+        pages.write(page, found)
     if json:
         sys.stdout.write(as_json(found, moved, scores) + "\n")
         return

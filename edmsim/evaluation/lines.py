@@ -5,6 +5,9 @@ references, were chosen on machines drawn with seeds below those held back:
 
 - ThinWire: the fastest of seven periods at which no wire broke on 24 machines (100 to 123).
 - MaxRate: the shortest of 35, 40, 45, 50 and 60 us at which none broke on 24 (1 to 24); it is the law's default.
+- MaxRateShift: 0 is what the best law of MaxRate earns, `heat-flux`.
+- ThinWireShift: 0 is what the constant of ThinWire earns, and 1 its best law, `climb`. Some of these wires break
+  before they boil, so that `heat-oracle` is no bound.
 - Corner: the constant that earned most on 12 (200 to 211), of eight pairs of on-time and period, and then of four
   targets at the best pair. The reference's setting was chosen on the same 12, of six.
 - Trim: the constant that earned most on 12 (100 to 111), of 18 pairs of feed and offset.
@@ -49,6 +52,10 @@ USUAL = Lines(
     tuple(name for name in names() if name not in (*SAME_LAW, *OF_A_TASK)),
 )  # fmt: skip
 _GAP = "set-point:open_target_share=0.05"
+_THIN_ADAPTIVE = (
+    "adaptive-hold:open_target_share=0.05,proportional_um_s=10,integral_um_s2=30,period_us=100,shortest_us=12,"
+    "longest_us=300,limit_share=0.27,limit_spread=0.6"
+)
 _AT_CORNERS = "open_target_share=0.05,on_factor=1,period_factor=0.7,before_um=20,behind_um=100,corner_factor=2"
 OF_TASK = {
     "ThinWire": Lines(
@@ -58,6 +65,13 @@ OF_TASK = {
     ),
     "MaxRate": Lines(
         "fixed-period", "heat-oracle", USUAL.rehearsed, ("fixed-period", "sato", "heat-flux", "heat-oracle"),
+    ),
+    "MaxRateShift": Lines(
+        "heat-flux", "heat-oracle", USUAL.rehearsed, ("heat-flux", "adaptive-hold", "heat-oracle"),
+    ),
+    "ThinWireShift": Lines(
+        f"{_GAP},period_factor=1.4", "climb:open_target_share=0.05", USUAL.rehearsed,
+        (f"{_GAP},period_factor=1.4", "climb:open_target_share=0.05", _THIN_ADAPTIVE),
     ),
     "Corner": Lines(
         "set-point:open_target_share=0.1,on_factor=1,period_factor=0.7", f"lead-oracle:{_AT_CORNERS}",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
+from edmsim.learning.curve import in_words
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import measure, render
@@ -17,6 +18,10 @@ from edmsim.learning.score import measure, render
 if TYPE_CHECKING:
     from edmsim.learning.train import TrainingProgress
     from edmsim.screen import ScreenTable
+
+CURVE_POINTS = 200
+"""Points of the learning curve that is put into words (ours)."""
+
 
 class TrainOptions(NamedTuple):
     """Options of a training besides the algorithm.
@@ -113,11 +118,14 @@ def run(
     named = resolve(env_id)
     parameters = None if resume else options.hyperparameters(named, algo)
     file = out / "policy.json"
+    seen: list[tuple[int, float]] = []
     with ShownProgress(keep=True) as bar:
 
         def watch(progress: TrainingProgress) -> None:
             shown_return = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
             bar.show("train", progress.steps, progress.total, shown_return)
+            if not seen or progress.steps >= seen[-1][0] + progress.total / CURVE_POINTS:
+                seen.append((progress.steps, progress.mean_return))
 
         trained = train(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, parameters=parameters,
@@ -129,6 +137,8 @@ def run(
         words = f"{done.env_id if named == env_id else env_id} --algo {algo} --steps {done.steps} --seed {seed}"
         card, packed = export(trained, f"edmsim train {words}{options.words()}")
         policy_file.write(card, packed, file)
+        if seen:
+            bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*seen, strict=True))}")
         if not episodes:
             return None
         scores = measure(done.env_id, str(file), episodes, bar.show)

@@ -119,10 +119,17 @@ class PolicyController(Snapshots):
         row = self._rows[0]
         row["wires_lost"] += 1
         row["shorted_s"] = 0.0
+        if self._family.counts_threading and self._machine is not None:
+            row["elapsed_ns"] += round(self._machine.base.table.threading_s.value * 1e9)
         self._builder.lose_wire(0, row, self._setting_us)
         self._setting_us = tuple(self._first_us.tolist())
         self._feed_um_s = self._family.first_feed_um_s
         servo.begin(self._servo[0], self._feed_um_s)
+        if self._family.counts_threading:  # threading ends a step of the environment
+            if self._builder.sums[0]["duration_ns"]:
+                self._builder.end_step(_LANE)
+                self._builder.begin_step(_LANE)
+            self._decide()
         return self._command()
 
     @property

@@ -146,17 +146,21 @@ class Plant(PlantReadings):
 
     def _set_up_setting(self, machine: Machine) -> None:
         """Work out what follows from a machine but for its drives."""
-        res = self.resolution
         self._first_machine = machine
-        self._constants = constants.constants(machine, res)
         self._model = self._make_model()
-        constants.fill_arrays(self._arrays, self._model, machine, res)
-        for group in (self._constants, constants.heat_law(machine, res), constants.push_law(machine)):
-            self._memory.put(group)
+        self._take_constants()
         for axis in (0, 1):
             if isinstance(self._model, FullMechanics) and self._drives.has_loop(axis):
                 self._model.set_motor(axis, self._drives.axes.motors[axis : axis + 1])
         self._grid_us = 0.0  # the propagators are those of the model before
+
+    def _take_constants(self) -> None:
+        """Work out what follows from the first machine but for drives and mechanics."""
+        machine, res = self._first_machine, self.resolution
+        self._constants = constants.constants(machine, res)
+        constants.fill_arrays(self._arrays, self._model, machine, res)
+        for group in (self._constants, constants.heat_law(machine, res), constants.push_law(machine)):
+            self._memory.put(group)
         self._settings = GeneratorSettings(machine, res)
 
     def _set_up_drives(self, machine: Machine, drives: Mapping[str, AxisDrive]) -> None:
@@ -256,6 +260,19 @@ class Plant(PlantReadings):
         if isinstance(self._model, FullMechanics):
             self._arrays.table_q[:] = table_q
             self._model.restore(lost)
+
+    def drift(self, machine: Machine) -> None:
+        """Go on with water that has become another in the course of a cut: nothing else changes, nothing is at rest.
+
+        Parameters
+        ----------
+        machine : Machine
+            That of the plant but for its dielectric and the pressures of its nozzles; the pulses stay those in force.
+        """
+        now = self.machine
+        self._first_machine = machine
+        self._take_constants()
+        self._set(now.t_on_us, now.t_period_us, self._setting.on)
 
     def _rest_wire(self) -> None:
         """Let the wire, and what is in the water around it, be at rest; metal and axes stay as they are."""

@@ -25,7 +25,7 @@ SECTIONS = (
 )  # fmt: skip
 
 
-@pytest.fixture(params=(*NAMES, "MaxRate", "Part"))
+@pytest.fixture(params=(*NAMES, "MaxRate", "Part", "MaxRateShift", "ThinWireShift"))
 def env_name(request):
     return request.param
 

@@ -1,0 +1,183 @@
+"""Rules for the period that find out while they cut what heat flux the wires of this machine bear.
+
+Both hold the greatest local flux as `heat-flux` does, and change how much of it they hold. `ClimbingHold` is the
+simple way: more until a wire breaks, then less, and more again ever more slowly. `AdaptiveHold` has a probability for
+every flux at which wires of this machine may break, which every second without a break and every lost wire changes by
+Bayes' rule, and holds what earns most under it.
+
+The numbers of both are ours. That breaks of one machine lie within some 10 % of one flux, and those of drawn machines
+within a factor of 3, was seen in ramps of the flux on training machines (docs/tasks/max-rate-shift.md).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.feed.law import ServoLaw
+from edmsim.controllers.feed.periods import FluxGauge, HoldHeat
+from edmsim.controllers.protocols import WindowObservation
+from edmsim.machine.machine import Machine
+
+LEAST_HOLD, MOST_HOLD = 0.02, 3.0
+"""Ends of what is held, in parts of the critical flux by the files' constants (ours: beyond any limit seen)."""
+LEVELS = np.linspace(math.log(LEAST_HOLD), math.log(MOST_HOLD), 168)
+"""Logarithms of the fluxes that may be held, and at which wires may break: 3 % apart."""
+STEEPNESS = 15.0
+"""Growth of the logarithm of the hazard with that of the flux (ours: breaks of a machine within some 10 %)."""
+HAZARD_PER_S = 1.0 / 60.0
+"""Hazard at the flux that is called the wire's limit."""
+BY_CHANCE_PER_S = 1.0 / 1200.0
+"""Hazard at any flux (ours: a wire in a shift), so that one break far below what was borne is no limit yet."""
+HAZARD = BY_CHANCE_PER_S + HAZARD_PER_S * np.exp(np.clip(STEEPNESS * (LEVELS[:, None] - LEVELS), -50.0, 12.0))
+"""Of a flux held (rows) where the limit is another (columns), per s."""
+SLOW_S = 0.1
+"""Time constant of the flux that a break is put down to (ours: a wire breaks some 20 ms after it boils dry)."""
+DECISION_S = 1.0
+"""Time between two looks at what was held (ours: some hundred windows)."""
+
+
+@dataclass
+class ClimbingHold(HoldHeat):
+    """Holds more and more of the critical flux until a wire breaks, then less, and climbs more slowly.
+
+    Further parameters: see `HoldHeat`; ``hold_share`` is where it begins, ``break_hold_share`` what is held after a
+    break over what broke the wire.
+
+    Parameters
+    ----------
+    climb_per_s : float
+        Growth of the logarithm of what is held.
+    patience_factor : float
+        By what the growth is divided at every break: what broke a wire is come to later and later.
+    """
+
+    climb_per_s: float = 0.01
+    patience_factor: float = 2.0
+
+    pace_per_s: float = field(default=0.0, init=False)
+
+    def begin(self) -> None:
+        """Begin a leg, with nothing known of the machine."""
+        super().begin()
+        self.pace_per_s = self.climb_per_s
+
+    def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
+        """Period that brings the flux to what is held; where the period is at its shortest, more hold is none."""
+        if self.log_us > math.log(max(1.05 * self.shortest_us, 1.0)) or self.hold < 1.2 * _near(law):
+            self.hold = min(self.hold * math.exp(self.pace_per_s * window.duration_s), MOST_HOLD)
+        return super().next_us(window, law)
+
+    def fresh_wire(self) -> None:
+        """Ask less of the next wire."""
+        super().fresh_wire()
+        self.pace_per_s /= max(self.patience_factor, 1.0)
+
+
+@dataclass
+class AdaptiveHold(HoldHeat):
+    """Holds the flux that earns most by what is known so far of the machine's limit.
+
+    Further parameters: see `HoldHeat`.
+
+    Parameters
+    ----------
+    limit_share, limit_spread : float
+        The flux at which wires break, before anything is known: its median, and the standard deviation of its
+        logarithm.
+    drift_per_s : float
+        Growth of the variance of that logarithm with time: water and wear change the limit.
+    rate_exponent : float
+        Growth of the logarithm of the cutting rate with that of the flux.
+    break_s : float
+        Time that a lost wire costs; 0 for the machine's own threading and the rise of a fresh wire.
+    """
+
+    limit_share: float = 0.8
+    limit_spread: float = 0.5
+    drift_per_s: float = 2e-5
+    rate_exponent: float = 0.8
+    break_s: float = 0.0
+
+    chance: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(LEVELS)), init=False)
+    seconds: float = field(default=0.0, init=False)  # since the last decision
+    level_s: float = field(default=0.0, init=False)  # the logarithm of the flux over that time
+    level: float | None = field(default=None, init=False)  # its slow mean now; None where nothing was seen of a wire
+
+    def __post_init__(self) -> None:
+        self._threading_s = 0.0
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in how long the machine threads."""
+        self._threading_s = machine.base.table.threading_s.value
+
+    def begin(self) -> None:
+        """Begin a leg, with nothing known of the machine."""
+        super().begin()
+        middle, spread = math.log(min(max(self.limit_share, LEAST_HOLD), MOST_HOLD)), max(self.limit_spread, 0.01)
+        chance = np.exp(-0.5 * ((LEVELS - middle) / spread) ** 2)
+        self.chance = chance / chance.sum()
+        self.hold = self.best_hold()
+
+    def limit(self, share: float) -> float:
+        """Return the flux below which the machine's limit lies with a probability, 0 to 1, by what is known."""
+        return float(math.exp(np.interp(share, np.cumsum(self.chance), LEVELS)))
+
+    def best_hold(self) -> float:
+        """Return the flux that earns most in the mean over what the limit may be.
+
+        A flux u earns ``u^rate_exponent`` for the share of time that breaks leave, 1 / (1 + hazard break_s).
+        """
+        lost_s = self.break_s or self._threading_s + self.rise_s
+        cutting = 1.0 / (1.0 + HAZARD * lost_s)
+        earned = np.exp(self.rate_exponent * LEVELS) * (cutting @ self.chance)
+        return float(np.exp(LEVELS[int(np.argmax(earned))]))
+
+    def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
+        """Period that brings the flux to what is held; then decide what is."""
+        period_us = super().next_us(window, law)
+        level = math.log(min(max(_near(law), LEAST_HOLD), MOST_HOLD))
+        last = level if self.level is None else self.level
+        self.level = last - math.expm1(-window.duration_s / SLOW_S) * (level - last)
+        self.seconds += window.duration_s
+        self.level_s += self.level * window.duration_s
+        if self.seconds >= DECISION_S:
+            self._learn(broken=False)
+            self.hold = self.best_hold()
+        return period_us
+
+    def _learn(self, *, broken: bool) -> None:
+        """Take in the time since the last decision, and a break, by Bayes' rule; let the limit drift."""
+        chance = self.chance
+        if self.seconds:
+            chance = chance * np.exp(-np.minimum(_hazard(self.level_s / self.seconds) * self.seconds, 500.0))
+        if broken and self.level is not None:
+            chance = chance * _hazard(self.level)
+        spacing = LEVELS[1] - LEVELS[0]
+        moved = min(0.5 * self.drift_per_s * self.seconds / spacing**2, 0.25)
+        around = np.pad(chance, 1, mode="edge")
+        chance = (1.0 - 2.0 * moved) * chance + moved * (around[:-2] + around[2:])
+        self.chance = chance / max(chance.sum(), 1e-300)
+        self.seconds = self.level_s = 0.0
+
+    def fresh_wire(self) -> None:
+        """Take in what the break said of the limit."""
+        self._learn(broken=True)
+        super().fresh_wire()
+        self.level = None
+        self.hold = self.best_hold()
+
+
+def _near(law: ServoLaw) -> float:
+    """Return the greatest flux of a fifth over the critical one, as the last window left it."""
+    assert isinstance(law.gauge, FluxGauge)
+    return float(law.gauge.flux.max())
+
+
+def _hazard(level: float) -> NDArray[np.float64]:
+    """Return the hazard of a flux, given by its logarithm, for every limit there may be, per s."""
+    return np.asarray(HAZARD[int(np.argmin(np.abs(LEVELS - level)))])

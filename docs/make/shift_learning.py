@@ -1,0 +1,76 @@
+"""What `adaptive-hold` finds out in a shift: a picture for each of the two pages of docs/tasks that are of shifts.
+
+python docs/make/shift_learning.py                 # both
+python docs/make/shift_learning.py MaxRateShift    # one
+
+The machine is one of training (seed 100 or as `SHOWN` says).
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from edmsim.controllers import from_text
+from edmsim.controllers.feed.adaptive_hold import AdaptiveHold
+from edmsim.controllers.feed.law import ServoLaw
+from edmsim.envs.episode import Task
+from edmsim.evaluation.episode import Episode
+from edmsim.evaluation.lines import OF_TASK
+from edmsim.recording.figures.palette import BLUE, MUTED
+
+TASKS = Path(__file__).parents[1] / "tasks"
+SHOWN = {"MaxRateShift": ("max-rate-shift", 104), "ThinWireShift": ("thin-wire-shift", 106)}
+"""Name of the page, and seed of the machine: one whose wires have a limit within reach of the supply."""
+EVERY_S = 2.0
+
+
+def followed(task: str, seed: int) -> tuple[np.ndarray, list[float]]:
+    """Return rows of time, flux held, and the limit's 5, 50 and 95 % (n, 5); and when wires broke."""
+    name = next(law for law in OF_TASK[task].compared if law.startswith("adaptive-hold"))
+    law = from_text(name)
+    assert isinstance(law, ServoLaw)
+    rule = law.period
+    assert isinstance(rule, AdaptiveHold)
+    cut = Task(task)
+    episode, rows, broke_s, lost, outcome = Episode(cut, law, seed, name), [], [], 0, None
+    while outcome is None:
+        outcome = episode.step()
+        assert episode.last is not None
+        time_s = episode.last.observation.time_s
+        if not rows or time_s >= rows[-1][0] + EVERY_S:
+            rows.append((time_s, rule.hold, *(rule.limit(share) for share in (0.05, 0.5, 0.95))))
+        if cut.wires_lost > lost:
+            lost = cut.wires_lost
+            broke_s.append(time_s)
+    return np.array(rows), broke_s
+
+
+def draw(task: str) -> None:
+    """Draw a shift."""
+    page, seed = SHOWN[task]
+    rows, broke_s = followed(task, seed)
+    figure, axes = plt.subplots(figsize=(6.4, 3.0))
+    minutes = rows[:, 0] / 60.0
+    likely = "limit, 90 % of the chance"
+    axes.fill_between(minutes, rows[:, 2], rows[:, 4], color=MUTED, alpha=0.25, lw=0, label=likely)
+    axes.plot(minutes, rows[:, 3], color=MUTED, lw=1.0, ls="--", label="its median")
+    axes.plot(minutes, rows[:, 1], color=BLUE, lw=1.5, label="flux held")
+    for k, time_s in enumerate(broke_s):
+        axes.axvline(time_s / 60.0, color="0.2", lw=0.8, ls=":", label="a wire breaks" if k == 0 else None)
+    axes.set_xlabel("shift, min")
+    axes.set_ylabel("flux / critical flux")
+    axes.set_xlim(0, minutes[-1])
+    axes.set_ylim(0, 1.25 * max(rows[:, 1].max(), float(np.median(rows[:, 4]))))
+    axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderpad=0.0)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.tight_layout()
+    figure.savefig(TASKS / f"{page}-learning.png", dpi=110)
+
+
+if __name__ == "__main__":
+    for asked in sys.argv[1:] or SHOWN:
+        draw(asked)

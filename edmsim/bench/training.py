@@ -1,0 +1,116 @@
+"""Speed of trainings: environment, network and update, beside HalfCheetah-v5 under one learner (extra ``rl``).
+
+The learner is PPO of stable-baselines3 as docs/training.md has it. Both environments are stepped as that library
+does: ours all in one compiled call, HalfCheetah-v5 one after another in one process.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+
+from edmsim.bench.lanes import warnings_unseen
+from edmsim.errors import InputError
+from edmsim.screen import ScreenTable
+
+try:
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper, VecNormalize
+
+    from edmsim.envs.sb3 import make_sb3_vec_env
+except ImportError as error:
+    raise InputError(f"the speed of trainings needs {error.name}: pip install 'edmsim[rl]'") from error
+
+ENV_ID, OTHER = "edmsim/GapFeed-v2", "HalfCheetah-v5"
+COUNTS = (64, 256)
+"""Numbers of environments."""
+ROLLOUT, BATCH, EPOCHS = 64, 2048, 5
+"""Steps of each environment between two updates, and what an update is made of."""
+SPELLS = 3
+"""Rollouts with their updates that are timed; the fastest counts, as others use the machine too."""
+
+
+# untyped where the extra is missing
+class _Timed(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+    """Lanes that sum up the time of their steps."""
+
+    spent_s = 0.0
+
+    def reset(self) -> Any:
+        return self.venv.reset()
+
+    def step_wait(self) -> Any:
+        begun = time.perf_counter()
+        found = self.venv.step_wait()
+        self.spent_s += time.perf_counter() - begun
+        return found
+
+
+def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dict[str, float]:
+    """Return steps per second of trainings by the clock, and the share of the time that the environments take.
+
+    Raises
+    ------
+    InputError
+        If ``gymnasium[mujoco]`` is not installed.
+    """
+    found: dict[str, float] = {}
+    for count in counts:
+        watch(f"first rollouts of {count} environments")
+        both = {"training": _Training(_ours(count)), "half_cheetah_training": _Training(_half_cheetahs(count))}
+        for spell in range(SPELLS):
+            watch(f"{count} environments, {spell + 1} of {SPELLS}")
+            for training in both.values():  # by turns: neither always has the warmer machine
+                training.spell()
+        for name, training in both.items():
+            found[f"{name}_steps_per_s_{count}"] = training.steps_per_s
+            found[f"{name}_env_share_{count}"] = training.env_share
+            training.lanes.close()
+    return found
+
+
+def render(found: Mapping[str, float]) -> ScreenTable:
+    """Return the figures as a table."""
+    table = ScreenTable("figure", numbers=("value",), title="edmsim bench --training")
+    for name, value in found.items():
+        table.add_row(name, f"{value:,.0f}" if value > 1 else f"{value:.2f}")
+    return table
+
+
+def _ours(count: int) -> Any:
+    return make_sb3_vec_env(ENV_ID, num_envs=count, seed=0, machine_episodes=4)
+
+
+def _half_cheetahs(count: int) -> Any:
+    try:
+        with warnings_unseen():
+            return DummyVecEnv([lambda: gym.make(OTHER)] * count)
+    except (ImportError, gym.error.DependencyNotInstalled) as error:
+        raise InputError(
+            f'{OTHER}, which trainings are compared with, is missing: pip install "gymnasium[mujoco]"'
+        ) from error
+
+
+class _Training:
+    """A learner on some lanes, after its first rollout; its best spell so far, and the lanes' share of that."""
+
+    def __init__(self, lanes: Any) -> None:
+        torch.set_num_threads(1)  # as in a training
+        self.lanes = _Timed(lanes)
+        around = VecNormalize(self.lanes)
+        self._model = PPO("MlpPolicy", around, n_steps=ROLLOUT, batch_size=BATCH, n_epochs=EPOCHS, device="cpu")
+        self._steps = ROLLOUT * self.lanes.num_envs
+        self._model.learn(self._steps)
+        self.steps_per_s = self.env_share = 0.0
+
+    def spell(self) -> None:
+        """Time a rollout with its update."""
+        self.lanes.spent_s, begun = 0.0, time.perf_counter()
+        self._model.learn(self._steps, reset_num_timesteps=False)
+        took = time.perf_counter() - begun
+        if self._steps / took > self.steps_per_s:
+            self.steps_per_s, self.env_share = self._steps / took, self.lanes.spent_s / took

@@ -1,0 +1,221 @@
+"""MaxRateShift and ThinWireShift: a shift on one machine, in which what is found out of it earns for the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments, within
+from edmsim.envs.height_step import HeightStep
+from edmsim.envs.max_rate import MaxRate
+from edmsim.envs.page import page
+from edmsim.envs.reward import Weights
+from edmsim.envs.scenario import Drift, Scenario
+from edmsim.envs.single import EdmEnv
+from edmsim.envs.task import ROOM_MM
+from edmsim.envs.thin_wire import ThinWire
+from edmsim.envs.vector import EdmVectorEnv
+from edmsim.machine.machine import Machine
+from edmsim.machine.ranges import with_constants
+from edmsim.plant.workpiece.blanks import SLOT_UM
+
+TRAVEL_MM = 400.0
+"""Travel of the table: that of `production-400`, so that a shift's workpieces lie one behind the other."""
+DRIFT_EVERY_S = 60.0
+"""Machine time between two steps of the drift (ours: each changes the water by a few per cent of its range)."""
+
+
+SHIFT_S, WIRES, LENGTH_MM, WORKPIECES_MM = 1200.0, 100, 390.0, (2.0, 8.0)
+"""Ours: long beside what it takes to know a machine; wires and length that no shift comes to the end of; workpieces
+of a minute or so each."""
+AREA = Weights(short=0.0, open=0.0, wire_break=0.0)
+"""A wire costs its time, as the shift goes on by the clock."""
+
+@shows_arguments
+@dataclass(frozen=True, kw_only=True)
+class Shift(HeightStep):
+    """Workpieces one behind the other on one machine, whose water changes.
+
+    Parameters
+    ----------
+    {arguments}
+    """
+
+    test_s: float = argument(60.0, "s", "of the shift, at its begin: a test cut, which earns nothing")
+    # ours: within the range of the machine's file, as the resin of the deioniser is used up
+    conductivity_uS_cm: Range | None = argument(
+        (5.0, 20.0), "uS/cm", "of the water in the end, or (low, high); None: as at the begin"
+    )
+    # ours: a worn nozzle, or a filter that fills, takes up to half
+    flushing_left: Range = argument((0.5, 1.0), "", "share of the pressures that reaches the workpiece in the end")
+
+    counts_threading: ClassVar[bool] = True
+    def __post_init__(self) -> None:
+        """Refuse what cannot be used."""
+        super().__post_init__()
+        within("test_s", self.test_s, 0.0, 1e6)
+        if self.conductivity_uS_cm is not None:
+            for end in ends_of("conductivity_uS_cm", self.conductivity_uS_cm):
+                above_zero("conductivity_uS_cm", end, 1000.0)
+        for end in ends_of("flushing_left", self.flushing_left):
+            within("flushing_left", end, 0.1, 1.0)
+
+    @property
+    def scrap_s(self) -> float:
+        """Time of the test cut."""
+        return self.test_s
+
+    @property
+    def reach_mm(self) -> float:
+        """Greatest length of a cut, from one end of the table to the other."""
+        return self.base.base.table.travel_mm.value - 2 * ROOM_MM - SLOT_UM * 1e-3
+
+    def start_um(self, machine: Machine) -> tuple[float, float]:
+        """Return where the wire stands at first: at the table's low end of x."""
+        return ROOM_MM * 1e3 + SLOT_UM, machine.base.table.centre_um[1]
+
+    def draw_cut(
+        self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
+    ) -> Scenario:
+        """Draw the workpieces, and what the machine's water will be."""
+        scenario = super().draw_cut(rng, machine, seed, drawn)
+        at_begin = machine.base.dielectric.conductivity_uS_cm.value
+        ends = (at_begin, at_begin) if self.conductivity_uS_cm is None else ends_of("", self.conductivity_uS_cm)
+        conductivity = float(rng.uniform(*ends))
+        left = float(rng.uniform(*ends_of("flushing_left", self.flushing_left)))
+        drawn |= {"last_conductivity_uS_cm": conductivity, "last_flushing_share": left}
+        return scenario._replace(drift=Drift(self.episode_s or np.inf, DRIFT_EVERY_S, conductivity, left))
+
+
+def on_a_large_table(machine: Machine) -> Machine:
+    """Return a machine with a table that takes a shift's workpieces."""
+    travel = machine.base.table.travel_mm.model_copy(update={"value": TRAVEL_MM})
+    return with_constants(machine, {"table.travel_mm": travel})
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaxRateShift(MaxRate, Shift):
+    """A shift on the production machine.
+
+    Further parameters: see `MaxRate` and `Shift`.
+    """
+
+    length_mm: float = LENGTH_MM
+    band_mm: tuple[float, float] = WORKPIECES_MM
+    low_share: float = 0.5
+    episode_s: float | None = SHIFT_S
+    wires: int = WIRES
+
+    knows_wires: ClassVar[bool] = True
+    own_weights: ClassVar[Weights] = AREA
+
+    @staticmethod
+    def own_machine() -> Machine:
+        """Return that of `MaxRate`, on a table of 400 mm."""
+        return on_a_large_table(MaxRate.own_machine())
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThinWireShift(ThinWire, Shift):
+    """A shift with a thin wire.
+
+    Further parameters: see `ThinWire` and `Shift`.
+    """
+
+    length_mm: float = LENGTH_MM
+    band_mm: tuple[float, float] = WORKPIECES_MM
+    low_share: float = 0.5
+    height_mm: Range | None = (8.0, 20.0)
+    episode_s: float | None = SHIFT_S
+    wires: int = WIRES
+
+    locates_discharges: ClassVar[bool] = True
+    own_weights: ClassVar[Weights] = AREA
+
+    @staticmethod
+    def own_machine() -> Machine:
+        """Return that of `ThinWire`, on a table of 400 mm."""
+        return on_a_large_table(ThinWire.own_machine())
+
+
+@page
+class MaxRateShiftEnv(EdmEnv):
+    """A shift of 20 minutes on one production machine: what is found out of its wire earns for the rest.
+
+    Description
+    -----------
+    As `MaxRateEnv`, but for as long as one machine cuts in practice. Workpieces of 2 to 8 mm lie one behind the
+    other, each of its own height. The first minute is a test cut on scrap, which earns nothing: what a wire bears
+    can be tried there, and its result is in the entries about wires. A lost wire costs the 20 s of threading the
+    next, 1.7 % of the shift, and no other penalty: the shift ends by the clock. In its course the water's
+    conductivity changes, and nozzles and filter wear, which leaves less and less of the pressure that the gauge
+    shows.
+
+    Action space
+    ------------
+    The period is that of a pulse that ignites at once: others take as much longer as they wait.
+
+    Observation space
+    -----------------
+    Local heights below the greatest are not shown, nor is what drifts.
+
+    Starting state
+    --------------
+    The wire stands at the low end of a table of 400 mm, in a slot, 25 um off the metal. The first workpiece has the
+    greatest height; lengths are drawn uniformly from ``band_mm``, further heights from ``low_share`` to 1 times the
+    greatest. Machine, tension and pressures are drawn as in `MaxRateEnv`; and what conductivity and share of the
+    pressures are in the end, uniformly from ``conductivity_uS_cm`` and ``flushing_left``. Both change evenly with
+    time, in steps of a minute.
+
+    Versions
+    --------
+    v0: the first.
+    """
+
+    task = MaxRateShift
+
+
+class MaxRateShiftVectorEnv(EdmVectorEnv):
+    """`MaxRateShiftEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+
+    task = MaxRateShift
+
+
+@page
+class ThinWireShiftEnv(EdmEnv):
+    """A shift of 20 minutes with a wire of 0.1 mm: find what this machine's wire bears, and cut with it.
+
+    Description
+    -----------
+    As `ThinWireEnv`, but for as long as one machine cuts in practice, and with discharges located as in `MaxRateEnv`.
+    Workpieces of 2 to 8 mm lie one behind the other, each of its own height. The first minute is a test cut on
+    scrap, which earns nothing: what a wire bears can be tried there, and its result is in the entries about wires. A
+    lost wire costs the 60 s of threading the next, 5 % of the shift, and no other penalty: the shift ends by the
+    clock. In its course the water's conductivity changes, and nozzles and filter wear, which leaves less and less of
+    the pressure that the gauge shows.
+
+    Observation space
+    -----------------
+    Local heights below the greatest are not shown, nor is what drifts.
+
+    Starting state
+    --------------
+    The wire stands at the low end of a table of 400 mm, in a slot, 25 um off the metal. The first workpiece has the
+    greatest height; lengths are drawn uniformly from ``band_mm``, further heights from ``low_share`` to 1 times the
+    greatest. What conductivity and share of the pressures are in the end is drawn uniformly from
+    ``conductivity_uS_cm`` and ``flushing_left``. Both change evenly with time, in steps of a minute.
+
+    Versions
+    --------
+    v0: the first.
+    """
+
+    task = ThinWireShift
+
+
+class ThinWireShiftVectorEnv(EdmVectorEnv):
+    """`ThinWireShiftEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+
+    task = ThinWireShift

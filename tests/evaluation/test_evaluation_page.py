@@ -1,0 +1,37 @@
+"""``edmsim evaluate --page``: a table and a figure of any number of controllers on one set of machines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from edmsim.errors import InputError
+from edmsim.evaluation import leaderboard, page
+from edmsim.evaluation.table import markdown_table
+
+BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.json"
+
+
+def test_a_page_has_the_table_and_a_row_of_the_figure_for_every_controller(tmp_path):
+    made = leaderboard.read(BOARD)["edmsim/GapFeed-v2"]
+    file = tmp_path / "new" / "compared.md"
+    page.write(file, [made])
+    text = file.read_text(encoding="utf-8")
+    assert "\n".join(markdown_table(made)) in text
+    assert "](compared-GapFeed-v2.png)" in text
+    assert (tmp_path / "new" / "compared-GapFeed-v2.png").read_bytes().startswith(b"\x89PNG")
+    (axes,) = page.draw(made).axes
+    shown = [label.get_text() for label in axes.get_yticklabels()]
+    assert sorted(shown) == sorted(made.results)
+    assert shown[-1] == "oracle"
+    dots = [line for line in axes.lines if len(line.get_xdata()) == len(made.seeds)]
+    assert sorted(dots[-1].get_xdata()) == sorted(cut.total_return for cut in made.results["oracle"])
+
+
+def test_a_page_is_markdown(tmp_path):
+    from typer.testing import CliRunner
+
+    from edmsim.cli.app import app
+
+    found = CliRunner().invoke(app, ["evaluate", "edmsim/GapFeed-v2", "--page", str(tmp_path / "page.html")])
+    assert isinstance(found.exception, InputError)
+    assert "name it .md" in str(found.exception)
