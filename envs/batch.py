@@ -169,7 +169,7 @@ class Batch:
     def _window(self, left: Ints) -> None:
         """Run a window in some lanes."""
         family, lanes, lost = self.family, self.lanes, self.lanes.rows["wires_lost"].copy()
-        by_servo = family.action == "servo"
+        by_servo, settings_us = family.action == "servo", lanes.rows["setting_us"].copy()
         lanes.advance(left, self._servos["feed_um_s"].copy() if by_servo else self._feed_um_s)
         windows = lanes.fleet.windows
         self.builder.add(left, lanes.rows, windows)
@@ -181,8 +181,7 @@ class Batch:
                 family.greatest_feed_um_s, *family.servo_gains,
             )
         for lane in np.flatnonzero(lanes.rows["wires_lost"] != lost):
-            row = lanes.rows[lane]
-            self.builder.lose_wire(int(lane), row, tuple(row["setting_us"].tolist()))
+            self.builder.lose_wire(int(lane), lanes.rows[lane], tuple(settings_us[lane].tolist()))
             self._begin_wire(int(lane))
 
     def _set_generator(self, lane: int, t_on_us: float, t_period_us: float) -> None:

@@ -52,6 +52,16 @@ def test_the_operator_remembers_the_wires(make_env, weak):
     assert (broke_at[lost == 0] == 0).all()
 
 
+def test_a_wire_is_remembered_at_the_setting_that_broke_it(make_env, weak):
+    """The next wire begins at the first setting again, which is not the one to remember."""
+    env = make_env("ThinWire", machine=weak, wires=3, episode_s=30.0)
+    env.reset(seed=1)
+    seen, _, _, _, info = env.step(np.array([-1.0, 0.1], np.float32))
+    assert info["wires_lost"] > 1
+    assert info["t_period_us"] / info["t_on_us"] == 5.0
+    assert seen[-1] == pytest.approx(np.log2(5.5) / 10)
+
+
 def test_a_law_goes_on_with_the_next_wire(make_task, weak):
     task = make_task("ThinWire", machine=weak, wires=3, episode_s=20.0)
     law = make("climb", period_factor=2.0)
