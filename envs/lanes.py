@@ -123,8 +123,8 @@ class Lanes:
         start = scenario.legs_um[0][0]
         position = float(start[0]), float(start[1])
         plant = self.fleet.plants[lane]
-        kept = before is not None and before.machine is machine and before.drift is None
-        another = None if kept else machine
+        same = before is not None and before.machine is machine and before.drift is None
+        another = None if same else machine
         plant.reset(scenario.plant_seed, stock=scenario.stock, position_um=position, machine=another)
         self.fleet.windows[lane] = np.zeros((), self.fleet.windows.dtype)
         self.scenarios[lane] = scenario

@@ -43,7 +43,6 @@ import numpy as np
 import torch
 from IPython.display import Markdown
 
-from edmsim.envs.batch import entries_of
 from edmsim.envs.registry import make_family
 from edmsim.evaluation.compare import evaluate
 from edmsim.evaluation.table import markdown_table
@@ -155,7 +154,7 @@ def keep(name: str, net: torch.nn.Sequential) -> str:
     linear = [part for part in net if isinstance(part, torch.nn.Linear)]
     packed = policy_file.pack([part.weight.detach().numpy().T for part in linear],
                               [part.bias.detach().numpy() for part in linear])
-    entries = zip(entries_of(family), mean, variance, strict=True)
+    entries = zip(family.entries(), mean, variance, strict=True)
     card = policy_file.Card(
         format=policy_file.FORMAT, env_id=ENV, environment=SETTING,
         observation=[

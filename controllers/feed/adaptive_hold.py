@@ -67,7 +67,7 @@ class ClimbingHold(HoldHeat):
         self.pace_per_s = self.climb_per_s
 
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
-        """Period that brings the flux to what is held; where the period is at its shortest, more hold is none."""
+        """Period that brings the flux to what is held; the hold stays where the period is at its shortest."""
         if self.log_us > math.log(max(1.05 * self.shortest_us, 1.0)) or self.hold < 1.2 * _near(law):
             self.hold = min(self.hold * math.exp(self.pace_per_s * window.duration_s), MOST_HOLD)
         return super().next_us(window, law)
@@ -134,8 +134,8 @@ class AdaptiveHold(HoldHeat):
         """
         lost_s = self.break_s or self._threading_s + self.rise_s
         cutting = 1.0 / (1.0 + HAZARD * lost_s)
-        earned = np.exp(self.rate_exponent * LEVELS) * (cutting @ self.chance)
-        return float(np.exp(LEVELS[int(np.argmax(earned))]))
+        rates = np.exp(self.rate_exponent * LEVELS) * (cutting @ self.chance)
+        return float(np.exp(LEVELS[int(np.argmax(rates))]))
 
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period that brings the flux to what is held; then decide what is."""

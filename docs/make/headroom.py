@@ -298,17 +298,17 @@ def page(board: dict[str, Any]) -> str:
 
 def _of_shifts(board: dict[str, Any]) -> list[str]:
     """Say what adaptation earns where a machine can be known, and what more is known to be possible."""
-    told = []
+    sentences = []
     for task in (name for name in SHIFTS if name in board):
         lines = {line: np.array(row["returns"]) for line, row in board[task]["lines"].items()}
         best, first = lines["best law"], lines["without adaptation"]
         above, share, end = margin(board[task])
-        told += [
+        sentences += [
             f"- {task}: the best law, `{board[task]['lines']['best law']['name']}`, adapts, and earns "
             f"{shown(mean(best - first))} more than what does not, {100 * (best.mean() / first.mean() - 1):.0f} %. "
             f"The {end} earns {shown(above)} more than it, {100 * share:.0f} %.",
         ]  # fmt: skip
-    return ["In the shifts a machine can be known:", "", *told, ""] if told else []
+    return ["In the shifts a machine can be known:", "", *sentences, ""] if sentences else []
 
 
 def main() -> None:

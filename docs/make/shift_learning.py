@@ -72,5 +72,5 @@ def draw(task: str) -> None:
 
 
 if __name__ == "__main__":
-    for asked in sys.argv[1:] or SHOWN:
-        draw(asked)
+    for task in sys.argv[1:] or SHOWN:
+        draw(task)

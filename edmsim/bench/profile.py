@@ -39,7 +39,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "films": tuple(f"mechanics.film.{name}" for name in (
         "scale_film", "mean_film", "mean_resistance", "find_films", "squeeze",
     )),
-    "swings": ("kernel.fire._swing", *(
+    "swings": ("kernel.fire._move_wire", *(
         f"mechanics.modal.{name}" for name in ("place_wire", "project", "kick", "ring")
     )),
     "gas": tuple(f"gap.coverage.{name}" for name in ("fade", "blow", "sum_up")),

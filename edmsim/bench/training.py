@@ -44,9 +44,9 @@ class _Timed(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         return self.venv.reset()
 
     def step_wait(self) -> Any:
-        begun = time.perf_counter()
+        start_s = time.perf_counter()
         found = self.venv.step_wait()
-        self.spent_s += time.perf_counter() - begun
+        self.spent_s += time.perf_counter() - start_s
         return found
 
 
@@ -109,8 +109,8 @@ class _Training:
 
     def spell(self) -> None:
         """Time a rollout with its update."""
-        self.lanes.spent_s, begun = 0.0, time.perf_counter()
+        self.lanes.spent_s, start_s = 0.0, time.perf_counter()
         self._model.learn(self._steps, reset_num_timesteps=False)
-        took = time.perf_counter() - begun
+        took = time.perf_counter() - start_s
         if self._steps / took > self.steps_per_s:
             self.steps_per_s, self.env_share = self._steps / took, self.lanes.spent_s / took

@@ -118,14 +118,14 @@ def run(
     named = resolve(env_id)
     parameters = None if resume else options.hyperparameters(named, algo)
     file = out / "policy.json"
-    seen: list[tuple[int, float]] = []
+    returns: list[tuple[int, float]] = []
     with ShownProgress(keep=True) as bar:
 
         def watch(progress: TrainingProgress) -> None:
             shown_return = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
             bar.show("train", progress.steps, progress.total, shown_return)
-            if not seen or progress.steps >= seen[-1][0] + progress.total / CURVE_POINTS:
-                seen.append((progress.steps, progress.mean_return))
+            if not returns or progress.steps >= returns[-1][0] + progress.total / CURVE_POINTS:
+                returns.append((progress.steps, progress.mean_return))
 
         trained = train(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, parameters=parameters,
@@ -137,8 +137,8 @@ def run(
         words = f"{done.env_id if named == env_id else env_id} --algo {algo} --steps {done.steps} --seed {seed}"
         card, packed = export(trained, f"edmsim train {words}{options.words()}")
         policy_file.write(card, packed, file)
-        if seen:
-            bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*seen, strict=True))}")
+        if returns:
+            bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*returns, strict=True))}")
         if not episodes:
             return None
         scores = measure(done.env_id, str(file), episodes, bar.show)

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 import numpy as np
 
 AT_ENDS = 10
-"""The first and the last part of a curve of so many say where it begins and ends (ours: noise of single episodes)."""
+"""Points of a curve's first and last part; their means say where it begins and ends (ours: single ones are noise)."""
 RISEN = 0.2
 """Share of the whole rise from which on a curve has begun to rise (ours)."""
 LEAST_RISE = 3.0
-"""A rise counts that is so many times the spread of the first part (ours)."""
+"""Least rise that counts, over the spread of the first part (ours)."""
 
 
 def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:

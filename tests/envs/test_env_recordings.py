@@ -50,7 +50,7 @@ def test_recording_changes_nothing(recorded) -> None:
 def test_a_recording_shows_actions_rewards_and_costs_beside_the_cut(recorded) -> None:
     made, _, (folder,) = recorded
     play = Playback(folder / "cut.rrd")
-    times, total = play.series("/earned/total")
+    times, total = play.series("/return/total")
     np.testing.assert_allclose(times, [info["time_s"] for _, info in made], atol=1e-9)
     np.testing.assert_allclose(total, np.cumsum([reward for reward, _ in made]))
     np.testing.assert_allclose(play.series("/action/feed")[1], 0.2 * (-1.0) ** np.arange(len(made)), rtol=1e-6)
@@ -148,7 +148,7 @@ def test_a_policy_is_laid_beside_a_law(tmp_path) -> None:
     for chunk in RrdReader(str(file)).stream().to_chunks():
         found[str(chunk.entity_path)] = max(chunk.num_rows, found.get(str(chunk.entity_path), 0))
     for letter in "ab":
-        assert found[f"/{letter}/feed/feed_um_s"] == found[f"/{letter}/earned/total"] == 16
+        assert found[f"/{letter}/feed/feed_um_s"] == found[f"/{letter}/return/total"] == 16
 
 
 @pytest.mark.slow
@@ -160,6 +160,6 @@ def test_a_cut_of_an_evaluation_is_recorded_and_stays_the_same(tmp_path) -> None
     (file,) = tmp_path.rglob("cut.rrd")
     assert file.relative_to(tmp_path).parts == ("Contour", "seed-1000000", "voltage-reference_V=9", "cut.rrd")
     play = Playback(file)
-    assert play.series("/earned/total")[1][-1] == pytest.approx(made.total_return)
+    assert play.series("/return/total")[1][-1] == pytest.approx(made.total_return)
     assert play.title == "Contour by voltage:reference_V=9, seed 1000000"
     assert len(play.series("/action/feed_um_s")[1]) > 20

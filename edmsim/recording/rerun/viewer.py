@@ -31,6 +31,7 @@ from edmsim.recording.rerun.blueprint import (
     workpiece_view,
 )
 from edmsim.recording.rerun.playback import APPLICATION, Playback, find_recording, read_chunks
+from edmsim.recording.rerun.steps import COST, RETURN, TOTAL
 from edmsim.recording.rerun.stream import PATH, TIME, saved
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ CURVES = (
     ("gas/coverage", "gas on the wire's front, share"),
 )
 """Curves in which the cuts are compared, and the titles of their views."""
-OF_EPISODES = (("earned/total", "return so far"), ("cost/total", "cost so far"))
+OF_EPISODES = ((f"{RETURN}/{TOTAL}", "return so far"), (f"{COST}/{TOTAL}", "cost so far"))
 """Those that episodes of environments have besides; without them where neither is one."""
 
 
