@@ -86,7 +86,7 @@ class Machine(SetUp):
         wire, generator = read(Wire, "wires", wire_name), read(Generator, "generators", chosen.generator)
         base, material = read_base(name), read(Material, "materials", chosen.material)
         diameter = wire.default_diameter_um.value if diameter is None else diameter
-        usual_tension = wire.stress_MPa.value * math.pi / 4 * (diameter * 1e-3) ** 2
+        usual_tension = wire.stress_MPa.value * (math.pi / 4 * (diameter * 1e-3) ** 2)
         machine = Machine(
             name=name, wire_name=wire_name, material_name=chosen.material, generator_name=chosen.generator,
             base=base, wire=wire, material=material, generator=generator, wire_diameter_um=diameter,
