@@ -25,13 +25,12 @@ TRAVEL_MM = 400.0
 """Travel of the table: that of `production-400`, so that a shift's workpieces lie one behind the other."""
 DRIFT_EVERY_S = 60.0
 """Machine time between two steps of the drift (ours: each changes the water by a few per cent of its range)."""
-
-
 SHIFT_S, WIRES, LENGTH_MM, WORKPIECES_MM = 1200.0, 100, 390.0, (2.0, 8.0)
 """Ours: long beside what it takes to know a machine; wires and length that no shift comes to the end of; workpieces
 of a minute or so each."""
 AREA = Weights(short=0.0, open=0.0, wire_break=0.0)
 """A wire costs its time, as the shift goes on by the clock."""
+
 
 @shows_arguments
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +51,7 @@ class Shift(HeightStep):
     flushing_left: Range = argument((0.5, 1.0), "", "share of the pressures that reaches the workpiece in the end")
 
     counts_threading: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         """Refuse what cannot be used."""
         super().__post_init__()

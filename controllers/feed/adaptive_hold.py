@@ -93,15 +93,15 @@ class AdaptiveHold(HoldHeat):
         Growth of the variance of that logarithm with time: water and wear change the limit.
     rate_exponent : float
         Growth of the logarithm of the cutting rate with that of the flux.
-    break_s : float
-        Time that a lost wire costs; 0 for the machine's own threading and the rise of a fresh wire.
+    break_weight : float
+        Factor on the time that a lost wire costs, which is the machine's threading and the rise of a fresh wire.
     """
 
     limit_share: float = 0.8
     limit_spread: float = 0.5
     drift_per_s: float = 2e-5
     rate_exponent: float = 0.8
-    break_s: float = 0.0
+    break_weight: float = 1.0
 
     chance: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(LEVELS)), init=False)
     seconds: float = field(default=0.0, init=False)  # since the last decision
@@ -130,9 +130,9 @@ class AdaptiveHold(HoldHeat):
     def best_hold(self) -> float:
         """Return the flux that earns most in the mean over what the limit may be.
 
-        A flux u earns ``u^rate_exponent`` for the share of time that breaks leave, 1 / (1 + hazard break_s).
+        A flux u earns ``u^rate_exponent`` for the share of time that breaks leave, 1 / (1 + hazard lost_s).
         """
-        lost_s = self.break_s or self._threading_s + self.rise_s
+        lost_s = self.break_weight * (self._threading_s + self.rise_s)
         cutting = 1.0 / (1.0 + HAZARD * lost_s)
         rates = np.exp(self.rate_exponent * LEVELS) * (cutting @ self.chance)
         return float(np.exp(LEVELS[int(np.argmax(rates))]))

@@ -159,7 +159,7 @@ def test_a_break_says_where_the_limit_is_and_the_more_breaks_the_better(flux):
 
 
 def test_a_dear_break_makes_the_law_careful():
-    cheap, dear = (begun("adaptive-hold", break_s=seconds).period.hold for seconds in (1.0, 600.0))
+    cheap, dear = (begun("adaptive-hold", break_weight=weight).period.hold for weight in (0.05, 30.0))
     assert dear < 0.8 * cheap
 
 
