@@ -7,6 +7,7 @@ import json
 import shutil
 import time
 import zipfile
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,17 @@ def test_a_line_of_thousands_of_words_is_read_at_once(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="G4 wants its time"):
         load_program(tmp_path / "own.ngc")
     assert time.process_time() - began < 1.0
+
+
+@pytest.mark.parametrize("filled", ["N7" + " " * 100_000 + "M2", "X1" + "*" * 20_000 + "1"])
+def test_a_line_of_thousands_of_blanks_or_marks_is_read_at_once(filled: str, tmp_path: Path) -> None:
+    """A pattern for marks of comments went over the blanks from every one of them: 4,000 took three minutes."""
+    file = tmp_path / "part.ngc"
+    file.write_text(f"G21 G90\nG1 X1 Y0\n{filled}\n")
+    began = time.process_time()
+    with suppress(InputError):
+        load_program(file)
+    assert time.process_time() - began < 5.0
 
 
 def test_expressions_of_a_page_are_computed() -> None:

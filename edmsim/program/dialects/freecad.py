@@ -10,8 +10,12 @@ from edmsim.program.dialects.dialect import Dialect
 FREECAD = Dialect("freecad", "FreeCAD's wire post", comment=r"FreeCAD|begin preamble")
 
 _COORDINATE = re.compile(r"[XYIJ][-+]?[\d.]", re.IGNORECASE)
-_LINE_END = re.compile(r"[^\d.\s()]+$")
-_MARKED_COMMENT = re.compile(r"\s*(?:N\d+)?\s*[^\w\s%/();#\[]+\s*(?=\()")
+_LINE_END = re.compile(r"(?<![^\d.\s()])[^\d.\s()]++$")
+_MARKS = r"[^\w\s%/();#\[]"
+# every blank and mark is looked at once: a line of nothing but blanks would else take hours
+_MARKED_COMMENT = re.compile(
+    rf"(?<!\s)(?:\s++|(?=N)|(?<!{_MARKS}))(?:N\d++)?+\s*+{_MARKS}++\s*+(?=\()"
+)
 _INCHES = re.compile(r"\(machine:[^)]*\bin/min\)", re.IGNORECASE)
 
 
