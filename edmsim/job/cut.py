@@ -246,7 +246,7 @@ def prepared(
     Parameters
     ----------
     plan : callable, optional
-        Plans the path; by default every call plans anew.
+        Plans the path; by default every call plans the path again.
     """
     found = with_passes(program, settings, plan)
     settings, path = found.settings, found.path
