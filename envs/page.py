@@ -24,8 +24,8 @@ from edmsim.envs import observation, reward
 from edmsim.envs.arguments import arguments_of
 from edmsim.envs.batch import action_space_of, observation_space_of
 from edmsim.envs.knobs import KNOBS
-from edmsim.envs.lanes import STRETCH_UM
 from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
+from edmsim.envs.sub_envs import STRETCH_UM
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.discharge import PLACE_SD_UM

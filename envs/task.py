@@ -168,7 +168,7 @@ class Family(EnvArguments):
     height_mm: Range | None = argument((4.0, 40.0), "mm", "greatest, or (low, high); None: the machine's")
     tension: Range | None = argument((8.0, 20.0), "N", "or (low, high); None: the machine's")
     randomise: Sequence[str] | None = argument((), "", "constants to draw; ``()`` for all, None for none")
-    machine_episodes: int = argument(1, "", "episodes a lane cuts with a drawn machine")
+    machine_episodes: int = argument(1, "", "episodes a sub-environment cuts with a drawn machine")
     action: Literal["change", "speed", "servo"] = argument(
         "change", "", "change of the feed, speed: the feed, servo: a target"
     )
