@@ -94,22 +94,7 @@ def from_text(text: str, screw: Screw | None = None) -> Drive:
 def tuned(
     name: str, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
 ) -> Uhu | ServoModule | Eanpos:
-    """Make a drive that is commissioned: its parameters for an axis of `axis_row` are in its memory.
-
-    Parameters
-    ----------
-    name : str
-        One of `COMMISSIONED`.
-    axis : str
-        Motor, screw and table; ``table`` is that of the DEM-15, for ``eanpos`` with its velocity amplifier.
-    changes : mapping of str to int
-        Parameters that differ, by their names in Python or the manual's letters and names.
-
-    Raises
-    ------
-    InputError
-        If there is no such drive, no such axis, nobody has tuned the drive for it, or a parameter is unknown.
-    """
+    """Make a drive of `COMMISSIONED` tuned for an axis of `axis_row`; `changes` are by parameter's name or letter."""
     if name == Eanpos.name:
         return Eanpos.tuned("analogue-table" if axis == "table" else axis, changes, screw)
     if name not in CHIPS:

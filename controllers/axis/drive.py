@@ -75,27 +75,15 @@ class StartsAnew(Drive, Protocol):
     """A drive that starts anew when its logic is switched on, with what its memory has kept."""
 
     def power_up(self) -> bytes:
-        """Start as after the release of the reset pin: what no memory keeps is as in a new drive.
-
-        Returns
-        -------
-        bytes
-            What it sends over its serial line, if it has one.
-        """
+        """Start as after the release of the reset pin; returns what it sends over its serial line, if it has one."""
         ...
 
 
 @runtime_checkable
 class SerialDrive(StartsAnew, Protocol):
-    """A drive with a serial line and a memory that outlasts the power: a chip on a board.
+    """A chip with a memory that outlasts the power and a serial line: 8 data bits, no parity, 1 stop bit."""
 
-    Attributes
-    ----------
-    baud : float
-        Bits per second of its serial line, 8 data bits, no parity, 1 stop bit.
-    """
-
-    baud: float
+    baud: float  # bits per second
 
     def receive_error(self) -> None:
         """Take note that a byte came without a stop bit, or before the last one was read."""

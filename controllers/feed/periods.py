@@ -261,11 +261,7 @@ class FluxGauge(Gauge):
 
 
 def heat_per_ignition_s(machine: Machine) -> NDArray[np.float64]:
-    """Return what an ignition in each fifth adds to each fifth's heat flux, over the critical one: (5, 5), in s.
-
-    A spark heats its own fifth; its current, which comes from both guides and divides as the wire's resistances do,
-    heats all of them.
-    """
+    """Return what an ignition in each fifth adds to each fifth's flux over the critical one: (5, 5), in s."""
     files = Machine.load(
         machine.name, material=machine.material_name, wire=machine.wire_name, generator=machine.generator_name
     )

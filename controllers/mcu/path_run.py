@@ -96,10 +96,7 @@ class PathRun(Snapshots):
         return along_um + min(max(run_um, 0.0), end_um - along_um)
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
-        """Let the machine run for a window of time; see `edmsim.controllers.planner.protocol.Planner.advance`.
-
-        A routine that is under way at the window's end is finished; its step comes with the next window.
-        """
+        """Let the machine run for a window; a routine under way at its end is finished, its step comes next."""
         if end_ns < start_ns:
             raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
         if not -MAX_SPEED <= speed_units <= MAX_SPEED:

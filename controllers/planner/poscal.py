@@ -79,10 +79,7 @@ def at_end(row: Row, points: Floats) -> bool:
 
 @exactly_compiled
 def near(row: Row, points: Floats, point: int) -> bool:
-    """Whether either counter is as near to a corner as it comes: an overflow of 5/8 step, and a quarter um beside.
-
-    With steps of 2 um that is half a step, 1 um (row T-18).
-    """
+    """Whether either counter is as near to a corner as it comes: half of a 2 um step (row T-18)."""
     for axis in range(2):
         away = abs(place_um(row, axis) - int(points[point, axis]))
         if 8 * away > 5 * row.step_um + 2:

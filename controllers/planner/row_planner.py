@@ -20,13 +20,7 @@ _ROOM = 64
 
 
 class RowPlanner:
-    """Runs a course by compiled code; see `Planner` and `make_planner`.
-
-    Parameters
-    ----------
-    max_speed : int or None
-        Greatest path speed in units; None if there is none.
-    """
+    """Runs a course by compiled code; see `Planner` and `make_planner`."""
 
     def __init__(self, course: Course, speed_unit_nm_s: float, max_speed: int | None) -> None:
         self.speed_unit_nm_s = speed_unit_nm_s

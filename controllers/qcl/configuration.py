@@ -90,33 +90,17 @@ class _DataGroup:
 
 @dataclass
 class Configuration:
-    """What a configuration declares.
-
-    Attributes
-    ----------
-    constants, variables
-        By name.
-    timers : set of str
-        Names.
-    data : dict of str to DataVariable
-        Variables of data groups.
-    cards : dict of int to str or None
-        Slots of the bus, None where they are empty.
-    inputs, outputs : dict of str to str
-        Slot addresses, such as ``2.INP01``, by name.
-    shared : list of str
-        Addresses that two users have: allowed, but seldom meant.
-    """
+    """What a configuration declares, by name."""
 
     constants: dict[str, int] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
     timers: set[str] = field(default_factory=set)
     data: dict[str, DataVariable] = field(default_factory=dict)
-    cards: dict[int, str | None] = field(default_factory=dict)
-    inputs: dict[str, str] = field(default_factory=dict)
+    cards: dict[int, str | None] = field(default_factory=dict)  # slots of the bus, None where they are empty
+    inputs: dict[str, str] = field(default_factory=dict)  # slot addresses, such as ``2.INP01``
     outputs: dict[str, str] = field(default_factory=dict)
     devices: dict[str, Declaration] = field(default_factory=dict)
-    shared: list[str] = field(default_factory=list)
+    shared: list[str] = field(default_factory=list)  # addresses that two users have: allowed, but seldom meant
     _groups: dict[str, _DataGroup] = field(default_factory=dict)
 
     @property

@@ -53,15 +53,7 @@ _STEEPEST = 1.0
 
 
 class _Section:
-    """A section of a file.
-
-    Parameters
-    ----------
-    name : str
-        For messages, such as ``table 2``.
-    values : mapping
-        The parsed TOML.
-    """
+    """A parsed section of a file; its name is for messages, such as ``table 2``."""
 
     def __init__(self, name: str, values: Mapping[str, Any], file: str | Path) -> None:
         self._name, self._values, self._file = name, values, file

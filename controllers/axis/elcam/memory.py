@@ -20,10 +20,7 @@ _PAGE = 0x1000
 
 
 def buffer_bytes_chosen() -> int:
-    """Return the room that the environment asks for, else the control's own.
-
-    Raises `InputError` if what SZELCAMPUFFER holds is not a number of bytes.
-    """
+    """Return the room that SZELCAMPUFFER of the environment asks for, else the control's own."""
     text = os.environ.get(BUFFER_VARIABLE, "").strip()
     if not text:
         return int(DATA["elcam"]["buffer_bytes"])
@@ -34,21 +31,11 @@ def buffer_bytes_chosen() -> int:
 
 
 class Allocation(NamedTuple):
-    """What asking for memory returns.
+    """What asking for memory returns."""
 
-    Attributes
-    ----------
-    status : int
-        0 where there is memory.
-    memory : bytearray
-        The piece, for the program ("virtual address").
-    address : int
-        Where it is, for the control ("physical address").
-    """
-
-    status: int
-    memory: bytearray
-    address: int
+    status: int  # 0 where there is memory
+    memory: bytearray  # the piece, for the program ("virtual address")
+    address: int  # where it is, for the control ("physical address")
 
 
 class PhysicalMemory:

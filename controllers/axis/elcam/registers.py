@@ -17,24 +17,12 @@ DATA: dict[str, Any] = data_of("mcu_g3")
 
 @dataclass(frozen=True)
 class Descriptor:
-    """An object's address.
+    """An object's address."""
 
-    Attributes
-    ----------
-    bus : int
-        1200 for ELCAM.
-    device : int
-        1 for a table; 0 with ``index`` 30 for the switch of the compensation of all tables.
-    index : int
-        Number of the table, 0 or more, chosen by the user.
-    sub_index : int
-        A `Function`.
-    """
-
-    bus: int
-    device: int
-    index: int
-    sub_index: int
+    bus: int  # 1200 for ELCAM
+    device: int  # 1 for a table; 0 with index 30 for the switch of the compensation of all tables
+    index: int  # number of the table, 0 or more, chosen by the user
+    sub_index: int  # a `Function`
 
 
 class Function(IntEnum):

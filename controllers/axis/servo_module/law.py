@@ -154,26 +154,7 @@ def _take_count(reg: Words, count: int) -> None:
 
 @exactly_compiled
 def cycle(reg: Words, count: int, edges: int, fault: bool, time_ns: int) -> tuple[bool, bool]:
-    """Run the loop once.
-
-    Parameters
-    ----------
-    reg : int64 array
-        As `edmsim.controllers.axis.servo_module.registers` lays it out.
-    count : int
-        The encoder's counter.
-    edges : int
-        Steps up less steps down since the machine was switched on.
-    fault : bool
-        Whether the fault input is low.
-    time_ns : int
-        Time of the plant's clock.
-
-    Returns
-    -------
-    (bool, bool)
-        Whether the loop ran, and whether the commanded direction changed.
-    """
+    """Run the loop on the counters of encoder and steps; returns whether it ran, and whether it changed direction."""
     reg[at.NOW_NS] = time_ns
     take_steps(reg, edges)
     _take_count(reg, count)

@@ -33,15 +33,7 @@ class Chip(Protocol):
 
 
 class Bus(Snapshots):
-    """Address decoder and memory.
-
-    A write to EPROM or to an address without a chip changes nothing, as on the board.
-
-    Attributes
-    ----------
-    ram : bytearray
-        Bytes from 2000H on.
-    """
+    """Address decoder and memory; a write to EPROM or where no chip is changes nothing, as on the board."""
 
     STATE = ("ram",)
 
@@ -66,10 +58,7 @@ class Bus(Snapshots):
         return self._eprom[address] if address in EPROM else FLOATING
 
     def write(self, address: int, byte: int) -> None:
-        """Put a byte at an address.
-
-        Raises `InputError` if there can be no such address, or the value is not a byte.
-        """
+        """Put a byte at an address."""
         found = self._chips.get(address)
         if found is not None and 0 <= byte <= BYTE:
             found[0].write(found[1], byte)
@@ -80,10 +69,7 @@ class Bus(Snapshots):
             self.ram[address - RAM.start] = byte
 
     def check_writable(self, address: int) -> None:
-        """Refuse an address at which a write changes nothing.
-
-        Raises `InputError` for EPROM, and where nothing answers.
-        """
+        """Refuse an address at which a write changes nothing: EPROM, and where nothing answers."""
         if address in EPROM:
             raise InputError(f"{address:04X}H is EPROM, which cannot be written")
         if address not in RAM and address not in self._chips:

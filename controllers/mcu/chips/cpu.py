@@ -26,20 +26,7 @@ class NoCodeError(InputError):
 
 
 class Cpu8085:
-    """Registers and instructions.
-
-    Parameters
-    ----------
-    routine : callable
-        Called with an address in EPROM; does what stands there and returns its T-states, 0 to be asked again.
-
-    Attributes
-    ----------
-    registers : list of int
-        B, C, D, E, H, L, nothing, A.
-    enabled : bool
-        Interrupts, by EI and DI.
-    """
+    """Registers (B, C, D, E, H, L, nothing, A) and instructions; `routine` is called with an address in EPROM."""
 
     def __init__(self, memory: Bus, routine: Callable[[int], int]) -> None:
         self._memory = memory
@@ -49,10 +36,7 @@ class Cpu8085:
         self.enabled = self.halted = False
 
     def step(self) -> int:
-        """Run the next instruction; return its T-states.
-
-        Raises `NoCodeError` for a byte that is not a documented instruction.
-        """
+        """Run the next instruction; returns its T-states; `NoCodeError` for a byte that is not a documented one."""
         if self.pc in EPROM:
             cost = self._routine(self.pc)
             if cost:

@@ -27,13 +27,7 @@ BLANK = 0xF
 
 
 class Kdc8279(Snapshots):
-    """One 8279 with its digits and keys.
-
-    Parameters
-    ----------
-    debounce_scans : int
-        Scans a key must be closed after each other ("several" in the document; ours: 3).
-    """
+    """One 8279 with its digits and keys, which must be closed for `debounce_scans` ("several"; ours: 3)."""
 
     STATE = ("_command", "lost", "_words", "_keys", "_scans")
 
@@ -56,20 +50,7 @@ class Kdc8279(Snapshots):
         return len(self._keys)
 
     def scan(self, closed: frozenset[int], shift: bool = False, ctrl: bool = False) -> bool:
-        """Scan the keys once.
-
-        Parameters
-        ----------
-        closed : frozenset of int
-            Keys found closed, 0..63: eight times the column, and the row.
-        shift, ctrl : bool
-            Their lines.
-
-        Returns
-        -------
-        bool
-            Whether a key was accepted, which raises the interrupt.
-        """
+        """Scan the keys (0..63: eight times the column, and the row); returns whether one was accepted."""
         for key in closed:
             if not 0 <= key < KEYS:
                 raise InputError(f"a key is 0..{KEYS - 1}, not {key!r}")
@@ -115,20 +96,7 @@ class Kdc8279(Snapshots):
 
 
 def write_digit(chip: Kdc8279, digit: int, value: int) -> None:
-    """Write one digit and keep its neighbour in the other bank (row T-28): read the word, change a half, write it.
-
-    Parameters
-    ----------
-    digit : int
-        0..31; 0..15 are bank A.
-    value : int
-        0..9, or `BLANK`.
-
-    Raises
-    ------
-    InputError
-        If there is no such digit or value.
-    """
+    """Write digit 0..31 (0..15 are bank A) and keep its neighbour in the other bank (row T-28): 0..9 or `BLANK`."""
     if not (0 <= digit < DIGITS and 0 <= value <= BLANK):
         raise InputError(f"there are digits 0..{DIGITS - 1} and values 0..{BLANK}, not {digit!r} and {value!r}")
     place = digit % BANK

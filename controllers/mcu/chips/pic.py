@@ -63,10 +63,7 @@ class Pic8259(Snapshots):
         return self._next() >= 0
 
     def acknowledge(self) -> int:
-        """Answer the processor: the address of the table's entry, which is then in service.
-
-        Raises `InputError` if the chip has not been initialised.
-        """
+        """Answer the processor: the address of the table's entry, which is then in service."""
         if self._table < 0:
             raise InputError("the 8259 has no jump table: write ICW1 and ICW2 first")
         level = self._next()

@@ -26,19 +26,11 @@ def control_word(counter: int, mode: int) -> int:
 
 @dataclass
 class Counter:
-    """One counter.
-
-    Attributes
-    ----------
-    reload : int
-        Count loaded, 0 for 65 536.
-    left : int
-        Ticks until the output rises; 0 when it has risen in mode 0, or nothing is loaded.
-    """
+    """One counter."""
 
     mode: int = TERMINAL_COUNT
-    reload: int = 0
-    left: int = 0
+    reload: int = 0  # count loaded, 0 for 65 536
+    left: int = 0  # ticks until the output rises; 0 when it has risen in mode 0, or nothing is loaded
     low: int = -1
     latched: int = -1
 

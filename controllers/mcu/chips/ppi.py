@@ -38,18 +38,7 @@ class _Input:
 
 
 class Ppi8255(Snapshots):
-    """One 8255.
-
-    Parameters
-    ----------
-    on_output : callable, optional
-        Called with port and byte when an output changes its lines or is written.
-
-    Attributes
-    ----------
-    inputs : list of int
-        Levels at the pins of ports that are inputs in mode 0.
-    """
+    """One 8255; `on_output` takes port and byte when an output changes its lines or is written."""
 
     STATE = ("_mode", "_out", "inputs", "_strobed")
 

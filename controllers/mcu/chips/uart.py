@@ -22,13 +22,7 @@ BITS_PER_CHARACTER = 10
 
 
 class Usart8251(Snapshots):
-    """One serial channel.
-
-    Parameters
-    ----------
-    transmit : callable
-        Takes every byte sent.
-    """
+    """One serial channel; `transmit` takes every byte sent."""
 
     STATE = ("_mode", "_command", "_received", "_ready", "_overrun")
 

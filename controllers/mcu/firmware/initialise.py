@@ -41,15 +41,7 @@ def copy_start_values(memory: Bus) -> None:
 
 
 def make_outputs_safe(memory: Bus, oev: int) -> None:
-    """Directions of the ports and safe values: both voltages 0, generator off, handshake off.
-
-    The mode word clears the port, and OEV with it, for the microseconds until that is written.
-
-    Parameters
-    ----------
-    oev : int
-        Bit of the line OEV in port 4022H.
-    """
+    """Directions of the ports and safe values: both voltages 0, handshake off, generator off by its bit `oev`."""
     memory.write(bus.CPORT2, ppi.BASIC_OUTPUTS)
     memory.write(bus.PORT2C, 1 << oev)
     memory.write(bus.PORT2A, 0)

@@ -38,22 +38,7 @@ _MOST_HERTZ = 4_000_000_000
 
 
 def timer_clock_hz(speed_unit_nm_s: float, step_um: float = STEP_UM) -> Fraction:
-    """Clock at which one unit is one step per 65 536 ticks (row T-74): exactly 43008/5 Hz at 262.5 nm/s.
-
-    The real clock is unknown (row T-75).
-
-    Parameters
-    ----------
-    speed_unit_nm_s : float
-        Speed unit in nm/s.
-    step_um : float
-        Table travel of one motor step.
-
-    Raises
-    ------
-    InputError
-        If the unit is not above 0, or so large that the clock's terms do not fit the arithmetic.
-    """
+    """Clock (row T-75) at which one unit is one step per 65 536 ticks (row T-74): 43008/5 Hz at 262.5 nm/s."""
     if not speed_unit_nm_s > 0:
         raise InputError(
             f"the speed unit must be above 0 nm/s (the controller has 262.5), not {speed_unit_nm_s}"
@@ -74,14 +59,7 @@ def reload_count(speed: int) -> int:
 
 @exactly_compiled
 def tick_before(time_ns: int, hertz: int, per: int) -> int:
-    """Index of the last tick before a time; ``before(a) + 1 .. before(b)`` fall into ``a <= t < b``.
-
-    Parameters
-    ----------
-    hertz, per : int
-        Numerator and denominator of the clock. Seconds and nanoseconds are multiplied apart, as 64 bits would not
-        hold the product of an hour in ns with the clock of a unit of 252.6 nm/s.
-    """
+    """Index of the last tick before a time; ``before(a) + 1 .. before(b)`` fall into ``a <= t < b``."""
     seconds = (time_ns - 1) // _SECOND_NS
     rest_ns = time_ns - 1 - seconds * _SECOND_NS
     ticks = seconds * hertz // per
@@ -98,13 +76,7 @@ def tick_time_ns(tick: int, hertz: int, per: int) -> int:
 
 
 class TickClock:
-    """The common clock, for callers in Python (see `tick_before`, `tick_time_ns`).
-
-    Parameters
-    ----------
-    speed_unit_nm_s, step_um : float
-        Speed unit in nm/s and motor step in um, which fix the clock.
-    """
+    """The common clock, for callers in Python (see `tick_before`, `tick_time_ns`)."""
 
     def __init__(self, speed_unit_nm_s: float = SPEED_UNIT_NM_S, step_um: float = STEP_UM) -> None:
         self.hertz = timer_clock_hz(speed_unit_nm_s, step_um)
@@ -130,17 +102,12 @@ def ticks_to_overflow(phase: int, rate: int) -> int:
 
 @exactly_compiled
 def run_phase(phase: int, rate: int, ticks: int) -> tuple[int, int]:
-    """Let some ticks pass, at most `ticks_to_overflow`, in an accumulator that steps on overflow.
+    """Let at most `ticks_to_overflow` ticks pass in an accumulator; returns its phase, and the step due: +1, -1 or 0.
 
     Its phase is the lead of the commanded position over the counter. Every tick adds the axis speed, so a new speed
     counts at once and the fraction of a step is kept. Seven bits below the unit carry the axis speeds of slow paths.
     The overflow lies a quarter of a half step beyond it, so that a path that runs exactly between two motor
     positions does not make the motor swing to and fro.
-
-    Returns
-    -------
-    (int, int)
-        The phase after them, and the step due: +1, -1, or 0 for none.
     """
     phase += rate * ticks
     if phase > OVERFLOW:
@@ -152,8 +119,5 @@ def run_phase(phase: int, rate: int, ticks: int) -> tuple[int, int]:
 
 @exactly_compiled
 def loaded(left: int, speed: int) -> int:
-    """Ticks until a channel of the 8253 interrupts: those left, or at 0 the next load (row T-76).
-
-    The interrupt routine reads the axis speed and loads the next count, so a new speed counts from the next step on.
-    """
+    """Ticks until a channel of the 8253 interrupts: those left, or at 0 the next load (row T-76)."""
     return reload_count(speed) if left == 0 else left

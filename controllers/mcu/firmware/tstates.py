@@ -70,15 +70,7 @@ def sqrt_t_states(n: int) -> int:
 
 
 def poscal_t_states(dx: int, dy: int, speed: int) -> int:
-    """Cost of one POSCAL.
-
-    Parameters
-    ----------
-    dx, dy : int
-        Magnitudes of the displacement in um, 16 bits.
-    speed : int
-        Path speed in units, 0..255.
-    """
+    """Cost of one POSCAL for magnitudes in um (words) and a path speed of 0..255 units."""
     x, y, halvings = reduc(dx, dy)
     if x * x + y * y > WORD:
         x, y = reduc2(x, y)
