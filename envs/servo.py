@@ -56,22 +56,7 @@ def respond(
     indices: NDArray[np.int64], servos: NDArray[np.void], short: NDArray[np.float64], open_: NDArray[np.float64],
     duration_s: NDArray[np.float64], limit_um_s: float, proportional: float, integral: float,
 ) -> None:
-    """Let servos answer a window each.
-
-    Parameters
-    ----------
-    indices : (m,)
-        Those that had a window; of the other arguments, row i belongs to sub-environment i.
-    servos : (n,) `SERVO`
-        Brought up to date.
-    short, open_ : (n,)
-        Shares of the pulses.
-    duration_s : (n,)
-    limit_um_s : float
-        Greatest feed.
-    proportional, integral : float
-        See `GAINS`.
-    """
+    """Let the servos of some sub-environments (m,) answer a window each, by shares of short and open pulses (n,)."""
     for j in range(indices.shape[0]):
         i = indices[j]
         error = open_[i] - short[i] - servos[i].target

@@ -43,10 +43,20 @@ DECISION_S = 1.0
 
 @dataclass
 class ClimbingHold(HoldHeat):
-    """Holds more and more of the critical flux until a wire breaks, then less, and climbs more slowly."""
+    """Holds more and more of the critical flux until a wire breaks, then less, and climbs more slowly.
 
-    climb_per_s: float = 0.01  # growth of the logarithm of what is held
-    # the growth is divided by this at every break: what broke a wire is come to later and later
+    Further parameters: see `HoldHeat`; ``hold_share`` is where it begins, ``break_hold_share`` what is held after a
+    break over what broke the wire.
+
+    Parameters
+    ----------
+    climb_per_s : float
+        Growth of the logarithm of what is held.
+    patience_factor : float
+        By what the growth is divided at every break: what broke a wire is come to later and later.
+    """
+
+    climb_per_s: float = 0.01
     patience_factor: float = 2.0
 
     pace_per_s: float = field(default=0.0, init=False)
@@ -70,13 +80,28 @@ class ClimbingHold(HoldHeat):
 
 @dataclass
 class AdaptiveHold(HoldHeat):
-    """Holds the flux that earns most by what is known so far of the machine's limit."""
+    """Holds the flux that earns most by what is known so far of the machine's limit.
 
-    limit_share: float = 0.8  # flux at which wires break, before anything is known: its median
-    limit_spread: float = 0.5  # standard deviation of its logarithm
-    drift_per_s: float = 2e-5  # growth of that logarithm's variance with time: water and wear change the limit
-    rate_exponent: float = 0.8  # growth of the logarithm of the cutting rate with that of the flux
-    break_weight: float = 1.0  # factor on the time that a lost wire costs: threading and the rise of a fresh wire
+    Further parameters: see `HoldHeat`.
+
+    Parameters
+    ----------
+    limit_share, limit_spread : float
+        The flux at which wires break, before anything is known: its median, and the standard deviation of its
+        logarithm.
+    drift_per_s : float
+        Growth of the variance of that logarithm with time: water and wear change the limit.
+    rate_exponent : float
+        Growth of the logarithm of the cutting rate with that of the flux.
+    break_weight : float
+        Factor on the time that a lost wire costs, which is the machine's threading and the rise of a fresh wire.
+    """
+
+    limit_share: float = 0.8
+    limit_spread: float = 0.5
+    drift_per_s: float = 2e-5
+    rate_exponent: float = 0.8
+    break_weight: float = 1.0
 
     chance: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(LEVELS)), init=False)
     seconds: float = field(default=0.0, init=False)  # since the last decision

@@ -25,20 +25,14 @@ WAIT_US = 10_000.0
 
 
 class Delays(NamedTuple):
-    """Delays of a gap at a voltage.
-
-    Attributes
-    ----------
-    short, ignited : float
-        Shares of pulses that were shorts, and that ignited within `WAIT_US`.
-    us : tuple of float
-        `QUANTILES` of the delays of all that were no shorts, in us; NaN where the quantile has not ignited.
-    """
+    """Delays of a gap at a voltage."""
 
     gap_um: float
     open_V: float
+    # shares of pulses that were shorts, and that ignited within `WAIT_US`
     short: float
     ignited: float
+    # `QUANTILES` of the delays of all that were no shorts, in us; NaN where the quantile has not ignited
     us: tuple[float, ...]
 
 

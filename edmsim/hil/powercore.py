@@ -27,11 +27,6 @@ class PowercoreV2:
     """Powercore V2: no serial line; ALRT is the share of sparks among the last 512 pulses, AMP the current.
 
     A current trip marks an ignition, so a short counts as a spark: the current flows in both.
-
-    Attributes
-    ----------
-    enabled : bool
-        Level of the enable input.
     """
 
     name: ClassVar[str] = "powercore-v2"
@@ -104,13 +99,7 @@ def _whole(text: str) -> int:
 
 
 class PowercoreV3:
-    """Powercore V3: lines at 115,200 baud, FEEDBACK and enable.
-
-    Attributes
-    ----------
-    enabled : bool
-        Level of the enable input.
-    """
+    """Powercore V3: lines at 115,200 baud, FEEDBACK and enable."""
 
     name: ClassVar[str] = "powercore"
     generator: ClassVar[str] = "powercore-v3"

@@ -69,13 +69,7 @@ class Sensing(NamedTuple):
 
 
 class Sampler:
-    """Makes samples of frames that follow each other.
-
-    Parameters
-    ----------
-    start_us : float
-        Machine time from which samples are taken.
-    """
+    """Makes samples of frames that follow each other, from a machine time on."""
 
     def __init__(self, sensing: Sensing, start_us: float = 0.0) -> None:
         sensing.check()
@@ -203,11 +197,6 @@ class SampleFile:
     """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``.
 
     A WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count.
-
-    Parameters
-    ----------
-    start_s : float
-        Machine time from which samples are taken.
     """
 
     def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:

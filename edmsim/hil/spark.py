@@ -32,13 +32,7 @@ _WATER_C = 25
 
 
 class Pulser:
-    """The board's registers, each of a byte.
-
-    Attributes
-    ----------
-    enabled : bool
-        Level of GATE: without it no current flows.
-    """
+    """The board's registers, each of a byte; `enabled` is the level of GATE, without which no current flows."""
 
     name: ClassVar[str] = "spark"
     generator: ClassVar[str] = "spark-pulser"

@@ -24,31 +24,16 @@ CURVE_POINTS = 200
 
 
 class TrainOptions(NamedTuple):
-    """Options of a training besides the algorithm.
+    """Options of a training besides the algorithm."""
 
-    Attributes
-    ----------
-    settings : path or None
-        File of hyperparameters that differ (see `edmsim.learning.hyperparameters.load`).
-    residual : str or None
-        Law that the policy adds to.
-    teacher : str or None
-        Controller that imitation follows.
-    start : str or None
-        Policy that the training begins with, as ``policy:NAME`` or a file of it.
-    record_every : int or None
-        One in `record_every` of the first sub-environment's episodes is recorded into the folder ``episodes``.
-    live : bool
-        Whether these are shown in rerun's viewer as they end.
-    """
-
-    settings: Path | None = None
-    residual: str | None = None
-    teacher: str | None = None
+    settings: Path | None = None  # file of hyperparameters that differ (see `edmsim.learning.hyperparameters.load`)
+    residual: str | None = None  # law that the policy adds to
+    teacher: str | None = None  # controller that imitation follows
     privileged_critic: bool = False
-    start: str | None = None
+    start: str | None = None  # policy that the training begins with, as ``policy:NAME`` or a file of it
+    # one in `record_every` of the first sub-environment's episodes is recorded into the folder ``episodes``
     record_every: int | None = None
-    live: bool = False
+    live: bool = False  # whether these are shown in rerun's viewer as they end
 
     def policy(self) -> Policy | None:
         """Return the policy that the training begins with."""

@@ -22,15 +22,7 @@ LEAST_RISE = 3.0
 
 
 def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
-    """Say from when on a learning curve rises.
-
-    Parameters
-    ----------
-    steps : sequence of int
-        Steps or decisions so far.
-    returns : sequence of float
-        Mean return of the last episodes there; NaN before the first has ended.
-    """
+    """Say from when on a learning curve rises: mean returns (NaN before the first ended) over steps or decisions."""
     known = [(step, value) for step, value in zip(steps, returns, strict=True) if not math.isnan(value)]
     if not known:
         return "no episode has ended"

@@ -271,10 +271,7 @@ def write(card: Card, packed: bytes, file: Path) -> None:
 
 
 def locate(name: str) -> Path:
-    """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``.
-
-    Raises `InputError` if there is none.
-    """
+    """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``."""
     file = Path(name)
     if file.suffix not in (".json", ".npz"):
         if name not in models.policies():

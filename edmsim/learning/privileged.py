@@ -23,13 +23,7 @@ TRUTHS = ("gap_um", "wire_temperature_K", "debris", "error_um")
 
 # untyped where the extra is missing
 class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Sub-environments whose observations have the truth behind what a machine shows.
-
-    Parameters
-    ----------
-    venv : VecEnv
-        An `EdmVecEnv`, with any wrappers around it.
-    """
+    """Sub-environments whose observations have the truth behind what a machine shows."""
 
     def __init__(self, venv: VecEnv) -> None:
         vec_env: Any = venv.unwrapped

@@ -70,10 +70,7 @@ def read_base(name: str) -> Base:
 
 
 def own_mjcf(name: str, file: str) -> str:
-    """Return which MJCF a user's machine file means: the absolute path of the one beside it, or a name of ours.
-
-    Raises `InputError` if there is neither.
-    """
+    """Return which MJCF a user's machine file means: the absolute path of the one beside it, or a name of ours."""
     sibling = Path(file).absolute().parent / name
     if sibling.is_file():
         return str(sibling)

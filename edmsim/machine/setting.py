@@ -148,20 +148,12 @@ def standoffs_mm(machine: SetUp) -> tuple[float, float]:
 
 
 class GuideBends(NamedTuple):
-    """Where a leaning wire bends.
+    """Where a leaning wire bends."""
 
-    Attributes
-    ----------
-    stiff_mm : float
-        How far inside the guides, because the wire is stiff.
-    radius_mm : float
-        Of the guides' edges: they take the bend further in by that radius times the tangent of half the angle.
-    lower_error_mm, upper_error_mm : float
-        How much higher the guides are than the control knows.
-    """
-
-    stiff_mm: float
+    stiff_mm: float  # how far inside the guides, because the wire is stiff
+    # of the guides' edges: they take the bend further in by that radius times the tangent of half the angle
     radius_mm: float
+    # how much higher the guides are than the control knows
     lower_error_mm: float
     upper_error_mm: float
 

@@ -29,13 +29,7 @@ class GeneratorSetting(NamedTuple):
 
 
 class GeneratorSettings:
-    """The settings of one machine.
-
-    Parameters
-    ----------
-    machine : Machine
-        At its first setting.
-    """
+    """The settings of one machine."""
 
     def __init__(self, machine: Machine, resolution: Resolution) -> None:
         self._machine, self._resolution = machine, resolution

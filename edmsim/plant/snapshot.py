@@ -21,22 +21,7 @@ _MOST = 1 << 62
 
 
 def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None:
-    """Refuse what is not a snapshot of a plant.
-
-    Parameters
-    ----------
-    state : mapping of str to array
-        What claims to be one.
-    like : mapping of str to array
-        One of the same plant.
-    sizes : ArraySizes
-        Of that plant.
-
-    Raises
-    ------
-    InputError
-        An array is missing or of another shape or type, holds what is not a number, or leads beyond another array.
-    """
+    """Refuse what is not a snapshot of a plant: an array is missing, unlike `like`'s, or leads beyond another."""
     for name, own in like.items():
         stored = state.get(name)
         rows = slice(1, None) if name in ("field.tiles", "field.gone") else slice(None)

@@ -23,10 +23,7 @@ _POLL_S = 0.2
 
 
 class Interrupts:
-    """Ctrl-C as the emergency stop: counted where it can be asked for, instead of raised anywhere.
-
-    A third one that nobody has asked for means that nothing is alive here: it raises `KeyboardInterrupt`.
-    """
+    """Ctrl-C as the emergency stop, counted where it can be asked for; a third that nobody asked for raises."""
 
     _PATIENCE = 2
 
@@ -68,13 +65,7 @@ class Interrupts:
 
 
 class Pipe:
-    """Input from a pipe or file, output to standard output.
-
-    Parameters
-    ----------
-    source, sink : int
-        File descriptors.
-    """
+    """Input from a pipe or file, output to standard output."""
 
     def __init__(self, interrupts: Interrupts, source: int = 0, sink: int = 1) -> None:
         self._interrupts = interrupts
@@ -82,13 +73,7 @@ class Pipe:
         self.at_end = False
 
     def read(self, timeout_s: float | None) -> bytes:
-        """Bytes that have come; empty after the timeout, at the end, and after Ctrl-C.
-
-        Parameters
-        ----------
-        timeout_s : float or None
-            How long to wait for the first one; None waits for ever.
-        """
+        """Bytes that have come; empty after the timeout (None waits for ever), at the end, and after Ctrl-C."""
         if self.at_end:
             time.sleep(timeout_s or 0.0)
             return b""

@@ -56,21 +56,11 @@ class RouteMove(NamedTuple):
 
 
 class Route(NamedTuple):
-    """A program laid out from where the wire is.
-
-    Attributes
-    ----------
-    lengths_um : list of float
-        Length of path up to every corner but the first.
-    dues : list of Due
-        In order.
-    moves: list of RouteMove
-        In order.
-    """
+    """A program laid out from where the wire is."""
 
     corners: list[Point]
-    lengths_um: list[float]
-    dues: list[SettingChange]
+    lengths_um: list[float]  # length of path up to every corner but the first
+    dues: list[SettingChange]  # in order
     moves: list[RouteMove]
 
     def move_at(self, path_um: float) -> Move:
@@ -84,10 +74,7 @@ class Route(NamedTuple):
 
 
 def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
-    """Lay a program out from a start on; `unit_um` is a counter's unit.
-
-    Raises `InputError` if an arc has no circle through its ends, or the program moves nowhere.
-    """
+    """Lay a program out from a start on; `unit_um` is a counter's unit."""
     corners, lengths, dues, moves = [start], [0.0], [], []
     for entry in program:
         if isinstance(entry, Setting):
@@ -130,15 +117,7 @@ END_SWITCHES = (X_END, Y_END)
 
 
 class TableEnds:
-    """What keeps the carriage on its table.
-
-    Parameters
-    ----------
-    machine : Machine
-        Its MJCF has the stops.
-    switches : SafetySwitches
-        Those that are stuck never open.
-    """
+    """What keeps the carriage on its table: the stops of the machine's MJCF, and switches that are not stuck."""
 
     def __init__(self, machine: Machine, switches: SafetySwitches) -> None:
         self._travel_um = machine.base.table.travel_mm.value * 1e3

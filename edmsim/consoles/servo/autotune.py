@@ -50,10 +50,7 @@ class Oscillation(NamedTuple):
 
 
 def oscillation_of(operator: Operator) -> Oscillation:
-    """Let an axis swing under a relay whose height is raised or lowered until the swing is well seen.
-
-    Raises `InputError` if the axis does not swing, or so widely that the drive shows no swing.
-    """
+    """Let an axis swing under a relay whose height is raised or lowered until the swing is well seen."""
     heights = {_HEIGHT}
     height = _HEIGHT
     while True:
@@ -122,13 +119,7 @@ class Figures(NamedTuple):
 
 
 class Recipe:
-    """Trials of one operator.
-
-    Parameters
-    ----------
-    say : callable
-        Called with a line per step.
-    """
+    """Trials of one operator."""
 
     def __init__(self, operator: Operator, say: Callable[[str], None]) -> None:
         self._operator, self._say = operator, say
@@ -137,23 +128,7 @@ class Recipe:
         self._before = self.tried({**self._fixed, **delivered}, math.inf)
 
     def run(self, oscillation: Oscillation) -> dict[str, int]:
-        """Tune.
-
-        Parameters
-        ----------
-        swing : Swing
-            The answer to the relay.
-
-        Returns
-        -------
-        dict of str to int
-            Letters and values, those included that stay.
-
-        Raises
-        ------
-        InputError
-            No values bring the axis to rest.
-        """
+        """Tune by the answer to the relay; returns letters and values, also those that stay."""
         values = self._raised_p(self._first(oscillation))
         for _ in range(_SWEEPS):
             for letter in self._operator.gains[1:-1]:
@@ -301,44 +276,18 @@ class AxisResponse:
 
 @dataclass(frozen=True)
 class Tuning:
-    """What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    lines : tuple of str
-        What to type: values, the restart and the saving.
-    values : dict of str to int
-        Letters and values.
-    swing : Swing
-        The axis under a relay.
-    before, after : AxisResponse
-        The drive as delivered, though with an error limit out of reach, and tuned.
-    """
-
-    lines: tuple[str, ...]
-    values: dict[str, int]
+    lines: tuple[str, ...]  # what to type: values, the restart and the saving
+    values: dict[str, int]  # letters and values
     oscillation: Oscillation
+    # the drive as delivered, though with an error limit out of reach, and tuned
     before: AxisResponse
     after: AxisResponse
 
 
 def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> Tuning:
-    """Tune a drive for an axis.
-
-    Parameters
-    ----------
-    name : str
-        ``uhu`` or ``servo-module``.
-    motor : record array (1,)
-        The axis, see `edmsim.controllers.axis.drive.axis_row`.
-    say : callable
-        Called with a line for everything that is done.
-
-    Raises
-    ------
-    InputError
-        There is no such drive; the axis does not swing under a relay; or no values bring it to rest.
-    """
+    """Tune a drive (``uhu`` or ``servo-module``) for an axis of `axis_row`; `say` is called with what is done."""
     if name not in _OPERATORS:
         raise InputError(f"there is no drive {name!r} with a serial line; choose one of {one_of(name, CHIPS)}")
     kind = _OPERATORS[name]

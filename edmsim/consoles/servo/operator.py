@@ -27,17 +27,10 @@ _SETTLED_COUNTS = 1
 
 
 class AxisTrace(NamedTuple):
-    """What is seen after a step or a move.
+    """What is seen after a step or a move."""
 
-    Attributes
-    ----------
-    time_s : float64 array (n,)
-        Times since then.
-    error : int64 array (n,)
-        Setpoint less position in counts; after a step, positive is short of the setpoint, whichever way it went.
-    """
-
-    time_s: NDArray[np.float64]
+    time_s: NDArray[np.float64]  # (n,): times since then
+    # (n,): setpoint less position in counts; after a step, positive is short of the setpoint, whichever way it went
     error: NDArray[np.int64]
 
     def overshoot(self, counts: int) -> float:
@@ -56,15 +49,7 @@ class AxisTrace(NamedTuple):
         return float(np.sqrt(np.mean(self.error.astype(np.float64) ** 2)))
 
     def oscillates(self, counts: int, most_overshoot: float) -> bool:
-        """Return whether the answer to a step swings instead of going there and staying.
-
-        Parameters
-        ----------
-        counts : int
-            Size of the step.
-        most_overshoot : float
-            What of it an answer may go beyond.
-        """
+        """Return whether the answer to a step of `counts` goes beyond it by a share, or does not come to rest."""
         end = self.error[len(self.error) * 3 // 4 :]
         if not len(end) or np.ptp(end) > _RESTLESS_COUNTS:
             return True
@@ -95,18 +80,7 @@ _SPEED_SHARE, _MOST_HZ, _RAMP_S = 0.2, 20_000.0, 0.05
 
 
 class Operator(ABC):
-    """One who tunes a drive, as delivered, on an axis.
-
-    Parameters
-    ----------
-    motor : record array (1,)
-        The axis, see `edmsim.controllers.axis.drive.axis_row`.
-
-    Attributes
-    ----------
-    rate_Hz : float
-        Steps per second of a move.
-    """
+    """One who tunes a drive, as delivered, on an axis; `rate_Hz` are the steps per second of a move."""
 
     chip: ClassVar[str]
     file: ClassVar[str]

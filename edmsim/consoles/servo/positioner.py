@@ -31,16 +31,7 @@ class Press(NamedTuple):
 
 
 class Contactors:
-    """The contactors that lead one drive to the motor of one axis at a time.
-
-    One that closes keeps the others open until it opens again: they are interlocked, as two motors would overload the
-    drive (ours).
-
-    Parameters
-    ----------
-    coils : dict of str to str
-        Addresses of the outputs that close them, by the axis.
-    """
+    """The contactors (outputs by axis) that lead one drive to the motor of one axis at a time, interlocked (ours)."""
 
     def __init__(self, bench: AxisBench, coils: dict[str, str]) -> None:
         self._bench, self._coils = bench, coils
@@ -237,10 +228,7 @@ def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Ca
 
 
 def contactors_of(texts: Sequence[str]) -> dict[str, str]:
-    """Read contactors, ``OUTPUT=DEVICE`` each.
-
-    Raises `InputError` if one is something else, or its output is given twice.
-    """
+    """Read contactors, ``OUTPUT=DEVICE`` each."""
     found: dict[str, str] = {}
     for text in texts:
         output, _, device = text.partition("=")

@@ -67,13 +67,7 @@ _CHUNK = 4096
 
 
 class PseudoTerminal:
-    """Both ends of a pseudo-terminal, in raw mode.
-
-    Attributes
-    ----------
-    name : str
-        What a terminal program opens, for example ``/dev/pts/3``.
-    """
+    """Both ends of a pseudo-terminal, in raw mode; a terminal program opens its `name`, as ``/dev/pts/3``."""
 
     def __init__(self) -> None:
         self._ours, self._theirs = os.openpty()  # theirs stays open here, so that it outlasts who opens and closes it
@@ -129,26 +123,7 @@ class _Device(Protocol):
 def serve(
     bench: AxisBench, *, pty: bool, speed: float | None, scope: Scope | None, say: Callable[[str], None]
 ) -> None:
-    """Serve the terminal of the bench's drive: a person's, a pseudo-terminal, or a script from a pipe.
-
-    Parameters
-    ----------
-    bench : AxisBench
-        With one drive, on x.
-    pty : bool
-        Whether to open a pseudo-terminal; Ctrl-C ends it.
-    speed : float or None
-        Simulated seconds per second, by default 1; a script runs as fast as it goes.
-    scope : Scope or None
-        What draws the tracking error.
-    say : callable
-        Prints a line for the user.
-
-    Raises
-    ------
-    InputError
-        If the speed is not a number above zero.
-    """
+    """Serve the terminal of the drive on x: a person's at a speed, a pseudo-terminal, or a script without pauses."""
     if speed is not None and not speed > 0:
         raise InputError(f"--speed is above 0, in simulated seconds per second, not {speed:g}")
     interrupts = Interrupts()

@@ -54,15 +54,7 @@ def _screw_spring(row: Any, motor: Any) -> float:
 
 @compiled
 def rubbed(before: float, after: float, friction: float, stiction: float) -> float:
-    """Speed after a time step with dry friction.
-
-    Parameters
-    ----------
-    before, after : float
-        Speed at the step's begin, and at its end without friction.
-    friction, stiction : float
-        Changes of speed that friction can take in a step, while it slides and while it sticks.
-    """
+    """Speed after a time step with dry friction that can change it by so much while sliding and while sticking."""
     if abs(after) <= (stiction if before == 0.0 else friction):
         return 0.0
     return after - math.copysign(friction, after)

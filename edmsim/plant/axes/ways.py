@@ -41,13 +41,7 @@ def no_ways() -> NDArray[np.void]:
 
 
 def ways_of(machine: Machine, nuts: bool = True) -> NDArray[np.void]:
-    """Return the rows (2,) of a machine's x and y, from its file's section ``geometry``.
-
-    Parameters
-    ----------
-    nuts : bool
-        With the backlash of the nuts, which MuJoCo's own model has already.
-    """
+    """Return the rows (2,) of a machine's x and y; the backlash of `nuts` is in MuJoCo's own model already."""
     rows = no_ways()
     found, table = machine.base.geometry, machine.base.table
     if not found.has_errors:

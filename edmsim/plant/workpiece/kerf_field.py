@@ -245,16 +245,6 @@ class KerfField:
 
         It counts neither as removed metal nor as stock any more. Cells go whose middles lie in it, so a polygon that
         ends in what was cut leaves no rim.
-
-        Parameters
-        ----------
-        piece : shapely.Polygon
-            In um.
-
-        Returns
-        -------
-        float
-            How much of the allocated tiles' metal it was: volume over the height of a slice, in um2.
         """
         taken = 0
         for tx, ty, place in self.tile_places():
