@@ -11,8 +11,7 @@ from edmsim.errors import InputError
 from edmsim.numeric import real
 from edmsim.user_code import UserObject, run
 
-NEEDED = ("name", "reset", "update", "snapshot", "restore")
-"""What a feed controller must offer."""
+NEEDED = ("name", "reset", "update", "snapshot", "restore")  # what a feed controller must offer
 
 
 def from_file(own: UserObject, parameters: dict[str, float]) -> FeedController:

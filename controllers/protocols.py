@@ -15,8 +15,7 @@ from edmsim.numeric import keep_plain, real
 
 SIGNED = "offset_um", "pull_N_m"
 """Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""
-ControllerState = dict[str, Any]
-"""A controller's snapshot, fit for JSON."""
+ControllerState = dict[str, Any]  # a controller's snapshot, fit for JSON
 
 
 class Step(NamedTuple):

@@ -18,8 +18,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose, values_of
 from edmsim.machine.setting import standoffs_mm
 
-DIALS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")
-"""Constants with a range that an operator sets."""
+DIALS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")  # constants with a range that an operator sets
 DRY = ("table.friction_N", "table.presliding_um", "table.backlash_um")
 """Constants of the table that count with ``mechanics="mujoco"`` only."""
 NOZZLES = ("dielectric.nozzle_mm", "dielectric.nozzle_flow_l_min")

@@ -134,8 +134,7 @@ WIRES = (
           lambda k: np.log2(np.maximum(k.broke_at, 1.0)) / 10.0),
 )  # fmt: skip
 """Entries behind all others, where an operator remembers the wires of the episode."""
-WIRE_AGE_S = 60.0
-"""Age of a wire at which its entry is 1 (ours: the time to thread one)."""
+WIRE_AGE_S = 60.0  # age of a wire at which its entry is 1 (ours: the time to thread one)
 LOOK_UM = 1000.0
 """How far along the path corners are shown (ours: well beyond the wire's lag and the distance to slow down in)."""
 

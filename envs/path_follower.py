@@ -20,8 +20,7 @@ from edmsim.cosim.stops import StopCause, judge, switches_open
 
 _SEARCH_UM = 300.0
 """How far along the path, either way, the nearest place of it is looked for (ours: deflections stay below)."""
-SHORTED_SHARE = 0.9
-"""Share of short pulses from which on a window counts as shorted (ours)."""
+SHORTED_SHARE = 0.9  # share of short pulses from which on a window counts as shorted (ours)
 SHORTED_S = 2.0
 """Time of nothing but shorted windows after which the machine stops (ours: a retract at 10 um/s has led 20 um away by
 then, more than a gap)."""

@@ -12,12 +12,9 @@ from edmsim.envs.path_follower import DONE, RUNNING
 from edmsim.numeric import finite, keep_plain
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
-REFERENCE_MM2_MIN = 30.0
-"""Cutting rate that earns 1 per reference window (ours: about what the standard set-up cuts)."""
-REFERENCE_S = 0.0255
-"""The reference window: 255 pulses of 100 us, the standard setting."""
-REFERENCE_MM2 = REFERENCE_MM2_MIN / 60 * REFERENCE_S
-"""Area cut in a reference window at the reference rate."""
+REFERENCE_MM2_MIN = 30.0  # cutting rate that earns 1 per reference window (ours: about what the standard set-up cuts)
+REFERENCE_S = 0.0255  # the reference window: 255 pulses of 100 us, the standard setting
+REFERENCE_MM2 = REFERENCE_MM2_MIN / 60 * REFERENCE_S  # area cut in a reference window at the reference rate
 ERROR_UM = 10.0
 """Profile error that costs as much as the progress made with it earns, at equal weights (ours: what rounds a sharp
 corner at the standard setting)."""
@@ -73,8 +70,7 @@ class Weights:
         return np.array([getattr(self, f.name) for f in fields(self)], np.float64)
 
 
-TERMS = tuple(f.name for f in fields(Weights))
-"""Names of the reward's terms, in order: those of their weights."""
+TERMS = tuple(f.name for f in fields(Weights))  # names of the reward's terms, in order: those of their weights
 _PROGRESS, _SHORT, _OPEN, _PROFILE, _ROUGHNESS, _TIME, _WIRE_BREAK, _LIMIT, _DONE = range(len(TERMS))
 
 

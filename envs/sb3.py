@@ -21,8 +21,7 @@ try:
 except ImportError as error:
     raise InputError("stable-baselines3 is not installed: pip install 'edmsim[rl]'") from error
 
-Indices = int | Iterable[int] | None
-"""Which sub-environments: one, some, or all."""
+Indices = int | Iterable[int] | None  # which sub-environments: one, some, or all
 
 
 # untyped where the extra is missing

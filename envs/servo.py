@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 
-GAINS = (10.0, 30.0)
-"""Feed in um/s per unit of the error, and its growth in um/s per s: those of `counts`."""
+GAINS = (10.0, 30.0)  # feed in um/s per unit of the error, and its growth in um/s per s: those of `counts`
 TARGET_SHARE = (0.0, 0.3)
 """Shares of open pulses that actions of -1 and 1 ask for (ours: from a gap at its narrowest to a wide one)."""
 FILTER_S = 0.1
 SHORTED_SHARE, PATIENCE_S = 0.5, 0.15
 """From which share of short pulses on a window is shorted, and for how long before the wire retracts: as `counts`."""
-RETRACT_UM_S = 20.0
-"""Greatest speed backwards, as `counts` has it."""
+RETRACT_UM_S = 20.0  # greatest speed backwards, as `counts` has it
 INTEGRAL_SHARE = 0.5
 """What is left of the integral after a retract, as the classic servos have it (`controllers.feed.law`)."""
 

@@ -48,8 +48,7 @@ Ints = NDArray[np.int64]
 _Number = TypeVar("_Number", np.float64, np.int64)
 FINISHED_UM = 80.0
 """Distance behind the wire from which on it takes no more from a wall (ours: half of what its rays see of one)."""
-STRETCH_UM = 24.0
-"""Length of wall that is measured at every window (ours: four columns of cells)."""
+STRETCH_UM = 24.0  # length of wall that is measured at every window (ours: four columns of cells)
 NEVER_NS = np.iinfo(np.int64).max
 _NO_STEPS: Ints = np.zeros((0, 3), np.int64)
 

@@ -44,8 +44,7 @@ MAX_FEED_UM_S = 100.0
 """Feed an action of 1 may ask for (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
 MOST_OFFSET_UM = 100.0
 """Greatest offset from the path that may be asked for (ours: well beyond what a wire is bent by)."""
-ROOM_MM = 2.5
-"""Length of table that a cut leaves free before the end switches (ours)."""
+ROOM_MM = 2.5  # length of table that a cut leaves free before the end switches (ours)
 ACTIONS = ("change", "speed", "servo")
 LASTING = (
     "resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives",

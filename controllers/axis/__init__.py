@@ -27,8 +27,7 @@ __all__ = [
 
 CHIPS: dict[str, type[Uhu] | type[ServoModule]] = {kind.name: kind for kind in (Uhu, ServoModule)}
 """Drives with a serial line, by name."""
-COMMISSIONED = (*CHIPS, Eanpos.name)
-"""Drives that `tuned` makes ready for an axis."""
+COMMISSIONED = (*CHIPS, Eanpos.name)  # drives that `tuned` makes ready for an axis
 
 _DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule, Uhu, Eanpos)}
 

@@ -16,8 +16,7 @@ import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
-WORD = 1 << 16
-"""Words are 0 to 65535."""
+WORD = 1 << 16  # words are 0 to 65535
 _HALF_BITS = 4
 _CHECKED = (0b1101, 0b1011, 0b0111)
 """Which of the four data bits each check bit of a Hamming (7,4) code covers; the eighth bit makes all eight even."""

@@ -22,10 +22,8 @@ from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
 
-PERSISTENT_SHORT = "persistent short"
-"""The alarm's text."""
-UNIT_UM_S = SPEED_UNIT_NM_S / 1000
-"""Speed unit in um/s."""
+PERSISTENT_SHORT = "persistent short"  # the alarm's text
+UNIT_UM_S = SPEED_UNIT_NM_S / 1000  # speed unit in um/s
 TICKS_PER_S = 1_000_000_000 // TICK_NS
 
 

@@ -19,19 +19,15 @@ from edmsim.controllers.mcu.path_run import PathRun
 from edmsim.controllers.planner.protocol import Planner
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 
-MACHINE = "mcu"
-"""Name of the computer that makes its own steps, in place of a planner's."""
+MACHINE = "mcu"  # name of the computer that makes its own steps, in place of a planner's
 COMPARED = (*PLANNERS, MACHINE)
-SPEEDS = (1, 2, 4, 8, 16, 32, 64, 127)
-"""Speeds in units at which the planners are compared: those of row T-G9."""
+SPEEDS = (1, 2, 4, 8, 16, 32, 64, 127)  # speeds in units at which the planners are compared: those of row T-G9
 DIRECTIONS_DEG = range(360)
 LONG_UM, SHORT_UM = 2500, 50
 """Lengths of the moves: well beyond the 8 bits of REDUC, where about 45 degrees the squares wrap, and below them."""
-STRETCH_UM = 100.0
-"""Length over which a local speed is taken; the steps alone make some 1 % of ripple in it."""
+STRETCH_UM = 100.0  # length over which a local speed is taken; the steps alone make some 1 % of ripple in it
 START_UM = (30_000, 30_001)
-_MARGIN = 4.0
-"""Time allowed for a move, over the time it should take; the slowest takes twice that."""
+_MARGIN = 4.0  # time allowed for a move, over the time it should take; the slowest takes twice that
 
 
 class MoveError(NamedTuple):

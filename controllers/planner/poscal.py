@@ -33,14 +33,11 @@ from edmsim.controllers.planner.record import (
     place_um,
 )
 
-QUARTER = 4
-"""Vectors are aimed in quarters of 1 um."""
+QUARTER = 4  # vectors are aimed in quarters of 1 um
 
-CARROT_UM = 32
-"""Distance of the carrot ahead of the wire in um (ours): 128 quarters, which suits POSCAL's 8 bits."""
+CARROT_UM = 32  # distance of the carrot ahead of the wire in um (ours): 128 quarters, which suits POSCAL's 8 bits
 
-SMALLEST_VECTOR = 91
-"""Vectors with a shorter longer component are doubled before their length is taken (row T-G10)."""
+SMALLEST_VECTOR = 91  # vectors with a shorter longer component are doubled before their length is taken (row T-G10)
 
 
 @exactly_compiled

@@ -6,8 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from edmsim.controllers.protocols import Step
 
-PlannerState = dict[str, Any]
-"""A planner's snapshot, fit for JSON."""
+PlannerState = dict[str, Any]  # a planner's snapshot, fit for JSON
 
 
 class Planner(Protocol):

@@ -18,8 +18,7 @@ from edmsim.errors import InputError, one_of
 
 __all__ = ["PLANNERS", "Kind", "Planner", "kind_of", "make_planner", "position_unit"]
 
-MOST_STEP_UM = 16
-"""Longest motor step of the planners that steer (ours: half the distance at which they look ahead)."""
+MOST_STEP_UM = 16  # longest motor step of the planners that steer (ours: half the distance at which they look ahead)
 
 
 class Kind(NamedTuple):

@@ -15,8 +15,7 @@ from edmsim.controllers.planner.record import CHANGES, LIMIT, position_um
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 
-_ROOM = 64
-"""Steps of a window for which there is room at first."""
+_ROOM = 64  # steps of a window for which there is room at first
 
 
 class RowPlanner:

@@ -37,8 +37,7 @@ _SIZES = {"F": (0, 1), "B": (-128, 127), "W": (-32768, 32767), "L": (-(2**31), 2
 
 _PARTS = {"DATAPROGRAM": "recipes", "STEP": "steps"}
 """Parts of a data group: variables with a value for each recipe, and for each step of each; what counts them."""
-_MOST = 65534
-"""Steps of a data group at most (QVIEW); here recipes, too."""
+_MOST = 65534  # steps of a data group at most (QVIEW); here recipes, too
 
 
 class Variable(NamedTuple):

@@ -10,8 +10,7 @@ from edmsim.errors import InputError
 _WORD = re.compile(r"\s*([0-9]+|[A-Za-z_]\w*(?::[A-Za-z_]\w*)?|[=*/+()<>,[\]-])")
 
 
-MOST_DIGITS = 18
-"""Digits of a number (ours: the widest variable, of 32 bits, has ten)."""
+MOST_DIGITS = 18  # digits of a number (ours: the widest variable, of 32 bits, has ten)
 
 
 class Problem(NamedTuple):

@@ -20,8 +20,7 @@ from edmsim.plant.kernel.declare import sizes_of
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.mechanics.mujoco_table import TableMechanics
 
-_CHANGES, _SAMPLES = 64, 4096
-"""Room for notes of one compiled run (ours)."""
+_CHANGES, _SAMPLES = 64, 4096  # room for notes of one compiled run (ours)
 _LONGEST_US = 100.0
 """Time step of MuJoCo (ours): 0.2 of the radian of the swing of the DEM-15's carriages on their screws."""
 

@@ -9,12 +9,10 @@ from typing import NamedTuple
 from edmsim.compiled.axis_rows import SENT
 from edmsim.controllers.axis.drive import Drive, SerialDrive
 
-BITS = 10
-"""Bits of a byte on the line: start, eight of data from the lowest, stop."""
+BITS = 10  # bits of a byte on the line: start, eight of data from the lowest, stop
 
 
-_NO_BAUD = 9600.0
-"""Of the line of a drive that has none."""
+_NO_BAUD = 9600.0  # of the line of a drive that has none
 
 
 class Byte(NamedTuple):

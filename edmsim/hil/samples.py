@@ -25,10 +25,8 @@ from edmsim.plant.kernel.state import OPEN, SHORT
 
 Array = NDArray[np.float64]
 LEAST_HZ, MOST_HZ = 1e4, 1e5
-_FINE_US = 1.0
-"""The filter goes on in steps of at most this (ours: below a tenth of any pulse of these boards)."""
-COUNT_V, COUNT_A = 0.01, 0.01
-"""A count of a WAV file."""
+_FINE_US = 1.0  # the filter goes on in steps of at most this (ours: below a tenth of any pulse of these boards)
+COUNT_V, COUNT_A = 0.01, 0.01  # a count of a WAV file
 _COUNTS = 32767
 READ = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_float), ctypes.c_int64

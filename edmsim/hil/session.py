@@ -19,10 +19,8 @@ from edmsim.hil.rig import MOST_LINE, Rig
 
 _WAITING_LINES, _LINES_A_FRAME = 64, 16
 """Lines that wait at a port before no more are read, and lines taken between two frames (ours)."""
-_MOST_UNSENT = 4096
-"""Bytes that wait for room on their way out (ours)."""
-HALF_LINE_S = 1.0
-"""A line without an end is taken after so long a silence, as Powercore V3 takes it."""
+_MOST_UNSENT = 4096  # bytes that wait for room on their way out (ours)
+HALF_LINE_S = 1.0  # a line without an end is taken after so long a silence, as Powercore V3 takes it
 TOO_LONG = f"ERROR: line too long (max {MOST_LINE} bytes)\r\n"
 
 

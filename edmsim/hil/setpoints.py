@@ -8,8 +8,7 @@ AXES = ("X", "Y")
 VELOCITY_COUNTS_S = 0.5
 """How long a velocity counts (ours): a sender of velocities repeats them, and a machine whose controller has
 gone stands still, as one does whose step pulses stop."""
-_NEAR = 1e-6
-"""Share of a step within which a step's place is reached: places are sums of floats."""
+_NEAR = 1e-6  # share of a step within which a step's place is reached: places are sums of floats
 
 
 class Setpoints:

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from edmsim.learning.train import TrainingProgress
     from edmsim.screen import ScreenTable
 
-CURVE_POINTS = 200
-"""Points of the learning curve that is put into words (ours)."""
+CURVE_POINTS = 200  # points of the learning curve that is put into words (ours)
 
 
 class TrainOptions(NamedTuple):

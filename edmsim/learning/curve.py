@@ -15,10 +15,8 @@ import numpy as np
 
 AT_ENDS = 10
 """Points of a curve's first and last part; their means say where it begins and ends (ours: single ones are noise)."""
-RISEN = 0.2
-"""Share of the whole rise from which on a curve has begun to rise (ours)."""
-LEAST_RISE = 3.0
-"""Least rise that counts, over the spread of the first part (ours)."""
+RISEN = 0.2  # share of the whole rise from which on a curve has begun to rise (ours)
+LEAST_RISE = 3.0  # least rise that counts, over the spread of the first part (ours)
 
 
 def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:

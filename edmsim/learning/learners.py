@@ -36,10 +36,8 @@ except ImportError as error:
 KINDS: dict[str, Any] = {
     "ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC, "imitation": Imitation,
 }
-REPLAYS = ("sac", "tqc")
-"""Algorithms with a replay buffer."""
-CRITICS = ("ppo", "ppo-lag")
-"""Algorithms whose critic may be privileged."""
+REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
+CRITICS = ("ppo", "ppo-lag")  # algorithms whose critic may be privileged
 _DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
 
 

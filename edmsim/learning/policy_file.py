@@ -31,8 +31,7 @@ ACTION_MEANINGS = {
     "offset": "offset from the path, left positive",
 }
 """What an entry of an action is, by its name (`Family.action_names`)."""
-_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}
-"""The same of Part, where a pass is decided on."""
+_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}  # the same of Part, where a pass is decided on
 Floats = NDArray[np.float64]
 
 

@@ -9,12 +9,9 @@ from edmsim.errors import CombinationError, InputError, one_of
 from edmsim.machine.options import Choices, SetUpOptions, bare_name, limits_of, unit_of
 from edmsim.machine.parts import Constant, SetUp
 
-WINDOW_PULSES = 255
-"""Pulses of a window: the cycle of the analyser that counts them (row T-40)."""
-WIRE_DIAMETER_UM = (20.0, 400.0)
-"""Wire diameters of the field (thesis 1982, section 2.7.1)."""
-LIMITS = limits_of(SetUpOptions)
-"""Limits of the options of a set-up, by name."""
+WINDOW_PULSES = 255  # pulses of a window: the cycle of the analyser that counts them (row T-40)
+WIRE_DIAMETER_UM = (20.0, 400.0)  # wire diameters of the field (thesis 1982, section 2.7.1)
+LIMITS = limits_of(SetUpOptions)  # limits of the options of a set-up, by name
 
 
 class PulseForm(NamedTuple):

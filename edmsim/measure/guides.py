@@ -22,10 +22,8 @@ from edmsim.metrology.profile import ProfileError, profile_error, slice_heights_
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.path import plan_path
 
-SIDE_MM = 3.0
-"""Sides of the block (ours: most of each lies away from its corners)."""
-CORNER_MM = 0.6
-"""So near to its corners a wall is not looked at (ours: what is cut twice there, or from the side)."""
+SIDE_MM = 3.0  # sides of the block (ours: most of each lies away from its corners)
+CORNER_MM = 0.6  # so near to its corners a wall is not looked at (ours: what is cut twice there, or from the side)
 
 
 class GuidesFound(NamedTuple):

@@ -16,8 +16,7 @@ from edmsim.plant.kernel.memory import CALL
 from edmsim.plant.kernel.state import BROKEN, NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
 from edmsim.plant.plant import Plant
 
-_LEAST_PLANTS = 4
-"""Plants a thread is woken for, at the least (ours): to wake it takes a good part of a window."""
+_LEAST_PLANTS = 4  # plants a thread is woken for, at the least (ours): to wake it takes a good part of a window
 
 
 class Fleet:

@@ -16,8 +16,7 @@ from edmsim.plant.workpiece.kerf_field import FULL
 
 _Snapshot = Mapping[str, NDArray[Any]]
 
-_MOST = 1 << 62
-"""Counts and times (ns) stay below this: a hundred years."""
+_MOST = 1 << 62  # counts and times (ns) stay below this: a hundred years
 
 
 def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None:

@@ -15,10 +15,8 @@ from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
 from edmsim.plant.kernel.state import Array, Arrays
 
-VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12
-"""CODATA 2018."""
-VACUUM_PERMEABILITY_N_A2 = 1.25663706212e-6
-"""CODATA 2018."""
+VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12  # CODATA 2018
+VACUUM_PERMEABILITY_N_A2 = 1.25663706212e-6  # CODATA 2018
 
 
 class HeatLaw(NamedTuple):

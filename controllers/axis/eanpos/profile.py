@@ -17,10 +17,8 @@ from edmsim.controllers.axis.eanpos.registers import Reals, Words
 
 STRAIGHT, EPICYCLOID, STEEP_EPICYCLOID, JERK = range(4)
 """Laws of a ramp; a steep one has the time of the straight one, and twice its slope in the middle."""
-_CLOSE = 1e-6
-"""Ways within so much of a unit are equal: far below an edge."""
-_HALVINGS = 60
-"""A speed is searched to the last bit."""
+_CLOSE = 1e-6  # ways within so much of a unit are equal: far below an edge
+_HALVINGS = 60  # a speed is searched to the last bit
 
 
 @exactly_compiled

@@ -15,8 +15,7 @@ from edmsim.errors import InputError
 _STEEPEST_WIRE = 0.1
 """The upper guide may lead by this share of the guides' distance (ours): the gap is computed slice by slice, as if
 each were upright, which holds for small angles."""
-_PLACES = 1000
-"""Places of its master at which a cam is evaluated, besides its points (ours)."""
+_PLACES = 1000  # places of its master at which a cam is evaluated, besides its points (ours)
 
 
 def check_cams(elcam: Elcam, contours_um: Sequence[NDArray[np.int64]], guide_distance_mm: float) -> None:

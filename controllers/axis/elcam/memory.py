@@ -8,15 +8,11 @@ from typing import NamedTuple
 from edmsim.controllers.axis.elcam.registers import DATA
 from edmsim.errors import InputError
 
-BUFFER_VARIABLE = "SZELCAMPUFFER"
-"""Environment variable with the bytes for the points of all tables."""
-_MANY_DIGITS = 20
-"""More digits than any count of bytes has (ours)."""
+BUFFER_VARIABLE = "SZELCAMPUFFER"  # environment variable with the bytes for the points of all tables
+_MANY_DIGITS = 20  # more digits than any count of bytes has (ours)
 
-_FIRST_ADDRESS = 0x1000_0000
-"""Of the first piece given out (ours: some address above the first megabytes)."""
-_PAGE = 0x1000
-"""Pieces begin at whole pages (ours)."""
+_FIRST_ADDRESS = 0x1000_0000  # of the first piece given out (ours: some address above the first megabytes)
+_PAGE = 0x1000  # pieces begin at whole pages (ours)
 
 
 def buffer_bytes_chosen() -> int:

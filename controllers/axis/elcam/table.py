@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from edmsim.controllers.axis.elcam.extensions import CamExtensions, cubic
 from edmsim.controllers.axis.elcam.registers import Error, Mode
 
-UNSET = -1
-"""Number of an axis that nobody has named yet."""
+UNSET = -1  # number of an axis that nobody has named yet
 _ROW_FAULTS = Error.ROW_SIZE | Error.ROW_START | Error.ROW_END | Error.ROW_AXIS
 
 

@@ -21,8 +21,7 @@ from edmsim.controllers.axis.servo_module.recorder import FIRST_SOURCE, N_SOURCE
 
 DATA: dict[str, Any] = data_of("servo_module")
 LETTERS = {entry["letter"]: register for register, entry in zip(at.PARAMETERS, DATA["parameter"], strict=True)}
-_SCALED = at.PROPORTIONAL, at.INTEGRAL, at.DERIVATIVE
-"""The gains that the antidither scale acts on (guide 4.9)."""
+_SCALED = at.PROPORTIONAL, at.INTEGRAL, at.DERIVATIVE  # the gains that the antidither scale acts on (guide 4.9)
 UNKNOWN = "?"
 _HIGHEST, _LOWEST = WORD - 1, -WORD // 2
 

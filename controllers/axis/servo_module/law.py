@@ -26,8 +26,7 @@ from edmsim.controllers.axis.extensions import (
 from edmsim.controllers.axis.servo_module import registers as at
 
 Words: TypeAlias = NDArray[np.int64]
-SCALE_ONE = 256
-"""K, F and the antidither bracket are in 1/256 (guide 4.5, 4.9)."""
+SCALE_ONE = 256  # K, F and the antidither bracket are in 1/256 (guide 4.5, 4.9)
 
 
 @exactly_compiled

@@ -18,8 +18,7 @@ PORT2A, PORT2B, PORT2C, CPORT2 = 0x4020, 0x4021, 0x4022, 0x4023
 PORT3A, PORT3B, PORT3C, CPORT3 = 0x4030, 0x4031, 0x4032, 0x4033
 TIMERS, INTERRUPTS, DISPLAY, TERMINAL, HOST = 0x4000, 0x4008, 0x4010, 0x4018, 0x401C
 """First addresses of the 8253, the 8259, the 8279 and both 8251 (ours)."""
-FLOATING = 0xFF
-"""What is read where nothing answers."""
+FLOATING = 0xFF  # what is read where nothing answers
 
 
 class Chip(Protocol):

@@ -13,8 +13,7 @@ from edmsim.controllers.mcu.chips.bus import EPROM, Bus
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
 from edmsim.errors import InputError
 
-B, C, D, E, H, L, M, A = range(8)
-"""Registers in the order of the instructions; M is the byte that H and L point at."""
+B, C, D, E, H, L, M, A = range(8)  # registers in the order of the instructions; M is the byte that H and L point at
 CARRY, PARITY, AUXILIARY, ZERO, SIGN = 0x01, 0x04, 0x10, 0x40, 0x80
 _BC, _DE, _HL, _SP = range(4)
 _EVEN = [not bin(byte).count("1") & 1 for byte in range(256)]

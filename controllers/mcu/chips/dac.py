@@ -19,16 +19,12 @@ from edmsim.controllers.mcu.firmware.arithmetic import BYTE
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
-T_I_FULL_V, T_P_FULL_V = 5.0, 15.0
-"""Voltages of code 255 with untouched trims (row T-32)."""
-LIMIT_A = 2.0
-"""Largest mean current of the generator (row T-34)."""
-SHORTEST_T_I_US, SHORTEST_T_P_US = 1.0, 2.0
-"""The shortest pulse (row T-1), and 500 kHz (row T-36)."""
+T_I_FULL_V, T_P_FULL_V = 5.0, 15.0  # voltages of code 255 with untouched trims (row T-32)
+LIMIT_A = 2.0  # largest mean current of the generator (row T-34)
+SHORTEST_T_I_US, SHORTEST_T_P_US = 1.0, 2.0  # the shortest pulse (row T-1), and 500 kHz (row T-36)
 LONGEST_T_I_US, LONGEST_T_P_US = 1000.0, 10_000.0
 """Ends of the coarse ranges: the longest pulse and period the document has (rows T-1, T-2)."""
-COARSE = 0x100
-"""Bit of a code that chooses the coarse range; the lower eight are the converter's."""
+COARSE = 0x100  # bit of a code that chooses the coarse range; the lower eight are the converter's
 MOST_CODE = COARSE | BYTE
 
 

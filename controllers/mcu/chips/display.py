@@ -12,18 +12,15 @@ from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
 DIGITS, BANK = 32, 16
-SHIFT, CTRL = 0x40, 0x80
-"""Bits that the two keys add to a key's code, for up to four codes a key."""
+SHIFT, CTRL = 0x40, 0x80  # bits that the two keys add to a key's code, for up to four codes a key
 KEYS = 64
-SCAN_NS = 5_100_000
-"""Time of a scan of all keys at the chip's internal 100 kHz (data sheet of the 8279)."""
+SCAN_NS = 5_100_000  # time of a scan of all keys at the chip's internal 100 kHz (data sheet of the 8279)
 FIFO = 8
 READ_KEYS, READ_DIGITS, WRITE_DIGITS, CLEAR = 0x40, 0x60, 0x80, 0xC0
 """Commands; to the second and third the number of the word is added, and 10H to go on to the next by itself."""
 _NEXT = 0x10
 _COMMANDS = 0xE0
-BLANK = 0xF
-"""Digit that lights no segment: the 4511 decodes nothing above 9."""
+BLANK = 0xF  # digit that lights no segment: the 4511 decodes nothing above 9
 
 
 class Kdc8279(Snapshots):

@@ -11,8 +11,7 @@ from typing import Any
 
 from edmsim.snapshots import Snapshots
 
-NOISE_FROM_A = 1.5
-"""Mean current above which sparks disturb the serial lines (row T-29)."""
+NOISE_FROM_A = 1.5  # mean current above which sparks disturb the serial lines (row T-29)
 DROPS_BELOW_V, RUNS_FROM_V = 6.5, 7.0
 """V(t(p)) below which the generator drops out, and from which it surely runs (row T-A5)."""
 

@@ -13,10 +13,8 @@ from edmsim.controllers.mcu.firmware.timers import NEVER, TIMER_COUNT
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
-X, Y, BIT_RATE, CONTROL = range(4)
-"""Offsets of the counters and the control register."""
-TERMINAL_COUNT, RATE, SQUARE_WAVE = 0, 2, 3
-"""Modes."""
+X, Y, BIT_RATE, CONTROL = range(4)  # offsets of the counters and the control register
+TERMINAL_COUNT, RATE, SQUARE_WAVE = 0, 2, 3  # modes
 
 
 def control_word(counter: int, mode: int) -> int:

@@ -152,8 +152,7 @@ BYE             makes the machine safe and leaves""",
 }
 """What each word does, by the word."""
 
-ALIASES = {"CCW": "CW", "Y": "X", "?": "HELP"}
-"""Words explained together with another."""
+ALIASES = {"CCW": "CW", "Y": "X", "?": "HELP"}  # words explained together with another
 
 
 END, STRAIGHT, CLOCKWISE, COUNTER_CLOCKWISE, SETTING = 0x00, 0x01, 0x02, 0x03, 0x10

@@ -22,11 +22,9 @@ from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
 from edmsim.errors import InputError
 
-RECORD_BYTES = 16
-"""Bytes in a record that is punched, as Intel's own programs punch them."""
+RECORD_BYTES = 16  # bytes in a record that is punched, as Intel's own programs punch them
 DATA, END = 0x00, 0x01
-_FRAME = 5
-"""Bytes of a record besides its data: count, address, kind, checksum."""
+_FRAME = 5  # bytes of a record besides its data: count, address, kind, checksum
 
 
 class Tape(NamedTuple):
@@ -84,8 +82,7 @@ def _record(line: bytes) -> tuple[int, int, bytes]:
     return record[1] << 8 | record[2], record[3], record[4:-1]
 
 
-ESCAPE = 0x1B
-"""Ends a command, as Ctrl-X does."""
+ESCAPE = 0x1B  # ends a command, as Ctrl-X does
 BYTES_A_LINE, COLUMNS = 16, 80
 _HEX = b"0123456789ABCDEF"
 _ENDS = (RETURN, LINE_FEED)

@@ -19,11 +19,9 @@ from edmsim.errors import InputError
 
 Point = tuple[int, int]
 
-MOST_EXCESS = 2 * WORD
-"""More than any point of a walk has: the longest radius on the table is ``sqrt(2) * 65535``."""
+MOST_EXCESS = 2 * WORD  # more than any point of a walk has: the longest radius on the table is ``sqrt(2) * 65535``
 
-RADIUS_TOLERANCE_UM = STEP_UM
-"""Largest difference of start and end radius in um (ours): one motor step."""
+RADIUS_TOLERANCE_UM = STEP_UM  # largest difference of start and end radius in um (ours): one motor step
 
 
 def arc_points(start_um: Point, centre_um: Point, end_um: Point, clockwise: bool) -> NDArray[np.int64]:

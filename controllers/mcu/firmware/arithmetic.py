@@ -10,11 +10,9 @@ from __future__ import annotations
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.errors import InputError
 
-WORD = 0xFFFF
-"""Largest 16-bit number: every number of the controller has 16 bits (row T-60)."""
+WORD = 0xFFFF  # largest 16-bit number: every number of the controller has 16 bits (row T-60)
 
-BYTE = 0xFF
-"""Largest 8-bit number, the operands of VERM (row T-64)."""
+BYTE = 0xFF  # largest 8-bit number, the operands of VERM (row T-64)
 
 
 @exactly_compiled

@@ -8,12 +8,9 @@ from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE
 from edmsim.controllers.mcu.firmware.tstates import CPU_HZ
 
-JUMP = 0xC3
-"""JMP of the 8085."""
-BIT_RATE = 9600
-"""Of both serial channels in bit/s (ours)."""
-BIT_RATE_COUNT = CPU_HZ // (16 * BIT_RATE)
-"""Count of counter 2: sixteen clocks a bit."""
+JUMP = 0xC3  # JMP of the 8085
+BIT_RATE = 9600  # of both serial channels in bit/s (ours)
+BIT_RATE_COUNT = CPU_HZ // (16 * BIT_RATE)  # count of counter 2: sixteen clocks a bit
 _ROUTINES = {
     pic.EMERGENCY: at.EMERGENCY_ROUTINE, pic.X_STEPPER: at.X_ENTRY, pic.Y_STEPPER: at.Y_ENTRY,
     pic.KEYBOARD: at.KBD_ROUTINE,

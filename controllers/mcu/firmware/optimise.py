@@ -17,18 +17,12 @@ from typing import NamedTuple
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.tstates import ADD_T, FRACTION_T, MULTIPLY_T, POSCAL_BOUND_T, READ_OUT_T
 
-TICK_NS = 100_000
-"""System tick: 0.1 ms (ours), so that a word holds 6.5 s, more than twice the longest window."""
-SHARE = 255 << 8
-"""A share of 1: all 255 pulses."""
-ERROR = 255 << 5
-"""An error of 1 in share; the word reaches eight times as far."""
-DOUBLE = 0xFFFF_FFFF
-"""Largest number of two words."""
-HALF = 0x8000
-"""Half of a word: rounds what is cut off, and tells ahead from behind where places wrap."""
-CUT, RETRACT, DWELL, ALARM = range(4)
-"""Phases."""
+TICK_NS = 100_000  # system tick: 0.1 ms (ours), so that a word holds 6.5 s, more than twice the longest window
+SHARE = 255 << 8  # a share of 1: all 255 pulses
+ERROR = 255 << 5  # an error of 1 in share; the word reaches eight times as far
+DOUBLE = 0xFFFF_FFFF  # largest number of two words
+HALF = 0x8000  # half of a word: rounds what is cut off, and tells ahead from behind where places wrap
+CUT, RETRACT, DWELL, ALARM = range(4)  # phases
 BASE_T = READ_OUT_T + POSCAL_BOUND_T + 12 * ADD_T
 """Cost of every path: reading the counts, phases and comparisons, and POSCAL with the new speed."""
 

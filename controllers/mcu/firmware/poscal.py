@@ -8,14 +8,12 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.mcu.firmware.arithmetic import WORD, divide, reduc, reduc2, sqrt, subsgn
 from edmsim.errors import InputError
 
-STEP_UM = 2
-"""Table travel in um of one motor step of the machine of 1982 (row T-16)."""
+STEP_UM = 2  # table travel in um of one motor step of the machine of 1982 (row T-16)
 
 Unit = Literal["um", "step"]
 """What the 16 bits of a position count: um, or steps for a table of more travel (row T-61)."""
 
-OFF_TABLE = -1
-"""What `counted` returns at a soft limit."""
+OFF_TABLE = -1  # what `counted` returns at a soft limit
 
 
 def unit_um(unit: Unit, step_um: int = STEP_UM) -> int:

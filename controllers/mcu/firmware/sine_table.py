@@ -17,11 +17,9 @@ from edmsim.controllers.mcu.firmware.arithmetic import BYTE, reduc
 from edmsim.controllers.mcu.firmware.poscal import Displacement
 from edmsim.errors import InputError
 
-LAST = 254
-"""Index of the last entry, 90 degrees: 255 entries in all (row T-72)."""
+LAST = 254  # index of the last entry, 90 degrees: 255 entries in all (row T-72)
 
-FULL_SCALE = 255
-"""Entry of a sine of 1: 8 bits (row T-72)."""
+FULL_SCALE = 255  # entry of a sine of 1: 8 bits (row T-72)
 
 SINE = bytes(round(FULL_SCALE * math.sin(math.pi / 2 * i / LAST)) for i in range(LAST + 1))
 """The table as it would be burnt into the EPROM."""

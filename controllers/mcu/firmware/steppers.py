@@ -28,8 +28,7 @@ from edmsim.controllers.mcu.firmware.tstates import (
 from edmsim.controllers.protocols import Step
 from edmsim.snapshots import Snapshots
 
-SIGN = 0x8000
-"""Bit of a negative word."""
+SIGN = 0x8000  # bit of a negative word
 
 
 class Steppers(Snapshots):

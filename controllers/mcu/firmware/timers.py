@@ -12,26 +12,20 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.errors import InputError
 
-TIMER_COUNT = 65_536
-"""Counts of the 16-bit 8253 at which a speed of one unit makes one step (row T-74)."""
+TIMER_COUNT = 65_536  # counts of the 16-bit 8253 at which a speed of one unit makes one step (row T-74)
 
 SPEED_UNIT_NM_S = 262.5
 """Speed unit in nm/s: 15.75 um/min, so that 7 bits reach 2 mm/min (row T-A1; the text prints 252.6)."""
 
-MAX_SPEED = 127
-"""Largest path speed in units (row T-A1)."""
+MAX_SPEED = 127  # largest path speed in units (row T-A1)
 
-MAX_FEED_UM_S = MAX_SPEED * SPEED_UNIT_NM_S / 1000
-"""Largest path speed in um/s: 33.3375, or 2 mm/min (row T-A1)."""
+MAX_FEED_UM_S = MAX_SPEED * SPEED_UNIT_NM_S / 1000  # largest path speed in um/s: 33.3375, or 2 mm/min (row T-A1)
 
-NEVER = 1 << 62
-"""A number of ticks that no run reaches: the axis stands still."""
+NEVER = 1 << 62  # a number of ticks that no run reaches: the axis stands still
 
-STEP_PHASE = TIMER_COUNT << 7
-"""Phase of one motor step: every tick adds the axis speed in units / 128."""
+STEP_PHASE = TIMER_COUNT << 7  # phase of one motor step: every tick adds the axis speed in units / 128
 
-OVERFLOW = STEP_PHASE * 5 // 8
-"""Phase beyond which an axis steps (see `run_phase`)."""
+OVERFLOW = STEP_PHASE * 5 // 8  # phase beyond which an axis steps (see `run_phase`)
 
 _SECOND_NS = 1_000_000_000
 _MOST_HERTZ = 4_000_000_000

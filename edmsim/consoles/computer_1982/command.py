@@ -15,10 +15,8 @@ from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.chips.switches import WIRE_BREAK
 from edmsim.errors import InputError, one_of
 
-REAL_TIME = 1.0
-"""Machine seconds per second for a person."""
-SERIAL_NOISE, DROP_OUT = "serial-noise", "drop-out"
-"""The faults of 1982, rows T-29 and T-30."""
+REAL_TIME = 1.0  # machine seconds per second for a person
+SERIAL_NOISE, DROP_OUT = "serial-noise", "drop-out"  # the faults of 1982, rows T-29 and T-30
 STUCK = {"stuck-end-switch": frozenset(END_SWITCHES), "stuck-wire-sensor": frozenset({WIRE_BREAK})}
 """Switches that never open, by the fault's name."""
 FAULTS = (SERIAL_NOISE, DROP_OUT, *STUCK)

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from edmsim.consoles.computer_1982.operation import Operation
 
 _CHUNK = 4096
-_POLL_S = 0.2
-"""A wait for input is broken this often, to see whether Ctrl-C was pressed."""
+_POLL_S = 0.2  # a wait for input is broken this often, to see whether Ctrl-C was pressed
 
 
 class Interrupts:

@@ -19,10 +19,8 @@ from edmsim.controllers.mcu.firmware.generator_control import set_tension
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.errors import InputError
 
-HELD_NS, RELEASED_NS = 60_000_000, 40_000_000
-"""How long a key is held, and until the next one (ours: a quick typist)."""
-TOGGLE = 0x0B
-"""Ctrl-K."""
+HELD_NS, RELEASED_NS = 60_000_000, 40_000_000  # how long a key is held, and until the next one (ours: a quick typist)
+TOGGLE = 0x0B  # Ctrl-K
 TYPED = {
     **{bytes([character]): digit for digit, character in enumerate(b"0123456789")},
     b"c": KEYS["CLEAR"], b"\b": KEYS["CLEAR"], b"\x7f": KEYS["CLEAR"],

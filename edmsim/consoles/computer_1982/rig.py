@@ -37,8 +37,7 @@ from edmsim.plant.constants import table_mechanics
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
 
-Point = tuple[int, int]
-"""A place by the position counters, in um or steps."""
+Point = tuple[int, int]  # a place by the position counters, in um or steps
 
 
 class SettingChange(NamedTuple):
@@ -143,8 +142,7 @@ class TableEnds:
 
 
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
-LOW_TENSION = 0.5
-"""Share of the wire's tension that is left while its spare line is up (ours: half)."""
+LOW_TENSION = 0.5  # share of the wire's tension that is left while its spare line is up (ours: half)
 BENT_SHARE = 0.01
 """A wire bent by more than this share of its free length breaks (ours: the model of a taut string does not hold that
 far; cuts bend it ten times less)."""

@@ -160,12 +160,9 @@ ETX, EOT, RESET = 0x03, 0x04, 0x1C
 """Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves, Ctrl-\\ is the reset button."""
 FINE, REFUSED, STOPPED = 0, 2, 3
 """Exit statuses: all was done; a line of a script was refused; the machine was left in an emergency."""
-_BEHIND_S = 0.5
-"""A machine that cannot keep up with the clock on the wall catches up by no more than this."""
-PROGRAM_NS = 60_000_000_000
-"""A script waits no longer for a program that the monitor started."""
-_IDLE_S = 0.05
-"""Longest wait between two looks at the machine."""
+_BEHIND_S = 0.5  # a machine that cannot keep up with the clock on the wall catches up by no more than this
+PROGRAM_NS = 60_000_000_000  # a script waits no longer for a program that the monitor started
+_IDLE_S = 0.05  # longest wait between two looks at the machine
 
 
 class Screen(Protocol):

@@ -77,8 +77,7 @@ def oscillation_of(operator: Operator) -> Oscillation:
 
 _STEPS = 10, -10, 50, -50
 """Steps of a trial in counts (ours): within friction's reach, and as many as the UHU's stream shows."""
-_OVERSHOOT, _I_ADDS = 0.15, 0.15
-"""Overshoots that are no oscillation (ours): while P is raised, and what I may add."""
+_OVERSHOOT, _I_ADDS = 0.15, 0.15  # overshoots that are no oscillation (ours): while P is raised, and what I may add
 _SHARE_OF_ULTIMATE, _LEAD = 0.3, 0.125
 """First gains as shares of the ultimate gain and of its period: Ziegler and Nichols 1942 have 0.6 and 1/8; half of
 their gain, as what follows raises it."""
@@ -87,15 +86,11 @@ _RAISE, _LOWER, _BACK_OFF = 1.12, 0.8, 0.9
 _MORE, _FIRST, _STOPPED, _IN_VAIN, _SWEEPS = 1.4, 50, 0.8, 3, 2
 """Factor between two values of what compensates, the first value, the share of the highest P below which it stops no
 oscillation any more, how many such values end it, and how often each letter is gone through (ours)."""
-_MARGIN = 1.25
-"""Factor by which all gains may grow without oscillation (ours): motors warm up and tables are loaded."""
-_FINE = 1.6, 0.6, 1.3, 0.75, 1.3, 0.75, 1.1, 0.9, 1.1, 0.9
-"""Factors of the fine tuning (ours)."""
-_LARGEST = {"H": 20_000}
-"""Manual of the UHU: the largest useful value; other gains go up to a word's."""
+_MARGIN = 1.25  # factor by which all gains may grow without oscillation (ours): motors warm up and tables are loaded
+_FINE = 1.6, 0.6, 1.3, 0.75, 1.3, 0.75, 1.1, 0.9, 1.1, 0.9  # factors of the fine tuning (ours)
+_LARGEST = {"H": 20_000}  # manual of the UHU: the largest useful value; other gains go up to a word's
 _WORD = 65_535
-_FULL = 256
-"""Gains of both drives are in 1/256."""
+_FULL = 256  # gains of both drives are in 1/256
 _BETTER, _WORSE = 0.8, 3.0
 """Every figure shall be so much of that upon delivery; power of the ratio by which one is not (ours)."""
 
@@ -248,12 +243,9 @@ def fed_forward(operator: ModuleOperator, values: Values) -> Values:
     return {**values, "V": max(round((there - back) / 2 / speed * _FULL), 0)}
 
 
-STEP_COUNTS = 50
-"""Step of the measurement (ours): one that the UHU's stream shows."""
-_MEASURED_S, _DRAWN_MS = 0.4, 120.0
-"""Time for which an answer is measured, and for which a step's is drawn (ours)."""
-_TRIP = 4
-"""Following error that trips the drive, over that of the move; or twice the step (ours)."""
+STEP_COUNTS = 50  # step of the measurement (ours): one that the UHU's stream shows
+_MEASURED_S, _DRAWN_MS = 0.4, 120.0  # time for which an answer is measured, and for which a step's is drawn (ours)
+_TRIP = 4  # following error that trips the drive, over that of the move; or twice the step (ours)
 _OPERATORS: dict[str, type[Operator]] = {kind.chip: kind for kind in (UhuOperator, ModuleOperator)}
 
 

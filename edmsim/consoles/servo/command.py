@@ -15,8 +15,7 @@ from edmsim.errors import InputError, one_of
 from edmsim.files import make_writable
 
 _MACHINE_AXES = ("x", "y")
-_MACHINE_MOTOR = "table"
-"""Motor on the screws of the machine's own axes, as ``edmsim cut --drive`` has it."""
+_MACHINE_MOTOR = "table"  # motor on the screws of the machine's own axes, as ``edmsim cut --drive`` has it
 
 
 def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:

@@ -18,8 +18,7 @@ from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.drives import AXIS_NAMES
 
-PASS_NS = 1_000_000
-"""From one pass of the program to the next (ours)."""
+PASS_NS = 1_000_000  # from one pass of the program to the next (ours)
 
 
 class Press(NamedTuple):
@@ -197,10 +196,8 @@ def _text(file: Path) -> str:
         raise InputError(f"it cannot be read: {error.strerror}", file) from None
 
 
-_REPORTED = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")
-"""Parameters printed at the end."""
-_FAST = ("st_acc", "st_dec", "st_vconst", "st_int")
-"""States that every move changes several times."""
+_REPORTED = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")  # parameters printed at the end
+_FAST = ("st_acc", "st_dec", "st_vconst", "st_int")  # states that every move changes several times
 
 
 def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Callable[[str], None]) -> None:

@@ -16,8 +16,7 @@ from edmsim.recording.rerun.viewer import LiveViewer
 
 _DATA = 0x80
 _TIME = "simulated_time"
-_CURVES = "duty", "current_A", "place_um", "speed_rad_s"
-"""Curves besides the stream: columns of the bench's notes."""
+_CURVES = "duty", "current_A", "place_um", "speed_rad_s"  # curves besides the stream: columns of the bench's notes
 _BATCH_S = 0.1
 """Simulated time of what is drawn at once (ours); every piece has a head: with 100 a second files were four times
 as large."""

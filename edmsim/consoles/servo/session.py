@@ -20,8 +20,7 @@ from edmsim.consoles.servo.scope import Scope
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
 
-LEAVE = b"\x1b"
-"""ESC, where no more follows: it ends the program."""
+LEAVE = b"\x1b"  # ESC, where no more follows: it ends the program
 _MOVES = {
     b"\x1b[C": 32, b"\x1b[A": 32, b"\x1b[D": -32, b"\x1b[B": -32,
     b"\x1b[1;5C": 64, b"\x1b[1;5A": 64, b"\x1b[1;5D": -64, b"\x1b[1;5B": -64,
@@ -103,13 +102,10 @@ class PseudoTerminal:
             os.close(end)
 
 
-FRAME_S = 0.01
-"""Simulated time between two looks at the terminal (ours): far below what a person notices."""
-_START_S, _LAST_S = 0.1, 0.1
-"""Time for the start-up text, and for the last answer, of a script (ours)."""
+FRAME_S = 0.01  # simulated time between two looks at the terminal (ours): far below what a person notices
+_START_S, _LAST_S = 0.1, 0.1  # time for the start-up text, and for the last answer, of a script (ours)
 _STDIN = 0
-_DATA = 0x80
-"""Bytes from here on are the analyser's (row U-35)."""
+_DATA = 0x80  # bytes from here on are the analyser's (row U-35)
 
 
 class _Device(Protocol):

@@ -29,8 +29,7 @@ AXIS_NAMES = ("x", "y", "u", "v")
 
 
 _TIMERS = "output_ns", "duty_ns", "alarm_ns"
-_LOOK_NS = 10_000_000
-"""How often it is looked whether a rapid is over (ours)."""
+_LOOK_NS = 10_000_000  # how often it is looked whether a rapid is over (ours)
 
 
 class AxisDrive(Protocol):

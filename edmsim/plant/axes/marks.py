@@ -10,10 +10,8 @@ import numpy as np
 from edmsim.compiled.axis_rows import INDEX_WIRE
 from edmsim.compiled.jit import compiled
 
-BOUNCES = 8
-"""A contact that bounces opens and closes so often in turn (ours), evenly."""
-LONG_AGO_NS = -(1 << 61)
-"""When a switch last changed that has not moved yet."""
+BOUNCES = 8  # a contact that bounces opens and closes so often in turn (ours), evenly
+LONG_AGO_NS = -(1 << 61)  # when a switch last changed that has not moved yet
 
 
 @compiled

@@ -22,10 +22,8 @@ from edmsim.plant.kernel.state import Axes
 
 _LONGEST_NS = 20_000
 """Time step (ours): a hundredth of the electrical time constant of small motors, as long as half a bridge's pulse."""
-_FURTHEST_UM = 1e9
-"""Travel of rotor or table beyond which an axis has run away (ours: a kilometre)."""
-_STEP_RAD = 0.2
-"""Time step as a share of the radian of the fastest swing (ours)."""
+_FURTHEST_UM = 1e9  # travel of rotor or table beyond which an axis has run away (ours: a kilometre)
+_STEP_RAD = 0.2  # time step as a share of the radian of the fastest swing (ours)
 
 
 def longest_step_ns(motor: NDArray[np.void]) -> int:

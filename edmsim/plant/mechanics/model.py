@@ -24,8 +24,7 @@ Array = NDArray[np.float64]
 
 _ALIKE = 1e-8
 """By how much of its greatest entry a matrix of the wire may differ between x and y: the noise of differences."""
-MODEL_FILE = "agiecut_dem15.xml"
-"""The machine in `edmsim.models`."""
+MODEL_FILE = "agiecut_dem15.xml"  # the machine in `edmsim.models`
 
 _ALLOWED: dict[str, tuple[float, float, str]] = {
     "diameter_m": (20e-6, 400e-6, "m (20 to 400 um)"),  # T-13

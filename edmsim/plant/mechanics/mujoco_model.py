@@ -16,8 +16,7 @@ _STEP_SHARE, _VARIED_STEP_SHARE = 0.95, 0.7
 """Longest time step as a share of the longest stable one. Near the limit the errors of chain and time step cancel: at
 the limit itself waves run along the chain as along the string. Where it changes from pulse to pulse it stays further
 off (ours), as each change feeds the chain's highest mode, the more the nearer to the limit."""
-_MOST_ACCELERATION = 5e9
-"""m/s2; MuJoCo takes 1e10 for a number gone wild."""
+_MOST_ACCELERATION = 5e9  # m/s2; MuJoCo takes 1e10 for a number gone wild
 
 
 class FullMechanics(TableMechanics):

@@ -60,8 +60,7 @@ def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: 
 
 _REFERENCE_WIRE = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
 """Any wire would do: what depends on it is taken out again."""
-_ANCHORED = 1e-6
-"""Share of a node's stiffness that may hold it where its neighbours are not."""
+_ANCHORED = 1e-6  # share of a node's stiffness that may hold it where its neighbours are not
 
 
 class _Nodes(NamedTuple):

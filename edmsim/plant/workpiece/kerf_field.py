@@ -23,12 +23,9 @@ from edmsim.plant.workpiece.height_steps import LowerRegion, Relief
 if TYPE_CHECKING:
     import shapely
 
-FULL = 32768
-"""Parts in a full cell."""
-PROUD_SHARE = 3.0
-"""Largest ratio of removal rates, protruding metal to flat metal (ours)."""
-PARALLEL = 1e-9
-"""A direction is parallel to an axis of the grid if its cosine is below this."""
+FULL = 32768  # parts in a full cell
+PROUD_SHARE = 3.0  # largest ratio of removal rates, protruding metal to flat metal (ours)
+PARALLEL = 1e-9  # a direction is parallel to an axis of the grid if its cosine is below this
 
 
 @dataclass(frozen=True)
