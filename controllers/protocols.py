@@ -19,21 +19,11 @@ ControllerState = dict[str, Any]  # a controller's snapshot, fit for JSON
 
 
 class Step(NamedTuple):
-    """One rising edge on STEP: one motor step of table travel (rows T-16, T-17).
+    """One rising edge on STEP: one motor step of table travel (rows T-16, T-17)."""
 
-    Attributes
-    ----------
-    time_ns : int
-        When, in ns from the start of the run.
-    axis : int
-        0 for x, 1 for y.
-    direction : int
-        +1 or -1.
-    """
-
-    time_ns: int
-    axis: int
-    direction: int
+    time_ns: int  # from the start of the run
+    axis: int  # 0 for x, 1 for y
+    direction: int  # +1 or -1
 
 
 class GapWindow(Protocol):

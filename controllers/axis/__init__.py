@@ -61,27 +61,7 @@ def make(name: str) -> Drive:
 
 
 def from_text(text: str, screw: Screw | None = None) -> Drive:
-    """Make the drive of an axis of the machine as it is named on the command line.
-
-    Parameters
-    ----------
-    text : str
-        ``stepper``, or one of `COMMISSIONED`, tuned for ``table``; with parameters that differ from that if wanted,
-        by their names in Python or the manual's letters: ``uhu:proportional_gain=600,E=400``.
-    screw : Screw, optional
-        Of the machine's axis that it is put on: a drive then goes by the machine's step, unless a parameter says
-        otherwise.
-
-    Raises
-    ------
-    InputError
-        There is no such drive or parameter, or a parameter is not a number or out of range.
-
-    Examples
-    --------
-    >>> from_text("uhu:P=600").parameters["proportional_gain"]
-    600
-    """
+    """Make the drive of a machine's axis from text, ``uhu:proportional_gain=600,E=400``, for its screw if given."""
     name, _, rest = text.partition(":")
     if name == Stepper.name and not rest:
         return Stepper()

@@ -149,23 +149,9 @@ def axis_names() -> tuple[str, ...]:
 
 
 def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
-    """Return the row of an axis: motor, supply, bridge, encoder and screw of ``models/drives/axis-NAME.toml``.
+    """Return motor, supply, encoder and screw of ``models/drives/axis-NAME.toml``, but for constants that differ.
 
     What that file does not name is as in ``plain.toml``: no velocity amplifier and no home cam.
-
-    Parameters
-    ----------
-    name : str
-        ``table`` (a small servo motor on the screw of the DEM-15), ``bench`` (a motor with a ball screw and a
-        resonance within the reach of a drive), ``fast`` (a million counts a second), ``low-impedance``, ``analogue``
-        (a geared motor behind a velocity amplifier) or ``analogue-table`` (such an amplifier on the DEM-15's table).
-    **changes : float
-        Constants of `MOTOR` to be other than in the file, for example ``backlash_um=20.0``.
-
-    Raises
-    ------
-    InputError
-        There is no such axis, or no such constant.
     """
     if name not in axis_names():
         raise InputError(f"there is no axis {name!r}; choose one of {one_of(name, axis_names())}")

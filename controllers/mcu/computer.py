@@ -106,37 +106,11 @@ OFF, STAND_BY, RUNNING, EMERGENCY = "off", "stand-by", "running", "emergency"
 
 
 class Computer(Snapshots):
-    """The controller's processor, program and board.
+    """The controller's processor, program and board, whose time (`Board.now_ns`) `run_until` and `drive` move on.
 
-    Time is the board's (`Board.now_ns`): `run_until` and `drive` move it on.
+    With `wrap` what leaves sixteen bits wraps, as in 1982: the position counters, for which it is a soft limit else
+    (row T-A11), and the sum of squares in POSCAL, which is halved once more else (row T-G6).
 
-    Parameters
-    ----------
-    board : Board, optional
-        Its hardware; a new board without faults by default.
-    unit : {"um", "step"}
-        What the position counters count (row T-61).
-    wrap : bool
-        Whether what leaves its sixteen bits wraps, as in 1982: the position counters, for which it is a soft limit
-        else (row T-A11), and the sum of squares in POSCAL, which is halved once more else (row T-G6).
-
-    Attributes
-    ----------
-    board : Board
-    state : {"off", "stand-by", "running", "emergency"}
-    cause : tuple of str
-        Switches that were open at the last emergency, or where an interrupt was lost; empty where it was called.
-    keys : list of int
-        Keys that the KBD routine has taken and nobody has looked at.
-    steppers : Steppers
-        The stepper routines; `PathRun` leads them along a path.
-    streams : Streams
-        Characters in and out, by CIADR and COADR.
-    code : MachineCode
-        The 8085 on code in RAM.
-
-    Examples
-    --------
     >>> computer = Computer()
     >>> computer.init()
     >>> computer.set_position(30_000, 30_000)

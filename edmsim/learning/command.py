@@ -71,26 +71,7 @@ def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int,
     options: TrainOptions = TrainOptions(),  # noqa: B008 - it cannot be changed
 ) -> ScreenTable | None:
-    """Train a policy, write it as ``policy.json`` and ``policy.npz`` into the folder, and measure it.
-
-    Parameters
-    ----------
-    env_id, algo, out, steps, seed, resume
-        See `train.train`.
-    episodes : int
-        Held-back episodes at every resolution, 2 or more, or 0 not to measure.
-    options : TrainOptions
-
-    Returns
-    -------
-    ScreenTable or None
-        The scores; None without episodes.
-
-    Raises
-    ------
-    InputError
-        An argument that cannot be used, or the extra ``rl`` is not installed.
-    """
+    """Train a policy, write ``policy.json`` and ``policy.npz`` into the folder; returns its scores of `episodes`."""
     from edmsim.progress import ShownProgress
 
     if episodes < 0 or episodes == 1:

@@ -77,15 +77,7 @@ class VisibleEntries(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore
 
 
 class AsymmetricPolicy(ActorCriticPolicy):  # type: ignore[misc, unused-ignore]
-    """An actor-critic whose actor sees the first entries of an observation only.
-
-    Parameters
-    ----------
-    *args, **kwargs
-        Of stable-baselines3's `ActorCriticPolicy`.
-    shown_entries : int
-        Entries that the actor sees; the critic sees all.
-    """
+    """An actor-critic whose actor sees only the first `shown_entries` of an observation."""
 
     def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
         self._shown_entries = shown_entries

@@ -149,14 +149,7 @@ def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> 
 
 
 def read_program(lines: Iterable[bytes], codes: Codes) -> list[Entry]:
-    """Read the host's lines, in capitals, up to END.
-
-    Raises
-    ------
-    InputError
-        If a line has an unknown word, END is missing, there is no move, or there are too many entries; the line is
-        named.
-    """
+    """Read the host's lines, in capitals, up to END; an error names its line."""
     entries: list[Entry] = []
     for number, text in enumerate(lines, 1):
         if text.strip() == LAST_WORD:

@@ -25,21 +25,9 @@ FAULTS = (SERIAL_NOISE, DROP_OUT, *STUCK)
 def run(
     rig: Rig, host: Path | None, speed: float | None, view: bool, monitor: bool = False, tapes: Path | None = None
 ) -> int:
-    """Serve the operator at standard input and output; return the exit status.
+    """Serve the operator at standard input and output; returns the exit status.
 
-    Parameters
-    ----------
-    rig : Rig
-    host : path or None
-        File that the host minicomputer sends.
-    speed : float or None
-        Machine seconds per second; by default 1 for a person, and as fast as it goes for a script.
-    view : bool
-        Whether a person gets the live view.
-    monitor : bool
-        Whether the session begins in the monitor.
-    tapes : path or None
-        Folder of the monitor's tapes.
+    The speed is in machine seconds per second: 1 for a person, as fast as it goes for a script, if not given.
     """
     if speed is not None and not speed > 0:
         raise InputError(f"--speed is above 0, in machine seconds per second, not {speed:g}")

@@ -150,40 +150,9 @@ UNKNOWN_CAUSE = "NO SWITCH IS OPEN: CALLED BY A PROGRAM, OR BY A SPARK ON THE SW
 
 
 class Rig:
-    """Computer and machine.
+    """Computer and machine, with a fixed period, steps of 2 um and a planner that counts, as in 1982; not ``exact``.
 
-    Parameters
-    ----------
-    machine : Machine
-        Its generator must have a fixed period, and its motors steps of 2 um, as those of 1982 have.
-    seed : int
-    resolution : str
-    planner : str
-        Name of the planner that cuts; one that counts as the computer does, so not ``exact``. ``poscal-literal`` is
-        the computer's own motion, by its timers; so are all jogs.
-    faults : Faults
-        Faults of 1982 to be injected.
-
-    Attributes
-    ----------
-    plant : Plant
-    board : Board
-    computer : Computer
-    ends : TableEnds
-    way : str
-        ``STAND-BY``, ``CUTTING`` or ``JOGGING``.
-    cause : str
-        Of the last emergency.
-    held : (Planner, Route, Point) or None
-        An unfinished cut, and where it stopped.
-    wire : bool
-        Whether there is one.
-    windows : int
-        Windows read while cutting.
-    unit : {"um", "step"}
-        What the position counters count, by the table's travel (row T-61).
-    unit_um : int
-        Its length in um.
+    With ``poscal-literal`` the motion is the computer's own, by its timers; so are all jogs.
     """
 
     def __init__(
@@ -201,10 +170,10 @@ class Rig:
         self._planner_name = check_counts(planner)
         self._literal = kind_of(planner).number == LITERAL
         self.computer = Computer(self.board, unit=self.unit, wrap=self._literal)
-        self.way, self.cause = STAND_BY, ""
-        self.held: tuple[Planner, Route, Point] | None = None
+        self.way, self.cause = STAND_BY, ""  # of the last emergency
+        self.held: tuple[Planner, Route, Point] | None = None  # an unfinished cut, and where it stopped
         self.wire = True
-        self.windows = 0
+        self.windows = 0  # read while cutting
         law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
         optimiser_words.set_constants(self.board.bus, law._replace(limit=MAX_SPEED))
         self._events: list[str] = []
@@ -280,13 +249,7 @@ class Rig:
         self._events.append(f"? {reason}")
 
     def set(self, setting: Setting) -> None:
-        """Take over codes and speed.
-
-        Raises
-        ------
-        InputError
-            If the pair draws more than 2 A or leaves no pause; the old pair stays (row T-34).
-        """
+        """Take over codes and speed; a pair that draws more than 2 A or leaves no pause is refused (row T-34)."""
         old = self.computer.pulse_codes
         t_i = old[0] if setting.t_i is None else setting.t_i
         t_p = old[1] if setting.t_p is None else setting.t_p

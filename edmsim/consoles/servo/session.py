@@ -29,24 +29,11 @@ _MOVES = {
 
 
 def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, bool]:
-    r"""Return what some keys, as they came at once, send to a drive.
+    r"""Return what keys send to a drive, whether its analyser is on then, and whether the program is to be left.
 
-    Parameters
-    ----------
-    keys : bytes
-    streams : bool
-        Whether the drive has an analyser (``A`` and ``Z``) and moves by ``G``, as the UHU; the servo module moves by
-        ``+`` and ``-``.
-    analysing : bool
-        Whether the analyser is on.
+    A drive that `streams` has an analyser (``A`` and ``Z``) and moves by ``G``, as the UHU; the servo module moves by
+    ``+`` and ``-``.
 
-    Returns
-    -------
-    bytes, bool, bool
-        What is sent, whether the analyser is on then, and whether the program is to be left.
-
-    Examples
-    --------
     >>> sent_for(b" ", True, False)
     (b'A\r', True, False)
     >>> sent_for(b"\x1b[1;5D", False, False)

@@ -27,13 +27,7 @@ LEAST_NODES = 25  # nodes of the wire that MuJoCo steps in the loop (see `edmsim
 
 
 def read(model_file: str) -> mujoco.MjSpec:
-    """Return a machine's MJCF; it is not to be changed, only copied.
-
-    Raises
-    ------
-    InputError
-        MuJoCo cannot read or compile it, or it lacks what the plant asks for by name.
-    """
+    """Return a machine's MJCF, with all that the plant asks for by name; it is to be copied, not changed."""
     return _read(model_file, mjcf_version(model_file))
 
 
