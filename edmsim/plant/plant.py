@@ -363,9 +363,7 @@ class Plant(PlantReadings):
         self._pulses = np.zeros(WINDOW_PULSES, PULSE)
         self._memory.put_own(pulses=self._pulses)
 
-    def advance(
-        self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = WINDOW_PULSES
-    ) -> PulseWindow:
+    def advance(self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = WINDOW_PULSES) -> PulseWindow:
         """Fire 255 pulses, or fewer.
 
         Parameters
