@@ -168,14 +168,6 @@ def test_without_the_approach_the_follower_jumps_by_the_difference():
     assert jumps(rig.traces(), Y) == pytest.approx(2.5)
 
 
-def test_a_position_of_two_is_no_busy():
-    # E-12
-    rig = rig_of()
-    go(rig, X, 4.0)
-    table(rig, 0, HAT)
-    assert rig.control.elcam.at(0).read_double(Function.TARGET_POSITION) == (CallStatus.OK, 2.0)
-
-
 def test_the_master_is_its_setpoint_or_its_actual_value():
     # E-23, E-17
     rig = rig_of()

@@ -32,12 +32,11 @@ def history(bench, seconds=0.1):
     return bench.samples("x").tobytes(), bench.axis("x").tobytes()
 
 
-@pytest.mark.parametrize("name", axis_names())
-def test_no_axis_of_the_files_has_spikes(name):
-    bench = AxisBench({"x": Puppet(axis_row(name))})
-    bench.run(0.2)
-    assert bench.axis("x")["noise_draws"] == 0
-    assert bench.axis("x")["edges"] == 0
+def test_no_axis_of_the_files_has_spikes():
+    for name in axis_names():
+        bench = AxisBench({"x": Puppet(axis_row(name))})
+        bench.run(0.2)
+        assert bench.axis("x")["noise_draws"] == bench.axis("x")["edges"] == 0
 
 
 def test_the_same_seed_gives_the_same_spikes_to_the_bit_and_another_one_others():

@@ -1,7 +1,6 @@
 """Arcs of the 1982 controller against the true circle."""
 
 import math
-from itertools import islice
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.firmware import arcs
 from edmsim.controllers.mcu.firmware.arcs import arc_points, chord_walk
 from edmsim.controllers.planner.registry import make_planner
 from edmsim.errors import InputError
@@ -58,15 +56,6 @@ def test_chords_lie_within_1_um_of_the_circle_and_sweep_the_angle(radius, start,
                  - math.atan2(first[1] - CENTRE[1], first[0] - CENTRE[0]))) % math.tau or math.tau
     )  # fmt: skip
     assert sweep_deg(points) == pytest.approx(wanted, abs=1e-6)
-
-
-@pytest.mark.parametrize("radius", [1, 2, 3, 4, 7, 30, 255, 256, 1000, 32_767])
-def test_the_walk_is_the_nearest_lattice_circle_by_additions(radius):
-    """Its excess is carried along, never computed again; half a um off from a radius of 4 um on."""
-    points = list(islice(arcs._walk(radius, 0), 8 * radius))
-    assert all(excess == x * x + y * y - radius * radius for x, y, excess in points)
-    assert max(abs(excess) for *_, excess in points) <= (radius if radius >= 4 else 2 * radius)
-    assert {(0, radius), (-radius, 0), (0, -radius), (radius, 0)} <= {(x, y) for x, y, _ in points}
 
 
 @pytest.mark.parametrize("name", ["poscal", "dda", "sine-table"])

@@ -291,12 +291,6 @@ def test_a_key_counts_after_equal_scans_once(closed, needed, key, shift, ctrl): 
         chip.scan(frozenset([64]))
 
 
-def test_the_machines_keyboard_takes_three_scans():  # T-28: "several", ours 3
-    chip = Kdc8279()
-    assert [chip.scan(frozenset([17])) for _ in range(5)] == [False, False, True, False, False]
-    assert [chip.scan(keys) for keys in (frozenset([9]), frozenset([9]), frozenset(), frozenset([9]))] == [False] * 4
-
-
 def test_nine_keys_unread_lose_one():  # T-28
     chip = Kdc8279(1)
     for key in range(9):

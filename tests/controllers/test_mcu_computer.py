@@ -52,6 +52,8 @@ def record_writes(computer):
 
 
 def test_init_leaves_a_safe_stand_by():  # T-43, T-51, T-50
+    with pytest.raises(InputError, match="INIT first"):
+        Computer().start()
     computer = ready()
     computer.set_pulse_codes(102, 170)
     computer.move_to(31_000, 30_000)
@@ -332,11 +334,6 @@ def test_what_cannot_be_done_is_told(do, words):  # T-A1, T-60
         do(computer)
     assert words in str(refused.value)
     assert computer.position == START
-
-
-def test_before_init_nothing_starts():
-    with pytest.raises(InputError, match="INIT first"):
-        Computer().start()
 
 
 def test_a_computer_continues_from_its_snapshot():

@@ -167,6 +167,19 @@ def test_less_energy_before_a_corner():
     assert set(seen["t_period_us"]) == {100.0}
 
 
+def test_it_knows_the_corners_of_a_later_leg():
+    points = np.array([(30_000, 30_000), (30_300, 30_000), (30_300, 30_200)])
+    commands = []
+    for start_um in (0.0, 812.0):
+        whole = make("mcu", corner_um=50.0)
+        whole.set_up(Machine.load(), points, start_um)
+        whole.reset(MAX_FEED_UM_S)
+        places = (np.arange(0.0, 480.0, 10.0) + start_um).tolist()
+        commands.append([whole.update(window(10, 30, place)).t_on_us for place in places])
+    assert commands[0] == commands[1]
+    assert min(commands[0]) < commands[0][0]
+
+
 def test_nothing_survives_a_reset():
     whole = make("mcu")
     whole.set_up(Machine.load(), np.array([START, (30_300, 30_400)]), 0.0)

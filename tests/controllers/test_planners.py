@@ -88,7 +88,7 @@ def deviation_um(points, positions):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(points=polylines(), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
 def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17, T-18, T-70
     planner = Rated(name, points)
@@ -107,7 +107,7 @@ def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17,
     ("name", "limit"),
     [("dda", math.sqrt(2) + 1e-9), ("exact", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0)],
 )
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(points=polylines(500), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
 def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, points, plan):  # T-G11, T-G12
     planner = Rated(name, points)
@@ -118,11 +118,8 @@ def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, point
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=40)
-@given(
-    points=polylines(),
-    plan=st.lists(st.tuples(SPEEDS, DURATIONS, st.integers(0, 3 * SECOND)), min_size=1, max_size=8),
-)
+@settings(max_examples=20)
+@given(points=polylines(), plan=st.lists(st.tuples(SPEEDS, DURATIONS, DURATIONS), min_size=1, max_size=8))
 def test_a_window_cut_in_two_gives_the_same_steps(name, points, plan):
     whole, cut = Rated(name, points), Rated(name, points)
     time = 0
@@ -134,12 +131,8 @@ def test_a_window_cut_in_two_gives_the_same_steps(name, points, plan):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=40)
-@given(
-    points=polylines(),
-    plan=st.lists(st.tuples(SPEEDS, DURATIONS), min_size=2, max_size=10),
-    at=st.integers(0, 9),
-)
+@settings(max_examples=20)
+@given(points=polylines(), plan=st.lists(st.tuples(SPEEDS, DURATIONS), min_size=2, max_size=10), at=st.integers(0, 9))
 def test_a_snapshot_continues_identically(name, points, plan, at):
     original = Rated(name, points)
     time = 0
@@ -152,20 +145,8 @@ def test_a_snapshot_continues_identically(name, points, plan, at):
         assert copy.advance(time, time + duration, speed) == original.advance(time, time + duration, speed)
         time += duration
     assert copy.snapshot() == original.snapshot()
-    assert (copy.position_um, copy.path_um, copy.done) == (
-        original.position_um,
-        original.path_um,
-        original.done,
-    )
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_same_orders_give_the_same_steps_in_small_windows_and_in_one(name):
-    points = np.array([(1000, 1000), (1400, 1150), (1400, 1000)])
-    small, one = Rated(name, points), Rated(name, points)
-    steps = [step for i in range(400) for step in small.advance(i * WINDOW, (i + 1) * WINDOW, 76)]
-    same(name, steps, one.advance(0, 400 * WINDOW, 76))
-    assert len(steps) > 50
+    state = copy.position_um, copy.path_um, copy.done
+    assert state == (original.position_um, original.path_um, original.done)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -211,10 +192,8 @@ def test_literal_step_interval_is_the_reload_count():  # T-76
 @pytest.mark.parametrize("name", ["poscal", "dda", "sine-table"])
 def test_path_speed_and_straightness_in_any_direction(name, speed):  # T-G9, T-G10, T-G12
     for degrees in (0.05, 0.6, 13.0, 30.0, 45.0, 88.9, 137.0, 201.5, 270.3, 333.3):
-        target = (
-            30_001 + round(800 * math.cos(math.radians(degrees))),
-            30_000 + round(800 * math.sin(math.radians(degrees))),
-        )
+        angle = math.radians(degrees)
+        target = 30_001 + round(800 * math.cos(angle)), 30_000 + round(800 * math.sin(angle))
         points = np.array([(30_001, 30_000), target])
         steps = run_to_end(make_planner(name, points), speed=speed)
         positions = follow(points, steps)
@@ -242,17 +221,13 @@ def one_pass_deviation(x, y, x_speed, y_speed):
 
 @pytest.mark.parametrize(
     ("target", "speed", "axis_speeds", "row_um"),
-    [
-        ((10_000, 5_000), 4, (3, 1), 1492),
-        ((10_000, 5_000), 127, (113, 56), 41),
-        ((20_000, 12_345), 127, (108, 66), 106),
-    ],
-)
+    [((10_000, 5_000), 4, (3, 1), 1492), ((10_000, 5_000), 127, (113, 56), 41),
+     ((20_000, 12_345), 127, (108, 66), 106)],
+)  # fmt: skip
 def test_literal_planner_leaves_the_line_as_in_1982(target, speed, axis_speeds, row_um):  # T-G12
     points = np.array([(0, 0), target])
-    found = deviation_um(
-        points, follow(points, run_to_end(make_planner("poscal-literal", points), speed=speed))
-    )
+    steps = run_to_end(make_planner("poscal-literal", points), speed=speed)
+    found = deviation_um(points, follow(points, steps))
     assert one_pass_deviation(*target, *axis_speeds) == pytest.approx(row_um, abs=2)
     # The reload counts are whole ticks (T-76), which turns the direction by up to 0.17 % more.
     assert found == pytest.approx(row_um, abs=0.0017 * math.hypot(*target) / 2)
@@ -284,18 +259,6 @@ def test_default_planner_takes_a_new_speed_at_once():  # T-A13
     planner = make_planner("poscal", np.array([(0, 0), (100, 0)]))
     assert planner.advance(0, SECOND, 1) == []
     assert planner.advance(SECOND, 2 * SECOND, 127)[0].time_ns < 1.1 * SECOND
-
-
-def test_a_retract_runs_back_over_a_corner_and_returns():
-    points = np.array([(1000, 1000), (1200, 1000), (1200, 1200)])
-    for name in NAMES:
-        planner = Rated(name, points)
-        steps = planner.advance(0, 8 * SECOND, 127)
-        steps += planner.advance(8 * SECOND, 12 * SECOND, -127)
-        back = planner.path_um
-        steps += run_to_end(planner, 12 * SECOND)
-        assert back == pytest.approx(4 * 33.3375, abs=3)
-        assert deviation_um(points, follow(points, steps)) <= 2
 
 
 @pytest.mark.parametrize(

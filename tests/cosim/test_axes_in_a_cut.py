@@ -133,7 +133,7 @@ def test_the_scale_follows_from_the_machine(name, step_um, um_per_rad):
 
 @pytest.mark.slow
 def test_threading_waits_for_slow_axes_or_says_how_long_they_would_take():
-    far = contour([(2000, 0), (2030, 0)])
+    far = contour([(700, 0), (730, 0)])
     sim = cut(Eanpos.tuned(changes={"setvel": 60}), None, contour([(0, 0), (20, 0)]), far)
     assert sim.cause is StopCause.FINISHED
     assert sim.plant.place_um[0] == pytest.approx(sim.plant.commanded_um[0], abs=2.0)
@@ -143,7 +143,7 @@ def test_threading_waits_for_slow_axes_or_says_how_long_they_would_take():
     still.plant.drives["x"].parameters["setvel"] = 1
     run(still)
     assert still.cause is StopCause.DRIVE_TRIP
-    assert "between two contours x is 19" in still.reason
+    assert "between two contours x is 6" in still.reason
     assert "s more until within 2 um" in still.reason
 
 

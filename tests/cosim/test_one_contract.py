@@ -110,7 +110,9 @@ def test_a_cut_and_an_evaluation_show_a_controller_the_same(program: Path, plann
 
 def exercised(law: Law) -> None:
     """The program led through metal, backwards, and through three settings in each leg."""
-    assert len(law.legs) == 2
+    (points, start_um, *_), (_, second_um, *_) = law.legs
+    assert (start_um, second_um) == (0.0, pytest.approx(np.hypot(*np.diff(points, axis=0).T).sum(), abs=3))
+    assert [setting for *_, setting, _ in law.legs] == [(MACHINE.t_on_us, MACHINE.t_period_us)] * 2  # of the set-up
     assert sum(seen.short for seen in law.shown) > 0
     assert sum(seen.open for seen in law.shown) > 0
     for *_, first in law.legs:

@@ -139,7 +139,7 @@ def test_the_command_takes_contactors(monkeypatch, capsys):
         assert said in told.out + told.err
 
 
-def test_the_command_runs(monkeypatch, capsys):
+def test_the_command_presses_inputs(monkeypatch, capsys):
     words = ["edmsim", "console", "positioner", *map(str, FILES), "--press", "ifStart=0.1:0.2", "--seconds", "0.5"]
     monkeypatch.setattr(sys, "argv", words)
     with pytest.raises(SystemExit) as left:

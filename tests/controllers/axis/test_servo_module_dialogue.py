@@ -66,8 +66,9 @@ def test_the_menu_shows_all_settings_and_the_peak_error_last():  # M-33, M-A13, 
 
 
 @pytest.mark.parametrize("typed", [
-    "P1.5", "P-1", "P+1", "P65536", "O-32769", "O65536", "M1", "B", "G", "GX", "GV1", "S1", "Q1", "R0", "?1", "P12x",
-    "+", "-", "+-5", "--5", "-32769", "+65536", "+1.0", "Z16", "Z192", "Z224", "Z256", "Z-1", "L-3", "1234",
+    "P1.5", "P-1", "P+1", "P65536", "O-32769", "O65536", "M1", "B", "G", "GX", "GV1", "S0", "S1", "S2", "Q1", "R0",
+    "?1", "P12x", "+", "-", "+-5", "--5", "-32769", "+65536", "+1.0", "Z16", "Z192", "Z224", "Z256", "Z-1",
+    "L-3", "1234",
 ])  # fmt: skip
 def test_what_the_module_does_not_know_is_answered_by_a_question_mark(typed):  # M-4, M-5, M-46, M-A14, M-A18
     bench = on_bench()
@@ -145,11 +146,6 @@ def test_the_printed_status_is_that_of_an_external_fault_after_saturation():  # 
 ])  # fmt: skip
 def test_commands_answer_as_printed(typed, answer):  # M-23, M-24, M-25, M-34
     assert say(on_bench(error_limit=NO_TRIP), typed) == answer
-
-
-def test_no_bank_can_be_chosen():  # M-5
-    bench = on_bench()
-    assert [say(bench, typed) for typed in ("S0", "S1", "S2")] == ["?", "?", "?"]
 
 
 def test_an_overlong_line_is_refused_as_a_whole():

@@ -134,16 +134,3 @@ def test_an_answer_during_the_dump_is_a_transmit_error():  # M-18
     assert 15 in status(bench)
     say(bench, "R")
     assert 15 not in status(bench)
-
-
-def test_three_settings_give_three_step_responses():  # M-61
-    responses = []
-    for gains in ({"proportional_gain": 300}, {"proportional_gain": 600}, {"proportional_gain": 1200}):
-        bench = on_bench(**gains)
-        say(bench, "Z0")
-        bench.send(b"+50\r", axis="x")
-        bench.run(0.01)
-        bench.received("x")
-        responses.append(dumped(bench, 0.3))
-    below = [next(k for k, error in enumerate(values) if error < 10) for values in responses]
-    assert below[0] > below[1] > below[2]
