@@ -216,7 +216,7 @@ def test_single_precision_rounds_points_before_they_are_compared():
     assert rig.control.axes[Y].setpoint != 0.1
 
 
-def test_the_option_is_asked_for_and_without_it_there_is_nothing():
+def test_the_option_can_be_queried_and_without_it_there_is_nothing():
     # E-36
     assert rig_of().control.elcam.option
     rig = rig_of(option=False)

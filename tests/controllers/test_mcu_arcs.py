@@ -51,11 +51,11 @@ def test_chords_lie_within_1_um_of_the_circle_and_sweep_the_angle(radius, start,
     chords = points if last == first else points[:-1]  # the last chord goes where the end was rounded to
     dense = np.linspace(chords[:-1], chords[1:], 8).reshape(-1, 2) if len(chords) > 1 else chords
     assert off_circle_um(dense, true) <= 1.0
-    wanted = turn * math.degrees(
+    expected_deg = turn * math.degrees(
         (turn * (math.atan2(last[1] - CENTRE[1], last[0] - CENTRE[0])
                  - math.atan2(first[1] - CENTRE[1], first[0] - CENTRE[0]))) % math.tau or math.tau
     )  # fmt: skip
-    assert sweep_deg(points) == pytest.approx(wanted, abs=1e-6)
+    assert sweep_deg(points) == pytest.approx(expected_deg, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["poscal", "dda", "sine-table"])

@@ -117,8 +117,8 @@ def test_divide_on_either_side_of_every_change_of_its_answer():  # T-66
     divisors = np.unique(np.concatenate([np.arange(1, 1024), np.arange(1, 65_536, 61), boundaries()[1:]]))
     for quotient in (1, 2, 3, 7, 127, 128, 255, 256):
         b = divisors[divisors * quotient <= 65_534]
-        for beside in (-1, 0, 1):
-            a = b * quotient + beside
+        for off in (-1, 0, 1):
+            a = b * quotient + off
             np.testing.assert_array_equal(called(arithmetic.divide, a, b), text_divide(a, b))
 
 

@@ -105,8 +105,8 @@ def test_a_short_part_of_half_the_size_is_not_finished():
     ],
 )  # fmt: skip
 def test_a_wrong_scale_is_refused_under_every_drive(drive, own_um):
-    told = rf"drive of y \(.*\) moves {own_um} um at a step; this machine's steps are 2$"
-    with pytest.raises(InputError, match=told):
+    message = rf"drive of y \(.*\) moves {own_um} um at a step; this machine's steps are 2$"
+    with pytest.raises(InputError, match=message):
         simulation(LINE, drives={"x": servo(), "y": drive})
 
 
@@ -181,15 +181,15 @@ def test_every_fault_of_an_axis_stops_the_cut_with_its_cause(fault, reason):
 
 
 def test_a_fault_outlasts_a_checkpoint():
-    def begun(faults):
+    def started(faults):
         return simulation(LONG, drives={"x": axes.from_text("uhu"), "y": servo()}, axis_faults=faults)
 
     faults = [AxisFault("x", "supply-off", 0.1)]
-    sim = begun(faults)
+    sim = started(faults)
     for _ in range(8):
         sim.step()
     arrays, values = sim.snapshot()
-    other = begun(faults)
+    other = started(faults)
     other.restore(arrays, values)
     run(sim)
     run(other)

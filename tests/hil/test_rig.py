@@ -272,7 +272,7 @@ def test_a_setpoint_ends_where_the_travel_does():
     assert [sum(d for _, axis, d in steps if axis == k) for k in (0, 1)] == [5, -5]
 
 
-def test_status_lines_come_as_often_as_asked_for():
+def test_status_lines_come_as_often_as_requested():
     own = Rig("powercore", seed=1)
     own.move("STREAM 100")
     lines = []
@@ -318,10 +318,10 @@ def test_a_snapshot_goes_on_to_the_bit_also_past_a_change_of_voltage():
     own = Gap(POWERCORE, seed=2)
     own.setpoints.move_at((20.0, 0.0), 0)
     own.run(Output(50, True, 5.0, 100.0, 90.0, 50.0))
-    kept = own.snapshot()
+    state = own.snapshot()
     goes_on = own.run(Output(50, True, 5.0, 100.0, 90.0, 50.0))
     own.run(Output(20, False, 10.0, 100.0, 80.0))
-    own.restore(kept)
+    own.restore(state)
     again = own.run(Output(50, True, 5.0, 100.0, 90.0, 50.0))
     assert again.window == goes_on.window
     assert again.pulses.tobytes() == goes_on.pulses.tobytes()

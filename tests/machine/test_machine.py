@@ -20,7 +20,7 @@ from edmsim.machine.setting import (
     least_period_us,
     mean_current_A,
 )
-from tests.machine.refusals import refusal
+from tests.machine.test_choices import refusal
 
 LABORATORY = ("iso-pulse", "iso-energetic", "ignition-pulse")
 OF_TODAY = ("stainless-steel", "titanium-alloy", "nickel-alloy", "graphite", "polycrystalline-diamond")
@@ -48,7 +48,7 @@ def constants(table: dict[str, Any], place: str = "") -> Iterator[tuple[str, dic
                 yield from constants(value, f"{place}{key}.")
 
 
-def test_the_wires_and_materials_asked_for_are_there() -> None:  # T-13
+def test_the_wires_and_materials_of_the_requirements_are_there() -> None:  # T-13
     assert {"copper", "brass", "molybdenum", "zinc-coated-brass", "diffusion-annealed"} == set(available("wires"))
     assert {"tool-steel", "cemented-carbide", "copper", "aluminium", *OF_TODAY} == set(available("materials"))
     assert {*LABORATORY, "equalising", "production"} <= set(available("generators"))
@@ -112,7 +112,7 @@ def test_bad_key_is_named_with_its_file(tmp_path: Path, own_file: OwnFile, old: 
     assert f"'{named}'" in text
 
 
-def test_value_outside_its_range_is_told_with_both(own_file: OwnFile) -> None:
+def test_a_value_outside_its_range_is_refused_with_both(own_file: OwnFile) -> None:
     file = own_file("wires", "brass", (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0")))
     text = refusal(wire=file)
     assert "95 " in text
@@ -279,9 +279,9 @@ def test_the_production_preset_has_the_pulses_of_a_modern_rough_cut() -> None:
 def test_a_table_of_400_mm_is_cut_with_the_planner_exact_only(tmp_path: Path) -> None:
     file = tmp_path / "far.ngc"
     file.write_text("G21 G90\nG0 X0.0 Y0.0\nG1 X300.0\nM2\n")
-    given: dict[str, Any] = {"machine": "production-400", "generator": "production", "height_mm": 5.0}
+    options: dict[str, Any] = {"machine": "production-400", "generator": "production", "height_mm": 5.0}
     result = edmsim.cut(
-        file, **given, planner="exact", offset="none", resolution="fast", max_time_s=1.0,
+        file, **options, planner="exact", offset="none", resolution="fast", max_time_s=1.0,
         controller="fixed:feed_um_s=100",
     )  # fmt: skip
     way = result.path.contours[0].points_um
@@ -289,7 +289,7 @@ def test_a_table_of_400_mm_is_cut_with_the_planner_exact_only(tmp_path: Path) ->
     assert result.report["outcome"] == "time-limit"
     assert result.windows.num_rows > 0
     with pytest.raises(InputError, match="a table of 400 mm is too large: 16 bits count"):
-        edmsim.cut(file, **given)
+        edmsim.cut(file, **options)
 
 
 # --- materials and wires of today: what is not published says so and has a range ---

@@ -108,7 +108,7 @@ def test_straight_kerf_is_as_wide_as_the_swept_disc(angle_deg):
 
 
 @pytest.mark.parametrize("part_side", ["left", "right"])
-def test_a_kerf_beside_the_path_has_one_wall_nearer(part_side):
+def test_a_kerf_off_its_path_has_one_wall_nearer(part_side):
     line = straight(0.0, part_side)
     kerf = kerf_width(cut(np.add(line.points_um, (0.0, 20.0))), line, 250.0)
     nearer = -20.0 if part_side == "right" else 20.0  # +Y is on the left of +X
@@ -233,8 +233,8 @@ def test_the_far_wall_of_the_kerf_is_no_part_wall():
     """Undercut by more than half the kerf: the far wall is nearer than the part's, and must not be taken."""
     line = straight(part_side="left", offset=-100.0)
     profile = profile_error(cut(line.points_um), line)
-    beside = np.abs(profile.s_mm - 0.8) < 0.7  # before and behind, the round end of the kerf is nearer
-    np.testing.assert_allclose(profile.error_um[:, beside], -(RADIUS + 100.0), atol=0.6)
+    between_ends = np.abs(profile.s_mm - 0.8) < 0.7  # before and behind, the round end of the kerf is nearer
+    np.testing.assert_allclose(profile.error_um[:, between_ends], -(RADIUS + 100.0), atol=0.6)
 
 
 def test_the_blank_own_edges_are_left_out():

@@ -1,4 +1,4 @@
-"""``edmsim tune drive``: values found are better than those of delivery, can be typed in and saved."""
+"""``edmsim tune drive``: values found are better than those of delivery, can be typed in and saved; their picture."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from PIL import Image
 
 from edmsim.axis_bench import AxisBench
 from edmsim.cli import app as cli
-from edmsim.consoles.servo.autotune import STEP_COUNTS, Tuning, autotune, oscillation_of
+from edmsim.consoles.servo.autotune import STEP_COUNTS, AxisResponse, Oscillation, Tuning, autotune, oscillation_of
 from edmsim.consoles.servo.operator import AxisTrace, ModuleOperator, UhuOperator
 from edmsim.controllers.axis import CHIPS, tuned
 from edmsim.controllers.axis.drive import axis_row, data_of
@@ -73,7 +73,7 @@ def test_a_drive_that_is_called_tuned_takes_a_jump_and_rests(drive, axis):
 
 
 @pytest.mark.parametrize("axis", ["bench", "table", "fast"])
-def test_both_drives_make_an_axis_swing_alike(axis):
+def test_both_drives_make_an_axis_oscillate_alike(axis):
     uhu, module = (oscillation_of(kind(axis_row(axis))) for kind in (UhuOperator, ModuleOperator))
     assert module.period_s == pytest.approx(uhu.period_s, rel=0.25)
     assert 8 <= uhu.amplitude < 50
@@ -85,11 +85,11 @@ def test_both_drives_make_an_axis_swing_alike(axis):
 @pytest.mark.parametrize(
     "changes", [{"friction_Nm": 20.0, "stiction_Nm": 20.0}, {"backlash_um": 2000.0, "on_table": 1.0}]
 )
-def test_an_axis_that_cannot_be_tuned_is_told_in_a_line(changes):  # U-59
+def test_an_axis_that_cannot_be_tuned_is_refused_in_a_line(changes):  # U-59
     for drive in CHIPS:
-        with pytest.raises(InputError, match="does not swing") as told:
+        with pytest.raises(InputError, match="does not swing") as refused:
             autotune(drive, axis_row("bench", **changes), lambda line: None)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_an_axis_that_cannot_be_tuned_is_told_in_a_line(changes):  # U-59
         ([], True),  # the drive shows nothing
     ],
 )
-def test_an_answer_that_swings_is_told_from_one_that_rests(error, swings):
+def test_an_answer_that_oscillates_differs_from_one_that_rests(error, swings):
     answer = AxisTrace(np.arange(len(error)) * 1e-3, np.array(error, np.int64))
     assert answer.oscillates(50, 0.15) == swings
 
@@ -135,3 +135,20 @@ def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path: Pa
     assert "as delivered: overshoot" in printed.err
     picture = np.asarray(Image.open(tmp_path / "steps.png").convert("RGB")).reshape(-1, 3)
     assert len(np.unique(picture, axis=0)) > 10
+
+
+DOCS = Path(__file__).parents[3] / "docs"
+
+
+@pytest.mark.slow
+def test_the_picture_has_a_column_for_each_drive(load_script):
+    steps = load_script(DOCS / "make" / "servo_steps.py")
+    answer = AxisTrace(np.array([0.0, 0.01, 0.02]), np.array([STEP_COUNTS, 5, 0]))
+    response = AxisResponse(*[answer] * 3)
+    one = Tuning(("P1",), {"P": 1}, Oscillation(1.0, 0.01, 10.0), response, response)
+    figure = steps.figure(dict.fromkeys(steps.DRIVES, one))
+    assert [axes.get_title() for axes in figure.axes if axes.get_title()] == list(steps.DRIVES.values())
+    drawn = figure.axes[0].get_lines()[-1].get_ydata()
+    assert list(drawn) == [0, STEP_COUNTS - 5, STEP_COUNTS]
+    assert steps.PICTURE.is_file()
+    assert f"]({steps.PICTURE.relative_to(DOCS)})" in (DOCS / "servo-drives.md").read_text(encoding="utf-8")

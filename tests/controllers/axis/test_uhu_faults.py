@@ -277,9 +277,9 @@ def test_a_jerk_by_hand_shows_in_the_stream() -> None:  # U-61
     bench.run(0.05)
     bench.torque("x", 0.0)
     bench.run(0.3)
-    seen = np.frombuffer(bench.received("x"), np.uint8).astype(int) - 128 - 63
-    assert np.abs(seen).max() >= 3
-    assert np.abs(seen[-10:]).max() <= 1
+    errors = np.frombuffer(bench.received("x"), np.uint8).astype(int) - 128 - 63
+    assert np.abs(errors).max() >= 3
+    assert np.abs(errors[-10:]).max() <= 1
 
 
 @pytest.mark.parametrize("counts", [300, -32_000])
