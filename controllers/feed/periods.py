@@ -31,14 +31,10 @@ from edmsim.controllers.protocols import GapWindow, WindowObservation
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, least_period_us, pulse_form
 
-COUNT_S = 0.1
-"""Time over which normal pulses are counted: 100 ms (Sato et al.)."""
-STEP_SHARE = 0.1
-"""Largest change of the period per count (ours: off-times change smoothly, not from pulse to pulse)."""
-STEP_US = 5
-"""The shortest period is rounded up to whole multiples of this (ours: knobs have steps)."""
-MOST_ERROR = 1.0
-"""No larger deviation from what is held counts (ours: one window of few sparks tells little)."""
+COUNT_S = 0.1  # time over which normal pulses are counted: 100 ms (Sato et al.)
+STEP_SHARE = 0.1  # largest change of the period per count (ours: off-times change smoothly, not from pulse to pulse)
+STEP_US = 5  # the shortest period is rounded up to whole multiples of this (ours: knobs have steps)
+MOST_ERROR = 1.0  # no larger deviation from what is held counts (ours: one window of few sparks tells little)
 _BOILING_K = 373.15
 _Setting = tuple[float | None, float | None]
 
@@ -266,11 +262,7 @@ class FluxGauge(Gauge):
 
 
 def heat_per_ignition_s(machine: Machine) -> NDArray[np.float64]:
-    """Return what an ignition in each fifth adds to each fifth's heat flux, over the critical one: (5, 5), in s.
-
-    A spark heats its own fifth; its current, which comes from both guides and divides as the wire's resistances do,
-    heats all of them.
-    """
+    """Return what an ignition in each fifth adds to each fifth's flux over the critical one: (5, 5), in s."""
     files = Machine.load(
         machine.name, material=machine.material_name, wire=machine.wire_name, generator=machine.generator_name
     )

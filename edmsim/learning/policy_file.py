@@ -31,8 +31,7 @@ ACTION_MEANINGS = {
     "offset": "offset from the path, left positive",
 }
 """What an entry of an action is, by its name (`Family.action_names`)."""
-_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}
-"""The same of Part, where a pass is decided on."""
+_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}  # the same of Part, where a pass is decided on
 Floats = NDArray[np.float64]
 
 
@@ -271,10 +270,7 @@ def write(card: Card, packed: bytes, file: Path) -> None:
 
 
 def locate(name: str) -> Path:
-    """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``.
-
-    Raises `InputError` if there is none.
-    """
+    """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``."""
     file = Path(name)
     if file.suffix not in (".json", ".npz"):
         if name not in models.policies():
