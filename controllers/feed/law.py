@@ -40,6 +40,11 @@ SHORTED_SHARE = 0.5
 """From this share of short pulses on a window counts as shorted (ours, as the counts controller has it)."""
 
 
+def shorted(window: WindowObservation) -> bool:
+    """Return whether a window counts as shorted."""
+    return window.short >= SHORTED_SHARE * WINDOW_PULSES
+
+
 class Gains(NamedTuple):
     """How a servo answers.
 
@@ -121,11 +126,11 @@ class GapServo(Part):
         """Feed for the next window, backwards while a short stays; `error` is positive where the gap is too wide."""
         if math.isnan(error):
             error = self.error
-        shorted = window.short >= SHORTED_SHARE * WINDOW_PULSES
-        self.shorted_s = self.shorted_s + window.duration_s if shorted else 0.0
+        short = shorted(window)
+        self.shorted_s = self.shorted_s + window.duration_s if short else 0.0
         if self.shorted_s >= self.give_up_s:
             return FeedCommand(0.0, PERSISTENT_SHORT)
-        if shorted and self.shorted_s >= self.patience_s:
+        if short and self.shorted_s >= self.patience_s:
             self.retracting = True
             return FeedCommand(-self.retract_feed_um_s)
         if self.retracting:  # cleared: the filter forgets the short

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw
+from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw, shorted
 from edmsim.controllers.protocols import GapWindow, WindowObservation
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, least_period_us, pulse_form
@@ -190,8 +190,9 @@ class HoldHeat(RisingPeriod):
     proportional_share, integral_per_s : float
         Change of the period's logarithm, and its growth per second, per unit of the difference from it.
     shortest_us, longest_us : float
-        Limits of the period (ours): where hardly a pulse ignites there is no heat to hold, the period goes to the
-        shortest, and the discharges that ignite next find it there.
+        Limits of the period (ours): where most pulses stay open there is no heat to hold, and it goes to the shortest.
+        In shorts it does not: the discharges that clear one would find it there, and break the wire. Out of a short
+        from which the wire retracts it comes slowly, as a fresh wire does.
     """
 
     hold_share: float = 0.6
@@ -222,6 +223,10 @@ class HoldHeat(RisingPeriod):
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period that brings the measure to what is held."""
         error = min(max(law.gauge.near(window) - self.hold, -MOST_ERROR), MOST_ERROR)
+        if shorted(window):  # shorts heat no wire: the sparks that clear one would find the shortest period
+            error = max(error, 0.0)
+        if law.servo.retracting:
+            self.cutting_s = 0.0
         grown = self.log_us + self.integral_per_s * error * window.duration_s
         self.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
         return max(math.exp(self.log_us + self.proportional_share * error), self.shortest_us)
