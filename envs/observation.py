@@ -89,7 +89,7 @@ class Known:
 
     Attributes
     ----------
-    rows : (n,) `path_follower.LANE`
+    rows : (n,) `path_follower.SUB_ENV`
     corner_um, corner_deg : (n, most)
         Length of path up to each corner, infinite for the filling, and its turn.
     age_s : (n,)
@@ -122,9 +122,9 @@ class Known:
         return self._nearest(np.where(way_um <= 0, -way_um, np.inf))
 
     def _nearest(self, ways_um: Floats) -> tuple[Floats, Floats]:
-        lane, k = np.arange(len(ways_um)), ways_um.argmin(axis=1)
-        way_um = ways_um[lane, k]
-        return np.minimum(way_um / LOOK_UM, 1.0), np.where(way_um <= LOOK_UM, self.corner_deg[lane, k] / 180.0, 0.0)
+        index, k = np.arange(len(ways_um)), ways_um.argmin(axis=1)
+        way_um = ways_um[index, k]
+        return np.minimum(way_um / LOOK_UM, 1.0), np.where(way_um <= LOOK_UM, self.corner_deg[index, k] / 180.0, 0.0)
 
 
 CORNERS = (
@@ -221,21 +221,21 @@ SCALE = np.dtype(
 
 @exactly_compiled
 def gather(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], shown: NDArray[np.void]
+    indices: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], shown: NDArray[np.void]
 ) -> None:
-    """Add the last window of some lanes to what their step showed.
+    """Add the last window of some sub-environments to what their step showed.
 
     Parameters
     ----------
-    lanes : (m,)
-        Lanes that had a window; of the other arguments, row i belongs to lane i.
-    rows : (n,) `path_follower.LANE`
+    indices : (m,)
+        Sub-environments that had a window; of the other arguments, row i belongs to sub-environment i.
+    rows : (n,) `path_follower.SUB_ENV`
     windows : (n,) `edmsim.plant.kernel.state.WINDOW`
     shown : (n,) `SHOWN`
         Added to.
     """
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    for j in range(indices.shape[0]):
+        i = indices[j]
         w = windows[i]
         shown[i].short += w.counts[SHORT]
         shown[i].open += w.counts[OPEN]
@@ -255,15 +255,15 @@ def gather(
 
 @exactly_compiled
 def show(
-    lanes: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void], max_feed_um_s: float,
+    indices: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void], max_feed_um_s: float,
     history: NDArray[np.float32],
 ) -> None:
-    """Put what some lanes' steps showed before what the steps before did, and forget the oldest.
+    """Put what some sub-environments' steps showed before what the steps before did, and forget the oldest.
 
     Parameters
     ----------
-    lanes : (m,)
-        Lanes that had a step; of the other arguments, row i belongs to lane i.
+    indices : (m,)
+        Sub-environments that had a step; of the other arguments, row i belongs to sub-environment i.
     shown : (n,) `SHOWN`
     scales : (n,) `SCALE`
         ``draws`` is counted up where there is noise.
@@ -271,8 +271,8 @@ def show(
     history : (n, steps, entries of a step)
         Written.
     """
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    for j in range(indices.shape[0]):
+        i = indices[j]
         s, scale = shown[i], scales[i]
         pulses, duration_us = s.short + s.open + s.ignited, s.duration_ns * 1e-3
         for age in range(history.shape[1] - 1, 0, -1):
@@ -301,7 +301,7 @@ def show(
 
 @exactly_compiled
 def _measured(scales: NDArray[np.void], i: int, value: float) -> float:
-    """Return what a lane's sensor and its converter make of a value."""
+    """Return what a sub-environment's sensor and its converter make of a value."""
     if scales[i].noise_share > 0.0:
         value += scales[i].noise_share * normal(uniform(scales[i].key, scales[i].draws))
         scales[i].draws += np.uint64(1)

@@ -55,7 +55,7 @@ class ObservationBuilder(Snapshots):
         self._broke_at = np.zeros(count)
 
     def begin(self, i: int, row: np.void, machine: Machine, noise_key: np.uint64 | int = 0) -> None:
-        """Begin an episode on a machine; `row` is its `path_follower.LANE`."""
+        """Begin an episode on a machine; `row` is its `path_follower.SUB_ENV`."""
         self._history[i] = 0.0
         self.sums[i] = np.zeros((), SHOWN)
         self._dials[i] = values_of(DIALS, machine, 1)[0]
@@ -86,7 +86,7 @@ class ObservationBuilder(Snapshots):
         self.sums[active] = np.zeros((), SHOWN)
 
     def add(self, active: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
-        """Add a window of some episodes; `rows` are all `path_follower.LANE`, `windows` `kernel.state.WINDOW`."""
+        """Add a window of some episodes; `rows` are all `path_follower.SUB_ENV`, `windows` `kernel.state.WINDOW`."""
         gather(active, rows, windows, self.sums)
 
     def end_step(self, active: NDArray[np.int64]) -> None:

@@ -30,7 +30,7 @@ class Weights:
     ----------
     progress : float
         Gain per reference area (`REFERENCE_MM2`) that was cut. What is cut follows the wire by the share of pulses
-        that ignite (see `path_follower.LANE`): pushing against metal gains nothing, nor does going back and forth.
+        that ignite (see `path_follower.SUB_ENV`): pushing against metal gains nothing, nor does going back and forth.
     short : float
         Cost of a reference window (`REFERENCE_S`) of nothing but shorts; a share of them costs that share. It goes by
         machine time: a longer pulse period makes fewer windows, not cheaper ones.
@@ -79,7 +79,7 @@ _PROGRESS, _SHORT, _OPEN, _PROFILE, _ROUGHNESS, _TIME, _WIRE_BREAK, _LIMIT, _DON
 
 
 class StepRewards:
-    """What the lanes' steps earned and cost, window by window.
+    """What the sub-environments' steps earned and cost, window by window.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class StepRewards:
     error_bound_um, energy_bound_mJ : float or None
         Path error, and energy of a discharge, beyond which time costs.
     count : int
-        Number of lanes.
+        Number of sub-environments.
 
     Attributes
     ----------
@@ -112,40 +112,40 @@ class StepRewards:
         self.area_mm2 = np.zeros(count)
 
     def begin(self) -> None:
-        """Begin a step of all lanes."""
+        """Begin a step of all sub-environments."""
         self.total[:] = 0.0
         self.terms[:] = 0.0
         self.cost[:] = 0.0
         self.area_mm2[:] = 0.0
 
     def add(
-        self, lanes: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64],
+        self, indices: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64],
         windows: NDArray[np.void],
     ) -> None:
-        """Add a window of some lanes (m,).
+        """Add a window of some sub-environments (m,).
 
         Parameters
         ----------
-        lanes : (m,)
-            Of the other arguments, row i belongs to lane i.
-        rows : (n,) `path_follower.LANE`
+        indices : (m,)
+            Of the other arguments, row i belongs to sub-environment i.
+        rows : (n,) `path_follower.SUB_ENV`
         error_um : (n,)
             Path errors that count.
         windows : (n,) `edmsim.plant.kernel.state.WINDOW`
         """
-        self.area_mm2[lanes] += rows["area_mm2"][lanes]
-        _add(lanes, rows, error_um, windows, self._weights, self._bounds, self.terms, self.total, self.cost)
+        self.area_mm2[indices] += rows["area_mm2"][indices]
+        _add(indices, rows, error_um, windows, self._weights, self._bounds, self.terms, self.total, self.cost)
 
 
 @exactly_compiled
 def _add(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64], windows: NDArray[np.void],
+    indices: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64], windows: NDArray[np.void],
     weights: NDArray[np.float64], bounds: NDArray[np.float64], terms: NDArray[np.float64],
     total: NDArray[np.float64], cost: NDArray[np.float64],
 ) -> None:
     """Add a window's terms, their sum and its cost."""
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    for j in range(indices.shape[0]):
+        i = indices[j]
         counts, cause = windows[i].counts, rows[i].cause
         pulses = counts[OPEN] + counts[SPARK] + counts[ARC] + counts[SHORT]
         passed = rows[i].area_mm2 / REFERENCE_MM2

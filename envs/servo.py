@@ -53,15 +53,15 @@ def target_of(action: Any, bounds: tuple[float, float]) -> Any:
 
 @exactly_compiled
 def respond(
-    lanes: NDArray[np.int64], servos: NDArray[np.void], short: NDArray[np.float64], open_: NDArray[np.float64],
+    indices: NDArray[np.int64], servos: NDArray[np.void], short: NDArray[np.float64], open_: NDArray[np.float64],
     duration_s: NDArray[np.float64], limit_um_s: float, proportional: float, integral: float,
 ) -> None:
     """Let servos answer a window each.
 
     Parameters
     ----------
-    lanes : (m,)
-        Those that had a window; of the other arguments, row i belongs to lane i.
+    indices : (m,)
+        Those that had a window; of the other arguments, row i belongs to sub-environment i.
     servos : (n,) `SERVO`
         Brought up to date.
     short, open_ : (n,)
@@ -72,8 +72,8 @@ def respond(
     proportional, integral : float
         See `GAINS`.
     """
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    for j in range(indices.shape[0]):
+        i = indices[j]
         error = open_[i] - short[i] - servos[i].target
         shorted = short[i] >= SHORTED_SHARE
         servos[i].shorted_s = servos[i].shorted_s + duration_s[i] if shorted else 0.0

@@ -190,7 +190,7 @@ class HoldHeat(RisingPeriod):
     proportional_share, integral_per_s : float
         Change of the period's logarithm, and its growth per second, per unit of the difference from it.
     shortest_us, longest_us : float
-        Limits of the period (ours): where most pulses stay open there is no heat to hold, and it goes to the shortest.
+        Limits of the period (ours): where most pulses stay open there is no heat to hold, and it is the shortest.
         In shorts it does not: the discharges that clear one would find it there, and break the wire. Out of a short
         from which the wire retracts it comes slowly, as a fresh wire does.
     """

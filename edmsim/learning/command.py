@@ -37,7 +37,7 @@ class TrainOptions(NamedTuple):
     start : str or None
         Policy that the training begins with, as ``policy:NAME`` or a file of it.
     record_every : int or None
-        One in `record_every` of the first lane's episodes is recorded into the folder ``episodes``.
+        One in `record_every` of the first sub-environment's episodes is recorded into the folder ``episodes``.
     live : bool
         Whether these are shown in rerun's viewer as they end.
     """
@@ -147,7 +147,7 @@ def run(
 
 
 def _recorders(options: TrainOptions, out: Path) -> list[Any]:
-    """Return what records episodes of the first lane, if that is wanted."""
+    """Return what records episodes of the first sub-environment, if that is wanted."""
     if options.record_every is None and not options.live:
         return []
     from edmsim.envs.record_episodes import EVERY, RecordEpisodes

@@ -65,13 +65,13 @@ class Fleet:
         self._addresses[i] = plant.address
 
     def advance(
-        self, lanes: NDArray[np.int64], steps: NDArray[np.int64], counts: NDArray[np.int64]
+        self, indices: NDArray[np.int64], steps: NDArray[np.int64], counts: NDArray[np.int64]
     ) -> NDArray[np.int64]:
         """Fire 255 pulses in some of the plants.
 
         Parameters
         ----------
-        lanes : int64 (m,)
+        indices : int64 (m,)
             The plants that take part.
         steps : int64 (n, most, 3), C-contiguous
             Motor steps of every plant (see `Plant.advance`).
@@ -90,10 +90,10 @@ class Fleet:
         WireBrokenError
             If the wire of one of them broke in a window before.
         """
-        calls = np.empty((len(lanes), CALL), np.int64)
-        calls[:, 0] = self._addresses[lanes]
-        calls[:, 1] = steps.ctypes.data + lanes * steps.strides[0]
-        calls[:, 2] = counts[lanes]
+        calls = np.empty((len(indices), CALL), np.int64)
+        calls[:, 0] = self._addresses[indices]
+        calls[:, 1] = steps.ctypes.data + indices * steps.strides[0]
+        calls[:, 2] = counts[indices]
         calls[:, 3] = WINDOW_PULSES
         self._fire(calls)
         status = calls[:, 4]
@@ -102,14 +102,14 @@ class Fleet:
         lacking = np.flatnonzero(status == NO_TILES)
         if len(lacking):
             for k in lacking:
-                self.plants[lanes[k]].make_tiles()
+                self.plants[indices[k]].make_tiles()
             again = calls[lacking]
             self._fire(again)
             calls[lacking] = again
         if np.any((status == STEP_WRONG) | (status == STEP_EARLY)):
             raise InputError("a motor step has a wrong axis or direction, or is out of order")
         for k in np.flatnonzero(status == BROKEN):
-            plant = self.plants[lanes[k]]
+            plant = self.plants[indices[k]]
             raise plant.left_validity(BROKEN, plant.window())
         return status
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -36,7 +36,17 @@ def log_of(table: pa.Table) -> Log:
     return Log("known", {name: table[name].to_numpy() for name in COLUMNS})
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module", autouse=True)
+def short() -> Iterator[None]:
+    """Compare two stretches, which settle over a third of a millimetre: a tenth of the time, with the same bars."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("edmsim.calibration.fit.MOST_STRETCHES", 2)
+        patch.setattr("edmsim.calibration.comparison.NOISE_CUTS", 8)
+        patch.setattr("edmsim.calibration.simulate.WHOLLY_SETTLED_DIAMETERS", 1.3)
+        yield
+
+
+@pytest.fixture(scope="module")
 def recovered(known: SimpleNamespace) -> Fit:
     """Give what is found of two known constants and one that no log of a short time can tell."""
     return calibrate(log_of(known.table), known.machine, [*known.truth, "wire.strength_MPa"], seed=3)
@@ -53,16 +63,7 @@ def test_known_constants_come_back_within_their_intervals(known: SimpleNamespace
     assert recovered.misfit < 2.0
 
 
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compare two stretches, which settle over half a millimetre: a fifth of the cuts' time, with the same bars."""
-    monkeypatch.setattr("edmsim.calibration.fit.MOST_STRETCHES", 2)
-    monkeypatch.setattr("edmsim.calibration.comparison.NOISE_CUTS", 8)
-    monkeypatch.setattr("edmsim.calibration.simulate.WHOLLY_SETTLED_DIAMETERS", 2.0)
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("short")
 def test_a_log_made_under_a_gap_controller_is_fitted(steered: SimpleNamespace) -> None:
     """What is told is judged where the log was made: where the search begins other shares of pulses are open.
 
@@ -153,6 +154,7 @@ def test_a_cut_settles_for_as_long_as_its_log_did_but_not_for_ever(
     known: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settled_um, run = [], Traverse.run
+    monkeypatch.setattr("edmsim.calibration.simulate.WHOLLY_SETTLED_DIAMETERS", 5.0)
 
     def briefly(traverse: Traverse, seconds: float) -> list[PulseWindow]:
         settled_um.append(22.0 * seconds)
@@ -241,18 +243,6 @@ def test_bad_usage_is_one_line_and_2_and_nothing_is_written(
     told = capsys.readouterr()
     assert said in told.err
     assert told.err.count("\n") == 1
-    assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
-
-
-def test_an_interrupted_fit_writes_nothing(
-    log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("edmsim.calibration.comparison.simulate", interrupt)
-    assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == INTERRUPTED
-    assert "interrupted; nothing was written" in capsys.readouterr().err
     assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
 
 
@@ -361,7 +351,7 @@ def test_what_ends_at_a_bound_says_so(share: float, half: float, said: str) -> N
     assert remark(share, half) == said
 
 
-def test_progress_is_told_where_there_is_no_terminal(
+def test_an_interrupted_fit_has_shown_its_progress_and_writes_nothing(
     log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cuts = iter(range(3))
@@ -374,7 +364,10 @@ def test_progress_is_told_where_there_is_no_terminal(
     monkeypatch.setattr("edmsim.calibration.comparison.simulate", briefly)
     monkeypatch.setattr("edmsim.progress.LINE_EVERY_S", 0.0)
     assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == INTERRUPTED
-    assert "calibrate 1 cuts simulated" in capsys.readouterr().err
+    shown = capsys.readouterr().err
+    assert "calibrate 1 cuts simulated" in shown
+    assert "interrupted; nothing was written" in shown
+    assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
 
 
 def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared: Callable[..., Compared]) -> None:

@@ -47,16 +47,13 @@ def test_parquet_and_csv_are_read_alike(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_cut_has_the_columns_of_a_log(small_cut) -> None:
-    assert len(read_log(small_cut.folder / "windows.parquet")) == small_cut.result.windows.num_rows
-
-
-@pytest.mark.slow
-def test_a_log_of_a_cut_tells_its_settings(small_cut, tmp_path: Path) -> None:
-    settings = read_log(small_cut.folder / "windows.parquet").settings
-    assert settings is not None
-    assert (settings.height_mm, settings.resolution, settings.seed) == (5.0, "fast", 1)
-    pa.csv.write_csv(small_cut.result.windows, tmp_path / "log.csv")
+def test_a_log_of_a_cut_has_its_columns_and_its_settings(cut_small, tmp_path: Path) -> None:
+    result = cut_small(out=tmp_path, max_time_s=0.5)
+    log = read_log(tmp_path / "windows.parquet")
+    assert len(log) == result.windows.num_rows
+    assert log.settings is not None
+    assert (log.settings.height_mm, log.settings.resolution, log.settings.seed) == (5.0, "fast", 1)
+    pa.csv.write_csv(result.windows, tmp_path / "log.csv")
     assert read_log(tmp_path / "log.csv").settings is None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -108,8 +107,7 @@ def test_a_missing_column_is_named(tmp_path):
             read_log(written(tmp_path, ["0,0,0,0,0,30,100"] * 2, heading))
 
 
-def test_a_log_of_the_bench_at_no_rate_or_under_another_name_is_refused(tmp_path):
-    rig = Rig("powercore", seed=1)
-    for name, rate, said in itertools.chain([("a.csv", 1.0, "2 to 100 rows"), ("a.txt", 10.0, r"written as \.csv")]):
-        with pytest.raises(InputError, match=said):
-            RatioLog(tmp_path / name, rig, rate)
+@pytest.mark.parametrize(("name", "rate", "said"), [("a.csv", 1.0, "2 to 100 rows"), ("a.txt", 10.0, r"as \.csv")])
+def test_a_log_of_the_bench_at_no_rate_or_under_another_name_is_refused(tmp_path, name, rate, said):
+    with pytest.raises(InputError, match=said):
+        RatioLog(tmp_path / name, Rig("powercore", seed=1), rate)

@@ -1,4 +1,4 @@
-"""POSCAL, VELOCM and POSITI against the worked numbers of the requirements."""
+"""POSCAL, VELOCM, POSITI and the integer routines below them against the worked numbers of the requirements."""
 
 import math
 
@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edmsim.controllers.mcu.firmware import arithmetic
 from edmsim.controllers.mcu.firmware.poscal import poscal, positi, resolve, velocm
 from edmsim.controllers.planner.poscal import lengthened
 from edmsim.errors import InputError
@@ -49,17 +50,7 @@ def test_literal_wrap_makes_nonsense_of_the_length(side, speed):  # T-G6
     assert poscal((0, 0), (side, side), 127, literal_wrap=True) == (speed, speed)
     x, y = poscal((0, 0), (side, side), 127)
     assert x == y == pytest.approx(127 / math.sqrt(2), abs=1)
-
-
-def test_a_fifth_of_all_reduced_vectors_wraps():  # T-G6, T-A2
-    pairs = [(a, b) for a in range(256) for b in range(256)]
-    halved = [pair for pair in pairs if resolve(*pair, 1, 1).halvings]
-    assert len(halved) == 13_816
-    worst, pair = max(
-        (poscal((0, 0), pair, 127, literal_wrap=True)[1] - pair[1] * 127 / math.hypot(*pair), pair)
-        for pair in halved
-    )
-    assert (round(worst), pair) == (16_003, (32, 254))
+    assert poscal((0, 0), (32, 254), 127, literal_wrap=True)[1] == 16_003 + 126  # of all vectors the furthest off
 
 
 @given(
@@ -101,3 +92,20 @@ def test_positi_counts_2_um_and_wraps_or_stops_at_the_end(position, direction): 
     else:
         with pytest.raises(InputError, match=f"soft limit: a step to {moved} um"):
             positi(position, direction)
+
+
+def test_reduc2_halves_once_more_and_verm_refuses_more_than_8_bits():  # T-A2, T-64
+    assert arithmetic.reduc2(182, 255) == (91, 127)
+    for pair in [(256, 1), (1, 256), (-1, 0)]:
+        with pytest.raises(InputError, match=f"0..255, not {pair[0]} and {pair[1]}"):
+            arithmetic.verm(*pair)
+
+
+@pytest.mark.parametrize("sequence", [
+    [2, 1, 2, 2], [25, 13, 7, 5, 5], [10_000, 5_000, 2_501, 1_252, 630, 323, 177, 117, 101, 100, 100], [65_535, 0, 0],
+])  # fmt: skip
+def test_sqrt_takes_the_worked_steps(monkeypatch, sequence):  # T-G5
+    divisors, divide, root = [], arithmetic.divide, arithmetic.sqrt(sequence[0])
+    monkeypatch.setattr(arithmetic, "divide", lambda dividend, by: divisors.append(by) or divide(dividend, by))
+    assert arithmetic.sqrt.py_func(sequence[0]) == root
+    assert [sequence[0], *divisors, root] == sequence

@@ -1,4 +1,4 @@
-"""The sine table of T-72: its accuracy, the search for a direction, and the planner's loss against POSCAL."""
+"""The sine table of T-72: its accuracy, and the search for a direction."""
 
 import math
 
@@ -9,12 +9,7 @@ from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.firmware.poscal import velocm
 from edmsim.controllers.mcu.firmware.sine_table import SINE, cosine, direction, look_up, sine
-from edmsim.controllers.planner.registry import make_planner
 from edmsim.errors import InputError
-
-from . import reference_arithmetic, reference_planners
-
-SECOND = 1_000_000_000
 
 
 def test_255_entries_of_8_bits_are_right_to_half_a_percent():  # T-72, T-A7
@@ -59,19 +54,3 @@ def test_axis_speeds_from_the_table():  # T-72, T-68
 def test_the_table_takes_8_bits():
     with pytest.raises(InputError, match=r"0\.\.255"):
         direction(256, 1)
-
-
-def test_the_planner_takes_no_square_root(monkeypatch):  # T-72
-    """Nor does the plain one, whose steps the compiled one makes."""
-
-    def refuse(*_):
-        raise AssertionError("a square root was taken")
-
-    monkeypatch.setattr(reference_arithmetic, "sqrt", refuse)
-    points = np.array([(0, 0), (300, 170), (120, 40)])
-    plain = reference_planners.PLANNERS["sine-table"](points)
-    planner = make_planner("sine-table", points)
-    assert planner.advance(0, 60 * SECOND, 127) == plain.advance(0, 60 * SECOND, 127)
-    assert planner.done
-    with pytest.raises(AssertionError, match="square root"):
-        reference_planners.PLANNERS["poscal"](points)

@@ -38,7 +38,7 @@ def way(moved: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(move, move, move, st.floats(-20.0, 20.0))
 def test_a_way_that_is_moved_leaves_what_it_is_further_off_each_side(planner, drive, wire, gap) -> None:
     moves = np.cumsum([planner, drive, wire], axis=0)

@@ -27,6 +27,24 @@ def homed(p, limit_s=60.0):
     return p.true_um - p["posit"]
 
 
+@pytest.mark.parametrize(
+    ("cam", "options", "count", "place", "within"),
+    [
+        ((500.0, 5000.0), {"maxpos": 100, "minpos": -100}, 0, 500.0, 2.0),  # Q-49: limits are off in the search
+        ((500.0, 5000.0), {}, 777_777, 500.0, 2.0),  # Q-74: a count of any value is overwritten
+        ((500.0, 5000.0), {"cam": {"hysteresis_um": 30.0}}, 0, 470.0, 2.0),  # Q-74
+        ((-900.0, -400.0), {"prmdir": 1}, 0, -400.0, 2.0),  # Q-34: backwards to a cam behind
+        ((500.0, 5000.0), {"loop": False}, 0, 500.0, 4.0),  # as every move; the place is then less certain
+    ],
+)
+def test_a_search_ends_at_the_cams_edge(cam, options, count, place, within):
+    loop, options = options.get("loop", True), {name: value for name, value in options.items() if name != "loop"}
+    p = at_cam(*cam, **options)
+    p.do("LOOPON" if loop else "LOOPOFF")
+    p["posit"] = count
+    assert homed(p) == pytest.approx(place, abs=within)
+
+
 def test_mode_0_step_by_step():  # Q-17, Q-50, Q-A12, Q-A33, 4.4
     p = at_cam(tcamp_ms=1, prspos=40, maxpos=1000, minpos=0)
     p.do("PRESET")
@@ -128,26 +146,6 @@ def test_an_axis_on_the_cam_leaves_it_slowly():  # Q-53
     p.until("st_prson", False)
     p.run(1.0)
     assert p.true_um == pytest.approx(-100.0, abs=2.0)
-
-
-def test_backwards_to_a_cam_behind():  # Q-34
-    p = at_cam(-900.0, -400.0, prmdir=1)
-    assert homed(p) == pytest.approx(-400.0, abs=2.0)
-
-
-def test_limits_are_off_during_the_search():  # Q-49
-    p = at_cam(maxpos=100, minpos=-100)
-    assert homed(p) == pytest.approx(500.0, abs=2.0)
-
-
-def test_a_count_of_any_value_is_overwritten():  # Q-74
-    p = at_cam()
-    p["posit"] = 777777
-    assert homed(p) == pytest.approx(500.0, abs=2.0)
-
-
-def test_hysteresis_moves_the_edge():  # Q-74
-    assert homed(at_cam(cam={"hysteresis_um": 30.0})) == pytest.approx(470.0, abs=2.0)
 
 
 def test_a_short_cam_is_passed_within_a_sample():  # Q-50
@@ -272,10 +270,3 @@ def test_a_bouncing_switch(filter_s, loads):  # Q-52, part 5
         p.sample()
         free += p["posit"] != 0
     assert (free > 10) == loads
-
-
-def test_homing_with_the_loop_open():
-    """A search works with the loop open, as every move does; the place it ends at is then not certain."""
-    p = at_cam()
-    p.do("LOOPOFF")
-    assert homed(p) == pytest.approx(500.0, abs=4.0)

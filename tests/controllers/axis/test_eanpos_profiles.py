@@ -257,10 +257,3 @@ def test_states_say_what_the_axis_does():  # Q-80
     p["setpos"] = 0
     p.do("START")
     assert p["st_movdir"]
-
-
-def test_jerk_is_limited_on_demand():
-    """Beyond the manual; `test_eanpos_jerk` compares it with ruckig."""
-    p = Positioner(tcamp_ms=1, settings={"jerk_limit": 10000})
-    assert p.move() == seconds(p, 2.9 + TOP / 10000)
-    assert p.theory[0] == 2000.0

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 
 import edmsim
 from edmsim.axis_bench import AxisBench
-from edmsim.controllers import axis
 from edmsim.controllers.axis import ServoModule
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.errors import InputError
@@ -25,17 +21,6 @@ def bench_with(stored, **extensions):
     bench.run(0.02)
     bench.received("x")
     return bench
-
-
-def test_anti_windup_shortens_the_overshoot_after_saturation():
-    overshoot = []
-    for on in (0, 1):
-        bench = bench_with({"integral_gain": 8, "clamp": 200}, anti_windup=on)
-        bench.trace = True
-        say(bench, "+800")
-        bench.run(1.0)
-        overshoot.append(int(bench.samples("x")["count"].max()) - 800)
-    assert overshoot[1] < 0.7 * overshoot[0]
 
 
 def test_the_third_feed_forward_acts_on_the_change_of_acceleration():
@@ -66,34 +51,6 @@ def test_the_filtered_command_makes_the_feed_forward_smoother():
     assert 0 < rough[1] < 0.5 * rough[0]
 
 
-def test_the_time_at_the_limit_is_known():
-    bench = bench_with({"clamp": 100})
-    bench.hold("x", True)
-    say(bench, "+5000")
-    bench.run(0.2)
-    drive = bench.drive("x")
-    assert drive.extensions.limited_s == pytest.approx(0.22, abs=0.03)
-    say(bench, "R")
-    bench.run(0.01)
-    assert drive.extensions.limited_s == 0.0
-    assert drive.extensions.longest_limited_s > 0.2
-
-
-def test_a_recording_has_what_was_before_its_trigger():
-    bench = bench_with({})
-    drive = bench.drive("x")
-    drive.extensions.record_on("error", level=40, before=32)
-    bench.run(0.1)
-    say(bench, "+50")
-    bench.run(0.5)
-    recording = drive.extensions.recording()
-    assert recording is not None
-    assert set(recording.error[recording.time_s < -0.001]) == {0}
-    assert recording.error[recording.time_s >= 0].max() == 50
-    assert abs(int(recording.error[-1])) < 5
-    assert recording.output.max() == pytest.approx(760, abs=1000)
-
-
 def test_parameters_are_set_by_name_and_shown_by_letter():
     bench = bench_with({})
     bench.drive("x").parameters["proportional_gain"] = 900
@@ -112,22 +69,6 @@ def test_what_python_may_not_set_is_refused_in_one_line(arguments, says):
     with pytest.raises(InputError, match=says) as caught:
         ServoModule(**arguments)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.slow
-def test_the_module_keeps_to_what_every_drive_must():
-    axis.check_drive(ServoModule)
-    axis.check_drive(lambda: axis.make("servo-module"))
-    axis.check_drive(ServoModule.tuned)
-
-
-def test_a_copy_goes_its_own_way():
-    drive = ServoModule()
-    for other in (copy.deepcopy(drive), pickle.loads(pickle.dumps(drive))):
-        other.parameters["clamp"] = 1
-        other.line(b"P12")
-        assert drive.parameters["clamp"] == 760
-        assert drive.line(b"P\r") == b"(P) - Kp: 600\r\n"
 
 
 @pytest.mark.slow
