@@ -24,16 +24,15 @@ from edmsim.envs import observation, reward
 from edmsim.envs.arguments import arguments_of
 from edmsim.envs.batch import action_space_of, observation_space_of
 from edmsim.envs.knobs import KNOBS
-from edmsim.envs.lanes import STRETCH_UM
 from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
+from edmsim.envs.sub_envs import STRETCH_UM
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.discharge import PLACE_SD_UM
 
 _Class = TypeVar("_Class", bound=type)
 
-WIDTH = 114
-"""Characters of a line: those of a docstring in a class, without its indent."""
+WIDTH = 114  # characters of a line: those of a docstring in a class, without its indent
 TARGET = "target of the servo: share of open less short pulses"
 FIRST = {
     "change": ("change of the feed along the path", "``max_change_um_s``"),

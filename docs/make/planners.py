@@ -99,11 +99,12 @@ The tables below have the errors on straight moves over {long} um and over {shor
   down. `poscal-literal` rounds down to whole units, so one axis may need twice the time of the other. If the sum of
   squares wraps, it runs too fast, at worst many times (last table).
 - `poscal-literal` leaves the line by up to {literal:.0f} um within {long} um: one unit is coarse at low speed, and
-  nothing corrects the error on the way. It reaches the end because each axis stops at its own target, but not if REDUC
-  has dropped an axis ({lost:.0f} um off in the last table).
+  nothing corrects the error on the way. It reaches the end because each axis stops at its own target, but not if
+  REDUC has dropped an axis ({lost:.0f} um off in the last table).
 - `mcu` has the errors of `poscal-literal`, within {machine:.2f} um: its steps come some 0.1 ms later, which is two
-  thousandths of a step at the greatest speed. In a cut the speed changes, and each axis takes the new speed at its own
-  next interrupt: a cut along (1500, 400) um left the line by 8.6 um with `mcu`, and by 8.2 um at a constant 127 units.
+  thousandths of a step at the greatest speed. In a cut the speed changes, and each axis takes the new speed at its
+  own next interrupt: a cut along (1500, 400) um left the line by 8.6 um with `mcu`, and by 8.2 um at
+  a constant 127 units.
 
 ![Path error of each planner by direction](planners.png)
 """

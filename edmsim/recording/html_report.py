@@ -98,15 +98,7 @@ def write_html(
     report: Mapping[str, Any], windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str,
     file: str | Path,
 ) -> None:
-    """Write the page of a cut; a file of that name is replaced whole or not at all.
-
-    Parameters
-    ----------
-    report, windows, scene, sample
-        As `edmsim.recording.figures.catalogue.pictures` takes them.
-    title : str
-        What was cut, usually the program's name.
-    """
+    """Write the page of a cut; a file of that name is replaced whole or not at all."""
     left_out: list[str] = []
     whole = Picture("profile", PROFILE_CAPTION, profile_figure(scene, windows, report, title))
     drawn = [whole, *pictures(report, windows, scene, sample, left_out.append)]
@@ -115,15 +107,7 @@ def write_html(
 
 
 def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:
-    """Return the page: heading, key figures, first picture, table, notices, other figures, corners, settings.
-
-    Parameters
-    ----------
-    drawn : iterable of Picture
-        Are put into the page as PNG, the first one as wide as the page; a click enlarges each, without a script.
-    left_out : iterable of str
-        Further notices.
-    """
+    """Return the page; its pictures are in it as PNG, the first as wide as the page, each enlarged by a click."""
     notices = [*report["notices"], *left_out]
     shown = [*drawn]
     first = "".join(_picture(picture, PROFILE_DPI) for picture in shown[:1])

@@ -34,7 +34,7 @@ class Script:
         pass
 
 
-class Told(NamedTuple):
+class Outcome(NamedTuple):
     """What a session came to: exit status, every line printed, and the machine."""
 
     status: int
@@ -61,12 +61,12 @@ def rig(machine: edmsim.Machine) -> Rig:
 
 
 @pytest.fixture
-def operate(rig: Rig) -> Callable[..., Told]:
+def operate(rig: Rig) -> Callable[..., Outcome]:
     """Type a script, line by line, at a fresh machine."""
 
-    def run(*lines: str, host: Path | None = None, **options: Any) -> Told:
+    def run(*lines: str, host: Path | None = None, **options: Any) -> Outcome:
         screen = Script("".join(f"{line}\n" for line in lines).encode())
         status = Session(rig, screen, Interrupts(), host=host, **options).run()
-        return Told(status, screen.printed.decode().split("\r\n"), rig)
+        return Outcome(status, screen.printed.decode().split("\r\n"), rig)
 
     return run

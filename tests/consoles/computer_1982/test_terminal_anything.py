@@ -30,7 +30,7 @@ LINES = st.one_of(
 
 
 @pytest.mark.slow
-@settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(LINES, max_size=25))
 def test_whatever_is_typed_the_session_ends_and_the_machine_is_safe(lines):
     rig = Rig(MACHINE, seed=1, resolution="fast")
@@ -56,7 +56,7 @@ ALTERED = st.one_of(
 
 
 @pytest.mark.slow
-@settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(ALTERED, max_size=12), st.booleans())
 def test_whatever_the_monitor_alters_in_a_cut_the_session_ends_and_the_machine_is_safe(lines, cutting):
     rig = Rig(MACHINE, seed=1, resolution="fast")

@@ -36,9 +36,9 @@ def emergencies(lines: list[str]) -> list[str]:
 # T-49, T-51: nothing moves after an emergency stop until INIT
 def test_nothing_moves_after_an_emergency_stop_until_init(rig):
     status, lines = operate(rig, SET, "NEW 33000 32500", "START", "WAIT 1", "EM", *MOVING_WORDS, "WAIT 5", "STATUS")
-    (told,) = [line for line in emergencies(lines) if "UNTIL INIT" in line]
-    assert told.startswith("EMERGENCY: STOP BY THE OPERATOR; NOTHING MOVES UNTIL INIT")
-    place = re.search(r"X \d+ Y \d+", told).group()
+    (message,) = [line for line in emergencies(lines) if "UNTIL INIT" in line]
+    assert message.startswith("EMERGENCY: STOP BY THE OPERATOR; NOTHING MOVES UNTIL INIT")
+    place = re.search(r"X \d+ Y \d+", message).group()
     assert f"EMERGENCY: STOP BY THE OPERATOR   POSITION {place} um   NEW 33000 32500" in lines
     assert len([line for line in lines if "only INIT helps" in line]) == len(MOVING_WORDS)
     assert rig.place_um[0] == int(place.split()[1])
@@ -49,8 +49,8 @@ def test_nothing_moves_after_an_emergency_stop_until_init(rig):
 def test_an_emergency_at_rest_stops_what_stands_and_keeps_the_place(rig):
     cut = (SET, "START", "WAIT", "EM", "STATUS")
     status, lines = operate(rig, SET, "NEW 32560 32500", "EM", "STATUS", "EM", "X 20", "INIT", "STATUS", *cut)
-    told = [line.split(";")[0] for line in emergencies(lines) if ";" in line]
-    assert told == 3 * ["EMERGENCY: STOP BY THE OPERATOR"]
+    message = [line.split(";")[0] for line in emergencies(lines) if ";" in line]
+    assert message == 3 * ["EMERGENCY: STOP BY THE OPERATOR"]
     assert "EMERGENCY: STOP BY THE OPERATOR   POSITION X 32500 Y 32500 um   NEW 32560 32500" in lines
     assert "STAND-BY   POSITION X 32500 Y 32500 um   NEW 32560 32500" in lines
     assert "EMERGENCY: STOP BY THE OPERATOR   POSITION X 32560 Y 32500 um   NEW 32560 32500" in lines
@@ -126,9 +126,9 @@ def test_a_stuck_end_switch_lets_the_table_run_into_its_stop_and_lose_steps(mach
     # the MJCF's stop is 1 mm behind the travel: of the way there the last 200 um were lost, of the way back none
     assert unseen.place_um == (32_500.0, travel_um + 1000 - 1300)
     assert status == 0
-    seen = Rig(machine, seed=1, resolution="fast")
-    seen.plant.reset(1, position_um=(32_500.0, travel_um - 100))
-    _, lines = operate(seen, "POS 32500 100", "Y 1300", "WAIT")
+    noticed = Rig(machine, seed=1, resolution="fast")
+    noticed.plant.reset(1, position_um=(32_500.0, travel_um - 100))
+    _, lines = operate(noticed, "POS 32500 100", "Y 1300", "WAIT")
     assert emergencies(lines)[0].startswith("EMERGENCY: Y END SWITCH; NOTHING MOVES UNTIL INIT   X 32500 Y 204 um")
 
 
@@ -216,8 +216,8 @@ def test_a_generator_that_drops_out_stops_the_cut(machine):
     rig = Rig(machine, seed=1, resolution="fast", faults=Faults(drop_out=DropOut(1)))
     cut = ("TI 10 TP 60", "NEW 32900 32500", "START", "WAIT")
     _, lines = operate(rig, *cut, "STATUS", SET, "GO", "WAIT 1", "STATUS")
-    (told,) = [line for line in lines if line.startswith("NO PULSES")]
-    assert told.startswith("NO PULSES COME: THE GENERATOR DROPPED OUT AT LOW V(t(p)); STOPPED   X 325")
+    (message,) = [line for line in lines if line.startswith("NO PULSES")]
+    assert message.startswith("NO PULSES COME: THE GENERATOR DROPPED OUT AT LOW V(t(p)); STOPPED   X 325")
     generator = [line for line in lines if line.startswith("GENERATOR")]
     assert [line.split()[1] for line in generator] == ["OFF", "ON"]
 

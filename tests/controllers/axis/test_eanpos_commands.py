@@ -9,12 +9,6 @@ from edmsim.errors import InputError
 from tests.controllers.axis.eanpos_bench import Positioner, moving, refused
 
 
-def test_there_are_22_commands():  # Q-22, Q-56
-    assert len(COMMANDS) == 22
-    with pytest.raises(InputError, match="no command 'GO'; it has INIT"):
-        Positioner().do("GO")
-
-
 def test_nothing_but_init_and_resets_before_init():  # Q-8, Q-58
     p = Positioner(ready=False)
     p.sample()
@@ -40,6 +34,8 @@ def test_a_refused_command_does_nothing_but_warn():  # Q-23
     p.do("RSWRN")
     assert p.warning == 0
     assert (p.device.record["reg"][0, :41] == before[:41]).all()
+    with pytest.raises(InputError, match="no command 'GO'; it has INIT"):
+        p.do("GO")
 
 
 def test_emergency_stops_without_a_ramp_and_locks_the_axis():  # Q-9, Q-A17, Q-A25
@@ -105,6 +101,7 @@ def test_start_needs_a_still_axis_that_may_move():  # Q-11, Q-A3
     p = moving()
     assert refused(p, "START")
     p.until("st_still")
+    assert p.theory[0] == 2000.0  # a warning does not stop the axis: Q-61
     p.do("REGOFF")
     assert refused(p, "START")
     p.do("REGON")
@@ -309,7 +306,7 @@ def test_delcnt_keeps_the_fraction_and_posit_drops_it():  # Q-21, Q-54, Q-A10
     assert q["posit"] == 5
 
 
-def test_delcnt_in_motion_unless_it_would_turn_about():  # Q-21, Q-A4
+def test_delcnt_in_motion_unless_it_would_turn_about():  # Q-21, Q-A4, Q-A24
     p = moving()
     p["delta"] = 1500
     assert refused(p, "DELCNT")
@@ -326,6 +323,13 @@ def test_delcnt_in_motion_unless_it_would_turn_about():  # Q-21, Q-A4
     q["delta"] = -10
     assert q["st_dec"]
     assert refused(q, "DELCNT")
+    early = Positioner(ramptype=1)
+    early.do("START")
+    early.run(0.25)
+    early["delta"] = 1700  # 269 um are left, and 178 + 208 still needed: it could not end at its target
+    assert refused(early, "DELCNT")
+    early.until("st_still")
+    assert early.theory[0] == 2000.0
 
 
 def test_delcnt_twice_in_a_sample_counts_once():  # Q-60
@@ -370,24 +374,6 @@ def test_an_error_stops_the_axis_on_its_ramp():  # Q-61
     assert not refused(p, "START")
 
 
-def test_a_warning_does_not_stop_the_axis():  # Q-61
-    p = moving()
-    p.do("START")
-    assert p["st_warning"]
-    p.until("st_still")
-    assert p.theory[0] == 2000.0
-
-
-def test_delcnt_in_an_epicycloidal_start_that_could_not_end_at_its_target():  # Q-21, Q-A4, Q-A24
-    p = Positioner(ramptype=1)
-    p.do("START")
-    p.run(0.25)
-    p["delta"] = 1700  # 269 um are left, and 178 + 208 still needed
-    assert refused(p, "DELCNT")
-    p.until("st_still")
-    assert p.theory[0] == 2000.0
-
-
 def test_loopon_in_a_jog_keeps_its_limit():  # Q-62, Q-77
     p = Positioner(maxpos=1000, pgain=50)
     p.do("LOOPOFF")
@@ -397,3 +383,97 @@ def test_loopon_in_a_jog_keeps_its_limit():  # Q-62, Q-77
     p.do("LOOPON")
     p.until("st_still")
     assert p.theory[0] == 1000.0
+
+
+def in_one_sample(p, *commands):
+    for command in commands:
+        p.device.command(command)
+    p.sample()
+    return p
+
+
+@pytest.mark.parametrize("backwards", [False, True], ids=["as listed", "sent the other way round"])
+@pytest.mark.parametrize(
+    ("before", "commands", "on", "off", "warned"),
+    [
+        ((), ("EMRG", "START"), {"st_emrg", "st_still"}, set(), "START"),
+        (("EMRG",), ("RESUME", "START"), set(), {"st_emrg", "st_still"}, None),
+        ((), ("START", "STOP"), {"st_still"}, set(), None),
+        ((), ("START", "MANFW"), set(), {"st_still"}, "MANFW"),
+        ((), ("MANFW", "MANBW"), set(), {"st_still", "st_movdir"}, "MANBW"),
+        ((), ("LOOPON", "LOOPOFF"), set(), {"st_loopon"}, None),
+        ((), ("CNTLOCK", "CNTUNLOCK"), set(), {"st_cntlock"}, None),
+        ((), ("CNTREV", "CNTDIR"), set(), {"st_cntrev"}, None),
+        ((), ("CALON", "CALOFF"), set(), {"st_cal"}, None),
+        ((), ("START", "REGOFF"), set(), {"st_still", "st_regoff"}, "REGOFF"),
+        (("REGOFF",), ("REGON", "START"), {"st_still"}, {"st_regoff"}, "START"),
+        ((), ("REGOFF", "REGON"), set(), {"st_regoff"}, None),
+        ((), ("PRESET", "MANFW"), {"st_prson"}, {"st_still"}, "MANFW"),
+        (("CALON",), ("CALOFF", "DELCNT"), set(), {"st_cal"}, None),
+        ((), ("STOP", "RSWRN"), {"st_still"}, {"st_warning"}, None),
+    ],
+)
+def test_commands_of_one_sample_go_by_priority(before, commands, on, off, warned, backwards):  # Q-59
+    p = Positioner()
+    if before:
+        p.do(*before)
+    in_one_sample(p, *(reversed(commands) if backwards else commands))
+    assert on <= p.on
+    assert not off & p.on
+    assert (p["wrnvalue"] if p["st_warning"] else 0) == (COMMANDS.index(warned) + 1 if warned else 0)
+
+
+def test_init_and_start_in_the_first_sample():  # Q-59
+    p = in_one_sample(Positioner(ready=False), "START", "INIT")
+    assert p["st_init"]
+    assert not p["st_still"]
+    assert p.warning == 0
+
+
+def test_emergency_and_resume_break_a_move_off():  # Q-59
+    p = in_one_sample(moving(), "RESUME", "EMRG")
+    assert p["st_still"]
+    assert not p["st_emrg"]
+    assert p.warning == 0
+
+
+def test_a_command_that_is_fulfilled_already_warns_unless_set_otherwise():  # Q-A20
+    p = Positioner()
+    assert refused(p, "RESUME")
+    assert refused(p, "REGON")
+    p.device.settings["already_so_is_fine"] = 1
+    assert not refused(p, "RESUME")
+    assert not refused(p, "REGON")
+
+
+def test_names_of_plcopen():
+    """Beyond the manual: PLCopen's functions by name."""
+    p = Positioner()
+    p.device.move_absolute(500, 100000)
+    p.sample()
+    p.device.move_absolute(900, 50000)
+    p.until("st_still")
+    assert p.theory[0] == 900.0
+    assert p["setvel"] == 50000
+    p.device.move_velocity(50000, forward=False)
+    p.run(0.5)
+    assert p["st_movdir"]
+    p.device.halt()
+    p.until("st_still")
+    p.device.set_position(0)
+    p.device.stop()
+    p.sample()
+    assert p["st_emrg"]
+    assert p["posit"] == 0
+    p.device.power()
+    p.sample()
+    assert not p["st_emrg"]
+    assert p["st_loopon"]
+    p.device.power(on=False)
+    p.device.home()
+    p.sample()
+    assert p["st_prson"]
+    assert not p["st_loopon"]
+    p.device.reset()
+    p.sample()
+    assert p.warning == 0
