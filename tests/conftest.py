@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import gc
 from collections.abc import Callable, Iterator
 from functools import partialmethod
@@ -62,19 +63,27 @@ def load_script() -> Callable[[Path], ModuleType]:
     return load
 
 
-DOT = "data:image/png;base64," + (
+DOT = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR42mNgAAAAAgAB5Sfe/AAAAABJRU5ErkJggg=="
 )
 """A picture of one point."""
 
 
-@pytest.fixture(autouse=True)
-def pictures_of_reports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave a point in place of each picture in a report's page: to draw them is half of what a short cut takes.
+@pytest.fixture
+def draws_pictures() -> None:
+    """Let cuts of a test draw their pictures, see `pictures_of_cuts`."""
 
-    The figures themselves are made all the same; `tests/recording` draws them, and so does `small_cut`.
+
+@pytest.fixture(autouse=True)
+def pictures_of_cuts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let cuts write a point in place of their picture, and a page without figures: most of what a short cut takes.
+
+    `small_cut`, all of `tests/recording` and the tests with `draws_pictures` draw them.
     """
-    monkeypatch.setattr("edmsim.recording.html_report._png", lambda figure, dpi: DOT)
+    if "draws_pictures" not in request.fixturenames:
+        monkeypatch.setattr("edmsim.recording.figures.profile.profile_png", lambda *_: DOT)
+        monkeypatch.setattr("edmsim.recording.html_report.pictures", lambda *_: iter(()))
+        monkeypatch.setattr("edmsim.job.result.sample_or_reason", lambda *_: "not simulated")
 
 
 @pytest.fixture

@@ -269,6 +269,7 @@ def test_time_limit_stops_at_the_end_of_its_window(cut_small: Callable[..., edms
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("draws_pictures")
 def test_broken_wire_leaves_a_full_report(
     cut_small: Callable[..., edmsim.CutResult], hot_machine: str, tmp_path: Path
 ) -> None:

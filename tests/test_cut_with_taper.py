@@ -260,6 +260,7 @@ def test_the_examples_of_tapers_in_passes_are_planned_whole(name):
     assert 600 < found.expected_s < 3000
 
 
+@pytest.mark.usefixtures("draws_pictures")
 def test_a_cut_reports_its_taper(tmp_path):
     file = tmp_path / "block.ngc"
     file.write_text("G21 G90\nG92 X0.5 Y-0.6\nG41 D1 G1 X0.5 Y0\nX0\nY1\nX1\nY0\nX0.5\nG40 Y-0.6\nM02\n")

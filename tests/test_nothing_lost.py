@@ -47,17 +47,6 @@ def signals() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-@pytest.fixture
-def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let page, picture and recording be empty: they take most of a short cut's time."""
-
-    def empty(*given: object) -> None:
-        next(file for file in given if isinstance(file, Path)).touch()
-
-    for name in ("write_html", "write_figure", "write_recording"):
-        monkeypatch.setattr(f"edmsim.recording.{name}", empty)
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("signals")
 def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small: Cut, tmp_path: Path) -> None:
@@ -90,7 +79,6 @@ def test_the_progress_tells_the_wall_time_of_the_report(cut_small: Cut) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path: Path) -> None:
     def stop(_: object) -> None:
         raise KeyboardInterrupt
@@ -112,7 +100,6 @@ def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_one_cut_at_a_time_works_in_a_folder(cut_small: Cut, tmp_path: Path) -> None:
     with locked(tmp_path), pytest.raises(InputError, match="another edmsim is at work in this folder"):
         cut_small(out=tmp_path, **SHORT)
@@ -166,7 +153,6 @@ def test_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_a_folder_of_two_cuts_is_refused(cut_small: Cut, tmp_path: Path) -> None:
     for seed in (1, 2):
         cut_small(out=tmp_path / str(seed), seed=seed, max_time_s=0.1)
@@ -185,7 +171,6 @@ def full(*_: object, **__: object) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_a_full_disk_warns_and_the_cut_goes_on(
     cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -198,7 +183,6 @@ def test_a_full_disk_warns_and_the_cut_goes_on(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_a_disk_full_at_the_end_leaves_the_checkpoint(
     cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

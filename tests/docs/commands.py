@@ -154,7 +154,6 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     from edmsim.calibration import comparison, fit, simulate
     from edmsim.envs.episode import Task
     from edmsim.hil import delays
-    from edmsim.recording import html_report
     from edmsim.recording.rerun import viewer
 
     def shown(command: list[str], env: dict[str, str]) -> int:
@@ -164,8 +163,6 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
 
     # tests/recording/test_recording_viewer.py opens recordings
     patch.setattr(viewer, "subprocess", SimpleNamespace(call=shown))
-    # tests/recording and tests/test_cut.py draw them: half of what a cut of 5 s takes
-    patch.setattr(html_report, "pictures", lambda *_: iter(()))
     # tests/bench measures, tests/validation runs all checks
     patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})
     rates = {"pulses_per_s_fast": np.array([1e6, 2e6])}

@@ -201,5 +201,5 @@ def cut() -> SimpleNamespace:
 
 
 @pytest.fixture(autouse=True)
-def pictures_of_reports() -> None:
-    """Draw all pictures, in place of what the fixture of this name leaves away elsewhere."""
+def pictures_of_cuts() -> None:
+    """Draw all pictures, in place of what the fixture of this name leaves out elsewhere."""
