@@ -50,8 +50,8 @@ def remake(
     target = Path(directory if figures is None else figures)
     if figures is None:
         with locked(target):
-            picture = profile_png(cut.scene, cut.windows, cut.report, cut.title)
-            write_html(*cut, sample, cut.title, picture, target / "report.html")
+            profile = profile_png(cut.scene, cut.windows, cut.report, cut.title)
+            write_html(*cut, sample, cut.title, profile, target / "report.html")
         return [target / "report.html"]
     make_writable(target)
     written = []
