@@ -152,8 +152,8 @@ def small_cut(
 ) -> SimpleNamespace:
     """Give the finished cut of the punch, its folder, and what a watcher saw of it."""
     folder = tmp_path_factory.mktemp("out") / "new" / "punch"
-    seen: list[Any] = []
-    return SimpleNamespace(result=cut_small(out=folder, watch=seen.append), folder=folder, seen=seen)
+    progress: list[Any] = []
+    return SimpleNamespace(result=cut_small(out=folder, watch=progress.append), folder=folder, progress=progress)
 
 
 @pytest.fixture
@@ -162,9 +162,9 @@ def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
     load = hyperparameters.load
 
     def shorter(env_id: str, algo: str, settings: Path | None = None) -> hyperparameters.Hyperparameters:
-        given = load(env_id, algo, settings)
+        usual = load(env_id, algo, settings)
         replays = {"learning_starts": 40, "buffer_size": 500}
         change = {"n_steps": 32, "batch_size": 32} if algo not in ("sac", "tqc") else replays
-        return given.model_copy(update={"num_envs": 2, "algorithm": {**given.algorithm, **change}})
+        return usual.model_copy(update={"num_envs": 2, "algorithm": {**usual.algorithm, **change}})
 
     monkeypatch.setattr(hyperparameters, "load", shorter)

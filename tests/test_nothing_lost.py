@@ -73,9 +73,9 @@ def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small: Cut, 
 
 
 def test_the_progress_tells_the_wall_time_of_the_report(cut_small: Cut) -> None:
-    seen: list[float] = []
-    report = cut_small(watch=lambda progress: seen.append(progress.wall_time_s), **SHORT).report
-    assert 0 < seen[0] < seen[-1] == report["wall_time_s"]
+    observed: list[float] = []
+    report = cut_small(watch=lambda progress: observed.append(progress.wall_time_s), **SHORT).report
+    assert 0 < observed[0] < observed[-1] == report["wall_time_s"]
 
 
 @pytest.mark.slow
@@ -85,11 +85,11 @@ def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path
 
     with pytest.raises(KeyboardInterrupt):
         cut_small(out=tmp_path, watch=stop, **SHORT)
-    kept = (tmp_path / checkpoint.NAME).read_bytes()
+    content = (tmp_path / checkpoint.NAME).read_bytes()
     with pytest.raises(InputError, match="an interrupted cut lies in this folder: take it up with") as caught:
         cut_small(out=tmp_path, seed=2, **SHORT)
     assert caught.value.file == str(tmp_path)
-    assert (tmp_path / checkpoint.NAME).read_bytes() == kept
+    assert (tmp_path / checkpoint.NAME).read_bytes() == content
     with pytest.raises(InputError, match="choose --resume or --overwrite"):
         cut_small(out=tmp_path, resume=True, overwrite=True, **SHORT)
     cut_small(out=tmp_path, seed=2, overwrite=True, max_time_s=0.1)
@@ -207,9 +207,9 @@ def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch: 
     plain = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
     done = subprocess.run(command, env=plain, capture_output=True, check=False)
     assert done.returncode == 3, done.stderr.decode()
-    told = done.stdout.decode("ascii")
-    assert "mm3 removed" in told
-    assert "o[/b]" in told
+    output = done.stdout.decode("ascii")
+    assert "mm3 removed" in output
+    assert "o[/b]" in output
     assert b"recording" in done.stderr  # the last phase
     assert sorted(os.listdir(folder)) == [name.encode() for name in FILES]
     odd = Path(os.fsdecode(folder))

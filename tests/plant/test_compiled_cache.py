@@ -88,7 +88,7 @@ def test_a_cache_that_cannot_be_written_to_does_not_stop_the_work(tmp_path: Path
     assert run(tmp_path, full, XDG_CACHE_HOME=str(tmp_path / "cache"))[0] == "42.0"
 
 
-def test_two_kinds_kept_at_once_are_not_mixed_up(tmp_path: Path) -> None:
+def test_two_kinds_stored_at_once_are_not_mixed_up(tmp_path: Path) -> None:
     """Two processes that know of no code take names for theirs: never the same one, for different code."""
     from edmsim.compiled.numba_internals import _SignedFiles
 
@@ -136,7 +136,7 @@ def use(folder: Path, *constants: tuple[int, int], before: str = "", cache: str 
     return done.stdout.strip(), done.stderr
 
 
-def kept(folder: Path, suffix: str) -> dict[str, bytes]:
+def cached(folder: Path, suffix: str) -> dict[str, bytes]:
     """Content of the cache's files with a suffix."""
     return {file.name: file.read_bytes() for file in folder.rglob(f"add-*{suffix}")}
 
@@ -148,15 +148,15 @@ def test_constants_put_in_later_give_the_same_code_in_any_order(tmp_path: Path) 
     other = use(tmp_path, (5, 0), (3, 1), before="import adders; adders.times(2, 2)", cache="other")
     assert first == other == (str(1 + 3 * 2 + 5), "")
     for suffix in (".bc", ".o"):
-        codes = kept(tmp_path / "cache", suffix)
+        codes = cached(tmp_path / "cache", suffix)
         assert len(codes) == (1 if suffix == ".bc" else 2)
-        assert codes == kept(tmp_path / "other", suffix)
+        assert codes == cached(tmp_path / "other", suffix)
 
 
 @pytest.mark.slow
 def test_a_program_is_translated_once_and_damaged_code_is_made_again(tmp_path: Path) -> None:
     use(tmp_path, (3, 1))
-    program = kept(tmp_path, ".bc")
+    program = cached(tmp_path, ".bc")
     (code,) = (tmp_path / "cache").rglob("add-*.o")
     whole = code.read_bytes()
     for damage in (truncated, flipped):
@@ -166,7 +166,7 @@ def test_a_program_is_translated_once_and_damaged_code_is_made_again(tmp_path: P
     (file,) = (tmp_path / "cache").rglob("add-*.bc")
     written = file.stat().st_mtime_ns
     assert use(tmp_path, (4, 0)) == ("5", "")
-    assert kept(tmp_path, ".bc") == program
+    assert cached(tmp_path, ".bc") == program
     assert file.stat().st_mtime_ns == written
 
 
@@ -181,10 +181,10 @@ def test_a_compiler_that_cannot_be_started_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_where_nothing_can_be_kept_the_code_comes_by_the_compilers_output(tmp_path: Path) -> None:
+def test_where_nothing_can_be_stored_the_code_comes_by_the_compilers_output(tmp_path: Path) -> None:
     nowhere = "import adders, pathlib, edmsim.compiled.cache as c\nc.folder = pathlib.Path('/proc/nowhere')"
     assert use(tmp_path, (3, 1), before=nowhere)[0] == "7"
-    assert kept(tmp_path, ".o") == {}
+    assert cached(tmp_path, ".o") == {}
 
 
 @pytest.mark.slow

@@ -37,12 +37,12 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        told = dict(attrs)
+        attributes = dict(attrs)
         if tag not in ("meta", "img", "input"):
             self.open.append(tag)
-        self.addresses += [told[key] or "" for key in ("src", "href") if key in told]
+        self.addresses += [attributes[key] or "" for key in ("src", "href") if key in attributes]
         if tag == "figure":
-            self.figures.append(told["id"] or "")
+            self.figures.append(attributes["id"] or "")
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag

@@ -27,10 +27,11 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = {name: value or "" for name, value in attrs}
-        self.anchors |= {given[name] for name in ("id", "name") if name in given}
-        self.links |= {given[name] for name in ("href", "src") if name in given}
-        self.fits |= tag == "meta" and given.get("name") == "viewport" and "width=device-width" in given["content"]
+        attributes = {name: value or "" for name, value in attrs}
+        self.anchors |= {attributes[name] for name in ("id", "name") if name in attributes}
+        self.links |= {attributes[name] for name in ("href", "src") if name in attributes}
+        if tag == "meta" and attributes.get("name") == "viewport":
+            self.fits |= "width=device-width" in attributes["content"]
 
 
 def is_built() -> bool:

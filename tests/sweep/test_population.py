@@ -20,15 +20,15 @@ from edmsim.sweep.tune import TRAINING
 ENV = "edmsim/GapFeed-v2"
 
 
-@pytest.mark.parametrize(("given", "named"), [
+@pytest.mark.parametrize(("options", "named"), [
     ({"population": 3}, "no best quarter: give 4 or more"), ({"generations": 0}, "1 or more"),
     ({"steps": 9}, "fewer than 10 generations"), ({"algo": "dqn"}, "ppo, sac"),
     ({"seed": 1_000_000}, "training seeds"), ({"algo": "imitation"}, "algorithm 'imitation'"),
     ({"seeds": 0}, "1 or more"),
 ])  # fmt: skip
-def test_what_cannot_be_bred_is_refused(given: dict[str, Any], named: str, tmp_path: Path) -> None:
+def test_what_cannot_be_bred_is_refused(options: dict[str, Any], named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):
-        train_population(ENV, tmp_path / "new", **given)
+        train_population(ENV, tmp_path / "new", **options)
     assert not (tmp_path / "new").exists()
 
 
@@ -55,13 +55,13 @@ def test_a_training_begins_from_another_ones_checkpoint(short_training: None, tm
     (checkpoint,) = (tmp_path / "first").glob("checkpoint-*")
     usual = hyperparameters.load(ENV, "ppo")
     changed = {**usual.algorithm, "learning_rate": 7e-5, "gamma": 0.96, "clip_range": 0.3, "gae_lambda": 0.9}
-    given = usual.model_copy(update={"algorithm": changed})
-    stays = train(ENV, "ppo", tmp_path / "same", steps=64, seed=2, parameters=given, begin_from=checkpoint)
+    options = usual.model_copy(update={"algorithm": changed})
+    stays = train(ENV, "ppo", tmp_path / "same", steps=64, seed=2, parameters=options, begin_from=checkpoint)
     assert stays.model.num_timesteps == 64
     assert stays.normalise.obs_rms.count == first.normalise.obs_rms.count
     for name, value in first.model.policy.state_dict().items():
         assert (stays.model.policy.state_dict()[name] == value).all()
-    second = train(ENV, "ppo", tmp_path / "second", steps=128, seed=2, parameters=given, begin_from=checkpoint)
+    second = train(ENV, "ppo", tmp_path / "second", steps=128, seed=2, parameters=options, begin_from=checkpoint)
     model = second.model
     assert (model.num_timesteps, model.seed, model.gamma, model.gae_lambda) == (128, 2, 0.96, 0.9)
     assert (model.learning_rate, model.clip_range(1.0), second.normalise.gamma) == (7e-5, 0.3, 0.96)
@@ -79,10 +79,10 @@ def test_a_population_exploits_and_explores_on_two_nodes(
     pytest.importorskip("stable_baselines3")
     import pyarrow.parquet as pq
 
-    seen: list[PopulationResult] = []
-    given: dict[str, Any] = {"address": nodes.address, "population": 4, "generations": 2, "steps": 256, "seeds": 1}
-    found = train_population(ENV, tmp_path, **given, watch=seen.append)
-    assert len(seen) == 8
+    observed: list[PopulationResult] = []
+    options: dict[str, Any] = {"address": nodes.address, "population": 4, "generations": 2, "steps": 256, "seeds": 1}
+    found = train_population(ENV, tmp_path, **options, watch=observed.append)
+    assert len(observed) == 8
     rows = pq.read_table(tmp_path / TABLE).to_pylist()
     first, second = ([row for row in rows if row["generation"] == n] for n in (1, 2))
     assert sorted(row["learner"] for row in first) == sorted(row["learner"] for row in second) == [0, 1, 2, 3]
@@ -100,7 +100,7 @@ def test_a_population_exploits_and_explores_on_two_nodes(
     assert tomllib.loads((tmp_path / "best.toml").read_text())["algorithm"] == found.values
     assert from_text(f"policy:{tmp_path / 'policy.json'}").name == "policy"
 
-    assert train_population(ENV, tmp_path, **given) == found  # all is done: nothing is trained again
+    assert train_population(ENV, tmp_path, **options) == found  # all is done: nothing is trained again
     assert json.loads((tmp_path / "population.json").read_text())["population"] == 4
     with pytest.raises(InputError, match="begun with other arguments"):
-        train_population(ENV, tmp_path, **{**given, "population": 5})
+        train_population(ENV, tmp_path, **{**options, "population": 5})
