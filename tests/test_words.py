@@ -61,7 +61,8 @@ def files(ending: str) -> list[Path]:
     folders = [ROOT / name for name in CODE] + [ROOT / "tests" / name for name in TEST_ROOMS]
     found = [file for folder in folders for file in sorted(folder.rglob(f"*{ending}"))]
     found += [file for file in sorted((ROOT / "tests").glob(f"*{ending}")) if file != Path(__file__)]
-    left_out = [ROOT / "edmsim" / folder for folder in ("controllers", "envs", "models")] + [ROOT / "docs" / "notebooks"]
+    links = ("edmsim/controllers", "edmsim/envs", "edmsim/models", "docs/notebooks")
+    left_out = [ROOT / folder for folder in links]
     return [file for file in found if not any(map(file.is_relative_to, left_out))]
 
 

@@ -34,7 +34,7 @@ NOT_RUN = {
     "edmsim tune training edmsim/GapFeed-v2 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
     "pip install edmsim[cluster,rl,tune]": "the Makefile installs it",
     "edmsim tune population edmsim/GapFeed-v2 --learners 8 --generations 10 --steps 200000 --out out/population":
-        "tests/sweep/test_population.py breeds one",
+        "tests/sweep/test_sweep_cluster.py trains one",
     "python -m tests.campaigns gcode --only 17": "tests/campaigns/test_campaigns.py gives such inputs",
     "edmsim technology tool-steel --height 10 --passes 2 --out steel.toml": "tests/evaluation/test_technology.py",
     "edmsim cut examples/punch.ngc --passes 2 --height 10 --technology steel.toml --out out/punch-2":
