@@ -24,7 +24,7 @@ LARGEST_BYTES = 600_000
 SHORT_EPISODES = """
 from functools import partialmethod
 from edmsim.envs.episode import Task
-Task.__init__ = partialmethod(Task.__init__, episode_s=10.0)
+Task.__init__ = partialmethod(Task.__init__, episode_s=4.0)
 """
 SHORTER = {
     "04-gap-controllers": SHORT_EPISODES,
