@@ -146,7 +146,7 @@ def test_bad_usage_is_one_line(edmsim: Run, tmp_path: Path, arguments: tuple[obj
 
 
 @pytest.mark.parametrize(
-    ("option", "given", "hint"),
+    ("option", "value", "hint"),
     [
         ("--machine", "prodction", "did you mean 'production'?"),
         ("--material", "toolsteel", "did you mean 'tool-steel'?"),
@@ -167,7 +167,7 @@ def test_a_near_miss_gets_a_hint(edmsim: Run, option: str, value: str, hint: str
 
 
 @pytest.mark.parametrize(
-    ("option", "given"),
+    ("option", "value"),
     [("--machine", "lathe"), ("--wire", "brass-900"), ("--wire", "brass-0.001"), ("--offset", "1e9")],
 )
 def test_what_is_like_nothing_gets_no_hint(edmsim: Run, option: str, value: str) -> None:

@@ -74,7 +74,7 @@ def test_no_lag_is_the_path_itself_without_repeated_points():
 
 
 @pytest.mark.parametrize(
-    ("path", "lag", "told"),
+    ("path", "lag", "message"),
     [
         ([(0, 0), (1, 0)], -1.0, "lag is -1 um; it must be 0 or more"),
         ([(0, 0), (1, 0)], math.nan, "lag is nan um"),

@@ -103,7 +103,7 @@ def test_gymnasium_checks_a_shift(make_env, name):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("options", "said"),
     [({"test_s": -1.0}, "test_s"), ({"flushing_left": 0.0}, "flushing_left"),
      ({"flushing_left": 1.5}, "flushing_left"), ({"conductivity_uS_cm": 0.0}, "conductivity_uS_cm"),
      ({"length_mm": 396.0}, "length_mm")],

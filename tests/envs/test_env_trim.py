@@ -121,7 +121,7 @@ def test_what_is_drawn_is_within_its_ranges(make_env):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         ({"wave_um": (0.0, 5.0)}, r"wave_um is \(0.0, 5.0\): give a number above 0, or the ends of a range"),
         ({"allowance_um": (5.0, 24.0)}, "come to 29 um, and the wire would stand in the metal: 27 um at the most"),

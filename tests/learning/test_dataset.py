@@ -69,7 +69,7 @@ def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("given", "named"),
+    ("options", "named"),
     [
         ({"steps": 0}, "1 or more"),
         ({"seed": 1_000_000}, "held back"),

@@ -199,7 +199,7 @@ def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsi
 
 
 @pytest.mark.parametrize(
-    ("env_id", "algo", "policy", "asked", "match"),
+    ("env_id", "algo", "policy", "options", "match"),
     [
         ("GapFeed", "sac", "GapFeed-ppo", {}, "output by clip; the learner has .* output by tanh"),
         ("GapFeed", "recurrent-ppo", "GapFeed-ppo", {}, "the learner has an LSTM of 64 cells"),

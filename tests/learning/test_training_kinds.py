@@ -129,7 +129,7 @@ def test_a_teacher_says_what_it_would_do_where_the_learner_is():
 
 
 @pytest.mark.parametrize(
-    ("algo", "asked", "named"),
+    ("algo", "options", "named"),
     [
         ("sac", {"privileged_critic": True}, "ppo, ppo-lag"),
         ("ppo", {"residual": "own.py:Law"}, "own.py"),

@@ -61,7 +61,7 @@ def test_a_refused_setting_leaves_the_old_one(machine):  # T-34
 
 
 @pytest.mark.parametrize(
-    ("mode", "setting", "told"),
+    ("mode", "setting", "message"),
     [
         ("iso-pulse", {"t_on_us": 0.5}, r"t_on 0\.5 us is not within 1\.\.1000 us"),  # T-1
         ("iso-pulse", {"t_on_us": 1001.0, "t_period_us": 9000.0}, r"t_on 1001 us is not within 1\.\.1000 us"),  # T-1

@@ -46,7 +46,7 @@ def test_it_is_reported_where_a_constant_set_point_reaches_the_reference(benchma
 
 
 @pytest.mark.parametrize(
-    ("earned", "verdict"), [(80.0, "more than"), (40.0, "less than"), (60.0, "no more and no less")]
+    ("reward", "verdict"), [(80.0, "more than"), (40.0, "less than"), (60.0, "no more and no less")]
 )
 def test_a_policy_is_compared_with_the_best_classic_controller(
     benchmark: ModuleType, reward: float, verdict: str
