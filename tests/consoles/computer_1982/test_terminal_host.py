@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 
 import pytest
@@ -108,15 +106,12 @@ def test_an_arc_of_the_program_that_is_none_stops_it_before_anything_moves(opera
 
 
 @pytest.mark.slow
-def test_a_whole_job_in_a_pipe(host):
-    command = [sys.executable, "-m", "edmsim", "console", "1982", "--resolution", "fast"]
-    done = subprocess.run(
-        [*command, "--height", "5", "--host", str(host(PROGRAM))], input="HELP\nLOAD\nRUN\nWAIT\nSTATUS\nBYE\n",
-        capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "100"},
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "READY   X 32540 Y 32520 um" in done.stdout
-    assert "\r" not in done.stdout
+def test_a_whole_job_in_a_pipe(host, piped):
+    options = "--resolution", "fast", "--height", "5", "--host", str(host(PROGRAM))
+    done = piped(b"HELP\nLOAD\nRUN\nWAIT\nSTATUS\nBYE\n", "1982", *options)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"READY   X 32540 Y 32520 um" in done.stdout
+    assert b"\r" not in done.stdout
 
 
 @pytest.mark.parametrize(
