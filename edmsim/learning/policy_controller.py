@@ -17,7 +17,7 @@ from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE, SUB_ENV
 from edmsim.envs.sensors import EXACT
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Polyline
-from edmsim.learning.policy_file import Policy, load
+from edmsim.learning.policy_file import Policy
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, ignition_wait_us, open_V
 from edmsim.snapshots import Snapshots
@@ -38,7 +38,7 @@ class PolicyController(Snapshots):
     """
 
     name: ClassVar[str] = "policy"
-    STATE = (
+    STATE: ClassVar[tuple[str, ...]] = (
         "_law", "_law_um_s", "_feed_um_s", "_limit_um_s", "_path_um", "_setting_us", "_rows", "_builder", "_servo",
         "_memory",
     )  # fmt: skip
@@ -109,10 +109,14 @@ class PolicyController(Snapshots):
         if self._law is not None:
             self._law_um_s = self._law.update(window).feed_um_s
         if self._builder.sums[0]["duration_ns"] >= round((self._family.decision_s or 0.0) * 1e9):
-            self._builder.end_step(_ONLY)
-            self._builder.begin_step(_ONLY)
+            self._end_step()
             self._decide()
         return self._command()
+
+    def _end_step(self) -> None:
+        """Put what the step showed into the observation, and begin the next."""
+        self._builder.end_step(_ONLY)
+        self._builder.begin_step(_ONLY)
 
     def wire_lost(self) -> FeedCommand:
         """Go on with the next wire, which begins at the first setting, as the first one did."""
@@ -127,8 +131,7 @@ class PolicyController(Snapshots):
         servo.begin(self._servo[0], self._feed_um_s)
         if self._family.counts_threading:  # threading ends a step of the environment
             if self._builder.sums[0]["duration_ns"]:
-                self._builder.end_step(_ONLY)
-                self._builder.begin_step(_ONLY)
+                self._end_step()
             self._decide()
         return self._command()
 
@@ -210,8 +213,3 @@ class PolicyController(Snapshots):
             with suppress(InputError):
                 self._setting_us = setting_us
                 break
-
-
-def from_name(name: str) -> PolicyController:
-    """Make the controller of a policy: of its file, or of a name under ``models/policies``."""
-    return PolicyController(load(name))
