@@ -1,4 +1,4 @@
-"""The consoles' commands run in this process, with a script in a pipe as their standard input."""
+"""Commands run in this process, with a script in a pipe as their standard input."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from edmsim.cli import app as cli
 
 @pytest.fixture
 def piped(monkeypatch, capfdbinary) -> Callable[..., SimpleNamespace]:
-    """Run ``edmsim console``: its exit status, and the bytes of its output and errors."""
+    """Run ``edmsim`` with a script: its exit status, and its output and errors as bytes and as text."""
 
-    def run(script: bytes, *arguments: str) -> SimpleNamespace:
-        monkeypatch.setattr(sys, "argv", ["edmsim", "console", *arguments])
+    def run(script: bytes, *words: object) -> SimpleNamespace:
+        monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, words)])
         before, (reading, writing) = os.dup(0), os.pipe()
         os.write(writing, script)
         os.close(writing)
@@ -30,6 +30,7 @@ def piped(monkeypatch, capfdbinary) -> Callable[..., SimpleNamespace]:
             os.close(before)
             os.close(reading)
         out, err = capfdbinary.readouterr()
-        return SimpleNamespace(returncode=left.value.code or 0, stdout=out, stderr=err)
+        text = out.decode("latin-1"), err.decode()
+        return SimpleNamespace(returncode=left.value.code or 0, stdout=out, stderr=err, text=text)
 
     return run
