@@ -18,8 +18,8 @@ from edmsim.evaluation.compare import check, evaluate
 from edmsim.evaluation.parts import cut_part
 
 ID = "edmsim/Part-v0"
-PROGRAM = "G21 G90\nG92 X0.2 Y-0.42\nG41 D1 G1 X0.2 Y0\nG1 X0\nY0.25\nX0.5\nY0\nX0.2\nG40\nM2\n"
-"""A punch of 0.5 x 0.25 mm, which is cut in a second of computing."""
+PROGRAM = "G21 G90\nG92 X0.2 Y-0.42\nG41 D1 G1 X0.2 Y0\nG1 X0\nY0.25\nX0.9\nY0\nX0.2\nG40\nM2\n"
+"""A punch of 0.9 x 0.25 mm, which is cut in a second of computing."""
 USUAL = np.zeros(len(ACTIONS), np.float32)
 HOT = np.array([0.0, -1.0, 1.0, 0.0], np.float32)
 """A quarter of the pause and longer pulses: no wire bears them."""
@@ -158,7 +158,7 @@ def test_offsets_move_and_never_grow(small, usual):
 @pytest.mark.filterwarnings("error")
 def test_gymnasium_and_stable_baselines3_find_nothing(small, tmp_path):
     tiny = tmp_path / "tiny.ngc"  # as small as can be: Gymnasium's checker runs ten passes
-    tiny.write_text(PROGRAM.replace("Y0.25", "Y0.1").replace("X0.5", "X0.25"))
+    tiny.write_text(PROGRAM.replace("Y0.25", "Y0.1").replace("X0.9", "X0.25"))
     env = gym.make(ID, **{**small, "program": str(tiny)}, render_mode="rgb_array")
     check_env(env.unwrapped, skip_render_check=True)
     env.reset(seed=1)
