@@ -10,12 +10,7 @@ from pathlib import Path
 
 from .test_house import ROOT, parsed
 
-CODE = ("edmsim", "controllers", "envs", "models", "docs", "examples")
-TEST_ROOMS = (
-    "bench", "docs", "envs", "evaluation", "learning", "mutants", "notebooks", "plant", "program", "recording",
-    "site", "sweep", "validation",
-)  # fmt: skip
-"""Folders of tests whose words are checked; files beside this one are."""
+CODE = ("edmsim", "controllers", "envs", "models", "docs", "examples", "tests")
 NAMES = {
     "afresh": "isolated, again",
     "asked": "requested, query",
@@ -58,11 +53,9 @@ BLANKS = re.compile(r"\s+")
 @cache
 def files(ending: str) -> list[Path]:
     """Files of the product, its pages and examples, and tests; links within `edmsim` lead to these folders."""
-    folders = [ROOT / name for name in CODE] + [ROOT / "tests" / name for name in TEST_ROOMS]
-    found = [file for folder in folders for file in sorted(folder.rglob(f"*{ending}"))]
-    found += [file for file in sorted((ROOT / "tests").glob(f"*{ending}")) if file != Path(__file__)]
-    links = ("edmsim/controllers", "edmsim/envs", "edmsim/models", "docs/notebooks")
-    left_out = [ROOT / folder for folder in links]
+    found = [file for folder in CODE for file in sorted((ROOT / folder).rglob(f"*{ending}"))]
+    left_out = [ROOT / name for name in ("edmsim/controllers", "edmsim/envs", "edmsim/models", "docs/notebooks")]
+    left_out.append(Path(__file__))
     return [file for file in found if not any(map(file.is_relative_to, left_out))]
 
 

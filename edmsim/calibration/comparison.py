@@ -36,24 +36,7 @@ class CalibrationProgress(NamedTuple):
 
 
 class StretchComparison:
-    """Stretches of a log, and their simulation by a machine.
-
-    Parameters
-    ----------
-    machine : Machine
-        Where the search starts; the noise is taken from its cuts until `take_noise_of` says of which.
-    seed : int
-        The same draws for every machine: of two of them the difference is seen, not the noise.
-    watch : callable, optional
-        Called with the `CalibrationProgress` after every cut.
-
-    Attributes
-    ----------
-    size : int
-        Statistics compared.
-    misfit : float
-        The last one; for a progress bar.
-    """
+    """Stretches of a log, and their simulation by a machine with the same draws for every machine."""
 
     def __init__(
         self, machine: Machine, picked: list[Stretch], seed: int, resolution: str,
@@ -68,11 +51,10 @@ class StretchComparison:
         self.take_noise_of(machine)
 
     def take_noise_of(self, machine: Machine) -> None:
-        """Weigh the statistics by the noise of this machine's cuts.
-
-        What they scatter by depends on where between open and short a cut stands. A log made under a gap controller
-        does not tell: the controller holds its counts more steadily than a cut at a fixed feed can.
-        """
+        """Weigh the statistics by the noise of this machine's cuts."""
+        # what they scatter by depends on where between open and short a cut stands, and a log made under a
+        # gap controller does not tell: the controller holds its counts more steadily than a cut at a fixed
+        # feed can
         self._scales = self._noise_scales(machine)
 
     @property
@@ -115,12 +97,11 @@ class StretchComparison:
         return np.concatenate(rows)
 
     def _noise_scales(self, machine: Machine) -> list[Array]:
-        """Lower triangular roots of the covariance of simulated less logged statistics, one (5, 5) per stretch.
-
-        Batches of the log know how noisy each stretch is, but not the slow part: walls that are passed for a wire's
-        diameter of travel. How much more stretches vary than their batches say, and how their statistics hang
-        together, is seen from cuts of the same stretch with other seeds. The simulated cut doubles the variance.
-        """
+        """Lower triangular roots of the covariance of simulated less logged statistics, one (5, 5) per stretch."""
+        # batches of the log know how noisy each stretch is, but not the slow part: walls that are passed
+        # for a wire's diameter of travel. How much more stretches vary than their batches say, and how
+        # their statistics hang together, is seen from cuts of the same stretch with other seeds. The
+        # simulated cut doubles the variance
         repeats = max(LEAST_REPLICATES, math.ceil(NOISE_CUTS / len(self.picked)))
         first = self._seed + len(self.picked)
         jobs = [(machine, k, first + r * len(self.picked) + k)

@@ -73,26 +73,14 @@ class Log:
 
 @dataclass(frozen=True)
 class Stretch:
-    """Consecutive windows at one setting and nearly one feed.
+    """Consecutive windows at one setting and nearly one feed."""
 
-    Attributes
-    ----------
-    first : int
-        Number of its first window in the log, from 0.
-    feed_um_s, t_on_us, t_period_us : float
-        Mean feed, and the generator's setting.
-    batches : float64 array (b, 5)
-        `STATISTICS` of batches of `BATCH_WINDOWS` windows.
-    travelled_um : float
-        Travel at this feed and setting before it.
-    """
-
-    first: int
-    feed_um_s: float
+    first: int  # number of its first window in the log, from 0
+    feed_um_s: float  # feed_um_s, t_on_us, t_period_us: mean feed, and the generator's setting
     t_on_us: float
     t_period_us: float
-    batches: Array
-    travelled_um: float = 0.0
+    batches: Array  # (b, 5): `STATISTICS` of batches of `BATCH_WINDOWS` windows
+    travelled_um: float = 0.0  # travel at this feed and setting before it
 
     @property
     def mean(self) -> Array:
@@ -164,12 +152,9 @@ def _check(columns: Mapping[str, Array], file: str | Path) -> None:
 
 
 def stretches(log: Log, settle_um: float) -> list[Stretch]:
-    """Cut a log into its steady stretches.
-
-    A new run begins where the setting changes or the feed jumps; after a travel of `settle_um` it is cut into
-    stretches of `STRETCH_WINDOWS`. Stretches in air, at rest, or with an unsteady feed are left out, and those
-    along a path that turns, if the log says where it was.
-    """
+    """Cut a log into its steady stretches of `STRETCH_WINDOWS`, `settle_um` of travel behind every change."""
+    # a new run begins where the setting changes or the feed jumps. Stretches in air, at rest, with an unsteady
+    # feed, and along a path that turns, if the log says where it was, are left out
     found = []
     for begin, end in _runs(log):
         window_s = WINDOW_PULSES * log.columns["t_period_us"][begin] * 1e-6
@@ -228,10 +213,7 @@ def _turn_deg(log: Log, first: int, settle_um: float) -> float:
 
 
 def statistics(short: Array, open_: Array, voltage_V: Array, current_A: Array, delay_us: Array) -> Array:
-    """Return `STATISTICS` of batches of windows, (batches, 5); the delay is the mean of what ignited, or NaN.
-
-    What does not fill a batch at the end is left out.
-    """
+    """Return `STATISTICS` of whole batches of windows, (batches, 5); the delay is that of ignited pulses, or NaN."""
     count = len(short) // BATCH_WINDOWS
     lit = np.where(np.isfinite(delay_us), WINDOW_PULSES - short - open_, 0.0)
     columns = [short / WINDOW_PULSES, open_ / WINDOW_PULSES, voltage_V, current_A, lit, lit * np.nan_to_num(delay_us)]

@@ -37,16 +37,9 @@ class LogTable(NamedTuple):
 
 
 def read_table(file: Path, needed: Sequence[str], optional: Sequence[str]) -> LogTable:
-    """Read the columns that are needed, and those wanted that are there.
-
-    A file is Parquet if it begins as one. Of a CSV file the heading says the separator; a comma may be the decimal
-    sign where it is not the separator.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is neither kind, lacks a column, or has something else than a number in one.
-    """
+    """Read the columns that are needed, and those wanted that are there, of Parquet or CSV."""
+    # a file is Parquet if it begins as one. Of a CSV file the heading says the separator; a comma may be the
+    # decimal sign where it is not the separator
     try:
         content = file.read_bytes()
     except FileNotFoundError:

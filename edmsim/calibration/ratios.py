@@ -48,16 +48,9 @@ def read(file: Path) -> dict[str, Array] | None:
 
 
 def windows_of(columns: Mapping[str, Array], file: str | Path) -> dict[str, Array]:
-    """Return the columns of windows that a log of ratios comes to, with the names of `edmsim.calibration.log`.
-
-    Counts are shares of 255 pulses, and no whole numbers. Delays are not known; voltage and current are if the log
-    has them. The feed is the speed at which the place has moved over `FEED_SPAN_S`, forward or back.
-
-    Raises
-    ------
-    InputError
-        A column is missing, or holds what cannot be; the rows are too far apart or too near, or too few.
-    """
+    """Return the columns of windows that a log of ratios comes to, with the names of `edmsim.calibration.log`."""
+    # counts are shares of 255 pulses, and no whole numbers. Delays are not known; voltage and current are if
+    # the log has them. The feed is the speed at which the place has moved over `FEED_SPAN_S`, forward or back
     missing = [name for name in NEEDED if name not in columns]
     if missing:
         raise InputError(f"column {missing[0]} is missing; a log of ratios needs {' '.join(NEEDED)}", file)

@@ -32,23 +32,10 @@ def settle_um(machine: Machine) -> float:
 
 
 def simulate(machine: Machine, stretch: Stretch, windows: int, seed: int, resolution: str) -> NDArray[np.float64]:
-    """Cut straight at a stretch's feed and setting; return `log.STATISTICS` of its batches, (batches, 5).
-
-    Before it is measured the cut goes as far as the log did at this feed and setting, but no further than it takes to
-    settle wholly.
-
-    If the wire breaks or is driven into the metal, what is missing counts as short circuits: no other set of
-    statistics is as far from that of a machine that cut.
-
-    Parameters
-    ----------
-    stretch : Stretch
-        Whose mean feed and setting are used.
-    windows : int
-        How many to measure, once the cut has settled.
-    seed : int
-        Same seed, same draws: of two machines the difference is seen, not the noise.
-    """
+    """Cut straight at a stretch's feed and setting; return `log.STATISTICS` of its batches, (batches, 5)."""
+    # before it is measured the cut goes as far as the log did at this feed and setting, but no further than it
+    # takes to settle wholly. If the wire breaks or is driven into the metal, what is missing counts as short
+    # circuits: no other set of statistics is as far from that of a machine that cut
     set_up = machine.model_copy(update={"t_on_us": stretch.t_on_us, "t_period_us": stretch.t_period_us})
     windows_fired: list[PulseWindow] = []
     try:

@@ -36,15 +36,8 @@ class _Taken(NamedTuple):
 
 
 def takes(*names: str, **instead: Any) -> Callable[[_Command], _Command]:
-    """Give a command with ``**options`` options of a cut; it gets those that are not None by their names in Python.
-
-    Parameters
-    ----------
-    *names : str
-        Which; all if none is named.
-    **instead
-        Defaults of this command that are not those of a cut, or `Unset`.
-    """
+    """Give a command with ``**options`` the options of a cut, all or those named; it gets those that are not None."""
+    # `instead` are defaults of this command that are not those of a cut, or `Unset`
 
     def mark(command: _Command) -> _Command:
         setattr(command, _TAKEN, _Taken(names, instead))

@@ -18,11 +18,7 @@ _STEP_SHARE = 1e-6
 
 
 class CutAxes(Snapshots):
-    """What a cut asks of its axes, and what befalls them.
-
-    Raises `InputError` if a drive's steps differ from the machine's, or an axis with a fault has no drive with a
-    loop.
-    """
+    """What a cut asks of its axes, and what befalls them; refuses drives whose steps differ from the machine's."""
 
     STATE = ("_since_ns", "_before_um")
 

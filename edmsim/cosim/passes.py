@@ -36,60 +36,26 @@ class PassSetup(NamedTuple):
 
 @dataclass
 class PassRecord:
-    """What became of a pass.
+    """What became of a pass."""
 
-    Attributes
-    ----------
-    contour : int
-        Number of the contour, from 1.
-    number : int
-        Of the pass, from 1.
-    piece : {"profile", "tab"}
-    reversed : bool
-    offset_um : float
-    begin_s, end_s : float
-        Machine time, from when it begins to cut: a lead-in comes before.
-    begin_um, end_um : float
-        Length of wire path, over all passes.
-    sums : Sums
-        Pulses, energy and craters of the pass.
-    wall : WallError or None
-        The wall that it left; None while it is not finished.
-    face_um : tuple of tuple of float
-        Profile error behind it, slice by slice from the lowest one, at every `FACE_EVERY`-th place of `profile_error`
-        of the whole contour; none while it is not finished.
-    """
-
-    contour: int
-    number: int
-    piece: Piece
+    contour: int  # number of the contour, from 1
+    number: int  # of the pass, from 1
+    piece: Piece  # {"profile", "tab"}
     reversed: bool
     offset_um: float
-    begin_s: float
+    begin_s: float  # begin_s, end_s: machine time, from when it begins to cut: a lead-in comes before
     end_s: float
-    begin_um: float
+    begin_um: float  # begin_um, end_um: length of wire path, over all passes
     end_um: float
-    sums: Sums = field(default_factory=Sums)
-    wall: WallError | None = None
+    sums: Sums = field(default_factory=Sums)  # pulses, energy and craters of the pass
+    wall: WallError | None = None  # the wall that it left; None while it is not finished
+    # profile error behind it, slice by slice from the lowest one, at every `FACE_EVERY`-th place of
+    # `profile_error` of the whole contour; none while it is not finished
     face_um: tuple[tuple[float, ...], ...] = ()
 
 
 class PassLog(Snapshots):
-    """Keeps what every pass of a cut did, and looks after loose pieces.
-
-    Parameters
-    ----------
-    path : CutPath
-    legs : sequence of Leg
-        Of the whole cut.
-
-    Attributes
-    ----------
-    records : list of PassRecord
-        One per pass begun, in order.
-    notices : list of str
-        What a user should know of pieces that came loose.
-    """
+    """Keeps what every pass of a cut did, a record each, and looks after loose pieces, of which `notices` tell."""
 
     STATE = ("records", "notices", "_before", "_open")
     records: list[PassRecord]

@@ -58,70 +58,7 @@ class Progress(NamedTuple):
 
 
 class Simulation:
-    """One cut in progress.
-
-    Parameters
-    ----------
-    controller : FeedController
-        Fresh; it is reset at the start of every leg.
-    planner : str
-        ``poscal``, ``poscal-literal``, ``dda`` or ``sine-table``. It counts steps in place of um where the table
-        travels further than 16 bits of um (row T-61). A controller that makes the steps of one itself (`RunsPath`)
-        takes its place.
-    max_time_s : float, optional
-        Machine time after which the cut is stopped.
-    steps : tuple of LowerRegion
-        Where the workpiece is less high than `machine.height_mm`; see `edmsim.program.heights`.
-    mechanics : {"modal", "mujoco"}
-        What moves table and wire; see `Plant`.
-    observers : sequence of Observer
-        Who is shown every window.
-    max_feed_um_s : float, optional
-        Greatest feed a controller may command, by default the machine's own, or that of the 1982 controller where its
-        file has none; the planner's, where that is less.
-    drives : mapping of str to drive, optional
-        Drives of the axes by name; see `Plant`.
-    compensation : Elcam, optional
-        Tables of the table's errors, and cams, of `edmsim.controllers.axis.elcam.file.load_tables`.
-    stuck_wire_sensor : bool
-        Whether the sensor does not see a wire break; the machine then goes on without a wire (`Plant.go_bare`).
-    axis_faults : sequence of AxisFault
-        What breaks at axes under drives with a loop, and when.
-    setups : sequence of PassSetup
-        Setting of the passes of the path, from rough to last; where there are fewer than passes, the last holds on.
-        By default all passes have `machine` and `controller`.
-    metal : KerfField, optional
-        What an earlier cut left of the workpiece, in place of a fresh blank: it is copied.
-    approach : PassSetup, optional
-        Setting of the lead-ins of a path in passes; by default that of the first pass.
-    waits : bool
-        Whether it waits before every pass but the first until `begin_pass` says how that is cut.
-
-    Attributes
-    ----------
-    cause : StopCause
-        Why the cut ended; `StopCause.RUNNING` while it has not.
-    outcome, reason : str or None
-        How the cut ended, as a report says it, and why.
-    elcam : Elcam or None
-        The tables of the table's errors, and the cams.
-    max_feed_um_s : float
-        Greatest feed in force.
-    missed_windows : int
-        Windows whose counts the controller did not read in time (row T-44).
-    refused : str or None
-        Why the generator last refused a setting the controller wanted.
-    passes : PassLog
-        What every pass did, if the path has passes.
-    waiting : bool
-        Whether it waits for `begin_pass`.
-
-    Raises
-    ------
-    InputError
-        An unknown planner or resolution, a step that does not fit the machine's height, a table too large for the
-        position counters, or a drive by whose steps the table goes another way than the machine's.
-    """
+    """One cut in progress."""
 
     STATE = (
         "_at", "_motion", "controller", "_compensation", "_offset", "sums", "refused", "cause", "reason", "passes",
@@ -132,24 +69,24 @@ class Simulation:
         self,
         machine: Machine,
         path: CutPath,
-        controller: FeedController,
+        controller: FeedController,  # fresh; it is reset at the start of every leg
         *,
-        planner: str = "poscal",
+        planner: str = "poscal",  # a controller that makes its own steps (`RunsPath`) takes its place
         seed: int = 0,
         resolution: str = "default",
-        max_time_s: float | None = None,
-        steps: tuple[LowerRegion, ...] = (),
+        max_time_s: float | None = None,  # of the machine, after which the cut is stopped
+        steps: tuple[LowerRegion, ...] = (),  # where the workpiece is less high than the machine's set-up
         mechanics: str = "modal",
         observers: Sequence[Observer] = (),
-        max_feed_um_s: float | None = None,
+        max_feed_um_s: float | None = None,  # the machine's, or else that of the 1982 controller, by default
         drives: Mapping[str, AxisDrive] | None = None,
-        compensation: Elcam | None = None,
-        stuck_wire_sensor: bool = False,
+        compensation: Elcam | None = None,  # tables of the table's errors, and cams
+        stuck_wire_sensor: bool = False,  # it then goes on without a wire (`Plant.go_bare`)
         axis_faults: Sequence[AxisFault] = (),
-        setups: Sequence[PassSetup] = (),
-        approach: PassSetup | None = None,
-        metal: KerfField | None = None,
-        waits: bool = False,
+        setups: Sequence[PassSetup] = (),  # of the passes from rough to last; of fewer, the last holds on
+        approach: PassSetup | None = None,  # of the lead-ins of a path in passes; the first pass's by default
+        metal: KerfField | None = None,  # what an earlier cut left of the workpiece: it is copied
+        waits: bool = False,  # before every pass but the first, until `begin_pass` says how that is cut
     ) -> None:
         self.machine = machine
         self.path = path
@@ -452,25 +389,7 @@ class Simulation:
         return self._next_leg()
 
     def begin_pass(self, path: CutPath, setups: Sequence[PassSetup]) -> StopCause:
-        """Go on with the pass that it waits for.
-
-        Parameters
-        ----------
-        path : CutPath
-            The same path up to here; the passes to come may have other offsets.
-        setups : sequence of PassSetup
-            Setting of all passes, from rough to last.
-
-        Returns
-        -------
-        StopCause
-            `StopCause.RUNNING`, or why the cut ends before the pass has begun.
-
-        Raises
-        ------
-        InputError
-            It waits for no pass, or the path has other passes.
-        """
+        """Go on with the pass that it waits for; passes to come may have other offsets and settings."""
         if not self.waiting:
             raise InputError("a pass is under way: the next one begins when it is over")
         legs = [leg for contour in path.contours for leg in legs_of(contour)]
@@ -484,20 +403,7 @@ class Simulation:
         return self.cause
 
     def rethread(self, setup: PassSetup, approach: PassSetup) -> None:
-        """Thread a fresh wire where the last one broke, and go on along the pass with a setting.
-
-        Parameters
-        ----------
-        setup : PassSetup
-            Of this pass from here on, and of the passes of its number that come later.
-        approach : PassSetup
-            Of the rest of a lead-in.
-
-        Raises
-        ------
-        InputError
-            The cut has not ended by a broken wire.
-        """
+        """Thread a fresh wire where the last one broke, and go on with a setting for this pass number from here."""
         if self.cause is not StopCause.WIRE_BREAK:
             raise InputError("no wire broke: there is nothing to thread")
         place_um = (*self.plant.commanded_um, *self.plant.lead_um) if self._leans else self.plant.commanded_um

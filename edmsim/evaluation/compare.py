@@ -38,28 +38,14 @@ class Figure:
 
 
 class FigureKind(NamedTuple):
-    """What a figure of a controller is, and how it is shown.
+    """What a figure of a controller is, and how it is shown."""
 
-    Attributes
-    ----------
-    meaning, head : str
-        What it is called, with its unit; and shorter, over a column on the screen.
-    digits : int
-        Decimals.
-    is_share : bool
-        Whether it is shown in percent.
-    is_rare : bool
-        Whether 0 is common, and its interval hard to read.
-    in_narrow : bool
-        Whether a narrow terminal shows it.
-    """
-
-    meaning: str
+    meaning: str  # meaning, head: what it is called, with its unit; and shorter, over a column on the screen
     head: str
-    digits: int = 1
-    is_share: bool = False
-    is_rare: bool = False
-    in_narrow: bool = False
+    digits: int = 1  # decimals
+    is_share: bool = False  # whether it is shown in percent
+    is_rare: bool = False  # whether 0 is common, and its interval hard to read
+    in_narrow: bool = False  # whether a narrow terminal shows it
 
 
 FIGURES = {
@@ -216,12 +202,10 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
 def figures_of(
     results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
 ) -> dict[str, Figure]:
-    """Return a controller's figures from its cuts and those of the reference and of the blind one, seed by seed.
-
-    Rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut; the
-    share of the oracle's rate is the mean rate over the oracle's mean rate. The score is the interquartile mean of
-    `scores`.
-    """
+    """Return a controller's figures from its cuts and those of the reference and of the blind one, seed by seed."""
+    # rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut;
+    # the share of the oracle's rate is the mean rate over the oracle's mean rate; the score is the
+    # interquartile mean of `scores`
 
     def measured(name: str) -> NDArray[np.float64]:
         values = np.array([getattr(r, name) for r in results], np.float64)
@@ -250,10 +234,8 @@ def figures_of(
 def scores(
     results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
 ) -> NDArray[np.float64]:
-    """Return the score of every cut: 0 for what the blind one earns on the same machine, 1 for the reference.
-
-    A machine on which the reference earns no more tells nothing, and is left out.
-    """
+    """Return the score of every cut: 0 for what the blind one earns on the same machine, 1 for the reference."""
+    # a machine on which the reference earns no more tells nothing, and is left out
     made, most, least = (np.array([r.total_return for r in of]) for of in (results, oracle, blind))
     tells = most > least
     return np.asarray((made - least)[tells] / (most - least)[tells])
@@ -296,21 +278,16 @@ def mean(values: NDArray[np.float64]) -> Figure:
 
 
 def per_metre(events: NDArray[np.float64], metres: NDArray[np.float64]) -> Figure:
-    """Events over length cut, with an interval.
-
-    Of cuts without any event the bootstrap can say nothing; the upper end is then the rate at which none in this
-    length would be seen in 5 % of such comparisons (Poisson: ``-ln 0.05`` events, the "rule of three").
-    """
+    """Events over length cut, with an interval."""
+    # of cuts without any event the bootstrap can say nothing; the upper end is then the rate at which none in
+    # this length would be seen in 5 % of such comparisons (Poisson: -ln 0.05 events, the "rule of three")
     if events.any() or metres.sum() == 0:
         return ratio(events, metres)
     return Figure(0.0, 0.0, float(-np.log(1.0 - CONFIDENCE) / metres.sum()))
 
 
 def ratio(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> Figure:
-    """Sum over sum, with its bootstrap interval (percentile; pairs are drawn together).
-
-    The interval is NaN where cuts are so few that none of those drawn may have a divisor.
-    """
+    """Sum over sum, with its bootstrap interval; NaN where so few have a divisor that a draw may have none."""
     from scipy.stats import bootstrap
 
     if len(upper) == 0 or lower.sum() == 0:

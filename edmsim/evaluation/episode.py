@@ -154,24 +154,7 @@ def recording_folder(record: Path, env_id: str, seed: int, controller: str) -> P
 
 
 class Episode:
-    """One cut in progress.
-
-    Parameters
-    ----------
-    task : Task
-        Is reset with the seed.
-    controller : FeedController
-        Gets the set-up and is reset at the beginning of every leg.
-    name : str
-        What the controller is called in the result.
-    record : path, optional
-        Folder for a recording of the cut; none is made if not given.
-
-    Attributes
-    ----------
-    last : StepResult or None
-        What the last window brought; None before the first.
-    """
+    """One cut in progress; `last` is what the last window brought. It is recorded where a folder is named."""
 
     def __init__(
         self, task: Task, controller: FeedController, seed: int, name: str, record: Path | None = None

@@ -29,22 +29,12 @@ ORACLE_GAPS_UM = (6.0, 10.0, 13.0, 16.0, 20.0, 26.0)
 
 
 class Lines(NamedTuple):
-    """Reference lines of a task.
+    """Reference lines of a task."""
 
-    Attributes
-    ----------
-    blind, reference : str
-        The controllers whose returns are scores of 0 and of 1.
-    rehearsed : tuple of str
-        `oracle` makes every cut with each of these, and the one that earns most counts.
-    compared : tuple of str
-        Controllers compared where none is named.
-    """
-
-    blind: str
+    blind: str  # blind, reference: the controllers whose returns are scores of 0 and of 1
     reference: str
-    rehearsed: tuple[str, ...]
-    compared: tuple[str, ...]
+    rehearsed: tuple[str, ...]  # `oracle` makes every cut with each of these, and the one that earns most counts
+    compared: tuple[str, ...]  # controllers compared where none is named
 
 
 USUAL = Lines(

@@ -42,10 +42,9 @@ def write(file: Path, comparisons: Sequence[Comparison]) -> None:
 
 
 def draw(made: Comparison) -> Figure:
-    """Draw the returns of every controller, the best mean on top: one dot for a machine, the mean with its interval.
-
-    A machine has the same height within the row of each controller.
-    """
+    """Draw the returns of every controller, the best mean on top: a dot for a machine, the mean with its interval."""
+    # a machine has the same height within the row of each controller
+    # a machine has the same height within the row of each controller
     from matplotlib.figure import Figure
 
     names = ranked(made, "total_return")

@@ -171,15 +171,7 @@ def shorten_pauses(
     machine: Machine, seed: int, controller: FeedController, *, hold_s: float, approach_s: float,
     resolution: str = "fast", watch: Callable[[StablePeriod], None] | None = None,
 ) -> tuple[list[StablePeriod], Cause]:
-    """Cut straight, beginning at a machine's period, and shorten it step by step to the end.
-
-    Returns
-    -------
-    list of Held
-        The steps held; none where the wire broke while the feed found its level.
-    {"break", "jam", "generator"}
-        What ended it.
-    """
+    """Cut straight and shorten a machine's period step by step to the end; return steps held, and what ended it."""
     plant = begin(machine, seed, resolution=resolution)
     traverse, held = Traverse(plant, controller), list[StablePeriod]()
     period_us, shortest_us = machine.t_period_us, shortest_period_us(machine)

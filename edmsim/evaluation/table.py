@@ -95,15 +95,7 @@ def as_json(
     comparisons: Sequence[Comparison], places: Mapping[str, Sequence[Any]] | None = None,
     policies: Mapping[str, Sequence[Any]] | None = None,
 ) -> str:
-    """Return everything as JSON: a list of environments, then of policies; what was not measured is null.
-
-    Parameters
-    ----------
-    places : mapping of str to sequence of NamedTuple, optional
-        By environment, what controllers did elsewhere.
-    policies : mapping of str to sequence of NamedTuple, optional
-        By policy, its scores.
-    """
+    """Return environments, with what was done elsewhere, then policies, as JSON; what is unknown is null."""
     found = [_plain(comparison) for comparison in comparisons]
     for entry in found if places else ():
         entry["places"] = [_flat(row) for row in (places or {}).get(entry["env_id"], ())]

@@ -36,12 +36,11 @@ from edmsim.program.path import CutPath, WireContour
 
 
 class PassTarget(NamedTuple):
-    """What is asked of a pass: Ra, feed at 25.4 mm, stock to take, and with which generator.
+    """What is asked of a pass: Ra, feed at 25.4 mm, stock to take, and with which generator."""
 
-    The numbers are those of a shop's table for 1 to 7 passes (brass 0.254 mm, steel, 25.4 mm, second hand). Shops
-    flush a rough pass with several bar and trims with less; on-times fall from pass to pass, and tension rises: by
-    numbers of ours.
-    """
+    # the numbers are those of a shop's table for 1 to 7 passes (brass 0.254 mm, steel, 25.4 mm, second hand).
+    # Shops flush a rough pass with several bar and trims with less; on-times fall from pass to pass, and
+    # tension rises: by numbers of ours
 
     ra_um: float
     feed_mm_min: float
@@ -142,13 +141,7 @@ class Job:
 def straight_path(
     offsets_mm: Sequence[float], length_mm: float, machine: Machine, edge_mm: NDArray[np.float64] | None = None
 ) -> CutPath:
-    """Return a straight edge in passes in the middle of the table, cut from a start hole, the part below it.
-
-    Parameters
-    ----------
-    edge_mm : float64 array (n, 2), optional
-        Another open edge, which begins at (0, 0) along +x; the part lies to its right.
-    """
+    """Return a straight edge, or another open one along +x, in passes, cut from a start hole, the part below it."""
     middle = np.array(machine.base.table.centre_um) * 1e-3 - (length_mm / 2, 0.0)
     edge = np.array([[0.0, 0.0], [length_mm, 0.0]]) if edge_mm is None else edge_mm
     edge, count = edge + middle, len(edge) - 1
@@ -193,15 +186,7 @@ class Cut(NamedTuple):
 
 
 class Search:
-    """The search for the passes of one height.
-
-    Parameters
-    ----------
-    tell : callable
-        Called with a line of text for every cut.
-    journal : path, optional
-        File that keeps the passes found, so that an interrupted search goes on behind them.
-    """
+    """The search for the passes of one height; the journal keeps passes found, so that an interrupted one goes on."""
 
     def __init__(self, job: Job, tell: Callable[[str], None], journal: Path | None = None) -> None:
         job.check()
@@ -385,15 +370,7 @@ def _plain(job: Job) -> dict[str, Any]:
 
 
 def cut_pass(job: Job, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
-    """Cut one pass along a straight edge, on the metal that the pass before it left.
-
-    Parameters
-    ----------
-    number : int
-        Of the pass; odd ones run forward.
-    metal : KerfField or None
-        None for the rough pass.
-    """
+    """Cut one pass along a straight edge, odd ones forward, on the metal that the pass before it left."""
     machine = job.machine_of(one)
     path = straight_path((offset_mm,) * (2 if number > 1 else 1), ROUGH_MM if number == 1 else TRIM_MM, machine)
     return _run(job, machine, one, path, number, metal)

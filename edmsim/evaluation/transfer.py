@@ -41,10 +41,7 @@ BEYOND = 1.5, 0.5
 
 
 def places(env_id: str) -> tuple[Place, ...]:
-    """Return where controllers are taken to: finer resolutions, and beyond the ranges of height and tension.
-
-    A place is left out where an environment has no such range.
-    """
+    """Return finer resolutions, and places beyond the ranges of height and tension, where there are such ranges."""
     family = make_family(env_id)
     more, less = BEYOND
     found = [

@@ -129,11 +129,9 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
 
 
 def greatest_feed_um_s(machine: Machine, height_mm: float) -> tuple[float, Literal["machine", "generator"]]:
-    """Return the greatest feed there can be, and what limits it.
-
-    Every pulse that ignites at once removes what its energy melts; the kerf is as wide as the wire and twice the
-    expected gap. No cut is faster than that, most are slower: pulses stay open, or short.
-    """
+    """Return the greatest feed there can be, and what limits it."""
+    # every pulse that ignites at once removes what its energy melts, from a kerf as wide as the wire and twice
+    # the gap; most cuts are slower: pulses stay open, or short
     own = machine.base.table.max_feed_um_s
     limit_um_s = MAX_FEED_UM_S if own is None else own.value
     power_W = mean_current_A(machine) * machine.material.burning_voltage_V.value

@@ -86,10 +86,7 @@ class NotedSignals:
 
 @contextmanager
 def noted() -> Iterator[NotedSignals]:
-    """Note these signals in place of what they do otherwise.
-
-    Only the main thread may, and a handler that is not Python's own is the caller's affair.
-    """
+    """Note these signals in place of what they do otherwise, in the main thread, where nobody else handles them."""
     interrupts = NotedSignals()
     taken = {}
     if threading.current_thread() is threading.main_thread():
@@ -241,13 +238,7 @@ def prepared(
     program: str | Path, settings: CutSettings,
     plan: Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath] = planned,
 ) -> Prepared:
-    """Read all that a cut needs, and refuse what it cannot be made with; nothing is simulated.
-
-    Parameters
-    ----------
-    plan : callable, optional
-        Plans the path; by default every call plans the path again.
-    """
+    """Read all that a cut needs, and refuse what it cannot be made with; nothing is simulated."""
     found = with_passes(program, settings, plan)
     settings, path = found.settings, found.path
     machine, file = settings.load_machine(), settings.compensation
@@ -335,15 +326,7 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
 
 
 class _Run:
-    """A cut under way, and what its folder keeps of it: a checkpoint until the results are there.
-
-    Parameters
-    ----------
-    folder : Path or None
-        Where nobody else works.
-    made_with : mapping
-        What the checkpoint belongs to.
-    """
+    """A cut under way, and what its folder keeps of it: a checkpoint until the results are there."""
 
     def __init__(
         self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any],

@@ -36,20 +36,11 @@ _HEIGHT_STEP_UM = 10.0
 
 @dataclass(frozen=True)
 class Inspection:
-    """Everything measured on the part.
+    """Everything measured on the part."""
 
-    Attributes
-    ----------
-    quality : Quality
-        Figures of the report.
-    scene : Scene
-        Geometry of the pictures.
-    error_um : float64 array (windows,)
-        Profile error at the place of every window; NaN where none was measured.
-    """
-
-    quality: Quality
-    scene: Scene
+    quality: Quality  # figures of the report
+    scene: Scene  # geometry of the pictures
+    # (windows,): profile error at the place of every window; NaN where none was measured
     error_um: NDArray[np.float64]
 
 
@@ -122,13 +113,7 @@ def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
 
 
 def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
-    """Measure the part as it is now, finished or not.
-
-    Parameters
-    ----------
-    windows : WindowTable
-        What was recorded of every window.
-    """
+    """Measure the part as it is now, finished or not."""
     field, machine = simulation.plant.field, simulation.machine
     profiles = [_error_of_edge(field, contour) for contour in simulation.path.contours]
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
@@ -220,10 +205,8 @@ def _reach(
 
 
 def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray[np.float64], ...]]:
-    """Return the ways of commanded position, guides and wire, (n, 2) each, contour by contour.
-
-    A contour begins where a wire was threaded: the longest times between two windows.
-    """
+    """Return the ways of commanded position, guides and wire, (n, 2) each, contour by contour."""
+    # a contour begins where a wire was threaded: the longest times between two windows
     commanded, following, lag, time_s, path_um = windows.ways_um()
     if simulation.passes.records:
         return _last_ways_um(

@@ -14,13 +14,7 @@ _EVERY_S = 0.1
 
 
 class CutProgress:
-    """What `edmsim.cut` calls back, as a bar.
-
-    Parameters
-    ----------
-    name : str
-        What is cut.
-    """
+    """What `edmsim.cut` calls back, as a bar."""
 
     def __init__(self, bar: ShownProgress, name: str) -> None:
         self._bar, self._name = bar, name

@@ -20,29 +20,7 @@ FORMATS = ("pdf", "svg", "png")
 def remake(
     directory: str | Path, figures: str | Path | None, kind: str, leave_out: Callable[[str], None]
 ) -> list[Path]:
-    """Write a folder's ``report.html`` again, or its figures as files of their own.
-
-    Parameters
-    ----------
-    directory : path
-        Folder of a cut.
-    figures : path or None
-        Folder for the figures; without one the page is written.
-    kind : {"pdf", "svg", "png"}
-        Of the figures' files.
-    leave_out : callable
-        Called with which figures cannot be made of this cut, and why.
-
-    Returns
-    -------
-    list of Path
-        The files written.
-
-    Raises
-    ------
-    InputError
-        As `read_cut`; or an unknown kind, or a folder that cannot be written to or is at work.
-    """
+    """Write a folder's ``report.html`` again, or its figures as files of their own; returns the files written."""
     if kind not in FORMATS:
         raise InputError(f"figures cannot be written as '{kind}'; there are: {one_of(kind, FORMATS)}")
     cut = read_cut(directory)

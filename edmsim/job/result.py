@@ -36,21 +36,11 @@ if TYPE_CHECKING:
 
 
 class Recorders(NamedTuple):
-    """The observers of a cut.
+    """The observers of a cut."""
 
-    Attributes
-    ----------
-    windows : WindowTable
-        A row per window.
-    frames : Frames
-        The wire's shape, thinned.
-    closeups : Closeups
-        Windows kept pulse by pulse.
-    """
-
-    windows: WindowTable
-    frames: Frames
-    closeups: Closeups
+    windows: WindowTable  # a row per window
+    frames: Frames  # the wire's shape, thinned
+    closeups: Closeups  # windows kept pulse by pulse
 
 
 def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: str) -> Recorders:
@@ -287,21 +277,7 @@ def result_of(
     simulation: Simulation, recorders: Recorders, settings: CutSettings, made_with: Mapping[str, Any],
     notices: Sequence[str], wall_time_s: float,
 ) -> CutResult:
-    """Measure a cut that is over.
-
-    Parameters
-    ----------
-    recorders : Recorders
-        What was recorded of it.
-    settings : CutSettings
-        The options it was made with.
-    made_with : mapping
-        The report's settings.
-    notices : sequence of str
-        What the user should know about this cut.
-    wall_time_s : float
-        Time of the computer.
-    """
+    """Measure a cut that is over."""
     found = inspect(simulation, recorders.windows)
     windows = recorders.windows.to_arrow(found.error_um)
     assert simulation.outcome is not None

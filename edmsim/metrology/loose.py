@@ -13,13 +13,7 @@ RIM_CELLS = 1.5
 
 
 def loose_pieces(field: KerfField, least_mm2: float) -> list[shapely.Polygon]:
-    """Return the pieces that are cut all round in every slice that has them, in um on the table, with their rims.
-
-    Parameters
-    ----------
-    least_mm2 : float
-        Smaller ones are crumbs in the kerf.
-    """
+    """Return the pieces of `least_mm2` that are cut all round in every slice that has them, in um on the table."""
     holes = shapely.union_all([shapely.Point(x, y).buffer(r) for x, y, r in field.stock.holes_um])
     found: shapely.Geometry | None = None
     for number in range(field.n_slices):

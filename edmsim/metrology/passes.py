@@ -26,46 +26,20 @@ FEWEST_WAVES = 3
 
 @dataclass(frozen=True)
 class WallError:
-    """What of a wall a pass left, over the drawing: positive is metal left on the part.
+    """What of a wall a pass left, over the drawing: positive is metal left on the part."""
 
-    Attributes
-    ----------
-    places : int
-        Places along the pass that were measured.
-    mean_um : float
-        Over all places and heights; NaN where there are none, as all others then.
-    rms_um : float
-        Scatter about that mean.
-    slices_um : tuple of float
-        Mean at every height, from the lowest slice.
-    bow_um : float
-        Mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle.
-    straightness_um : float
-        From the lowest to the highest of the heights.
-    ripple_um : float
-        Scatter along the path of the mean over the height.
-    ripple_mm : float
-        Wavelength with the most of it; NaN where the pass is too short to tell.
-    """
-
-    places: int
-    mean_um: float
-    rms_um: float
-    slices_um: tuple[float, ...]
-    bow_um: float
-    straightness_um: float
-    ripple_um: float
-    ripple_mm: float
+    places: int  # places along the pass that were measured
+    mean_um: float  # over all places and heights; NaN where there are none, as all others then
+    rms_um: float  # scatter about that mean
+    slices_um: tuple[float, ...]  # mean at every height, from the lowest slice
+    bow_um: float  # mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle
+    straightness_um: float  # from the lowest to the highest of the heights
+    ripple_um: float  # scatter along the path of the mean over the height
+    ripple_mm: float  # wavelength with the most of it; NaN where the pass is too short to tell
 
 
 def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diameter_um: float) -> WallError:
-    """Measure the wall on the part's side of a pass, across its path; a wall that leans square to itself.
-
-    Parameters
-    ----------
-    part_side : {"left", "right"}
-        Of the contour, looking along it.
-    """
+    """Measure the wall on the part's side of a pass, across its path; a wall that leans square to itself."""
     reach_um = MAX_KERF_OVER_WIRE * wire_diameter_um / 2
     left = (part_side == "left") != cut_pass.reversed
     line = _line_of(cut_pass.way.at_mid_height(), cut_pass)

@@ -25,17 +25,10 @@ _FEWEST_CHORDS = 16
 
 
 def spline_points(entity: Any, tolerance: float) -> NDArray[np.float64]:
-    """Return the points (n, 2) of a SPLINE, in drawing units.
-
-    A periodic spline is drawn between the first and last knot that all its control points bear on; one whose control
-    points are written once, for as many knots as if they were repeated, is closed with the first of them. A spline
-    that is said to be closed and has only fit points is a periodic cubic through them.
-
-    Parameters
-    ----------
-    tolerance : float
-        Largest distance of the chords from the curve, in drawing units.
-    """
+    """Return the points (n, 2) of a SPLINE, in drawing units, as chords within a tolerance."""
+    # a periodic spline is drawn between the first and last knot that all its control points bear on; one whose
+    # control points are written once, for as many knots as if they were repeated, is closed with the first of
+    # them; one that is said to be closed and has only fit points is a periodic cubic through them
     control = np.array([tuple(p)[:2] for p in entity.control_points], np.float64).reshape(-1, 2)
     if len(control) == 0 and entity.closed and len(entity.fit_points) > 2:
         return _through(np.array([tuple(p)[:2] for p in entity.fit_points], np.float64), tolerance)
@@ -189,10 +182,7 @@ _FLAT = 0.9999
 
 
 def pieces_of(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
-    """Return the lines and arcs of an entity, points (n, 2) in mm each.
-
-    Raises `InputError` for an entity that cannot be cut, lies out of the XY plane, or is too large.
-    """
+    """Return the lines and arcs of an entity, points (n, 2) in mm each."""
     kind = entity.dxftype()
     if kind not in CUT:
         raise InputError(f"{named(kind)} cannot be cut: draw {SHAPES}")

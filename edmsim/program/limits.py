@@ -42,15 +42,7 @@ def check_size(file: Path) -> None:
 
 
 def check_points(points_mm: NDArray[np.float64], what: str, hint: str = "") -> None:
-    """Refuse points (n, 2) in mm that are not finite, lie too far out, span too much or make too long a line.
-
-    Parameters
-    ----------
-    what : str
-        Whose points they are, to begin the message with.
-    hint : str
-        What may be wrong, to end it with.
-    """
+    """Refuse points (n, 2) in mm that are not finite, lie too far out, span too much or make too long a line."""
     if len(points_mm) == 0:
         return
     if not bool((np.abs(points_mm) <= FARTHEST_MM).all()):

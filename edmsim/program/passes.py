@@ -166,10 +166,9 @@ class Tilt(NamedTuple):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of path of one pass in mm, before it is put on the grid; of a leaning wire at half the height.
+    """A stretch of path of one pass in mm, before it is put on the grid; of a leaning wire at half the height."""
 
-    Its first `leads` points bring the wire to where it begins.
-    """
+    # its first `leads` points bring the wire to where it begins
 
     number: int
     piece: Piece
@@ -202,18 +201,7 @@ class Stretch:
 
 
 def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
-    """Return the ways of all passes along one outline.
-
-    Parameters
-    ----------
-    legs : sequence of OffsetOutline
-        The outline at the plan's offsets, in their order.
-
-    Raises
-    ------
-    InputError
-        The contour has no edge to run beside, or the tab does not fit it.
-    """
+    """Return the ways of all passes along one outline at the plan's offsets."""
     outline = legs[0].outline
     if outline.wire_side is None:
         raise InputError("the wire follows it as drawn: passes run beside an edge, under G41 or G42")
@@ -294,10 +282,9 @@ def _link(before: _Leg, leg: _Leg) -> Stretch:
 
 
 def _short_mm(rough_mm: float, offset_mm: float) -> float:
-    """Return how far before the end of the rough pass a trim has to end so that no metal is in front of it.
-
-    The rough pass ends in a round front, of which more stands beside the wire the nearer a pass is to the part.
-    """
+    """Return how far before the end of the rough pass a trim has to end so that no metal is in front of it."""
+    # the rough pass ends in a round front, of which more stands beside the wire the nearer a pass is to the
+    # part
     nearer = rough_mm - offset_mm
     return math.sqrt(max(2.0 * rough_mm * nearer - nearer**2, 0.0))
 
@@ -418,17 +405,8 @@ def ways_of_group(legs: Sequence[OffsetOutline]) -> list[Stretch]:
 def on_grid(
     ways: Sequence[Stretch], lead: NDArray[np.float64], grid_um: int, waits: Sequence[tuple[int, float]] = ()
 ) -> tuple[CutPass, ...]:
-    """Join ways to passes in whole um, each beginning where the one before ended, the first at the lead's begin.
-
-    Parameters
-    ----------
-    lead : float64 array (k, 2)
-        In mm, from the start hole; the first way's begin is not in it.
-    grid_um : int
-        Points are whole multiples of it.
-    waits : sequence of (int, float)
-        By index into the lead, how long the wire waits there.
-    """
+    """Join ways to passes in whole um, each beginning where the one before ended, the first at the lead's begin."""
+    # the lead (k, 2) leads from the start hole to the first way's begin; `waits` are by index into it
     passes: list[CutPass] = []
     before = lead
     for way in ways:

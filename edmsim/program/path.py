@@ -240,21 +240,11 @@ class WireContour:
 
 
 class Conditions(NamedTuple):
-    """Machining conditions of a program's passes, and what the user's table says of them.
+    """Machining conditions of a program's passes, and what the user's table says of them."""
 
-    Attributes
-    ----------
-    names : tuple of str or None
-        By pass, from the rough one; None where the program calls none.
-    approach : str, optional
-        Condition of the way from the start hole.
-    settings : mapping of str to mapping of str to float
-        By condition and setting; empty without a table.
-    """
-
-    names: tuple[str | None, ...] = ()
-    approach: str | None = None
-    settings: Mapping[str, Mapping[str, float]] = {}
+    names: tuple[str | None, ...] = ()  # by pass, from the rough one; None where the program calls none
+    approach: str | None = None  # condition of the way from the start hole
+    settings: Mapping[str, Mapping[str, float]] = {}  # by condition and setting; empty without a table
 
 
 NO_CONDITIONS = Conditions()

@@ -84,19 +84,7 @@ class Offset(NamedTuple):
 
 
 class OffsetRegisters:
-    """The registers of a program while it is read.
-
-    Parameters
-    ----------
-    offsets : mapping of str to float
-        In mm, of a file; what the program itself says comes before it.
-    defined : collection of str
-        Registers that the program gives a value, anywhere.
-    file : str
-        The program, for error messages.
-    zero : bool
-        Whether D0 and H0 are 0 where nobody gives them a value.
-    """
+    """The registers of a program while it is read; what the program itself says comes before those of a file."""
 
     def __init__(
         self, offsets: Mapping[str, float], defined: Collection[str], file: str, zero: bool = False

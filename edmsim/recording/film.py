@@ -47,18 +47,7 @@ _MOST_POINTS = 1500
 
 
 class Film:
-    """Draws a recording at any time.
-
-    Parameters
-    ----------
-    dpi : int
-        Resolution of the pictures.
-
-    Attributes
-    ----------
-    size : (int, int)
-        Width and height of the pictures in pixels, both even.
-    """
+    """Draws a recording at any time; `size` are the pictures' width and height in pixels, both even."""
 
     def __init__(self, play: Playback, dpi: int) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -97,17 +97,7 @@ def write_html(
     report: Mapping[str, Any], windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str,
     profile: bytes, file: str | Path,
 ) -> None:
-    """Write the page of a cut; a file of that name is replaced whole or not at all.
-
-    Parameters
-    ----------
-    report, windows, scene, sample
-        As `edmsim.recording.figures.catalogue.pictures` takes them.
-    title : str
-        What was cut, usually the program's name.
-    profile : bytes
-        The cut as `edmsim.recording.figures.profile.profile_png` draws it.
-    """
+    """Write the page of a cut; a file of that name is replaced whole or not at all."""
     left_out: list[str] = []
     drawn = [*pictures(report, windows, scene, sample, left_out.append)]
     with replacing(file) as partial:
@@ -117,17 +107,7 @@ def write_html(
 def page(
     report: Mapping[str, Any], title: str, profile: bytes, drawn: Iterable[Picture], left_out: Iterable[str] = ()
 ) -> str:
-    """Return the page: heading, key figures, the whole cut, table, notices, other figures, corners, settings.
-
-    Parameters
-    ----------
-    profile : bytes
-        PNG of the whole cut, shown as wide as the page.
-    drawn : iterable of Picture
-        Are put into the page as PNG; a click enlarges each, without a script.
-    left_out : iterable of str
-        Further notices.
-    """
+    """Return the page; its pictures are in it as PNG, the first as wide as the page, each enlarged by a click."""
     notices = [*report["notices"], *left_out]
     first = _enlarged("profile", PROFILE_CAPTION, _address(profile), *PROFILE_DOTS)
     others = "".join(_picture(picture) for picture in drawn)

@@ -35,13 +35,7 @@ _RIGHT_UM = 0.5
 
 
 def deviation(quality: Quality, origin_mm: tuple[float, float]) -> dict[str, Any]:
-    """Return the report's fields ``profile_error_um``, ``offset`` and ``elements``.
-
-    Parameters
-    ----------
-    origin_mm : (x, y)
-        Where the program's zero lies on the table.
-    """
+    """Return the report's fields ``profile_error_um``, ``offset`` and ``elements``, in the program's coordinates."""
     reach, applied_mm = quality.reach, quality.offset_um * 1e-3
     return {
         "profile_error_um": {
@@ -128,35 +122,8 @@ def build_report(
     version: str,
     origin_mm: tuple[float, float],
 ) -> dict[str, Any]:
-    """Return the report of a cut, ready for JSON.
-
-    Parameters
-    ----------
-    outcome : str
-        "finished", or what stopped the machine, in a word or two.
-    reason : str or None
-        Why the machine stopped, as a sentence; None if the cut was finished.
-    windows : pyarrow.Table
-        The table of windows.
-    totals, quality
-        Sums over the cut and measurements on the part.
-    notices : iterable of str
-        What the user should know about this cut.
-    seed : int
-        Seed of every draw.
-    settings : mapping
-        The options the cut was made with.
-    version : str
-        Version of edmsim.
-    origin_mm : (x, y)
-        Where the program's zero lies on the table.
-
-    Returns
-    -------
-    dict
-        Means over machine time are weighted by the pulse period, as windows count pulses. A figure that
-        could not be obtained is None, never NaN.
-    """
+    """Return the report of a cut, ready for JSON; a figure that could not be obtained is None, never NaN."""
+    # means over machine time are weighted by the pulse period, as windows count pulses
     report = {
         "outcome": outcome,
         "reason": reason,

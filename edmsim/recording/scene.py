@@ -111,25 +111,13 @@ class Terrace:
 
 @dataclass(frozen=True)
 class PassFace:
-    """The cut face of a contour as a pass left it.
+    """The cut face of a contour as a pass left it."""
 
-    Attributes
-    ----------
-    contour : int
-        Number of its map, from 0.
-    time_s, path_um : float
-        Machine time and length of path at its end.
-    points_mm : float64 array (n, 2)
-        Places of the nominal edge; of a wall that leans, at mid height.
-    error_um : float64 array (slices, n)
-        Profile error there, from the lowest slice: positive is metal left.
-    """
-
-    contour: int
-    time_s: float
+    contour: int  # number of its map, from 0
+    time_s: float  # time_s, path_um: machine time and length of path at its end
     path_um: float
-    points_mm: NDArray[np.float64]
-    error_um: NDArray[np.float64]
+    points_mm: NDArray[np.float64]  # (n, 2): places of the nominal edge; of a wall that leans, at mid height
+    error_um: NDArray[np.float64]  # (slices, n): profile error there, from the lowest slice: positive is metal left
 
 
 @dataclass(frozen=True)
@@ -289,11 +277,7 @@ def polylines(geometry: BaseGeometry | Sequence[BaseGeometry], tolerance_mm: flo
 
 
 def round_factor(values_um: NDArray[np.float64], shown_mm: float) -> float:
-    """Return a factor of 1, 2 or 5 times a power of ten that draws large values about `shown_mm` long.
-
-    "Large" is the 99th percentile of the magnitudes, so that one bad place does not flatten the rest. Never
-    below 1; 1 if there is nothing to show.
-    """
+    """Return 1, 2 or 5 times a power of ten, 1 or more, that draws the 99th percentile about `shown_mm` long."""
     finite = np.abs(values_um[np.isfinite(values_um)])
     large = float(np.percentile(finite, 99)) if len(finite) else 0.0
     if large == 0.0:

@@ -164,10 +164,7 @@ def tune_own(
 
 
 def bounds_of(own: str) -> dict[str, Bound]:
-    """Return what a user's class says is searched of it, and where.
-
-    Raises `InputError` if it says nothing, or something else than parameters with their bounds.
-    """
+    """Return what a user's class says is searched of it, and where; refused in one line if it says nothing of use."""
     own_class = named(own)
     assert own_class is not None
     kind = vars(run(own_class.file))[own_class.name]

@@ -19,26 +19,16 @@ from edmsim.sweep.runs import SweepRun, digest
 
 
 class Outcome(NamedTuple):
-    """What a run leaves.
+    """What a run leaves."""
 
-    Attributes
-    ----------
-    row : dict
-        Settings, figures and error, by the names of columns; see `table`.
-    files : dict of str to bytes
-        Recordings by name.
-    """
-
-    row: dict[str, Any]
-    files: dict[str, bytes]
+    row: dict[str, Any]  # settings, figures and error, by the names of columns; see `table`
+    files: dict[str, bytes]  # recordings by name
 
 
 def perform(run: SweepRun) -> Outcome:
-    """Make a run; whatever goes wrong in it becomes its error, and no other run suffers.
-
-    A result depends on the run alone, not on computer, process, or what ran before; but for ``wall_time_s``
-    and ``host``.
-    """
+    """Make a run; whatever goes wrong in it becomes its error, and no other run suffers."""
+    # a result depends on the run alone, not on computer, process, or what ran before; but for wall_time_s and
+    # host
     started = time.monotonic()
     try:
         _same_files(run)

@@ -43,27 +43,16 @@ _CHECKPOINTS = 3
 
 @dataclass(frozen=True)
 class Plan:
-    """What a population is of; a folder goes on only with the same.
-
-    Attributes
-    ----------
-    windows : int
-        Of a learner in each generation.
-    seed : int
-        Of the first learner; the next has the next.
-    seeds : tuple of int
-        Training seeds that a learner's policy is judged by after every generation.
-    parameters : dict
-        Hyperparameters of which the population changes some, for computers that may have others.
-    """
+    """What a population is of; a folder goes on only with the same."""
 
     env_id: str
     algo: str
     population: int
     generations: int
-    windows: int
-    seed: int
-    seeds: tuple[int, ...]
+    windows: int  # of a learner in each generation
+    seed: int  # of the first learner; the next has the next
+    seeds: tuple[int, ...]  # training seeds that a learner's policy is judged by after every generation
+    # hyperparameters of which the population changes some, for computers that may have others
     parameters: dict[str, Any]
 
 

@@ -30,21 +30,9 @@ MOST_REASONS = 3
 
 
 def check_runs(specification: Specification, checking: Callable[[int, int], None] | None = None) -> None:
-    """Prepare every combination of settings as its cut would, without cutting.
-
-    Points of a Sobol sample may be ones that no machine can be set to, as a long on-time with a short period: they
-    become runs that failed, unless all of them are such points.
-
-    Parameters
-    ----------
-    checking : callable, optional
-        Called with the combinations looked at and to look at.
-
-    Raises
-    ------
-    InputError
-        Some cannot be run: which values, and why.
-    """
+    """Prepare every combination of settings as its cut would, and refuse those that no machine can be set to."""
+    # points of a Sobol sample may be such ones, a long on-time with a short period say: they become runs that
+    # failed, unless all of them are
     planner, is_cut = _Planner(), bool(specification.program)
     refused: dict[str, list[dict[str, Any]]] = {}
     values_of_setting: dict[str, set[str]] = {}

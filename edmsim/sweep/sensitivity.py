@@ -54,18 +54,12 @@ class Shares(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Runs with the same settings taken together.
-
-    Attributes
-    ----------
-    chance : float
-        Variance between runs of a cell; NaN where no cell has two.
-    """
+    """Runs with the same settings taken together."""
 
     levels: NDArray[np.intp]
     means: NDArray[np.float64]
     counts: NDArray[np.intp]
-    chance: float
+    chance: float  # variance between runs of a cell; NaN where no cell has two
 
 
 def cells_of(factors: list[Factor], values: NDArray[np.float64]) -> Cells:
@@ -86,11 +80,9 @@ MOST_LEVELS = 1000
 
 
 def decompose(factors: list[Factor], values: Array) -> Shares | None:
-    """Return the shares of every factor; None where the effects of single factors cannot be parted level by level.
-
-    Interactions are looked at where more than half of all combinations are there (ours); elsewhere they count as
-    unexplained, as far as they show at all.
-    """
+    """Return the shares of every factor; None where the effects of single factors cannot be parted level by level."""
+    # interactions are looked at where more than half of all combinations are there (ours); elsewhere they count
+    # as unexplained, as far as they show at all
     counts = [factor.size for factor in factors]
     cells = cells_of(factors, values)
     there, size, terms = len(cells.means), math.prod(counts), 1 + sum(count - 1 for count in counts)
@@ -188,13 +180,7 @@ Term = tuple[tuple[int, int], ...]
 
 
 def fit(factors: list[Factor], values: Array, most_values: int) -> Shares:
-    """Return the shares of every factor; unknown of factors that only ever change together.
-
-    Parameters
-    ----------
-    most_values : int
-        Numbers with more values than this make a point of the sample; its runs are left out together.
-    """
+    """Return the shares of every factor; unknown of factors that only ever change together."""
     cells = cells_of(factors, values)
     functions = [_functions(factor) for factor in factors]
     parted = _parted(cells, functions)
@@ -234,10 +220,8 @@ def _chance_does_as_well(
 
 
 def _functions(factor: Factor) -> Array:
-    """Return functions of a factor's values, orthonormal over them: (values, functions), the constant one first.
-
-    A number counts by its place among all its values, so that a sample in the logarithm needs nothing else.
-    """
+    """Return functions of a factor's values, orthonormal over them: (values, functions), the constant one first."""
+    # a number counts by its place among all its values, so that a sample in the logarithm needs nothing else
     count = factor.size
     if not factor.is_number:
         return _orthonormal(np.column_stack([np.ones(count), np.eye(count)[:, 1:]]))

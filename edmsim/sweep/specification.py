@@ -22,21 +22,7 @@ MOST_OF_RANGE = 100_000
 
 
 def values_of(text: Any, name: str) -> list[Any]:
-    """Return the values to try of a setting.
-
-    Parameters
-    ----------
-    text : list, text, number or bool
-        A list is taken as it is. A text is taken apart at its commas, but for those within the parameters of a
-        controller; pieces ``FIRST:LAST:STEP`` are ranges that hold both ends.
-    name : str
-        Of the setting, for the error.
-
-    Raises
-    ------
-    InputError
-        No value, or a range that has none.
-    """
+    """Return the values to try of a setting: of a list, or a text with commas and ranges ``FIRST:LAST:STEP``."""
     if isinstance(text, list):
         found = text
     elif isinstance(text, str):

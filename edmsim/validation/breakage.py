@@ -41,12 +41,11 @@ APPROACH_S = 2.0
 def sato_rig(
     height_mm: float, changes: Mapping[str, float] | None = None, *, tension: float = 22.0, peak_A: float = PEAK_A
 ) -> Machine:
-    """Return the set-up of Sato et al.: 0.3 mm brass wire, 22 N, 13 m/min, short triangles of high current on steel.
-
-    The rest is the production machine's and its generator's, which were made after this source: 80 V of open voltage,
-    the nominal one of the ignition law, and 2 bar at both nozzles. `changes` are constants by their place (see
-    `altered`).
-    """
+    """Return the set-up of Sato et al.: 0.3 mm brass, 22 N, 13 m/min, short triangles of high current on steel."""
+    # the rest is the production machine's and its generator's, which were made after this source: 80 V of open
+    # voltage, the nominal one of the ignition law, and 2 bar at both nozzles
+    # the rest is the production machine's and its generator's, which were made after this source: 80 V of open
+    # voltage, the nominal one of the ignition law, and 2 bar at both nozzles
     rated = Machine.load("production", generator="production", wire="brass-300", height_mm=height_mm)
     supply = rated.generator.supply_voltage_V
     assert supply is not None
@@ -68,11 +67,9 @@ def rough_rig(
 
 
 def mori_rig() -> Machine:
-    """Return the set-up of Mori et al.: 0.2 mm brass, 11 A for 1 us, pauses of 4 us, 75 V, a piece 1 mm wide.
-
-    Tension and ignition wait were not published: the default stress, and 50 us. The water stood at the spot. The
-    piece was SiC; steel here.
-    """
+    """Return the set-up of Mori et al.: 0.2 mm brass, 11 A for 1 us, pauses of 4 us, 75 V, a piece 1 mm wide."""
+    # tension and ignition wait were not published: the default stress, and 50 us. The water stood at the spot.
+    # The piece was SiC; steel here
     return Machine.load(
         generator="production", wire="brass-200", height_mm=1.0, open_voltage_V=75.0, peak_current_A=11.0,
         pulse_shape="rectangle", t_on_us=1.0, t_period_us=5.0, ignition_wait_us=50.0, flushing_lower_Pa=0.0,
@@ -81,10 +78,8 @@ def mori_rig() -> Machine:
 
 
 def break_limit_A(machine: Machine, seed: int) -> float:
-    """Largest mean current, without short-circuit pulses, that the wire held for `HOLD_S`.
-
-    Where the shortest pause does not break it, the largest current there was: then a lower bound of the limit.
-    """
+    """Largest mean current, without short-circuit pulses, that the wire held for `HOLD_S`."""
+    # where the shortest pause does not break it, the largest current there was: then a lower bound of the limit
     servo = from_text(quick_counts(HELD_SHARE))
     held, _ = shorten_pauses(machine, seed, servo, hold_s=HOLD_S, approach_s=APPROACH_S)
     return max((step.current_A for step in held), default=0.0)

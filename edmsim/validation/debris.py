@@ -137,10 +137,8 @@ HOLES, BEFORE, MEASURED = 6, 1, 1
 
 
 def delay_in_debris(seeds: Sequence[int]) -> list[Row]:
-    """Mean delay among the debris that discharges leave, over the speed of the water that carries it off.
-
-    Craters remove metal here, as nothing else makes debris; whatever else moves or clears the water stays off.
-    """
+    """Mean delay among the debris that discharges leave, over the speed of the water that carries it off."""
+    # craters remove metal here, as nothing else makes debris; whatever else moves or clears the water stays off
     delay = {
         speed: [
             waited_us([window for hole in range(HOLES) for window in in_debris(speed, HOLES * seed + hole)])
@@ -209,10 +207,8 @@ def particles(seeds: Sequence[int]) -> list[Row]:
 
 
 def counted(gap_um: float, share: float, seed: int) -> float:
-    """Particles that ignite in a hole, by the share of pulses that find none, over the law's number of them.
-
-    The law is summed over the gaps that the rays see, with the wire's whole girth as its area.
-    """
+    """Particles that ignite in a hole, by the share of pulses that find none, over the law's number of them."""
+    # the law is summed over the gaps that the rays see, with the wire's whole girth as its area
     machine, gap = loaded_machine(), Machine.load().base.gap
     plant = in_a_hole(machine, hole_gap_um(machine, gap_um, seed), seed)
     state = plant.snapshot()

@@ -110,24 +110,14 @@ SMOOTHED_UM = 1.5
 
 
 class CornerPass(NamedTuple):
-    """A wire's way round a corner of 90 degrees.
+    """A wire's way round a corner of 90 degrees."""
 
-    Attributes
-    ----------
-    lag_um : float
-        Lag on the straight before it.
-    nearest_um : float
-        Distance from the corner at which the wire's path passes it.
-    farthest_um : float
-        Largest distance of the wire's path from the guides': inside the corner if the wire lags, beyond it if the
-        wire leads.
-    inside_um : float
-        How far inside the corner, along its bisector, the wire passes where it is nearest; below 0 beyond it.
-    """
-
-    lag_um: float
-    nearest_um: float
+    lag_um: float  # lag on the straight before it
+    nearest_um: float  # distance from the corner at which the wire's path passes it
+    # largest distance of the wire's path from the guides': inside the corner if the wire lags, beyond it if the
+    # wire leads
     farthest_um: float
+    # how far inside the corner, along its bisector, the wire passes where it is nearest; below 0 beyond it
     inside_um: float
 
 
@@ -157,18 +147,7 @@ def cut_corner(
     machine: Machine, seed: int, watch: Callable[[tuple[float, float], bool], None] | None = None, *,
     feed: float | FeedController = CORNER_FEED_UM_S,
 ) -> CornerPass:
-    """Cut along +x, then along +y.
-
-    Parameters
-    ----------
-    watch : callable, optional
-        Sees every window's mean deflection and whether it is past the corner.
-
-    Returns
-    -------
-    CornerPass
-        NaN if the wire broke on the way, or did not come round within `LONGEST_S`.
-    """
+    """Cut along +x, then along +y; NaN if the wire broke on the way, or did not come round within `LONGEST_S`."""
     plant, centre_um = begin(machine, seed), machine.base.table.centre_um
     traverse = Traverse(plant, feed)
     places, lags = [], []

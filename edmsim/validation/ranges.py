@@ -30,10 +30,9 @@ def drawn_cuts(seeds: Sequence[int]) -> list[Cut]:
 
 
 def ranges(seeds: Sequence[int]) -> list[Row]:
-    """Rate, gaps and lag of drawn machines: the median, and half of what 95 % of them span.
-
-    A machine that the law does not feed by a wire's diameter has a rate, but no kerf; it is left out of gaps and lag.
-    """
+    """Rate, gaps and lag of drawn machines: the median, and half of what 95 % of them span."""
+    # a machine that the law does not feed by a wire's diameter has a rate, but no kerf; it is left out of gaps
+    # and lag
     cuts = [cut for cut in drawn_cuts(seeds) if not cut.broken]
     rate, half_rate = _median_and_half([c.feed_um_s * c.plant.machine.height_mm * 60e-3 for c in cuts])
     cuts = [cut for cut in cuts if cut.travel_um > cut.plant.machine.wire_diameter_um]

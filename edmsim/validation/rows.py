@@ -163,13 +163,7 @@ Check = Callable[[Sequence[int]], list[Row]]
 
 
 def mean_and_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Mean of independent values and the half width of its 95 % interval (Student's t).
-
-    Parameters
-    ----------
-    values : sequence of float
-        One per seed; a single one has no interval (infinite half width).
-    """
+    """Mean of independent values and the half width of its 95 % interval (Student's t), infinite for a single one."""
     data = np.asarray(values, float)
     n = data.size
     if n < 2:

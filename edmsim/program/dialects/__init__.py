@@ -37,20 +37,7 @@ def comments_of(text: str) -> list[str]:
 
 
 def dialect_of(text: str, requested: str) -> tuple[Dialect, list[str]]:
-    """Return the dialect of a program, and notices about it.
-
-    Parameters
-    ----------
-    text : str
-        The program.
-    requested : str
-        A dialect's name, or ``auto``: it is recognised by words that no other has.
-
-    Raises
-    ------
-    InputError
-        Unknown dialect.
-    """
+    """Return the dialect of a program, and notices about it; ``auto`` recognises it by words that no other has."""
     if check_dialect(requested) != AUTO:
         return DIALECTS[requested], [f"dialect {requested} ({DIALECTS[requested].machines}), as requested"]
     words = "\n".join("".join(_COMMENT.sub("", line).split()) for line in text.upper().splitlines())

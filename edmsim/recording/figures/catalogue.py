@@ -60,16 +60,7 @@ def pictures(
     report: Mapping[str, Any], windows: pa.Table, scene: Scene, sample: PulseSample | str,
     leave_out: Callable[[str], None],
 ) -> Iterator[Picture]:
-    """Draw the figures of a cut, one after the other.
-
-    Parameters
-    ----------
-    sample : PulseSample or str
-        Single pulses of a straight cut with this cut's set-up, or why there are none
-        (`edmsim.job.result.sample_or_reason`).
-    leave_out : callable
-        Called with which figures cannot be made of this cut, and why.
-    """
+    """Draw the figures of a cut one by one; `leave_out` is called with those that cannot be made, and why."""
     for name, draw in OF_CUT.items():
         if (name != "corner" or scene.corners) and (name != "passes" or report.get("passes")):
             yield Picture(name, _CAPTIONS[name], draw(report, windows, scene))

@@ -24,18 +24,7 @@ _WIRES = 150
 
 
 def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
-    """Draw a path in the program's coordinates.
-
-    Parameters
-    ----------
-    kerf_um : float
-        Expected width of the kerf: wire and twice the gap.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With an Agg canvas.
-    """
+    """Draw a path in the program's coordinates; the kerf is wire and twice the gap."""
     from edmsim.recording.figures.canvas import NotebookFigure
 
     figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")

@@ -53,20 +53,7 @@ class Band(NamedTuple):
 
 
 def binned(x: NDArray[np.float64], values: NDArray[np.float64], bins: int = BINS) -> Band:
-    """Put a series into at most `bins` bins of equally many rows.
-
-    Parameters
-    ----------
-    x, values : float64 array (n,)
-        NaN in `values` is left out; a bin with nothing else is NaN.
-    bins : int
-        At least 1.
-
-    Returns
-    -------
-    Band
-        Arrays of length ``min(n, bins)``.
-    """
+    """Put a series into at most `bins` bins of equally many rows, without NaN; a bin with nothing else is NaN."""
     edges = np.linspace(0, len(x), min(len(x), bins) + 1).astype(int)
     starts, known = edges[:-1], np.isfinite(values)
     if len(starts) == 0:
@@ -231,13 +218,7 @@ LABELLED_CORNERS = 12
 
 
 def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
-    """Draw the part, what was cut of it, and the error between on `axes`, in the program's coordinates.
-
-    Parameters
-    ----------
-    within_mm : (x_min, y_min, x_max, y_max), optional
-        What is shown, on the table; all of the cut if not given.
-    """
+    """Draw part, kerf and the error between, in the program's coordinates; `within_mm` is a box on the table."""
     box, (dx, dy) = within_mm or scene.extent_mm(), scene.origin_mm or (0.0, 0.0)
     scene = scene.in_program()
     factor = scene.error_factor()
@@ -412,10 +393,8 @@ def _mark_corners(axes: Axes, scene: Scene) -> None:
 def label_places(
     axes: Axes, corners: Sequence[SceneCorner], middle: NDArray[np.float64], font_pt: float
 ) -> Iterator[tuple[SceneCorner, tuple[float, float]]]:
-    """Choose places of labels, in points from their corners, that cover neither each other nor a corner.
-
-    Best toward the middle of the part: outside, the exaggerated error is drawn. One without room has no label.
-    """
+    """Choose places of labels, in points from their corners, that cover neither each other nor a corner."""
+    # best toward the middle of the part: outside, the exaggerated error is drawn; one without room has no label
     point = axes.figure.dpi / 72.0
     at = axes.transData.transform([(c.x_mm, c.y_mm) for c in corners]) / point
     centre = axes.transData.transform(middle) / point

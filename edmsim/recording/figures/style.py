@@ -21,10 +21,8 @@ LABEL_PT, TICK_PT, TITLE_PT = 7.5, 7.0, 8.5
 def column_figure(
     height_in: float, *, top_in: float = 0.1, bottom_in: float = 0.38, left_in: float = 0.48, right_in: float = 0.1
 ) -> Figure:
-    """Return an empty figure of one column's width, with an Agg canvas; pyplot is not touched.
-
-    The margins are given: to have them found by matplotlib takes as long as to draw the figure.
-    """
+    """Return an empty figure of one column's width, with an Agg canvas; pyplot is not touched."""
+    # margins are arguments: to have them found by matplotlib takes as long as to draw the figure
     from edmsim.recording.figures.canvas import NotebookFigure
 
     # a layout engine of the user's own rcParams would move the margins

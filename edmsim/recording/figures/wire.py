@@ -41,10 +41,7 @@ def folded_hz(frequency_hz: Array, sampling_hz: float) -> Array:
 
 
 def spectrum(sample: PulseSample) -> tuple[Array, Array, Array]:
-    """Return frequencies in Hz, and the power spectra of the wire's motion along and across the feed in um^2/Hz.
-
-    Averaged over the slices; the slow motion of a whole stretch is taken out.
-    """
+    """Return frequencies in Hz, and power spectra along and across the feed in um^2/Hz, averaged over the slices."""
     from scipy.signal import welch
 
     length = max(len(sample.deflection_um) // SEGMENTS, 2)

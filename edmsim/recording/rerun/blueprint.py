@@ -34,30 +34,22 @@ class Plot(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """What the views need to know of a cut; the recording stores it, so that it can be laid out again.
+    """What the views need to know of a cut; the recording stores it, so that it can be laid out again."""
 
-    Attributes
-    ----------
-    size_mm, height_mm, wire_diameter_um : float
-        The largest of the drawing's sides and the workpiece's height, that height, the wire.
-    x0_mm, y0_mm, x1_mm, y1_mm : float
-        Box around the drawing.
-    deflection_factor, error_factor : float
-        How many times larger the wire's deflection and the profile error are drawn.
-    end_s : float
-        Machine time at the end.
-    """
-
+    # size_mm, height_mm, wire_diameter_um: the largest of the drawing's sides and the workpiece's height, that
+    # height, the wire
     size_mm: float
     height_mm: float
     wire_diameter_um: float
-    x0_mm: float
+    x0_mm: float  # x0_mm, y0_mm, x1_mm, y1_mm: box around the drawing
     y0_mm: float
     x1_mm: float
     y1_mm: float
+    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are
+    # drawn
     deflection_factor: float
     error_factor: float
-    end_s: float
+    end_s: float  # machine time at the end
 
 
 def sizes_of(scene: Scene, deflection_factor: float, end_s: float) -> Sizes:
@@ -129,16 +121,9 @@ ELECTRICAL: tuple[Plot, ...] = (
 
 
 def blueprint(sizes: Sizes, steps: tuple[Plot, ...] = ()) -> rrb.Blueprint:
-    """Return the layout of one cut.
-
-    Left the workpiece and the machine, below them the gap from above and the whole part, at the foot the
-    oscilloscope; right the series and the events.
-
-    Parameters
-    ----------
-    steps : tuple of Plot
-        Views of what an environment adds, in a tab of their own that is shown first.
-    """
+    """Return the layout of one cut; `steps`, what an environment adds, are in a tab that is shown first."""
+    # left the workpiece and the machine, below them the gap from above and the whole part, at the foot the
+    # oscilloscope; right the series and the events
     import rerun.blueprint as rrb
 
     factor = sizes.deflection_factor

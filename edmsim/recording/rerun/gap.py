@@ -279,17 +279,8 @@ def log_coverage(recording: rr.RecordingStream, scene: Scene, shapes: Shapes) ->
 def log_bubbles(
     recording: rr.RecordingStream, scene: Scene, shapes: Shapes, travel: NDArray[np.float64], factor: float
 ) -> None:
-    """Log a bubble for every slice on the front of the drawn wire, in mm.
-
-    One of a slice that gas covers wholly is as wide as the slice is high; the area of others is that share of its.
-
-    Parameters
-    ----------
-    travel : float64 array (n, 2)
-        Direction of travel at every shape.
-    factor : float
-        How many times larger the wire's deflection is drawn.
-    """
+    """Log a bubble for every slice on the front of the drawn wire, in mm."""
+    # in a slice covered wholly it is as wide as the slice is high; the area of others is that share of its
     import rerun as rr
 
     n, slices = shapes.coverage.shape
@@ -310,16 +301,9 @@ def log_bubbles(
 
 
 def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArray[np.void]) -> None:
-    """Log a bubble for every slice, at the last discharge that burned there, in um in the top view.
-
-    It is as wide as the share of the wire's front half that gas covers in its slice, and reaches from the wire to the
-    metal at mid height.
-
-    Parameters
-    ----------
-    closeups : array (n,)
-        Rows of `edmsim.recording.stores.row_type`.
-    """
+    """Log a bubble for every slice, at the last discharge that burned there, in um in the top view."""
+    # as wide as the share of the wire's front half that gas covers in its slice, from the wire to the metal at
+    # mid height
     import rerun as rr
 
     if len(closeups) == 0:

@@ -42,15 +42,9 @@ _SIDES = 24
 
 
 class Mesh(NamedTuple):
-    """Triangles with a normal per vertex.
+    """Triangles with a normal per vertex."""
 
-    Attributes
-    ----------
-    positions, normals : float32 arrays (n, 3)
-        Positions in mm.
-    """
-
-    positions: NDArray[np.float32]
+    positions: NDArray[np.float32]  # positions, normals: positions in mm
     normals: NDArray[np.float32]
     triangles: NDArray[np.uint32]
 
@@ -127,34 +121,17 @@ def moved(mesh: Mesh, rotation: NDArray[np.float64], to_mm: NDArray[np.float64])
 
 
 class Growth(NamedTuple):
-    """The workpiece while it is cut: its solid from each of some times on.
+    """The workpiece while it is cut: its solid from each of some times on."""
 
-    Attributes
-    ----------
-    rows : int array (n,)
-        Row of the table of windows from which on each solid holds.
-    tolerance_mm : float
-        Within which the kerf's edge was drawn.
-    """
-
-    rows: NDArray[np.int64]
+    rows: NDArray[np.int64]  # (n,): row of the table of windows from which on each solid holds
     solids: tuple[Mesh, ...]
-    tolerance_mm: float
+    tolerance_mm: float  # within which the kerf's edge was drawn
 
 
 def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> Growth:
-    """Return the workpiece's solid at up to `KERF_FRAMES` times of a cut.
-
-    The kerf is the finished cut's at mid height, uncovered as far as the wire's rays reach from where it has been;
-    that of a leaning wire is drawn slice by slice.
-
-    Parameters
-    ----------
-    places_um : array (windows, 2)
-        Guides on the table, window by window.
-    path_um : array (windows,)
-        Place along the wire path.
-    """
+    """Return the workpiece's solid at up to `KERF_FRAMES` times of a cut."""
+    # the kerf is the finished cut's at mid height, uncovered as far as the wire's rays reach from where it has
+    # been; that of a leaning wire is drawn slice by slice
     faces, reach = _faces(scene), scene.wire_diameter_um / 2000.0 + RAY_RANGE_UM / 1000.0
     layers = _layers(scene)
     known = [_kerf(scene, layer.number, KERF_POINTS // len(layers)) for layer in layers]
@@ -256,33 +233,16 @@ _PLATE = "workpiece"
 
 
 class Bodies(NamedTuple):
-    """Drawn bodies of a machine, in mm from the lower guide's axis and the workpiece's lower face, at X0 Y0.
+    """Drawn bodies of a machine, in mm from the lower guide's axis and the workpiece's lower face, at X0 Y0."""
 
-    Attributes
-    ----------
-    solids : dict of str to Mesh
-        By `BASE`, `CROSS` and `TABLE`.
-    colours : dict of str to uint8 array (n, 3)
-        A colour for every vertex.
-    plate_mm : (low, high)
-        Opposite corners of the plate the MJCF draws as workpiece.
-    """
-
-    solids: dict[str, Mesh]
-    colours: dict[str, NDArray[np.uint8]]
+    solids: dict[str, Mesh]  # by `BASE`, `CROSS` and `TABLE`
+    colours: dict[str, NDArray[np.uint8]]  # (n, 3): a colour for every vertex
+    # opposite corners of the plate the MJCF draws as workpiece
     plate_mm: tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def bodies_of(model: mujoco.MjModel, lower_guide_mm: float) -> Bodies:
-    """Return the drawn bodies of a machine.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Of `edmsim.plant.mechanics.model.build_model`.
-    lower_guide_mm : float
-        Height of the lower guide over the workpiece's lower face: negative.
-    """
+    """Return the drawn bodies of a machine; the lower guide is below the workpiece's lower face, so negative."""
     import mujoco
 
     data = mujoco.MjData(model)
@@ -547,10 +507,7 @@ def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: Shapes,
 
 
 def wire_strips(scene: Scene, shapes: Shapes, factor: float) -> NDArray[np.float32]:
-    """Return the wire of every shape in machine coordinates, (n, slices + 2, 3) in mm.
-
-    From the lower guide through the middle of every slice to the upper guide; deflection times `factor`.
-    """
+    """Return the wire of every shape, from guide to guide, (n, slices + 2, 3) in mm; deflection times `factor`."""
     n = shapes.deflection_um.shape[1]
     z_mm = np.concatenate(
         [[scene.guides_z_mm[0]], scene.height_mm * (np.arange(n) + 0.5) / n, [scene.guides_z_mm[1]]]

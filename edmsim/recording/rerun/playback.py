@@ -101,19 +101,11 @@ def _check_version(recording: Path, application: str, chunks: list[Chunk]) -> No
 
 
 class Rows(NamedTuple):
-    """A component of an entity over time, rows in order of time.
+    """A component of an entity over time, rows in order of time."""
 
-    Attributes
-    ----------
-    t_s, path_um : float64 arrays (n,)
-        Machine time and place along the path; 0 for what stays.
-    values : pyarrow.Array
-        A list per row.
-    """
-
-    t_s: NDArray[np.float64]
+    t_s: NDArray[np.float64]  # t_s, path_um: machine time and place along the path; 0 for what stays
     path_um: NDArray[np.float64]
-    values: pa.Array
+    values: pa.Array  # a list per row
 
     def at(self, t_s: float) -> int:
         """Return the row that holds at a time; -1 before the first."""

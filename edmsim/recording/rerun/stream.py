@@ -29,23 +29,8 @@ CLASS_COLOURS = {"spark": palette.SKY, "open": palette.MUTED, "short": palette.V
 
 @contextmanager
 def saved(recording: rr.RecordingStream, file: str | Path, layout: rrb.Blueprint) -> Iterator[None]:
-    """Write what is logged inside to a file, which is replaced whole or not at all.
-
-    Rerun's own file sink waits for ever where a disk is full, and takes no names that are not UTF-8; so it is kept in
-    memory until it is whole.
-
-    Parameters
-    ----------
-    recording : rerun.RecordingStream
-        Disconnected in the end.
-    layout : rerun.blueprint.Blueprint
-        What a viewer shows by default.
-
-    Raises
-    ------
-    OSError
-        The file cannot be written.
-    """
+    """Write what is logged inside to a file, which is replaced whole or not at all; the recording is disconnected."""
+    # rerun's own file sink waits for ever on a full disk, and takes no names that are not UTF-8
     memory = recording.memory_recording()
     try:
         recording.send_blueprint(layout, make_active=False, make_default=True)

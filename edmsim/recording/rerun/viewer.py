@@ -56,20 +56,7 @@ OF_EPISODES = ((f"{RETURN}/{TOTAL}", "return so far"), (f"{COST}/{TOTAL}", "cost
 
 
 def write_comparison(file: Path, a: Path, b: Path) -> None:
-    """Write two recordings as one that shows them side by side.
-
-    Parameters
-    ----------
-    file : path
-        What to write.
-    a, b : path
-        Recordings of cuts.
-
-    Raises
-    ------
-    InputError
-        As `edmsim.recording.rerun.playback.find_recording` for either.
-    """
+    """Write two recordings as one that shows them side by side."""
     import rerun as rr
 
     plays = [Playback(a), Playback(b)]
@@ -215,27 +202,7 @@ _MEMORY = "500MB"
 
 
 class LiveViewer:
-    """A viewer in a process of its own, which takes what is drawn from this machine only.
-
-    Parameters
-    ----------
-    what : str
-        What it shows, for the notice.
-    instead : str
-        What a user can do where it does not start.
-
-    Attributes
-    ----------
-    source : str
-        Where it takes it.
-    notice : str
-        What to tell the user.
-
-    Raises
-    ------
-    InputError
-        It did not start.
-    """
+    """A viewer in a process of its own, which takes what is drawn from this machine only."""
 
     def __init__(self, what: str, instead: str) -> None:
         port, web_port = free_port(_PORT), free_port(_WEB_PORT)

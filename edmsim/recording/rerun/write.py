@@ -53,19 +53,7 @@ class Event(NamedTuple):
 
 
 def events(windows: pa.Table, scene: Scene, report: Mapping[str, Any]) -> list[Event]:
-    """Return the events of a cut in order of time.
-
-    Parameters
-    ----------
-    report : mapping
-        For how the cut ended.
-
-    Returns
-    -------
-    list of Event
-        Places are in the program's coordinates.
-        Levels as rerun shows them: INFO, WARN, ERROR, CRITICAL.
-    """
+    """Return the events of a cut in order of time, places in the program's coordinates."""
     if len(windows) == 0:
         return []
     scene, origin_um = scene.in_program(), 1e3 * np.array(scene.origin_mm or (0.0, 0.0))
@@ -154,29 +142,7 @@ def write_recording(
     file: str | Path, scene: Scene, windows: pa.Table, frames: Frames, closeups: Closeups, machine: Machine,
     report: Mapping[str, Any], title: str, steps: Steps | None = None,
 ) -> None:  # fmt: skip
-    """Write the recording; equal cuts give equal recordings, whatever the computer took for them.
-
-    Parameters
-    ----------
-    file : path
-        Replaced whole or not at all.
-    scene : Scene
-        Drawing, cut edges, error, corners.
-    windows : pyarrow.Table
-        The table of windows.
-    frames : Frames
-        The wire's shape.
-    closeups : Closeups
-        Windows kept pulse by pulse.
-    machine : Machine
-        The set-up, whose MJCF is drawn.
-    report : mapping
-        Of `edmsim.recording.report.build_report`; its outcome, times and settings are recorded.
-    title : str
-        What was cut, usually the program's name.
-    steps : Steps, optional
-        What an environment adds: actions, rewards, costs.
-    """
+    """Write the recording; equal cuts give equal recordings, whatever the computer took for them."""
     import rerun as rr
 
     closeup_rows = closeups.table()
@@ -319,10 +285,8 @@ def _log_series(
     event_rows: NDArray[np.int64],
     passes: Sequence[Mapping[str, Any]],
 ) -> int:
-    """Log every series; return how many windows each of its points is the mean of, away from events.
-
-    Each pass has a timeline of its own besides, from its begin on.
-    """
+    """Log every series; return how many windows each of its points is the mean of, away from events."""
+    # each pass has a timeline of its own besides, from its begin on
     rows = len(windows)
     group = max(1, -(-rows // MAX_ROWS))
     if rows == 0:
@@ -410,10 +374,8 @@ def _values(windows: pa.Table, name: str) -> NDArray[np.float64]:
 
 
 def group_starts(rows: int, size: int, event_rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the first row of every group: `size` rows each, but one only up to `AROUND` rows from an event.
-
-    Of many events only as many evenly spaced ones count as make `MAX_ROWS` rows.
-    """
+    """Return the first row of every group: `size` rows each, but one only up to `AROUND` rows from an event."""
+    # of many events only as many evenly spaced ones count as make `MAX_ROWS` rows
     most = MAX_ROWS // (2 * AROUND + 1)
     chosen = event_rows[np.unique(np.linspace(0, len(event_rows) - 1, min(len(event_rows), most)).astype(int))]
     near = (chosen[:, None] + np.arange(-AROUND, AROUND + 2)).ravel()
