@@ -416,7 +416,7 @@ def test_an_interrupted_comparison_is_one_line_and_130(edmsim: Run, monkeypatch:
     monkeypatch.setattr("edmsim.bench.pairs.compare", interrupted)
     told = edmsim("bench", "--against", "HEAD")
     assert (told.status, told.out) == (130, "")
-    assert told.err == "edmsim: interrupted; nothing was measured to the end\n"
+    assert told.err == "edmsim: interrupted; no measurement was completed\n"
 
 
 @pytest.mark.slow
