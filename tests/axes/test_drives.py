@@ -291,12 +291,6 @@ def test_wrong_drives_are_refused(machine):
         plant_with(machine, {"x": drive})
 
 
-def test_a_stepper_by_name_is_the_stepper(machine):
-    a, b = plant_with(machine, {}), plant_with(machine, {"x": axes.make("stepper")})
-    assert a.advance(steps(4)) == b.advance(steps(4))
-    assert a.place_um == b.place_um
-
-
 @pytest.mark.slow
 def test_a_plant_with_another_drive_compiles_nothing(machine):
     """The window and the servo's sample come from the cache in a new process."""

@@ -1,6 +1,5 @@
 """The routines of the 1982 controller: INIT, the emergency routine, the stepper interrupt, the generator's codes."""
 
-import json
 
 import numpy as np
 import pytest
@@ -334,16 +333,3 @@ def test_what_cannot_be_done_is_refused(do, words):  # T-A1, T-60
         do(computer)
     assert words in str(refused.value)
     assert computer.position == START
-
-
-def test_a_computer_continues_from_its_snapshot():
-    first = ready(speed=100)
-    first.set_pulse_codes(50, 200)
-    first.move_to(30_400, 29_700)
-    first.run_until(SECOND)
-    first.board.scan_keys(frozenset([5]))
-    second = Computer()
-    second.restore(json.loads(json.dumps(first.snapshot())))
-    assert second.run_until(4 * SECOND) == first.run_until(4 * SECOND) != []
-    assert second.snapshot() == first.snapshot()
-    assert second.t_states > 0

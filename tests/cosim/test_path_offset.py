@@ -63,7 +63,7 @@ def test_it_goes_on_where_it_was_saved():
 class Lateral:
     """A controller that feeds evenly, beside the path."""
 
-    name = "shifted"
+    name = "lateral"
 
     def __init__(self, offset_um: float) -> None:
         self.offset_um = offset_um
@@ -115,5 +115,5 @@ def test_a_cut_with_a_lateral_offset_is_resumed_to_the_bit():
 
 @pytest.mark.parametrize("offset_um", [np.nan, np.inf])
 def test_a_controller_commands_a_finite_offset(offset_um):
-    with pytest.raises(InputError, match="the beside controller commanded an offset of"):
+    with pytest.raises(InputError, match="the lateral controller commanded an offset of"):
         simulation(offset_um)

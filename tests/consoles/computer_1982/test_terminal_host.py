@@ -9,12 +9,10 @@ import sys
 import pytest
 
 from edmsim.cli import app as cli
-from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.rig import Rig
-from edmsim.consoles.computer_1982.session import Session
 from edmsim.controllers.mcu.firmware.memory_map import CIADR, TERMINAL_IN
 
-from .conftest import Script
+from .conftest import run_script
 
 PROGRAM = """\
 * two settings, a line and a quarter of a circle
@@ -146,10 +144,6 @@ def test_bad_options_are_one_line_and_status_2(options, reason, monkeypatch, cap
 
 @pytest.mark.slow
 def test_the_same_script_gives_the_same_session_bit_for_bit(machine):
-    def session(seed):
-        screen = Script(b"TI 30 TP 100\nNEW 32600 32500\nSTART\nWAIT 2\nSTATUS\nEM\nINIT\nSTATUS\n")
-        Session(Rig(machine, seed, resolution="fast"), screen, Interrupts()).run()
-        return bytes(screen.printed)
-
-    assert session(7) == session(7)
-    assert session(7) != session(8)
+    script = "TI 30 TP 100", "NEW 32600 32500", "START", "WAIT 2", "STATUS", "EM", "INIT", "STATUS"
+    first, same, other = (run_script(Rig(machine, seed, resolution="fast"), *script).lines for seed in (7, 7, 8))
+    assert first == same != other

@@ -13,7 +13,7 @@ from edmsim.consoles.computer_1982.session import Session
 from edmsim.controllers.mcu.dialogue.monitor import punch
 from edmsim.controllers.mcu.firmware import memory_map as at
 
-from .conftest import Script
+from .conftest import Script, run_script
 
 SET = "TI 30 TP 100"
 STEPS = bytes.fromhex(
@@ -27,14 +27,7 @@ STEPS = bytes.fromhex(
 @pytest.fixture
 def sit(rig, tmp_path):
     """Type a script into the monitor that power-up leads to; returns the exit status and the lines shown."""
-
-    def run(*lines, **options):
-        screen = Script("".join(f"{line}\n" for line in lines).encode())
-        options = {"monitor": True, "tapes": tmp_path, **options}
-        status = Session(rig, screen, Interrupts(), **options).run()
-        return status, screen.printed.decode().split("\r\n")
-
-    return run
+    return lambda *lines, **options: run_script(rig, *lines, **{"monitor": True, "tapes": tmp_path, **options})[:2]
 
 
 def after(lines, typed):
@@ -234,11 +227,10 @@ def on_a_table_of(machine, travel_mm):
 
 def test_a_large_table_counts_steps_and_says_so(machine):  # T-61
     rig = Rig(on_a_table_of(machine, 130.0), seed=1, resolution="fast")
-    lines = ["POS", "X -10", "WAIT", "X 33060", SET, "NEW 32500 32480", "START", "WAIT 1", "EM", "INIT", SET,
-             "GO", "WAIT", "CCW 32490 32490 32490 32480", "START", "WAIT"]  # fmt: skip
-    screen = Script("".join(f"{line}\n" for line in lines).encode())
-    status = Session(rig, screen, Interrupts()).run()
-    lines = screen.printed.decode().split("\r\n")
+    status, lines, _ = run_script(
+        rig, "POS", "X -10", "WAIT", "X 33060", SET, "NEW 32500 32480", "START", "WAIT 1", "EM", "INIT", SET, "GO",
+        "WAIT", "CCW 32490 32490 32490 32480", "START", "WAIT",
+    )  # fmt: skip
     assert "THE TABLE HAS 130 mm: PLACES AND WAYS ARE STEPS OF 2 um HERE, NOT um" in lines
     assert after(lines, "> POS") == "POSITION X 32500 Y 32500 STEPS"
     assert "READY   X 32490 Y 32500 STEPS" in lines
@@ -251,8 +243,7 @@ def test_a_large_table_counts_steps_and_says_so(machine):  # T-61
 
 def test_a_small_table_starts_in_its_middle_and_counts_um(machine):  # T-61
     rig = Rig(on_a_table_of(machine, 40.0), seed=1, resolution="fast")
-    screen = Script(b"POS\nX 10\nWAIT\n")
-    Session(rig, screen, Interrupts()).run()
-    assert b"POSITION X 20000 Y 20000 um" in screen.printed
-    assert b"STEPS" not in screen.printed
+    lines = run_script(rig, "POS", "X 10", "WAIT").lines
+    assert "POSITION X 20000 Y 20000 um" in lines
+    assert not [line for line in lines if "STEPS" in line]
     assert rig.place_um == (20_010.0, 20_000.0)

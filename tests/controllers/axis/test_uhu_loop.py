@@ -117,25 +117,6 @@ def test_more_cycle_means_more_damping_per_speed_and_less_integral_per_second() 
     assert growth(100) / growth(50) == pytest.approx(0.5, rel=0.05)
 
 
-def test_h_resists_a_change_of_speed_by_the_square_of_the_cycle() -> None:  # U-17, U-65
-    def resistance(cycle: int) -> float:
-        gains = {"proportional_gain": 0, "acceleration_gain": 20_000, "cycle": cycle}
-        bench = tuned(changes={"counts_per_rad": 1591.5}, **{**P_ONLY, **gains})
-        bench.supply("x", 0.0)
-        bench.axis("x")["link_V"] = 0.0
-        bench.trace = True
-        for torque_Nm in np.arange(0.1, 4.0, 0.1):  # turned by hand, and the drive answers into a dead bridge
-            bench.torque("x", torque_Nm)
-            bench.run(0.004)
-        samples = bench.samples("x")
-        speed = np.diff(samples["count"])[[0, -1]]
-        mean = control_in(samples["command"][2:]).mean()
-        assert mean == pytest.approx(-20_000 / 256 * np.diff(speed)[0] / len(samples), rel=0.05)
-        return float(mean)
-
-    assert resistance(80) / resistance(40) == pytest.approx(4.0, rel=0.1)
-
-
 def test_t_limits_the_duty() -> None:  # U-2, U-19, U-49
     bench = tuned(**P_ONLY, proportional_gain=5000)
     bench.hold("x", True)
@@ -189,16 +170,10 @@ def test_a_step_moves_m_plus_one_counts(multiplier: int) -> None:  # U-22
     bench.run(1.0)
     assert register(bench, TARGET) == 30 * (multiplier + 1)
     assert abs(error(bench)) <= 1
-
-
-def test_a_new_m_counts_for_new_steps_only() -> None:  # U-22
-    bench = tuned()
-    bench.steps("x", 10, 1000.0)
-    bench.run(0.1)
-    ask(bench, "M2")
+    ask(bench, "M2")  # counts for new steps only
     bench.steps("x", 10, 1000.0)
     bench.run(0.3)
-    assert register(bench, TARGET) == 10 + 30
+    assert register(bench, TARGET) == 30 * (multiplier + 1) + 30
 
 
 def test_e_not_above_m_plus_one_trips_at_the_first_step() -> None:  # U-68
@@ -384,27 +359,6 @@ def test_too_much_p_or_i_and_too_little_d_or_h_oscillate(good: dict[str, int], b
     assert oscillation_with(**{**good, **bad}) > 10
 
 
-def frequency_Hz(**parameters: int) -> float:
-    """Of what a loop with these parameters does two seconds after a jump."""
-    bench = tuned(**{**START, **parameters})
-    bench.drive("x").go(40)
-    bench.run(0.5)
-    samples = traced(bench, 4.0)
-    places = samples["count"] - samples["count"].mean()
-    assert np.ptp(places) > 10
-    spectrum = np.abs(np.fft.rfft(places * np.hanning(len(places))))
-    interval_s = np.diff(samples["time_ns"]).mean() * 1e-9
-    return float(np.fft.rfftfreq(len(places), interval_s)[spectrum.argmax()])
-
-
-def test_too_much_p_oscillates_slower_than_too_much_i_or_too_little_d_or_h() -> None:  # U-57
-    tight = {"proportional_gain": 5000, "speed_gain": 4000, "acceleration_gain": 20_000}
-    assert oscillation_with(**tight) <= 2
-    slow = frequency_Hz(**{**tight, "proportional_gain": 20_000})
-    for wrong in ({"integral_gain": 120}, {"speed_gain": 0}, {"acceleration_gain": 0}):
-        assert frequency_Hz(**{**tight, **wrong}) > slow
-
-
 def test_a_senseless_set_is_stored_and_activated() -> None:  # U-47
     bench = tuned(**{**START, "error_limit": 30})
     assert ask(bench, "P20000") == "OK"
@@ -420,14 +374,6 @@ def test_play_before_the_encoder_cannot_be_tuned_away() -> None:  # U-59
     for gains in ({}, {"acceleration_gain": 5000}, {"proportional_gain": 500}):
         assert oscillation_with(**gains) <= 2
         assert oscillation(tuned(changes=behind, **{**START, **gains})) > 2
-
-
-def test_a_lower_torque_limit_calms_an_unsuitable_motor() -> None:  # U-58
-    wild, calm = (
-        oscillation(tuned("low-impedance", **{**START, "torque_limit": limit}))
-        for limit in (255, 50)
-    )
-    assert calm < wild
 
 
 def test_the_bridge_needs_more_than_the_motor_s_voltage() -> None:  # U-49, U-A20
