@@ -42,6 +42,9 @@ def train(
         int | None, typer.Option(metavar="N", help="Record every N-th episode of the first environment.")
     ] = None,
     live: Annotated[bool, typer.Option("--live", help="Show these episodes in rerun's viewer as they end.")] = False,
+    safe: Annotated[
+        int | None, typer.Option(metavar="MACHINES", help="Keep the start if on these many others it earned more.")
+    ] = None,
     **options: Any,
 ) -> None:
     """Train a feed controller (needs the extra rl)."""
@@ -49,7 +52,7 @@ def train(
     from edmsim.evaluation.parts import is_part
     from edmsim.learning.command import TrainOptions, run
 
-    kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live)
+    kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
     try:
         table = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
     except KeyboardInterrupt:
