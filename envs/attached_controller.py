@@ -17,15 +17,7 @@ if TYPE_CHECKING:
 
 
 class AttachedController:
-    """A feed controller that watches an environment's windows; whether its commands are run is up to the caller.
-
-    Parameters
-    ----------
-    sub_envs : SubEnvs
-        Every window of the sub-environment is shown to it, also where a step has several, until `stop`.
-    index : int
-    controller : FeedController
-    """
+    """A feed controller that is shown every window until `stop`; whether its commands are run is up to the caller."""
 
     def __init__(self, sub_envs: SubEnvs, index: int, controller: FeedController) -> None:
         self._sub_envs, self._index, self._controller = sub_envs, index, controller

@@ -42,20 +42,7 @@ def reward_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
 
 
 class Batch:
-    """Parallel episodes of one family, with what Gymnasium's environments show of them.
-
-    Parameters
-    ----------
-    family : Family
-    count : int
-    threads : int
-
-    Attributes
-    ----------
-    sub_envs : SubEnvs
-    account : StepRewards
-        Rewards, their terms and costs of the last step.
-    """
+    """Parallel episodes of one family, with what Gymnasium's environments show of them."""
 
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
         self.family = family
@@ -66,7 +53,7 @@ class Batch:
         self._episodes = np.zeros(count, np.int64)
         self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
         self._terms = [TERMS.index(name) for name in family.objectives]
-        self.account = self._fresh_account()
+        self.account = self._fresh_account()  # rewards, their terms and costs of the last step
 
     def _fresh_account(self) -> StepRewards:
         family = self.family
@@ -83,18 +70,7 @@ class Batch:
     def begin(
         self, index: int, rng: np.random.Generator, machine: Machine | None, *, anew: bool
     ) -> dict[str, Any]:
-        """Begin an episode; returns the info of the reset.
-
-        Parameters
-        ----------
-        index : int
-        rng : numpy.random.Generator
-            The episode is drawn from it.
-        machine : Machine or None
-            Cut with this one.
-        anew : bool
-            Whether a machine is drawn whatever `Family.machine_episodes` says.
-        """
+        """Begin an episode drawn from `rng`, of a machine if given or drawn `anew`; returns the info of the reset."""
         family, before = self.family, self.sub_envs.scenarios[index]
         chosen = machine
         if chosen is None and before is not None and not anew and 0 < self._episodes[index] < family.machine_episodes:

@@ -17,10 +17,8 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 from edmsim.plant.workpiece.height_steps import LowerRegion
 
-LEAST_SHARE = 0.2
-"""Least height of a band that may be asked for, as a share of the greatest (ours)."""
-_MARGIN_UM = 2e3
-"""How far a band reaches beside and beyond the path (ours: well beyond what the wire erodes)."""
+LEAST_SHARE = 0.2  # least height of a band that may be asked for, as a share of the greatest (ours)
+_MARGIN_UM = 2e3  # how far a band reaches beside and beyond the path (ours: well beyond what the wire erodes)
 
 
 @shows_arguments

@@ -25,25 +25,17 @@ Floats = NDArray[np.float64]
 
 
 class Entry(NamedTuple):
-    """One entry of the observation.
-
-    Attributes
-    ----------
-    name : str
-    low, high : float
-        What it is clipped to.
-    quantity, divisor : str
-        What it is, and by what it is divided.
-    value : callable, optional
-        Returns it of a `Machine` if it is a dial, of the `Known` (n,) if it stands behind the dials. Those of a step
-        have theirs in `show`.
-    """
+    """One entry of the observation."""
 
     name: str
+    # what it is clipped to
     low: float
     high: float
+    # what it is, and by what it is divided
     quantity: str
     divisor: str
+    # returns it of a `Machine` if it is a dial, of the `Known` (n,) if it stands behind the dials. Those of a step
+    # have theirs in `show`
     value: Callable[..., Any] | None = None
 
     @property
@@ -85,26 +77,15 @@ DIALS = (
 
 @dataclass
 class Known:
-    """What is known behind the dials, of n episodes.
-
-    Attributes
-    ----------
-    rows : (n,) `path_follower.SUB_ENV`
-    corner_um, corner_deg : (n, most)
-        Length of path up to each corner, infinite for the filling, and its turn.
-    age_s : (n,)
-        Time of cutting with the present wire.
-    broke_at : (n,)
-        Longest period per on-time at which a wire broke; 0 where none did.
-    offset_um, wires, episode_s
-        Arguments of the environment.
-    """
+    """What is known behind the dials, of n episodes."""
 
     rows: NDArray[np.void]
+    # (n, most): length of path up to each corner, infinite for the filling, and its turn
     corner_um: Floats
     corner_deg: Floats
-    age_s: Floats
-    broke_at: Floats
+    age_s: Floats  # (n,): time of cutting with the present wire
+    broke_at: Floats  # (n,): longest period per on-time at which a wire broke; 0 where none did
+    # arguments of the environment
     offset_um: float | None
     wires: int
     episode_s: float | None
@@ -153,8 +134,7 @@ WIRES = (
           lambda k: np.log2(np.maximum(k.broke_at, 1.0)) / 10.0),
 )  # fmt: skip
 """Entries behind all others, where an operator remembers the wires of the episode."""
-WIRE_AGE_S = 60.0
-"""Age of a wire at which its entry is 1 (ours: the time to thread one)."""
+WIRE_AGE_S = 60.0  # age of a wire at which its entry is 1 (ours: the time to thread one)
 LOOK_UM = 1000.0
 """How far along the path corners are shown (ours: well beyond the wire's lag and the distance to slow down in)."""
 
@@ -223,17 +203,7 @@ SCALE = np.dtype(
 def gather(
     indices: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], shown: NDArray[np.void]
 ) -> None:
-    """Add the last window of some sub-environments to what their step showed.
-
-    Parameters
-    ----------
-    indices : (m,)
-        Sub-environments that had a window; of the other arguments, row i belongs to sub-environment i.
-    rows : (n,) `path_follower.SUB_ENV`
-    windows : (n,) `edmsim.plant.kernel.state.WINDOW`
-    shown : (n,) `SHOWN`
-        Added to.
-    """
+    """Add the last window of some sub-environments (m,) to what their step showed."""
     for j in range(indices.shape[0]):
         i = indices[j]
         w = windows[i]
@@ -258,19 +228,7 @@ def show(
     indices: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void], max_feed_um_s: float,
     history: NDArray[np.float32],
 ) -> None:
-    """Put what some sub-environments' steps showed before what the steps before did, and forget the oldest.
-
-    Parameters
-    ----------
-    indices : (m,)
-        Sub-environments that had a step; of the other arguments, row i belongs to sub-environment i.
-    shown : (n,) `SHOWN`
-    scales : (n,) `SCALE`
-        ``draws`` is counted up where there is noise.
-    max_feed_um_s : float
-    history : (n, steps, entries of a step)
-        Written.
-    """
+    """Put what the steps of some sub-environments (m,) showed before what the steps before did; forget the oldest."""
     for j in range(indices.shape[0]):
         i = indices[j]
         s, scale = shown[i], scales[i]

@@ -27,20 +27,7 @@ from edmsim.snapshots import Snapshots
 
 
 class ObservationBuilder(Snapshots):
-    """Builds the observations of n episodes, window by window.
-
-    Parameters
-    ----------
-    family : Family
-    count : int
-    sensors : Sensors
-        How the analogue quantities are measured.
-
-    Attributes
-    ----------
-    sums : (n,) `SHOWN`
-        What the windows of the present step showed.
-    """
+    """Builds the observations of n episodes, window by window."""
 
     STATE = ("sums", "_history", "_scales", "_threaded_ns", "_broke_at")
 
@@ -49,6 +36,7 @@ class ObservationBuilder(Snapshots):
         width = len(of_a_step(family.locates_discharges))
         self._history = np.zeros((count, family.history + sensors.delay_steps, width), np.float32)
         self._dials = np.zeros((count, len(DIALS)), np.float32)
+        # (n,) `SHOWN`: what the windows of the present step showed
         self.sums: NDArray[np.void] = np.zeros(count, SHOWN)
         self._scales: NDArray[np.void] = np.zeros(count, SCALE)
         self._threaded_ns = np.zeros(count, np.int64)

@@ -32,8 +32,7 @@ from edmsim.plant.kernel.discharge import PLACE_SD_UM
 
 _Class = TypeVar("_Class", bound=type)
 
-WIDTH = 114
-"""Characters of a line: those of a docstring in a class, without its indent."""
+WIDTH = 114  # characters of a line: those of a docstring in a class, without its indent
 TARGET = "target of the servo: share of open less short pulses"
 FIRST = {
     "change": ("change of the feed along the path", "``max_change_um_s``"),

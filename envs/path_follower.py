@@ -20,8 +20,7 @@ from edmsim.cosim.stops import StopCause, judge, switches_open
 
 _SEARCH_UM = 300.0
 """How far along the path, either way, the nearest place of it is looked for (ours: deflections stay below)."""
-SHORTED_SHARE = 0.9
-"""Share of short pulses from which on a window counts as shorted (ours)."""
+SHORTED_SHARE = 0.9  # share of short pulses from which on a window counts as shorted (ours)
 SHORTED_S = 2.0
 """Time of nothing but shorted windows after which the machine stops (ours: a retract at 10 um/s has led 20 um away by
 then, more than a gap)."""
@@ -82,19 +81,7 @@ def take_feeds(
     indices: NDArray[np.int64], rows: NDArray[np.void], feeds_um_s: NDArray[np.float64], limit_um_s: float,
     unit_nm_s: float, counts: bool,
 ) -> None:
-    """Command feeds in the planners' units of `unit_nm_s`, clamped to the limit either way.
-
-    Parameters
-    ----------
-    indices : (m,)
-        Sub-environments that move; of the other arguments, row i belongs to sub-environment i.
-    rows : (n,) `SUB_ENV`
-        ``units`` and ``feed_um_s`` are written.
-    feeds_um_s : (n,)
-        Negative backwards.
-    counts : bool
-        Whether the sub-environment shows the feed it counts; it shows it as it was given if not.
-    """
+    """Command feeds, negative backwards, in the planners' units; with `counts` a feed is shown as it is counted."""
     for j in range(indices.shape[0]):
         i = indices[j]
         units = np.rint(min(max(feeds_um_s[i], -limit_um_s), limit_um_s) * 1e3 / unit_nm_s)
@@ -126,27 +113,9 @@ def plan(
     points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64], states: NDArray[np.void],
     out: NDArray[np.int64],
 ) -> int:
-    """Plan every sub-environment's motor steps for the longest window there can be; the planners themselves stay.
+    """Plan motor steps (n, room, 3) for the longest window there can be; the planners themselves stay, `ahead` runs.
 
-    Parameters
-    ----------
-    indices : (m,)
-        Sub-environments that move; of the other arguments, row i belongs to sub-environment i.
-    rows : (n,) `SUB_ENV`
-        ``steps`` is written.
-    planners, ahead : (n,), (1,) `edmsim.controllers.planner.record.PLANNER`
-        The planners, and room for one that runs ahead.
-    points, along, lengths : (n, most, 2), (n, most), (n, most)
-        Paths of the planners (see `Course`).
-    states : (n,) `edmsim.plant.kernel.state.STATE`
-        Time of the plants.
-    out : (n, room, 3)
-        Written: time in ns, axis and direction of each step.
-
-    Returns
-    -------
-    int
-        Most steps of a sub-environment; if `out` has too little room for them, plan again with more.
+    Returns the most steps of a sub-environment; if `out` has too little room for them, plan again with more.
     """
     most = 0
     for j in range(indices.shape[0]):
@@ -164,15 +133,7 @@ def lead_sideways(
     indices: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], points: NDArray[np.float64],
     along: NDArray[np.float64], states: NDArray[np.void], out: NDArray[np.int64],
 ) -> None:
-    """Put the steps that lead sub-environments beside their paths before those that are planned; see `next_steps`.
-
-    Parameters
-    ----------
-    sub-environments, rows, planners, points, along, states
-        As in `plan`; ``steps`` and ``beside`` are written.
-    out : (n, room, 3)
-        Of `plan`, with room for two steps more in each row.
-    """
+    """Put steps that lead sub-environments beside their paths before the planned ones; see `next_steps`."""
     for j in range(indices.shape[0]):
         i = indices[j]
         more = next_steps(
@@ -237,20 +198,8 @@ def follow(
 ) -> None:
     """Move every environment on by the window it has had: its place, where its wire is, whether it has ended.
 
-    Parameters
-    ----------
-    indices, points, along, lengths
-        As in `plan`.
-    rows : (n,) `SUB_ENV`
-        Brought up to date; ``cause`` tells `DONE` at the end of a leg, and knows nothing of `OUT_OF_RANGE`.
-    planners, before : (n,), (1,)
-        The planners, which run on by the window, and room for one as it was.
-    height_from, heights : (n, most)
-        Lengths of path from which on the workpiece has another height, and these, in mm.
-    states, windows : (n,)
-        Of the plants, after the window.
-    nowhere : (0, 3)
-        Room for no steps: those of the window are made.
+    ``cause`` tells `DONE` at the end of a leg, and knows nothing of `OUT_OF_RANGE`. `before` is room for one planner
+    as it was, `nowhere` (0, 3) room for no steps: those of the window are made. `heights` hold from `height_from` on.
     """
     for j in range(indices.shape[0]):
         i = indices[j]

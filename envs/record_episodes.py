@@ -22,8 +22,7 @@ try:
 except ImportError as error:
     raise InputError("stable-baselines3 is not installed: pip install 'edmsim[rl]'") from error
 
-EVERY = 100
-"""Ours: with episodes of a thousand steps recording then takes some per mille of the time."""
+EVERY = 100  # ours: with episodes of a thousand steps recording then takes some per mille of the time
 
 
 # untyped where the extra is missing

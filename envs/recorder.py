@@ -32,16 +32,7 @@ _in_order = itemgetter(*TERMS)
 
 
 class EpisodeRecorder:
-    """Records the episode that a sub-environment has just begun; nothing it does changes the episode.
-
-    Parameters
-    ----------
-    sub_envs : SubEnvs
-        Watched from now on, until `stop`.
-    index : int
-    actions : sequence of str
-        What the entries of an action are called.
-    """
+    """Records the episode that a sub-environment has just begun, until `stop`, and changes nothing of it."""
 
     def __init__(self, sub_envs: SubEnvs, index: int, actions: Sequence[str]) -> None:
         plant = sub_envs.fleet.plants[index]
@@ -102,33 +93,12 @@ class EpisodeRecorder:
     def step(
         self, action: Sequence[float], terms: Mapping[str, float], cost: float, error_um: float, area_mm2: float
     ) -> None:
-        """Note a step that is just over.
-
-        Parameters
-        ----------
-        action : sequence of float
-            As it was given.
-        terms : mapping
-            Terms of the reward.
-        cost, error_um, area_mm2 : float
-            As in ``info``.
-        """
+        """Note a step that is just over; cost, error and area as in ``info``."""
         self._steps.append((*action, *_in_order(terms), cost, error_um, area_mm2))
         self._rows.append(len(self._windows) - 1)
 
     def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:
-        """Write the recording of the episode so far, before the sub-environment begins another.
-
-        Parameters
-        ----------
-        file : path
-            Its folder is made if it is missing.
-        title : str
-        settings : mapping
-            What the episode was made with, for the text about the recording.
-        outcome : str, optional
-            One of `edmsim.cosim.stops.Words.report`; that of the sub-environment if not given.
-        """
+        """Write the recording of the episode so far, before another begins; `settings` are for the text about it."""
         from edmsim.envs.scene import scene_of
         from edmsim.recording.rerun.write import write_recording
 

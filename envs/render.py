@@ -25,13 +25,10 @@ if TYPE_CHECKING:
     from edmsim.recording.scene import Scene
 
 RENDER_MODES = ("rgb_array", "human")
-RENDER_FPS = 39
-"""Pictures per second at the machine's own pace: a window of the standard setting takes 25.5 ms."""
+RENDER_FPS = 39  # pictures per second at the machine's own pace: a window of the standard setting takes 25.5 ms
 HEIGHT, WIDTH = 480, 640
-STRIP = 64
-"""Height of the strip below, part of the picture's."""
-SHOWN_DIAMETERS = 12
-"""Wire diameters across what is drawn of a longer cut."""
+STRIP = 64  # height of the strip below, part of the picture's
+SHOWN_DIAMETERS = 12  # wire diameters across what is drawn of a longer cut
 DPI = 80
 _SWITCHED_OFF = ("disable", "disabled", "off", "0", "false")
 """What MuJoCo takes MUJOCO_GL to mean when nothing is to be drawn."""

@@ -21,8 +21,7 @@ try:
 except ImportError as error:
     raise InputError("stable-baselines3 is not installed: pip install 'edmsim[rl]'") from error
 
-Indices = int | Iterable[int] | None
-"""Which sub-environments: one, some, or all."""
+Indices = int | Iterable[int] | None  # which sub-environments: one, some, or all
 
 
 # untyped where the extra is missing
@@ -105,13 +104,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
             view.take(attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Indices = None, **kwargs: Any) -> list[Any]:
-        """Call a method of sub-environments; ``change`` is of all together, and called once.
-
-        Raises
-        ------
-        InputError
-            ``change`` of only some sub-environments.
-        """
+        """Call a method of sub-environments; ``change`` is of all together, and called once."""
         views = self._views(indices)
         if method_name != "change":
             return [getattr(view, method_name)(*args, **kwargs) for view in views]

@@ -28,18 +28,8 @@ _OF_VECTORS = "num_envs", "vectorization_mode", "autoreset_mode", "threads", "ma
 class SubEnvView:
     """What a single `EdmEnv` has, of a sub-environment; all step, end and close together, in one vector environment.
 
-    Other attributes may be set, and are the sub-environment's own.
-
-    Parameters
-    ----------
-    env : EdmVectorEnv
-    index : int
-
-    Attributes
-    ----------
-    np_random, np_random_seed
-        What the sub-environment's next episodes are drawn from, and its seed: -1 if the generator was set, as
-        Gymnasium has it.
+    Other attributes may be set, and are the sub-environment's own. The seed is -1 if the generator was set, as
+    Gymnasium has it.
     """
 
     def __init__(self, env: Any, index: int) -> None:
@@ -80,12 +70,7 @@ class SubEnvView:
         return spec
 
     def take(self, name: str, value: Any) -> None:
-        """Set an attribute; refuse what all sub-environments share.
-
-        Raises
-        ------
-        InputError
-        """
+        """Set an attribute; refuse what all sub-environments share."""
         shared = getattr(type(self), name, None)
         fixed = isinstance(shared, property) and shared.fset is None
         if fixed or callable(shared) or name in {f.name for f in fields(self.family)}:  # type: ignore[arg-type]

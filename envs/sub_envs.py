@@ -48,45 +48,12 @@ Ints = NDArray[np.int64]
 _Number = TypeVar("_Number", np.float64, np.int64)
 FINISHED_UM = 80.0
 """Distance behind the wire from which on it takes no more from a wall (ours: half of what its rays see of one)."""
-STRETCH_UM = 24.0
-"""Length of wall that is measured at every window (ours: four columns of cells)."""
+STRETCH_UM = 24.0  # length of wall that is measured at every window (ours: four columns of cells)
 NEVER_NS = np.iinfo(np.int64).max
 _NO_STEPS: Ints = np.zeros((0, 3), np.int64)
 
 class SubEnvs:
-    """Episodes of one family.
-
-    Parameters
-    ----------
-    family : Family
-    count : int
-    threads : int
-        Threads that share the pulse loop.
-
-    Attributes
-    ----------
-    fleet : Fleet
-        The plants; ``fleet.windows`` and ``fleet.states`` have their last windows and their states.
-    rows : (n,) `path_follower.SUB_ENV`
-        Numbers of every sub-environment.
-    planners : (n,) `edmsim.controllers.planner.record.PLANNER`
-        What makes motor steps of every sub-environment's feed.
-    scenarios : list of Scenario or None
-        The present episode of each sub-environment; None before its first one.
-    leg : list of int
-        Which leg of its path each sub-environment is on.
-    refused : list of str or None
-        Why the generator refused the setting last asked for.
-    counted_um : (n,)
-        Path errors of the last window that count: near corners only where `Family.near_corner_um` says so.
-    near : (n,) bool
-        Whether the wire is where they count; with a wall to finish, whether some of it is behind the wire.
-    corner_um, corner_deg : (n, most)
-        Length of the present leg up to each corner, infinite for the filling, and its turn.
-    watchers : list of list of callable
-        Of every sub-environment, what is called after each of its windows, before a fresh wire is threaded; a copy
-        has none.
-    """
+    """Episodes of one family; `threads` share the pulse loop."""
 
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
         self.family = family
@@ -94,18 +61,24 @@ class SubEnvs:
         centre_um = family.base.base.table.centre_um
         self.fleet = Fleet([self._plant(family.base, 0, position_um=centre_um) for _ in range(count)], threads)
         self.rows: NDArray[np.void] = np.zeros(count, SUB_ENV)
+        # (n,): what makes motor steps of every sub-environment's feed
         self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
+        # called after each window, before a fresh wire is threaded; a copy has none
         self.watchers: list[list[Callable[[], None]]] = [[] for _ in range(count)]
         self._planner = kind_of(family.planner)
         self._other_planner: NDArray[np.void] = np.zeros(1, PLANNER)
+        # the present episode of each; None before its first one
         self.scenarios: list[Scenario | None] = [None] * count
-        self.refused: list[str | None] = [None] * count
+        self.refused: list[str | None] = [None] * count  # why the generator refused the setting last asked for
         self._drifts_ns: Ints = np.full(count, NEVER_NS)
+        # (n, most): length of the present leg up to each corner, infinite for the filling
         self.corner_um: Floats = np.full((count, 1), np.inf)
         self.corner_deg: Floats = np.zeros((count, 1))
+        # (n,): path errors of the last window that count, as `Family.near_corner_um` says
         self.counted_um: Floats = np.zeros(count)
+        # (n,): whether the wire is where they count; at a wall to finish, whether some is behind the wire
         self.near = np.ones(count, np.bool_)
-        self.leg = [0] * count
+        self.leg = [0] * count  # which leg of its path each is on
         self._points: Floats = np.zeros((count, 2, 2))
         self._along: Floats = np.zeros((count, 2))
         self._lengths: Ints = np.zeros((count, 2), np.int64)

@@ -44,8 +44,7 @@ MAX_FEED_UM_S = 100.0
 """Feed an action of 1 may ask for (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
 MOST_OFFSET_UM = 100.0
 """Greatest offset from the path that may be asked for (ours: well beyond what a wire is bent by)."""
-ROOM_MM = 2.5
-"""Length of table that a cut leaves free before the end switches (ours)."""
+ROOM_MM = 2.5  # length of table that a cut leaves free before the end switches (ours)
 ACTIONS = ("change", "speed", "servo")
 LASTING = (
     "resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives",
@@ -78,19 +77,9 @@ class EnvArguments(ABC):
     def of(cls, **arguments: Any) -> Self:
         """Make it from arguments that may be written as JSON writes them.
 
-        Parameters
-        ----------
-        **arguments
-            Its fields. ``machine`` may be a name under ``models/machines``, the path of an own TOML file, a
-            mapping of arguments of `Machine.load`, or one that `plain` made of a machine; ``weights`` and ``sensors``
-            mappings, which replace those they name of the environment's own; tuples may be lists.
-
-        Raises
-        ------
-        InputError
-            An unknown entry of a mapping, or a value that cannot be used.
-        TypeError
-            An unknown argument.
+        ``machine`` may be a name under ``models/machines``, the path of an own TOML file, a mapping of arguments of
+        `Machine.load`, or one that `plain` made of a machine; ``weights`` and ``sensors`` mappings, which replace
+        those they name of the environment's own; tuples may be lists.
         """
         known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
         for name, value in arguments.items():
@@ -106,15 +95,7 @@ class EnvArguments(ABC):
         return cls(**arguments)
 
     def changed(self, **arguments: Any) -> Self:
-        """Return it with other arguments, in the forms of `of`.
-
-        Raises
-        ------
-        InputError
-            One of those that decide on spaces and plants: `lasting`.
-        TypeError
-            An unknown argument.
-        """
+        """Return it with other arguments, in the forms of `of`; those of spaces and plants (`lasting`) stay."""
         for name in arguments:
             if name in self.lasting:
                 raise InputError(f"{name} cannot change between episodes: make another environment with it")

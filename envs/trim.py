@@ -22,8 +22,7 @@ from edmsim.plant.workpiece.wall import WallLine
 
 GAP_UM = 28.0
 """Gap beside the wire for which the path is laid out (ours: what the standard set-up leaves at 100 um/s)."""
-ROOM_UM = 1.0
-"""Least gap that the highest ridge must leave at first (ours)."""
+ROOM_UM = 1.0  # least gap that the highest ridge must leave at first (ours)
 
 
 @shows_arguments

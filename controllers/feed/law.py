@@ -16,6 +16,7 @@ FeedCommand(feed_um_s=2.0, alarm=None, t_on_us=None, t_period_us=None, latency_s
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -34,8 +35,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
 
-PERSISTENT_SHORT = "persistent short"
-"""The alarm's text."""
+PERSISTENT_SHORT = "persistent short"  # the alarm's text
 SHORTED_SHARE = 0.5
 """From this share of short pulses on a window counts as shorted (ours, as the counts controller has it)."""
 
@@ -145,7 +145,7 @@ class GapServo(Part):
         return FeedCommand(min(max(feed, -self.retract_feed_um_s), self.max_feed_um_s))
 
 
-class Measure(Part):
+class Measure(Part, ABC):
     """How far the gap is from what is held."""
 
     FEEDS: ClassVar[tuple[str, ...]] = ()
@@ -158,9 +158,9 @@ class Measure(Part):
         proportional, integral = self.GAINS
         return Gains(getattr(self, proportional), getattr(self, integral), servo.filter_s)
 
+    @abstractmethod
     def error(self, window: WindowObservation, servo: GapServo) -> float:
         """How much too wide the gap is; NaN if the window does not tell."""
-        raise NotImplementedError
 
     def first_feed_um_s(self, servo: GapServo) -> float:
         """Feed of a leg's first window."""
@@ -197,12 +197,12 @@ class CornerRule(Part):
         return 0.0
 
 
-class Gauge(Part):
+class Gauge(Part, ABC):
     """How near the wire is to boiling dry."""
 
+    @abstractmethod
     def near(self, window: WindowObservation) -> float:
         """Return 1 where it does, and 0 far from it."""
-        raise NotImplementedError
 
 
 @dataclass
@@ -215,7 +215,7 @@ class ServoLaw(Snapshots):
 
     name: ClassVar[str]
     PARTS: ClassVar[dict[str, type[Part]]] = {
-        "servo": GapServo, "measure": Measure, "period": PeriodRule, "corner": CornerRule, "gauge": Gauge,
+        "servo": GapServo, "measure": Measure, "period": PeriodRule, "corner": CornerRule, "gauge": Part,
     }  # fmt: skip
     STATE = tuple(PARTS)
     if TYPE_CHECKING:

@@ -61,15 +61,7 @@ def export_sb3(model: Any, vec_env: Any, file: str | Path) -> Policy:
 
 
 def export(trained: Trained, command: str) -> tuple[Card, bytes]:
-    """Return a trained policy as `policy_file.write` wants it.
-
-    Parameters
-    ----------
-    trained : Trained
-        Of `train.train`.
-    command : str
-        What made it.
-    """
+    """Return a trained policy as `policy_file.write` wants it; `command` is what made it."""
     return _exported(trained.model, trained.normalise, trained.run.algo, command, trained.run.seed)
 
 

@@ -26,18 +26,7 @@ LEAST_RATE = 0.02
 
 # untyped where the extra is missing
 class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Sub-environments with a teacher each; they keep what was seen, and what the teacher would have done.
-
-    Parameters
-    ----------
-    teacher : str
-        See `edmsim.controllers.from_text`. It is shown every window, and every wire that is lost.
-
-    Raises
-    ------
-    InputError
-        There is no such controller, or the environment has no action for what it wants.
-    """
+    """Sub-environments with a teacher each, who is shown every window; they keep what was seen and taught."""
 
     def __init__(self, venv: EdmVecEnv, teacher: str) -> None:
         super().__init__(venv)

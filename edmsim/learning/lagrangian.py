@@ -15,23 +15,12 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 # untyped where the extra is missing
 class CostVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Sub-environments whose rewards are less a multiple of their costs.
-
-    Parameters
-    ----------
-    multiplier : float
-        Reward that a cost of 1 takes.
-
-    Attributes
-    ----------
-    ended : list of float
-        Costs of the episodes that ended since `Multiplier` looked last.
-    """
+    """Sub-environments whose rewards are less `multiplier` times their costs."""
 
     def __init__(self, venv: VecEnv, multiplier: float) -> None:
         super().__init__(venv)
         self.multiplier = multiplier
-        self.ended: list[float] = []
+        self.ended: list[float] = []  # costs of the episodes that ended since `Multiplier` looked last
         self._cost = np.zeros(self.num_envs)
 
     def reset(self) -> Any:
@@ -50,15 +39,7 @@ class CostVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
 
 class Multiplier(BaseCallback):  # type: ignore[misc, unused-ignore]
-    """Raises the multiplier after a rollout whose episodes cost more than the limit, and lowers it otherwise.
-
-    Parameters
-    ----------
-    limit : float
-        Mean cost of an episode.
-    rate : float
-        Change of the multiplier per cost beyond the limit, and rollout.
-    """
+    """Raises the multiplier by `rate` per mean cost of a rollout's episodes beyond the limit, or lowers it."""
 
     def __init__(self, vec_env: CostVecEnv, limit: float, rate: float) -> None:
         super().__init__()

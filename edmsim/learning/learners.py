@@ -36,30 +36,18 @@ except ImportError as error:
 KINDS: dict[str, Any] = {
     "ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC, "imitation": Imitation,
 }
-REPLAYS = ("sac", "tqc")
-"""Algorithms with a replay buffer."""
-CRITICS = ("ppo", "ppo-lag")
-"""Algorithms whose critic may be privileged."""
+REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
+CRITICS = ("ppo", "ppo-lag")  # algorithms whose critic may be privileged
 _DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
 
 
 @dataclass(frozen=True)
 class TrainingEnvs:
-    """The environments of a training.
+    """The environments of a training."""
 
-    Attributes
-    ----------
-    edm : EdmVecEnv
-        The sub-environments themselves.
-    costs : CostVecEnv or None
-        With Lagrangian PPO.
-    learned_on : VecEnv
-        With all wrappers but the normalisation.
-    """
-
-    edm: Any
-    costs: CostVecEnv | None
-    learned_on: Any
+    edm: Any  # the sub-environments themselves
+    costs: CostVecEnv | None  # with Lagrangian PPO
+    learned_on: Any  # with all wrappers but the normalisation
 
 
 def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
@@ -98,15 +86,7 @@ def residual_of(parameters: Hyperparameters) -> Residual | None:
 
 
 def vec_env_of(env_id: str, parameters: Hyperparameters, seed: int, multiplier: float | None = None) -> TrainingEnvs:
-    """Make the sub-environments of a training.
-
-    Parameters
-    ----------
-    seed : int
-        Of the first reset.
-    multiplier : float, optional
-        Lagrangian PPO: that of a checkpoint.
-    """
+    """Make the environments of a training; `seed` is of the first reset, `multiplier` a checkpoint's."""
     edm = make_sb3_vec_env(env_id, parameters.num_envs, seed=seed, **parameters.environment)
     vec_env: Any = edm
     residual, costs = residual_of(parameters), None

@@ -33,8 +33,7 @@ ACTION_MEANINGS = {
     "offset": "offset from the path, left positive",
 }
 """What an entry of an action is, by its name (`Family.action_names`)."""
-_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}
-"""The same of Part, where a pass is decided on."""
+_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}  # the same of Part, where a pass is decided on
 Floats = NDArray[np.float64]
 
 
@@ -343,10 +342,7 @@ def write_hold(
 
 
 def locate(name: str) -> Path:
-    """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``.
-
-    Raises `InputError` if there is none.
-    """
+    """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``."""
     file = Path(name)
     if file.suffix not in (".json", ".npz"):
         if name not in models.policies():

@@ -23,13 +23,7 @@ TRUTHS = ("gap_um", "wire_temperature_K", "debris", "error_um")
 
 # untyped where the extra is missing
 class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Sub-environments whose observations have the truth behind what a machine shows.
-
-    Parameters
-    ----------
-    venv : VecEnv
-        An `EdmVecEnv`, with any wrappers around it.
-    """
+    """Sub-environments whose observations have the truth behind what a machine shows."""
 
     def __init__(self, venv: VecEnv) -> None:
         vec_env: Any = venv.unwrapped
@@ -83,15 +77,7 @@ class VisibleEntries(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore
 
 
 class AsymmetricPolicy(ActorCriticPolicy):  # type: ignore[misc, unused-ignore]
-    """An actor-critic whose actor sees the first entries of an observation only.
-
-    Parameters
-    ----------
-    *args, **kwargs
-        Of stable-baselines3's `ActorCriticPolicy`.
-    shown_entries : int
-        Entries that the actor sees; the critic sees all.
-    """
+    """An actor-critic whose actor sees only the first `shown_entries` of an observation."""
 
     def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
         self._shown_entries = shown_entries

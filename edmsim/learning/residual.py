@@ -17,20 +17,7 @@ from edmsim.learning.policy_file import Residual
 
 # untyped where the extra is missing
 class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Environments whose first action is added to what a classic law commands in each (Johannink et al., ICRA 2019).
-
-    Parameters
-    ----------
-    venv : EdmVecEnv
-        With ``action="speed"`` and a decision every window.
-    residual : Residual
-        The law, which must leave the generator alone, and what an action of 1 adds to its feed.
-
-    Raises
-    ------
-    InputError
-        The law turns the generator's knobs, or there is none of this name.
-    """
+    """Environments whose first action is added to what a law commands in each (Johannink et al., ICRA 2019)."""
 
     def __init__(self, venv: EdmVecEnv, residual: Residual) -> None:
         super().__init__(venv)

@@ -39,25 +39,13 @@ _AROUND_ONE = (
 
 
 class PolicyNetwork(NamedTuple):
-    """What of a learner turns an observation into an action.
-
-    Attributes
-    ----------
-    activation : str
-        Between them.
-    lstm : torch.nn.LSTM or None
-        Before them.
-    output : {"clip", "tanh"}
-        What brings the last one's outputs into -1..1.
-    shown : int or None
-        Entries of the observation that the actor sees; all where there is no number.
-    """
+    """What of a learner turns an observation into an action."""
 
     layers: list[Any]
-    activation: str
-    lstm: Any
-    output: str
-    shown: int | None
+    activation: str  # between them
+    lstm: Any  # before them
+    output: str  # what brings the last one's outputs into -1..1
+    shown: int | None  # entries of the observation that the actor sees; all where there is no number
 
     @property
     def widths(self) -> list[int]:
@@ -124,19 +112,11 @@ def _lstm(policy: Any, what: str) -> Any:
 
 
 class Around(NamedTuple):
-    """What a learner's sub-environments are.
+    """What a learner's sub-environments are."""
 
-    Attributes
-    ----------
-    family : EnvArguments
-        Their arguments.
-    residual : Residual or None
-        The law that actions are added to.
-    """
-
-    family: EnvArguments
+    family: EnvArguments  # their arguments
     normalise: VecNormalize | None
-    residual: Residual | None
+    residual: Residual | None  # the law that actions are added to
 
     def environment(self) -> tuple[str, dict[str, Any]]:
         """Return id and arguments of the environment of edmsim that a card names."""
@@ -147,11 +127,7 @@ class Around(NamedTuple):
 
 
 def around(vec_env: Any) -> Around:
-    """Look through the wrappers around a learner's sub-environments.
-
-    Raises `InputError` for sub-environments that are not of edmsim, or a wrapper that may change what is seen or
-    done.
-    """
+    """Look through the wrappers around a learner's environment; refuse what may change what is seen or done."""
     normalise = residual = None
     while isinstance(vec_env, VecEnvWrapper):
         if not isinstance(vec_env, _AROUND):

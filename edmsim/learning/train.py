@@ -29,8 +29,7 @@ try:
 except ImportError as error:
     raise InputError(f"training needs {error.name}: pip install 'edmsim[rl]'") from error
 
-CHECKPOINTS = 20
-"""Checkpoints over a whole training (ours: at most a twentieth of it is lost)."""
+CHECKPOINTS = 20  # checkpoints over a whole training (ours: at most a twentieth of it is lost)
 
 
 class TrainingProgress(NamedTuple):

@@ -36,7 +36,8 @@ from edmsim.learning.policy_file import Hold, write_hold
 
 ENV_ID, FIRST_SEED = "edmsim/MaxRateShift-v0", 10_000
 SECONDS = 240.0  # of each training machine
-HOLD = Hold(law="heat-flux:shortest_us=12.5", low=0.04, high=2.0)
+LAW = "heat-flux:shortest_us=12.5,recovery_s=0.5,retract_feed_um_s=80"
+HOLD = Hold(law=LAW, low=0.04, high=2.0)
 ENVIRONMENT = {"decision_s": 1.0, "history": 1}
 MOST_TARGET = 0.3  # open share that the servo holds at an action of 1; 0 at -1
 ENTRIES = make_family(ENV_ID, **ENVIRONMENT).entries()

@@ -53,15 +53,15 @@ def simulate(seconds: float, seed: int = 1) -> dict[str, Any]:
 
 def restored_goes_on_alike(plant: Plant, seed: int) -> bool:
     """Whether a plant restored from another's snapshot runs as that one does; the other is left as it was."""
-    kept = plant.snapshot()
+    state = plant.snapshot()
     twin = begin(plant.machine, seed + 1)
-    twin.restore(kept)
+    twin.restore(state)
     for both in (plant, twin):
         for _ in range(TOGETHER):
             both.advance([(both.time_ns, 0, 1)])
     ends = [both.snapshot() for both in (plant, twin)]
-    plant.restore(kept)
-    return all(np.array_equal(ends[0][name], ends[1][name]) for name in kept)
+    plant.restore(state)
+    return all(np.array_equal(ends[0][name], ends[1][name]) for name in state)
 
 
 def step(steps: int, seed: int = 1) -> dict[str, Any]:

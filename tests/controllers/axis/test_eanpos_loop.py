@@ -43,12 +43,12 @@ def test_feed_forward_is_a_share_of_the_speed(speed, feed, volts, register):  # 
 def test_the_converter_has_16_bits():
     p = Positioner()
     p.do("CALON")
-    seen = {}
+    codes = {}
     for tenths in (5, 10, 50, 100, -100):
         p["vout"] = tenths
         p.sample()
-        seen[tenths] = round(p.device.output_V * 3276.8)
-    assert seen == {5: 1638, 10: 3277, 50: 16384, 100: 32767, -100: -32768}
+        codes[tenths] = round(p.device.output_V * 3276.8)
+    assert codes == {5: 1638, 10: 3277, 50: 16384, 100: 32767, -100: -32768}
 
 
 def test_integral_and_derivative():  # 4.3

@@ -61,14 +61,6 @@ def test_the_duty_is_frozen_while_a_save_lasts_and_the_encoder_counts():  # M-52
     assert status(bench) & {0} == set()
 
 
-@pytest.mark.parametrize("bit", [0, 3, 77, 495])
-def test_one_flipped_bit_is_corrected(bit):  # M-A16
-    bench = on_bench(proportional_gain=1234)
-    bench.flip_bits("x", (bit,))
-    assert restarted(bench) == b"Servo processor module, rev. A\r\n"
-    assert say(bench, "P") == "(P) - Kp: 1234"
-
-
 def test_two_flipped_bits_in_a_byte_are_noticed():  # M-A16
     bench = on_bench(proportional_gain=1234)
     bench.flip_bits("x", (160, 163))
@@ -79,13 +71,6 @@ def test_two_flipped_bits_in_a_byte_are_noticed():  # M-A16
     say(bench, "R")
     bench.run(0.01)
     assert bench.pins("x").enabled
-
-
-def test_an_erased_memory_is_noticed():
-    for value in (0, 255):
-        bench = on_bench()
-        bench.drive("x").record["eeprom"] = value
-        assert b"EEPROM error" in restarted(bench)
 
 
 def test_power_that_fails_in_a_save_leaves_old_and_new_bytes():  # M-25, M-A16

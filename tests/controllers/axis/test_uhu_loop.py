@@ -1,10 +1,11 @@
-"""The UHU's recalculation on the bench: interval, gains, limits, steps, and what its letters do to the motion."""
+"""The UHU's recalculation on the bench: interval, gains, limits, steps, its letters, and how it is tuned."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.controllers.axis.uhu.registers import LATCHED, REFERENCE, SPEED_DIVISOR, TARGET, TRACKING
@@ -116,25 +117,6 @@ def test_more_cycle_means_more_damping_per_speed_and_less_integral_per_second() 
     assert growth(100) / growth(50) == pytest.approx(0.5, rel=0.05)
 
 
-def test_h_resists_a_change_of_speed_by_the_square_of_the_cycle() -> None:  # U-17, U-65
-    def resistance(cycle: int) -> float:
-        gains = {"proportional_gain": 0, "acceleration_gain": 20_000, "cycle": cycle}
-        bench = tuned(changes={"counts_per_rad": 1591.5}, **{**P_ONLY, **gains})
-        bench.supply("x", 0.0)
-        bench.axis("x")["link_V"] = 0.0
-        bench.trace = True
-        for torque_Nm in np.arange(0.1, 4.0, 0.1):  # turned by hand, and the drive answers into a dead bridge
-            bench.torque("x", torque_Nm)
-            bench.run(0.004)
-        samples = bench.samples("x")
-        speed = np.diff(samples["count"])[[0, -1]]
-        mean = control_in(samples["command"][2:]).mean()
-        assert mean == pytest.approx(-20_000 / 256 * np.diff(speed)[0] / len(samples), rel=0.05)
-        return float(mean)
-
-    assert resistance(80) / resistance(40) == pytest.approx(4.0, rel=0.1)
-
-
 def test_t_limits_the_duty() -> None:  # U-2, U-19, U-49
     bench = tuned(**P_ONLY, proportional_gain=5000)
     bench.hold("x", True)
@@ -188,16 +170,10 @@ def test_a_step_moves_m_plus_one_counts(multiplier: int) -> None:  # U-22
     bench.run(1.0)
     assert register(bench, TARGET) == 30 * (multiplier + 1)
     assert abs(error(bench)) <= 1
-
-
-def test_a_new_m_counts_for_new_steps_only() -> None:  # U-22
-    bench = tuned()
-    bench.steps("x", 10, 1000.0)
-    bench.run(0.1)
-    ask(bench, "M2")
+    ask(bench, "M2")  # counts for new steps only
     bench.steps("x", 10, 1000.0)
     bench.run(0.3)
-    assert register(bench, TARGET) == 10 + 30
+    assert register(bench, TARGET) == 30 * (multiplier + 1) + 30
 
 
 def test_e_not_above_m_plus_one_trips_at_the_first_step() -> None:  # U-68
@@ -344,3 +320,67 @@ def test_what_the_manual_leaves_open_can_be_set_otherwise() -> None:  # U-A2, U-
     assert turned.axis("x")["place_um"] < -1000
     with pytest.raises(InputError, match="the law of the UHU has no 'sense'; it has control_full"):
         Uhu(law={"sense": -1})
+
+
+START = {  # "pretty safe" starting values
+    "proportional_gain": 1000, "integral_gain": 25, "speed_gain": 255, "acceleration_gain": 1000, "speed_limit": 3000,
+    "torque_limit": 255, "output_filter": 100, "error_limit": 5000,
+}  # fmt: skip
+
+
+def oscillation(bench: AxisBench, counts: int = 40) -> float:
+    """Jerk the axis by a move, and return how many counts it still swings half a second later."""
+    bench.drive("x").go(counts)
+    bench.run(0.5)
+    return float(np.ptp(traced(bench, 0.2)["count"]))
+
+
+def oscillation_with(**parameters: int) -> float:
+    return oscillation(tuned(**{**START, **parameters}))
+
+
+def test_the_starting_values_are_stable() -> None:  # U-25, U-58
+    bench = tuned(**START)
+    assert oscillation(bench) <= 1
+    assert error(bench) == 0
+
+
+@pytest.mark.parametrize(
+    ("good", "bad"),
+    [
+        ({"proportional_gain": 1000}, {"proportional_gain": 6000}),
+        ({"integral_gain": 25}, {"integral_gain": 400}),
+        ({"speed_gain": 6000, "proportional_gain": 3000}, {"speed_gain": 0}),
+        ({"acceleration_gain": 10_000, "proportional_gain": 3000}, {"acceleration_gain": 0}),
+    ],
+)
+def test_too_much_p_or_i_and_too_little_d_or_h_oscillate(good: dict[str, int], bad: dict[str, int]) -> None:  # U-57
+    assert oscillation_with(**good) <= 2
+    assert oscillation_with(**{**good, **bad}) > 10
+
+
+def test_a_senseless_set_is_stored_and_activated() -> None:  # U-47
+    bench = tuned(**{**START, "error_limit": 30})
+    assert ask(bench, "P20000") == "OK"
+    assert ask(bench, "S0") == "OK"
+    bench.talk(b"+\r")
+    bench.drive("x").go(20)
+    bench.run(1.0)
+    assert register(bench, LATCHED) != 0
+
+
+def test_play_before_the_encoder_cannot_be_tuned_away() -> None:  # U-59
+    behind = {"backlash_um": 150.0, "on_table": 1.0}
+    for gains in ({}, {"acceleration_gain": 5000}, {"proportional_gain": 500}):
+        assert oscillation_with(**gains) <= 2
+        assert oscillation(tuned(changes=behind, **{**START, **gains})) > 2
+
+
+def test_the_bridge_needs_more_than_the_motor_s_voltage() -> None:  # U-49, U-A20
+    bench = tuned(**{**START, "error_limit": 65535, "speed_limit": 65535})
+    bench.drive("x").go(32_000)
+    bench.run(0.3)
+    motor = bench.motor("x")
+    samples = traced(bench, 0.05)
+    back_emf_V = float(np.mean(samples["speed_rad_s"])) * float(motor["torque_Nm_A"])
+    assert 0.65 <= back_emf_V / float(motor["supply_V"]) <= 0.74
