@@ -43,7 +43,11 @@ def train(
     ] = None,
     live: Annotated[bool, typer.Option("--live", help="Show these episodes in rerun's viewer as they end.")] = False,
     safe: Annotated[
-        int | None, typer.Option(metavar="MACHINES", help="Keep the start if on these many others it earned more.")
+        int | None,
+        typer.Option(
+            metavar="MACHINES",
+            help="Accept the policy only if it earns no less than its start on as many other machines.",
+        ),
     ] = None,
     **options: Any,
 ) -> None:

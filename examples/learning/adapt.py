@@ -150,7 +150,7 @@ class Hazard:
     the likelihood of the histories; slopes are small beforehand, as machines are few.
     """
 
-    def __init__(self, histories: list[History], steps: int = 300) -> None:
+    def __init__(self, histories: list[History], steps: int = 250) -> None:
         self.before = torch.tensor(np.array([one.before for one in histories])).float()
         self.mean, self.std = self.before.mean(dim=0), self.before.std(dim=0)
         normal = self.normal(self.before)
