@@ -12,7 +12,7 @@ import numpy as np
 
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
-from edmsim.learning import hyperparameters, policy_file
+from edmsim.learning import hyperparameters, policy_file, safe
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import measure, render
@@ -59,6 +59,7 @@ class TrainOptions(NamedTuple):
     # one in `record_every` of the first sub-environment's episodes is recorded into the folder ``episodes``
     record_every: int | None = None
     live: bool = False  # whether these are shown in rerun's viewer as they end
+    safe: int | None = None  # machines on which what was learned must not earn less than the start
 
     def policy(self) -> Policy | None:
         """Return the policy that the training begins with."""
@@ -71,6 +72,7 @@ class TrainOptions(NamedTuple):
         words += [] if self.teacher is None else ["--teacher", self.teacher]
         words += ["--privileged-critic"] if self.privileged_critic else []
         words += [] if self.start is None else ["--start", self.start]
+        words += [] if self.safe is None else ["--safe", str(self.safe)]
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:
@@ -104,6 +106,8 @@ def run(
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
     from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
 
+    if options.safe is not None:
+        safe.check(options.safe, options.start)
     if resume and options.words():
         raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
     named = resolve(env_id)
@@ -130,6 +134,10 @@ def run(
         policy_file.write(card, packed, file)
         if returns:
             bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*returns, strict=True))}")
+        if options.safe is not None and options.start is not None:
+            verdict = safe.accept(done.env_id, file, options.start, options.safe, bar.show)
+            bar.show("accept", 1, 1, verdict.words())
+            card, packed = policy_file.load(str(file)).card, file.with_suffix(".npz").read_bytes()
         if not episodes:
             return None
         scores = measure(done.env_id, str(file), episodes, bar.show)
