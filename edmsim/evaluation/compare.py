@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.parts import check_laws, cut_part, is_part
 from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
+from edmsim.recording.report import FigureKind, kinds_of
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000
@@ -37,32 +38,16 @@ class Figure:
     high: float
 
 
-class FigureKind(NamedTuple):
-    """What a figure of a controller is, and how it is shown."""
-
-    meaning: str  # meaning, head: what it is called, with its unit; and shorter, over a column on the screen
-    head: str
-    digits: int = 1  # decimals
-    is_share: bool = False  # whether it is shown in percent
-    is_rare: bool = False  # whether 0 is common, and its interval hard to read
-    in_narrow: bool = False  # whether a narrow terminal shows it
-
-
+_OF_CUTS = kinds_of(Result)
 FIGURES = {
-    "score": FigureKind("score", "score", digits=2, in_narrow=True),
-    "rate_mm2_min": FigureKind("cutting rate, mm2/min", "mm2/min", in_narrow=True),
-    "oracle_share": FigureKind("share of the oracle's rate", "of oracle", is_share=True),
-    "short_share": FigureKind("short pulses", "short", is_share=True, in_narrow=True),
-    "open_share": FigureKind("open pulses", "open", is_share=True, in_narrow=True),
-    "total_return": FigureKind("return", "return"),
-    "error_um": FigureKind("path error rms, um", "path um"),
-    "edge_error_um": FigureKind("edge error rms, um", "edge um", in_narrow=True),
-    "ra_um": FigureKind("Ra, um", "Ra um", digits=2, in_narrow=True),
-    "time_s": FigureKind("time of finished cuts, s", "s", in_narrow=True),
-    "breaks_per_m": FigureKind("wire breaks per m", "breaks/m", is_rare=True),
-    "jams_per_m": FigureKind("jams per m", "jams/m", is_rare=True),
-    "cost": FigureKind("cost", "cost", digits=2),
-}
+    "score": FigureKind("", "score", 2), "rate_mm2_min": _OF_CUTS["rate_mm2_min"],
+    "oracle_share": FigureKind("%", "share of the oracle's rate"),
+    **{name: _OF_CUTS[name] for name in (
+        "short_share", "open_share", "total_return", "error_um", "edge_error_um", "ra_um",
+    )},
+    "time_s": FigureKind("s", "time of finished cuts"), "breaks_per_m": FigureKind("", "wire breaks per m"),
+    "jams_per_m": FigureKind("", "jams per m"), "cost": _OF_CUTS["cost"],
+}  # fmt: skip
 """Figures of a controller by name."""
 
 
@@ -86,6 +71,14 @@ class Comparison:
     seeds: tuple[int, ...]
     results: dict[str, list[Result]]
     figures: dict[str, dict[str, Figure]]
+
+    @classmethod
+    def of(cls, env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]) -> Comparison:
+        """Return the comparison of cuts, those of score 0 and 1 among them."""
+        lines = lines_of(env_id)
+        oracle, blind = results[lines.reference], results[lines.blind]
+        figures = {name: figures_of(made, oracle, blind) for name, made in results.items()}
+        return cls(env_id, resolution, seeds, results, figures)
 
 
 def evaluate(
@@ -133,9 +126,7 @@ def evaluate(
     results = run(env_id, list(dict.fromkeys([*controllers, lines.blind, lines.reference])), seeds, resolution, watch,
                   record)  # fmt: skip
     used = arguments_with(env_id).resolution if resolution is None else resolution
-    return Comparison(env_id, used, held_back(seeds), results, {
-        name: figures_of(made, results[lines.reference], results[lines.blind]) for name, made in results.items()
-    })  # fmt: skip
+    return Comparison.of(env_id, used, held_back(seeds), results)
 
 
 def run(

@@ -278,10 +278,7 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @classmethod
     def of_report(cls, report: Mapping[str, Any]) -> CutSettings:
-        """Return the settings of the cut that a report tells of, as ``report.json`` holds it.
-
-        An option that a report of an earlier version does not have is at its default.
-        """
+        """Return the settings of the cut that a report is of, ``report.json`` or a `Report`."""
         settings = {**report["settings"], "seed": report["seed"]}
         offset_um = settings["offset_um"]  # None: the contours have those of their registers
         settings |= {

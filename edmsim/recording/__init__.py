@@ -3,8 +3,7 @@
 from edmsim.recording.figures import profile_figure, write_figure
 from edmsim.recording.film import render
 from edmsim.recording.html_report import write_html
-from edmsim.recording.quality import Quality, Totals
-from edmsim.recording.report import build_report, render_table, write_json
+from edmsim.recording.report import Report, Totals, build_report, render_table, write_json
 from edmsim.recording.rerun.playback import Playback, find_recording
 from edmsim.recording.rerun.viewer import compare, take_screenshots, view
 from edmsim.recording.rerun.write import write_recording
@@ -17,7 +16,7 @@ __all__ = [
     "ErrorMap",
     "Frames",
     "Playback",
-    "Quality",
+    "Report",
     "Scene",
     "SceneCorner",
     "Terrace",

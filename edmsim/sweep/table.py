@@ -70,7 +70,7 @@ def read(out: str | Path) -> pa.Table:
     -------
     pyarrow.Table
         A row per run, in the order of their ids: id, task, seed, settings, constants, ``error`` (null where the run
-        ended as it should), ``outcome``, the figures of `edmsim.sweep.figures.FIGURES`, ``report`` (JSON, of cuts),
+        ended as it should), ``outcome``, the figures of `edmsim.sweep.perform.FIGURES`, ``report`` (JSON, of cuts),
         ``edmsim_version``, ``wall_time_s`` and ``host``.
 
     Raises

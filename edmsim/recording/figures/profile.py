@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,7 +27,7 @@ from edmsim.recording.figures.palette import (
     SHARE_COLOURS,
     VERMILION,
 )
-from edmsim.recording.report import duration_text, figure_text, rate_text
+from edmsim.recording.report import Report, duration_text, rate_text
 from edmsim.recording.scene import Scene, SceneCorner, round_number
 from edmsim.recording.windows import column, lag_along_um, pause_rows, stretches
 
@@ -481,7 +481,7 @@ REASON_LETTERS = 130
 """Letters of a line in which it is said why a cut stopped."""
 
 
-def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], title: str) -> Figure:
+def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) -> Figure:
     """Draw the cut.
 
     Parameters
@@ -490,8 +490,8 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], t
         Drawing, cut edges, error, corners.
     windows : pyarrow.Table
         The table of windows.
-    report : mapping
-        Of `edmsim.recording.report.build_report`, for the heading.
+    report : Report
+        For the heading.
     title : str
         What was cut, usually the program's name.
 
@@ -515,15 +515,15 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], t
     return figure
 
 
-def mark_passes(panels: list[Axes], windows: pa.Table, report: Mapping[str, Any]) -> None:
+def mark_passes(panels: list[Axes], windows: pa.Table, report: Report) -> None:
     """Draw where passes begin, with their numbers over the uppermost of panels over machine time."""
     t_s = column(windows, "t_s")
     _, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
-    for row in report.get("passes") or []:
+    for row in report.passes:
         for axes in panels:
-            axes.axvline(row["begin_s"] / seconds, color=MUTED, linewidth=0.7, linestyle=(0, (4, 3)))
-        name = f"{row['number']}" + ("t" if row["piece"] == "tab" else "")
-        middle = (row["begin_s"] + row["end_s"]) / 2 / seconds
+            axes.axvline(row.begin_s / seconds, color=MUTED, linewidth=0.7, linestyle=(0, (4, 3)))
+        name = f"{row.number}" + ("t" if row.piece == "tab" else "")
+        middle = (row.begin_s + row.end_s) / 2 / seconds
         panels[0].annotate(
             name, (middle, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2), textcoords="offset points",
             ha="center", fontsize=7.5, color=MUTED, annotation_clip=True,
@@ -536,21 +536,17 @@ def write_figure(figure: Figure, file: str | Path) -> None:
         figure.savefig(partial, format="png", metadata={"Software": "edmsim"})
 
 
-def _heading(figure: Figure, report: Mapping[str, Any], title: str) -> None:
-    kerf, profile = report["kerf_um"], report["profile_error_um"]
+def _heading(figure: Figure, report: Report, title: str) -> None:
     facts = [
-        duration_text(report["machining_time_s"]),
-        figure_text(report["path_length_mm"], "mm", 2),
-        rate_text(report),
-        f"kerf {figure_text(kerf['mean'], 'µm', 0)}",
-        f"profile error {figure_text(profile['max'], 'µm')} max, {figure_text(profile['rms'], 'µm')} rms",
+        duration_text(report.machining_time_s), report.text("path_length_mm"), rate_text(report),
+        f"kerf {report.text('kerf_um.mean', 0)}", f"profile error {report.profile_error_um.worst_and_rms}",
     ]
-    stopped = report["reason"] is not None
+    stopped = report.reason is not None
     figure.text(0.085, 0.972, title, fontsize=16, fontweight="bold", color=INK, va="baseline")
     figure.text(
         0.915,
         0.972,
-        report["outcome"],
+        report.outcome,
         fontsize=12,
         ha="right",
         va="baseline",
@@ -559,5 +555,5 @@ def _heading(figure: Figure, report: Mapping[str, Any], title: str) -> None:
     )
     figure.text(0.085, 0.950, "   ·   ".join(facts), fontsize=9.5, color=MUTED, va="baseline")
     if stopped:
-        lines = textwrap.wrap(f"stopped: {report['reason']}", REASON_LETTERS, max_lines=2, placeholder=" ...")
+        lines = textwrap.wrap(f"stopped: {report.reason}", REASON_LETTERS, max_lines=2, placeholder=" ...")
         figure.text(0.085, 0.9455, "\n".join(lines), fontsize=8.5, color=VERMILION, va="top", linespacing=1.1)
