@@ -15,26 +15,15 @@ from edmsim.numeric import keep_plain, real
 
 SIGNED = "offset_um", "pull_N_m"
 """Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""
-ControllerState = dict[str, Any]
-"""A controller's snapshot, fit for JSON."""
+ControllerState = dict[str, Any]  # a controller's snapshot, fit for JSON
 
 
 class Step(NamedTuple):
-    """One rising edge on STEP: one motor step of table travel (rows T-16, T-17).
+    """One rising edge on STEP: one motor step of table travel (rows T-16, T-17)."""
 
-    Attributes
-    ----------
-    time_ns : int
-        When, in ns from the start of the run.
-    axis : int
-        0 for x, 1 for y.
-    direction : int
-        +1 or -1.
-    """
-
-    time_ns: int
-    axis: int
-    direction: int
+    time_ns: int  # from the start of the run
+    axis: int  # 0 for x, 1 for y
+    direction: int  # +1 or -1
 
 
 class GapWindow(Protocol):
@@ -213,17 +202,10 @@ class KnowsSetup(Protocol):
     """A controller that takes in the set-up: what an operator reads from the dials and the drawing."""
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the set-up and the next leg; called before every `FeedController.reset`.
+        """Take in the set-up and the next leg, corners (n, 2) in um; called before every `FeedController.reset`.
 
-        Parameters
-        ----------
-        machine : Machine
-            With the generator's setting with which every leg begins.
-        points_um : float64 array (n, 2)
-            Corners of the leg in um.
-        start_um : float
-            Length of path at the leg's first point: `WindowObservation.path_um` counts over all legs, so a place of
-            the leg that lies ``s`` behind its first point is reached at ``path_um == start_um + s``.
+        `WindowObservation.path_um` counts over all legs: a place ``s`` behind the leg's first point is reached at
+        ``path_um == start_um + s``. The generator of `machine` has the setting with which every leg begins.
         """
 
 
@@ -247,10 +229,7 @@ class SeesBreaks(Protocol):
     """A controller that goes on after a break, where an episode has more wires than one."""
 
     def wire_lost(self) -> FeedCommand:
-        """Return the command for the first window of the next wire, which hangs where the last one broke.
-
-        Controllers without this method are reset instead.
-        """
+        """Return the command for the first window of the next wire; controllers without this are reset."""
 
 
 @runtime_checkable

@@ -18,25 +18,7 @@ def as_action(
     family: Family, controller: FeedController, command: FeedCommand, first_us: Sequence[float],
     now_us: Sequence[float], feed_um_s: float,
 ) -> NDArray[np.float32]:
-    """Return the action within -1..1 that commands what a controller wants.
-
-    Parameters
-    ----------
-    family : Family
-        With ``action="servo"`` the controller must be one that holds a share of open pulses.
-    controller : FeedController
-    command : FeedCommand
-        Its last.
-    first_us, now_us : sequence of 2 float
-        On-time and period at the episode's start, and those in force.
-    feed_um_s : float
-        Feed in force.
-
-    Raises
-    ------
-    InputError
-        The environment has no action for what the controller wants.
-    """
+    """Return the action within -1..1 for what a controller wants; refuse where the environment has none."""
     if family.action == "servo":
         low, high = family.servo_target_share
         entries = [2.0 * (target_share(controller) - low) / (high - low) - 1.0]

@@ -22,23 +22,22 @@ try:
 except ImportError as error:
     raise InputError("stable-baselines3 is not installed: pip install 'edmsim[rl]'") from error
 
-EVERY = 100
-"""Ours: with episodes of a thousand steps recording then takes some per mille of the time."""
+EVERY = 100  # ours: with episodes of a thousand steps recording then takes some per mille of the time
 
 
 # untyped where the extra is missing
 class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
-    """Record every n-th episode of the first lane; the training stays the same to the bit.
+    """Record every n-th episode of the first sub-environment; the training stays the same to the bit.
 
-    Folders and files are those of `RecordRerun`. What is recorded as actions is what the lane was given, at most 1
-    either way.
+    Folders and files are those of `RecordRerun`. What is recorded as actions is what the sub-environment was given,
+    at most 1 either way.
 
     Parameters
     ----------
     folder : path
         Is made if it is missing; recordings in it are replaced.
     every : int
-        1 records all of the first lane's episodes.
+        1 records all of the first sub-environment's episodes.
     live : bool
         Whether each is shown in rerun's viewer as it ends.
 
@@ -50,7 +49,8 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
     Raises
     ------
     InputError
-        A folder that cannot be written to, or ``every`` below 1; when training begins, lanes that are not edmsim's.
+        A folder that cannot be written to, or ``every`` below 1; when training begins, sub-environments that are not
+        edmsim's.
 
     Examples
     --------
@@ -67,18 +67,18 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         self._episode = 0
         self._over = False
         self._recorder: EpisodeRecorder | None = None
-        self._lanes: Any = None
+        self._envs: Any = None
 
     def _on_training_start(self) -> None:
-        lanes = self.training_env.unwrapped
-        if not isinstance(lanes, EdmVecEnv):
-            raise InputError("RecordEpisodes records lanes of edmsim.envs.make_sb3_vec_env only")
-        self._lanes = lanes.env
-        self._lanes.watch = self._see
+        vec_env = self.training_env.unwrapped
+        if not isinstance(vec_env, EdmVecEnv):
+            raise InputError("RecordEpisodes records sub-environments of edmsim.envs.make_sb3_vec_env only")
+        self._envs = vec_env.env
+        self._envs.watch = self._see
         self._begin()
 
     def _see(self, actions: NDArray[Any], infos: dict[str, Any], ended: NDArray[Any]) -> None:
-        """Note a step of the first lane, before its next episode begins."""
+        """Note a step of the first sub-environment, before its next episode begins."""
         self._over = bool(ended[0])
         if self._recorder is None:
             return
@@ -97,13 +97,13 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
 
     def _on_training_end(self) -> None:
         self._end(WORDS[StopCause.RUNNING].report)
-        self._lanes.watch = None
+        self._envs.watch = None
         if self._viewer is not None:
             self._viewer.close()
 
     def _begin(self) -> None:
         if self._episode % self._every == 0:
-            self._recorder = self._lanes.recorder(0)
+            self._recorder = self._envs.recorder(0)
 
     def _end(self, outcome: str | None) -> None:
         recorder, self._recorder = self._recorder, None
@@ -112,7 +112,7 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
         recorder.stop()
         if len(recorder) == 0:
             return
-        folder, name = self._folder / f"episode-{self._episode:06d}", self._lanes.spec.id
+        folder, name = self._folder / f"episode-{self._episode:06d}", self._envs.spec.id
         settings = {"environment": name, "episode": self._episode, "windows trained with": self.num_timesteps}
         recorder.write(folder / RECORDING, f"{name}, episode {self._episode}", settings, outcome)
         self.recordings.append(folder)

@@ -20,22 +20,13 @@ Floats = NDArray[np.float64]
 
 
 class Drift(NamedTuple):
-    """What changes of a machine within an episode, evenly with machine time, and where no dial shows it.
+    """What changes of a machine within an episode, evenly with machine time, and where no dial shows it."""
 
-    Attributes
-    ----------
-    over_s, every_s : float
-        Time in which all of it happens, and from one step of it to the next.
-    conductivity_uS_cm : float
-        Of the water, in the end.
-    flushing_share : float
-        Of the nozzles' pressures, what is left at the workpiece in the end.
-    """
-
+    # time in which all of it happens, and from one step of it to the next
     over_s: float
     every_s: float
-    conductivity_uS_cm: float
-    flushing_share: float
+    conductivity_uS_cm: float  # of the water, in the end
+    flushing_share: float  # of the nozzles' pressures, what is left at the workpiece in the end
 
     def machine(self, machine: Machine, time_s: float) -> Machine:
         """Return what a machine has become after a time."""

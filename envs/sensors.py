@@ -43,5 +43,4 @@ class Sensors:
         return 1.0 / (2**self.bits - 1) if self.bits else 0.0
 
 
-EXACT = Sensors(noise_share=0.0, bits=0)
-"""Sensors that show what is."""
+EXACT = Sensors(noise_share=0.0, bits=0)  # sensors that show what is

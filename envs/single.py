@@ -1,4 +1,4 @@
-"""One environment: a vector of a single lane, as Gymnasium's `Env`."""
+"""One environment: a vector of a single sub-environment, as Gymnasium's `Env`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from edmsim.envs.arguments import plain
 from edmsim.envs.batch import action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
-from edmsim.envs.engine import engine_of, lanes_of, picture_of
+from edmsim.envs.engine import engine_of, picture_of, sub_envs_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import EnvArguments
@@ -21,10 +21,10 @@ from edmsim.numeric import whole_from
 
 if TYPE_CHECKING:
     from edmsim.controllers import FeedController
-    from edmsim.envs.lane_law import LaneLaw
+    from edmsim.envs.attached_controller import AttachedController
     from edmsim.envs.recorder import EpisodeRecorder
 
-_LANE = np.zeros(1, np.int64)
+_ONLY = np.zeros(1, np.int64)
 
 
 class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -120,7 +120,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise ResetNeeded(f"{why}: call reset() before step()")
         batch = self._batch
         actions = checked_actions(action, self.action_space.shape or ())[None]
-        reward = batch.step(_LANE, actions)[0]
+        reward = batch.step(_ONLY, actions)[0]
         terminated = bool(batch.ended[0])
         truncated = not terminated and bool(batch.out_of_time[0])
         self._running = not (terminated or truncated)
@@ -137,11 +137,11 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         info |= {name: value[0] for name, value in batch.words().items()}
         return info | self._of_episode | {"drawn": dict(self._of_episode["drawn"])}
 
-    def lane_law(self, controller: FeedController) -> LaneLaw:
-        """Return a feed controller's place at this environment: see `LaneLaw`."""
-        from edmsim.envs.lane_law import LaneLaw
+    def attach_controller(self, controller: FeedController) -> AttachedController:
+        """Return a feed controller's place at this environment: see `AttachedController`."""
+        from edmsim.envs.attached_controller import AttachedController
 
-        return LaneLaw(lanes_of(self._batch), 0, controller)
+        return AttachedController(sub_envs_of(self._batch), 0, controller)
 
     def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that has just begun; `RecordRerun` records with it.
@@ -153,7 +153,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         from edmsim.envs.recorder import EpisodeRecorder
 
-        return EpisodeRecorder(lanes_of(self._batch), 0, self.family.action_names if actions is None else actions)
+        return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
 
     def change(self, **options: Any) -> None:
         """Let the next episodes have other arguments, for a curriculum.

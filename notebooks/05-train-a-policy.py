@@ -25,7 +25,7 @@
 # train` does the same; the page "training" says more.
 
 # %% tags=["parameters"]
-steps = 200_000  # windows of 255 pulses to train with, all lanes together
+steps = 200_000  # windows of 255 pulses to train with, all environments together
 seed = 1  # of the training
 machines = 8  # held-back machines that the policies are measured on
 max_time_s = 600.0  # machine time after which a cut of the part is stopped

@@ -143,7 +143,7 @@ def small_cut(
 
 @pytest.fixture
 def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let trainings be short: few lanes, few windows between updates."""
+    """Let trainings be short: few sub-environments, few windows between updates."""
     load = hyperparameters.load
 
     def shorter(env_id: str, algo: str, settings: Path | None = None) -> hyperparameters.Hyperparameters:

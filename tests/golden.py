@@ -310,22 +310,22 @@ def task_cut(env_id: str, windows: int) -> list[Any]:
 
 
 def record_environments(items: Items) -> None:
-    """G4: every environment in lanes, alone, copied in mid-episode, and as a task."""
+    """G4: every environment as a vector, alone, copied in mid-episode, and as a task."""
     chosen: dict[str, Any] = {"resolution": "fast", "planner": "exact"}
     vector: dict[str, Any] = {"num_envs": 4, "vectorization_mode": "vector_entry_point", **chosen}
     for env_id in IDS:
-        lanes = gymnasium.make_vec(env_id, **vector)
+        envs = gymnasium.make_vec(env_id, **vector)
         one = gymnasium.make(env_id, render_mode="rgb_array", **chosen)
         actions = np.random.default_rng(3).uniform(-0.4, 1.0, (400, 4, *one.action_space.shape)).astype(np.float32)
-        take(items, f"{env_id} lanes", played, lanes, actions[:200], seed=11)
+        take(items, f"{env_id} vector", played, envs, actions[:200], seed=11)
         take(items, f"{env_id} one", played, one, actions[:60, 0], seed=11)
         take(items, f"{env_id} picture", one.render)
-        for name, env, more in (("lanes", lanes, actions[200:]), ("one", one.unwrapped, actions[60:90, 0])):
+        for name, env, more in (("vector", envs, actions[200:]), ("one", one.unwrapped, actions[60:90, 0])):
             take(items, f"{env_id} {name} copied", played, pickle.loads(pickle.dumps(env)), more)
             take(items, f"{env_id} {name} on", played, env, more)
         take(items, f"{env_id} task", task_cut, env_id, 400)
-    lanes = gymnasium.make_vec(IDS[0], **vector, max_episode_steps=15, autoreset_mode="SameStep")
-    take(items, "short episodes", played, lanes, actions[:60, :, :1], seed=[4, 9, 2, 7])
+    envs = gymnasium.make_vec(IDS[0], **vector, max_episode_steps=15, autoreset_mode="SameStep")
+    take(items, "short episodes", played, envs, actions[:60, :, :1], seed=[4, 9, 2, 7])
 
 
 def record_terminal(items: Items) -> None:

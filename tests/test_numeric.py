@@ -73,9 +73,9 @@ def test_an_environment_takes_whole_numbers_and_seeds(value, tmp_path):
         history=8, wires=8, machine_episodes=8
     )
     assert Sensors(bits=value, noise_share=np.float32(0.5)) == Sensors(bits=8, noise_share=0.5)
-    lanes = EdmVectorEnv("GapFeed", num_envs=value, threads=value, max_episode_steps=value)
-    assert lanes.num_envs == 8
-    seeds = [lanes.reset(seed=seed)[1]["plant_seed"].tolist() for seed in (8, value, [value, *range(9, 16)])]
+    envs = EdmVectorEnv("GapFeed", num_envs=value, threads=value, max_episode_steps=value)
+    assert envs.num_envs == 8
+    seeds = [envs.reset(seed=seed)[1]["plant_seed"].tolist() for seed in (8, value, [value, *range(9, 16)])]
     assert seeds[0] == seeds[1] == seeds[2]
     env = gym.make("edmsim/GapFeed-v2")
     assert env.reset(seed=value)[1]["plant_seed"] == seeds[0][0]
@@ -91,14 +91,14 @@ def test_an_environment_refuses_what_is_no_number(value):
     for make in (lambda: Weights(short=value), lambda: Sensors(bits=value), lambda: HeightStep(low_share=value)):
         with pytest.raises(InputError, match=r"short|bits|low_share"):
             make()
-    env, lanes = gym.make("edmsim/GapFeed-v2"), EdmVectorEnv("GapFeed", num_envs=2)
+    env, envs = gym.make("edmsim/GapFeed-v2"), EdmVectorEnv("GapFeed", num_envs=2)
     if value is not None:
         with pytest.raises(InputError, match="seed"):
             env.reset(seed=value)
         with pytest.raises(InputError, match="seed"):
-            lanes.reset(seed=value)
+            envs.reset(seed=value)
         with pytest.raises(InputError, match="seed"):
-            lanes.reset(seed=[value, 1])
+            envs.reset(seed=[value, 1])
 
 
 @pytest.mark.parametrize("value", EIGHTS, ids=kind_of)

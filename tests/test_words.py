@@ -10,6 +10,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 CODE = ("edmsim", "controllers", "envs", "models", "docs", "examples")
+ROOMS_OF_TESTS = (
+    "axes", "axis_bench", "calibration", "campaigns", "consoles", "controllers", "cosim", "hil", "machine", "measure",
+    "metrology", "soak",
+)  # fmt: skip
+"""Rooms of `tests` that keep to the words as well; the others are to follow."""
 NAMES = {
     "afresh": "isolated, again",
     "asked": "requested, query",
@@ -51,8 +56,9 @@ BLANKS = re.compile(r"\s+")
 
 @cache
 def files(ending: str) -> list[Path]:
-    """Every file of the product, its pages and examples; links within `edmsim` lead to folders that are listed."""
-    found = [file for folder in CODE for file in sorted((ROOT / folder).rglob(f"*{ending}"))]
+    """Every file of the product, its pages, examples and tests; links in `edmsim` lead to folders that are listed."""
+    folders = [*CODE, *(f"tests/{room}" for room in ROOMS_OF_TESTS)]
+    found = [file for folder in folders for file in sorted((ROOT / folder).rglob(f"*{ending}"))]
     links = tuple(ROOT / "edmsim" / folder for folder in ("controllers", "envs", "models"))
     return [file for file in found if not any(map(file.is_relative_to, links)) and "notebooks" not in file.parts]
 

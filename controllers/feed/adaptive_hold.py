@@ -29,16 +29,14 @@ LEVELS = np.linspace(math.log(LEAST_HOLD), math.log(MOST_HOLD), 168)
 """Logarithms of the fluxes that may be held, and at which wires may break: 3 % apart."""
 STEEPNESS = 15.0
 """Growth of the logarithm of the hazard with that of the flux (ours: breaks of a machine within some 10 %)."""
-HAZARD_PER_S = 1.0 / 60.0
-"""Hazard at the flux that is called the wire's limit."""
+HAZARD_PER_S = 1.0 / 60.0  # hazard at the flux that is called the wire's limit
 BY_CHANCE_PER_S = 1.0 / 1200.0
 """Hazard at any flux (ours: a wire in a shift), so that one break far below what was borne is no limit yet."""
 HAZARD = BY_CHANCE_PER_S + HAZARD_PER_S * np.exp(np.clip(STEEPNESS * (LEVELS[:, None] - LEVELS), -50.0, 12.0))
 """Of a flux held (rows) where the limit is another (columns), per s."""
 SLOW_S = 0.1
 """Time constant of the flux that a break is put down to (ours: a wire breaks some 20 ms after it boils dry)."""
-DECISION_S = 1.0
-"""Time between two looks at what was held (ours: some hundred windows)."""
+DECISION_S = 1.0  # time between two looks at what was held (ours: some hundred windows)
 
 
 @dataclass
@@ -128,10 +126,7 @@ class AdaptiveHold(HoldHeat):
         return float(math.exp(np.interp(share, np.cumsum(self.chance), LEVELS)))
 
     def best_hold(self) -> float:
-        """Return the flux that earns most in the mean over what the limit may be.
-
-        A flux u earns ``u^rate_exponent`` for the share of time that breaks leave, 1 / (1 + hazard lost_s).
-        """
+        """Return the flux u of the most ``u^rate_exponent / (1 + hazard lost_s)`` over what the limit may be."""
         lost_s = self.break_weight * (self._threading_s + self.rise_s)
         cutting = 1.0 / (1.0 + HAZARD * lost_s)
         rates = np.exp(self.rate_exponent * LEVELS) * (cutting @ self.chance)

@@ -85,18 +85,7 @@ class Corners(CornerRule):
 
 
 def lead_um(machine: Machine, force_N_m: float) -> float:
-    """Return how far a wire is bent, in um, in the mean over the workpiece's height.
-
-    A string between the guides with an even load over the middle of its length: ``q h (2 l - h) / (8 T)`` at mid
-    height, less ``q h**2 / (24 T)`` in the mean.
-
-    Parameters
-    ----------
-    machine : Machine
-        Height h, tension T and distance l of the guides.
-    force_N_m : float
-        The load q.
-    """
+    """Return how far a load q bends a wire: ``q h (2 l - h) / (8 T) - q h**2 / (24 T)`` in the mean over h, in um."""
     height_m, guides_m = machine.height_mm * 1e-3, machine.guide_distance_mm * 1e-3
     bent = height_m * (2 * guides_m - height_m) / 8 - height_m**2 / 24
     return force_N_m * bent / machine.tension * 1e6

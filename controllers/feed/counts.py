@@ -22,30 +22,18 @@ from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
 
-PERSISTENT_SHORT = "persistent short"
-"""The alarm's text."""
-UNIT_UM_S = SPEED_UNIT_NM_S / 1000
-"""Speed unit in um/s."""
+PERSISTENT_SHORT = "persistent short"  # the alarm's text
+UNIT_UM_S = SPEED_UNIT_NM_S / 1000  # speed unit in um/s
 TICKS_PER_S = 1_000_000_000 // TICK_NS
 
 
 @dataclass
 class Occupation:
-    """What the processor is at: its clock, and until when it is busy with the last counts.
+    """What the processor is at: its clock, and until when it is busy with the last counts."""
 
-    Attributes
-    ----------
-    clock_ns : int
-        Time since the leg began.
-    busy_until_ns : int
-        When the speed found last is in XVELOC and YVELOC.
-    units : int
-        That speed.
-    """
-
-    clock_ns: int = 0
-    busy_until_ns: int = 0
-    units: int = 0
+    clock_ns: int = 0  # time since the leg began
+    busy_until_ns: int = 0  # when the speed found last is in XVELOC and YVELOC
+    units: int = 0  # that speed
 
 
 @dataclass

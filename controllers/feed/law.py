@@ -16,6 +16,7 @@ FeedCommand(feed_um_s=2.0, alarm=None, t_on_us=None, t_period_us=None, latency_s
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -34,10 +35,14 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
 
-PERSISTENT_SHORT = "persistent short"
-"""The alarm's text."""
+PERSISTENT_SHORT = "persistent short"  # the alarm's text
 SHORTED_SHARE = 0.5
 """From this share of short pulses on a window counts as shorted (ours, as the counts controller has it)."""
+
+
+def shorted(window: WindowObservation) -> bool:
+    """Return whether a window counts as shorted."""
+    return window.short >= SHORTED_SHARE * WINDOW_PULSES
 
 
 class Gains(NamedTuple):
@@ -121,11 +126,11 @@ class GapServo(Part):
         """Feed for the next window, backwards while a short stays; `error` is positive where the gap is too wide."""
         if math.isnan(error):
             error = self.error
-        shorted = window.short >= SHORTED_SHARE * WINDOW_PULSES
-        self.shorted_s = self.shorted_s + window.duration_s if shorted else 0.0
+        short = shorted(window)
+        self.shorted_s = self.shorted_s + window.duration_s if short else 0.0
         if self.shorted_s >= self.give_up_s:
             return FeedCommand(0.0, PERSISTENT_SHORT)
-        if shorted and self.shorted_s >= self.patience_s:
+        if short and self.shorted_s >= self.patience_s:
             self.retracting = True
             return FeedCommand(-self.retract_feed_um_s)
         if self.retracting:  # cleared: the filter forgets the short
@@ -140,7 +145,7 @@ class GapServo(Part):
         return FeedCommand(min(max(feed, -self.retract_feed_um_s), self.max_feed_um_s))
 
 
-class Measure(Part):
+class Measure(Part, ABC):
     """How far the gap is from what is held."""
 
     FEEDS: ClassVar[tuple[str, ...]] = ()
@@ -153,9 +158,9 @@ class Measure(Part):
         proportional, integral = self.GAINS
         return Gains(getattr(self, proportional), getattr(self, integral), servo.filter_s)
 
+    @abstractmethod
     def error(self, window: WindowObservation, servo: GapServo) -> float:
         """How much too wide the gap is; NaN if the window does not tell."""
-        raise NotImplementedError
 
     def first_feed_um_s(self, servo: GapServo) -> float:
         """Feed of a leg's first window."""
@@ -192,12 +197,12 @@ class CornerRule(Part):
         return 0.0
 
 
-class Gauge(Part):
+class Gauge(Part, ABC):
     """How near the wire is to boiling dry."""
 
+    @abstractmethod
     def near(self, window: WindowObservation) -> float:
         """Return 1 where it does, and 0 far from it."""
-        raise NotImplementedError
 
 
 @dataclass
@@ -210,7 +215,7 @@ class ServoLaw(Snapshots):
 
     name: ClassVar[str]
     PARTS: ClassVar[dict[str, type[Part]]] = {
-        "servo": GapServo, "measure": Measure, "period": PeriodRule, "corner": CornerRule, "gauge": Gauge,
+        "servo": GapServo, "measure": Measure, "period": PeriodRule, "corner": CornerRule, "gauge": Part,
     }  # fmt: skip
     STATE = tuple(PARTS)
     if TYPE_CHECKING:

@@ -26,19 +26,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw
+from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw, shorted
 from edmsim.controllers.protocols import GapWindow, WindowObservation
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, least_period_us, pulse_form
 
-COUNT_S = 0.1
-"""Time over which normal pulses are counted: 100 ms (Sato et al.)."""
-STEP_SHARE = 0.1
-"""Largest change of the period per count (ours: off-times change smoothly, not from pulse to pulse)."""
-STEP_US = 5
-"""The shortest period is rounded up to whole multiples of this (ours: knobs have steps)."""
-MOST_ERROR = 1.0
-"""No larger deviation from what is held counts (ours: one window of few sparks tells little)."""
+COUNT_S = 0.1  # time over which normal pulses are counted: 100 ms (Sato et al.)
+STEP_SHARE = 0.1  # largest change of the period per count (ours: off-times change smoothly, not from pulse to pulse)
+STEP_US = 5  # the shortest period is rounded up to whole multiples of this (ours: knobs have steps)
+MOST_ERROR = 1.0  # no larger deviation from what is held counts (ours: one window of few sparks tells little)
 _BOILING_K = 373.15
 _Setting = tuple[float | None, float | None]
 
@@ -190,8 +186,9 @@ class HoldHeat(RisingPeriod):
     proportional_share, integral_per_s : float
         Change of the period's logarithm, and its growth per second, per unit of the difference from it.
     shortest_us, longest_us : float
-        Limits of the period (ours): where hardly a pulse ignites there is no heat to hold, the period goes to the
-        shortest, and the discharges that ignite next find it there.
+        Limits of the period (ours): where most pulses stay open there is no heat to hold, and it is the shortest.
+        In shorts it does not: the discharges that clear one would find it there, and break the wire. Out of a short
+        from which the wire retracts it comes slowly, as a fresh wire does.
     """
 
     hold_share: float = 0.6
@@ -222,6 +219,10 @@ class HoldHeat(RisingPeriod):
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period that brings the measure to what is held."""
         error = min(max(law.gauge.near(window) - self.hold, -MOST_ERROR), MOST_ERROR)
+        if shorted(window):  # shorts heat no wire: the sparks that clear one would find the shortest period
+            error = max(error, 0.0)
+        if law.servo.retracting:
+            self.cutting_s = 0.0
         grown = self.log_us + self.integral_per_s * error * window.duration_s
         self.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
         return max(math.exp(self.log_us + self.proportional_share * error), self.shortest_us)
@@ -261,11 +262,7 @@ class FluxGauge(Gauge):
 
 
 def heat_per_ignition_s(machine: Machine) -> NDArray[np.float64]:
-    """Return what an ignition in each fifth adds to each fifth's heat flux, over the critical one: (5, 5), in s.
-
-    A spark heats its own fifth; its current, which comes from both guides and divides as the wire's resistances do,
-    heats all of them.
-    """
+    """Return what an ignition in each fifth adds to each fifth's flux over the critical one: (5, 5), in s."""
     files = Machine.load(
         machine.name, material=machine.material_name, wire=machine.wire_name, generator=machine.generator_name
     )

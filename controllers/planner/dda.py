@@ -10,8 +10,7 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.mcu.firmware.timers import NEVER, TIMER_COUNT
 from edmsim.controllers.planner.record import LIMIT, Floats, Ints, Row, count, note
 
-NM = 1000
-"""Nanometres in a um: steps and corners of this planner are whole numbers of them."""
+NM = 1000  # nanometres in a um: steps and corners of this planner are whole numbers of them
 _HALF_WORD = 1 << 16
 
 

@@ -11,8 +11,7 @@ import math
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.planner.record import Floats, Ints, Row
 
-FINE_PER_UM = 10**12
-"""Attometres (nm/s times ns) in a um: the unit of the length behind the wire."""
+FINE_PER_UM = 10**12  # attometres (nm/s times ns) in a um: the unit of the length behind the wire
 
 
 @exactly_compiled

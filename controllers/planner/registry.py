@@ -18,26 +18,15 @@ from edmsim.errors import InputError, one_of
 
 __all__ = ["PLANNERS", "Kind", "Planner", "kind_of", "make_planner", "position_unit"]
 
-MOST_STEP_UM = 16
-"""Longest motor step of the planners that steer (ours: half the distance at which they look ahead)."""
+MOST_STEP_UM = 16  # longest motor step of the planners that steer (ours: half the distance at which they look ahead)
 
 
 class Kind(NamedTuple):
-    """What is particular to a planner.
+    """What is particular to a planner."""
 
-    Attributes
-    ----------
-    number : int
-        Its kind in compiled code (see `record`).
-    speed_unit_nm_s : float
-        Unit of its path speed.
-    max_speed : int or None
-        Greatest path speed in units; None if it has no limit of its own.
-    """
-
-    number: int
-    speed_unit_nm_s: float = SPEED_UNIT_NM_S
-    max_speed: int | None = MAX_SPEED
+    number: int  # its kind in compiled code (see `record`)
+    speed_unit_nm_s: float = SPEED_UNIT_NM_S  # unit of its path speed
+    max_speed: int | None = MAX_SPEED  # greatest path speed in units; None if it has no limit of its own
 
     @property
     def max_feed_um_s(self) -> float:
@@ -68,20 +57,7 @@ def kind_of(name: str) -> Kind:
 
 
 def position_unit(name: str, travel_um: float, step_um: float = STEP_UM) -> Unit:
-    """Return what a planner counts on a table: um, or steps where 16 bits hold no more.
-
-    Parameters
-    ----------
-    name : str
-        Of the planner.
-    travel_um, step_um : float
-        Travel of the table, and of one motor step.
-
-    Raises
-    ------
-    InputError
-        If there is no planner of that name, or it cannot run motors of such steps, or a table so large.
-    """
+    """Return what a planner counts on a table: um, or motor steps where 16 bits hold no more."""
     kind = kind_of(name)
     if not kind.counts:
         return "um"
@@ -96,28 +72,11 @@ def make_planner(
     unit: Unit = "um",
     step_um: float = STEP_UM,
 ) -> Planner:
-    """Make a planner for one path.
+    """Make a planner of `PLANNERS` for one path: corners (n, 2), whole um within 0..65535, but any for ``exact``.
 
-    Parameters
-    ----------
-    name : str
-        ``poscal`` (POSCAL re-aimed at every step, the default), ``poscal-literal`` (once per move, as in
-        1982), ``dda`` (an ideal line), ``sine-table`` (``poscal`` with a table in place of the square root) or
-        ``exact`` (an ideal line without the limits of integers: any feed, any corners).
-    points_um : array (n, 2)
-        Corner points of the path in um: whole ones within 0..65535, but any for ``exact``.
-    speed_unit_nm_s : float, optional
-        Speed unit in nm/s: 262.5 if not given, or 252.6 as the thesis prints it (row T-A1). That of ``exact`` is
-        1 nm/s.
-    unit : {"um", "step"}
-        What the position counters count: ``step`` takes points at whole steps, 0..65535 of them (row T-61).
-    step_um : float
-        Table travel of one motor step: whole um, up to 16; a whole number of nm for ``dda``, any for ``exact``.
-
-    Raises
-    ------
-    InputError
-        If there is no planner of that name, the path cannot be used, or the planner cannot run such motors.
+    Its speed unit is 262.5 nm/s if not given, or 252.6 as the thesis prints it (row T-A1), and 1 nm/s for ``exact``.
+    The unit ``step`` takes points at whole steps, 0..65535 of them (row T-61); `step_um` is whole, up to 16, a whole
+    number of nm for ``dda``, any for ``exact``.
     """
     kind = kind_of(name)
     _check_step(name, kind, step_um)

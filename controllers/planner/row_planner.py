@@ -15,18 +15,11 @@ from edmsim.controllers.planner.record import CHANGES, LIMIT, position_um
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 
-_ROOM = 64
-"""Steps of a window for which there is room at first."""
+_ROOM = 64  # steps of a window for which there is room at first
 
 
 class RowPlanner:
-    """Runs a course by compiled code; see `Planner` and `make_planner`.
-
-    Parameters
-    ----------
-    max_speed : int or None
-        Greatest path speed in units; None if there is none.
-    """
+    """Runs a course by compiled code; see `Planner` and `make_planner`."""
 
     def __init__(self, course: Course, speed_unit_nm_s: float, max_speed: int | None) -> None:
         self.speed_unit_nm_s = speed_unit_nm_s

@@ -248,34 +248,35 @@ def margin(found: dict[str, Any]) -> tuple[Figure, float, str]:
 def verdict(above: Figure, share: float) -> str:
     """Say whether learning can pay in a task."""
     if share < LEAST_GAIN - 1.0:
-        return "for comparison only"
-    return "worth learning on" if above.low > 0.0 else "more, but not for certain"
+        return "comparison only"
+    return "learning" if above.low > 0.0 else "learning, not significant"
 
 
 INTRODUCTION = """\
 # Headroom of the tasks
 
-What can be learned in a task is what lies between the best law that sees what a machine shows and one that knows
-more. `python docs/make/headroom.py ThinWire` measures it for a task; it goes on where it was interrupted, and says
-how far it is. `docs/headroom.json` has the figures of every machine.
+The headroom of a task is the difference between the best law that sees only what a machine can measure and a
+controller that knows more. `python docs/make/headroom.py ThinWire` measures it for a task, shows its progress,
+and resumes after an interruption. `docs/headroom.json` has the figures of every machine.
 
-Constants and laws were chosen on as many training machines (seeds from 100 on) as the lines below were then measured
-on, which are held back. Returns have 95 % bootstrap intervals over these machines. The lines are:
+Constants and laws were chosen on training machines (seeds from 100 on), and measured on the same number of
+held-back machines. Returns have 95 % bootstrap intervals over these machines. The lines are:
 
-- *best constant*: the setting that earned most in the mean, for all machines; in the shifts, *without adaptation*,
-  what is a score of 0 there;
-- *best law*: the same of constants and laws together. None sees what no machine shows;
-- *best constant of each machine*: the best on the very machine, as if one had tried all of them there before;
-- *law that knows each machine*: the same of all constants, laws and further numbers of these laws, as one would
-  choose who knew the machine's constants. Both are the best of several cuts and owe a little to luck;
-- *privileged law*: sees the true gap, bend or temperature. In ThinWire and Trim it is each
-  machine's best of several constants.
+- *best constant*: the setting with the highest mean return over all machines; in the shifts it is *without
+  adaptation*, the controller of score 0;
+- *best law*: the best of constants and laws without privileged knowledge;
+- *best constant of each machine*: the best on this very machine, found by trying all of them;
+- *law that knows each machine*: the best of constants, laws and further parameters of these laws on this very
+  machine, as if its constants were known. Both are the best of several cuts, which includes some luck;
+- *privileged law*: sees the true gap, bend or temperature. In ThinWire and Trim it is the best of several
+  constants for each machine.
 """
 
 
 def page(board: dict[str, Any]) -> str:
     """Return the page of the documentation."""
-    parts = [INTRODUCTION, "## In short", "", "| task | best law | with more known | above the best law | |", RULE]
+    head = "| task | best law | with privileged knowledge | above the best law | use |"
+    parts = [INTRODUCTION, "## Summary", "", head, RULE]
     for task, found in ((name, board[name]) for name in board if name not in SHIFTS):
         above, share, end = margin(found)
         best = mean(np.array(found["lines"]["best law"]["returns"]))
@@ -283,8 +284,8 @@ def page(board: dict[str, Any]) -> str:
         gain = f"{shown(above)}, {100 * share:.0f} %"
         parts.append(f"| {task} | {shown(best)} | {shown(more)}, {end} | {gain} | {verdict(above, share)} |")
     parts += [
-        "", f"A task with less than {100 * (LEAST_GAIN - 1):.0f} % above the best law is for comparing laws and "
-        "learners, not for showing that learning pays.", "", *_of_shifts(board),
+        "", f"Use a task with less than {100 * (LEAST_GAIN - 1):.0f} % above the best law to compare laws and "
+        "learners, but not to show that learning pays.", "", *_of_shifts(board),
     ]  # fmt: skip
     for task, found in board.items():
         parts += [f"## {task}", "", "| line | return | net rate, mm2/min | wires lost, jams | |", RULE]
@@ -304,11 +305,12 @@ def _of_shifts(board: dict[str, Any]) -> list[str]:
         best, first = lines["best law"], lines["without adaptation"]
         above, share, end = margin(board[task])
         sentences += [
-            f"- {task}: the best law, `{board[task]['lines']['best law']['name']}`, adapts, and earns "
-            f"{shown(mean(best - first))} more than what does not, {100 * (best.mean() / first.mean() - 1):.0f} %. "
-            f"The {end} earns {shown(above)} more than it, {100 * share:.0f} %.",
+            f"- {task}: the best law, `{board[task]['lines']['best law']['name']}`, adapts. It earns "
+            f"{shown(mean(best - first))} more than the line without adaptation, "
+            f"{100 * (best.mean() / first.mean() - 1):.0f} %. The {end} earns {shown(above)} more than the best law, "
+            f"{100 * share:.0f} %.",
         ]  # fmt: skip
-    return ["In the shifts a machine can be known:", "", *sentences, ""] if sentences else []
+    return ["In the shifts a law can learn about its machine:", "", *sentences, ""] if sentences else []
 
 
 def main() -> None:

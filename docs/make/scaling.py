@@ -15,7 +15,7 @@ from posixpath import basename  # any function that does nothing, and every proc
 from typing import Any
 
 import numpy as np
-from lanes import processor
+from vector_envs import processor
 
 from edmsim.sweep.engine import Cluster, Processes
 from edmsim.sweep.perform import Outcome, blank, perform

@@ -39,7 +39,7 @@ def train(
         str | None, typer.Option(metavar="POLICY", help="Begin with this policy: policy:GapFeed-ppo, or policy:FILE.")
     ] = None,
     record_every: Annotated[
-        int | None, typer.Option(metavar="N", help="Record every N-th episode of the first lane.")
+        int | None, typer.Option(metavar="N", help="Record every N-th episode of the first environment.")
     ] = None,
     live: Annotated[bool, typer.Option("--live", help="Show these episodes in rerun's viewer as they end.")] = False,
     **options: Any,

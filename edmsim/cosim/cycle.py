@@ -1,7 +1,7 @@
 """One control cycle: motor steps, a window of 255 pulses, an observation, a decision.
 
 It serves every cut that Python runs window by window: of a program (`edmsim.cosim.simulation`) and straight ones
-(`edmsim.cosim.straight`). Environments run many lanes in compiled calls, and the terminal's rig decides by
+(`edmsim.cosim.straight`). Environments run many sub-environments in compiled calls, and the terminal's rig decides by
 interrupts; they share what is around it: `WindowObservation.of`, `edmsim.cosim.stops`, the rules of legs.
 """
 

@@ -1,6 +1,7 @@
 """Why a cut, an episode or a dialogue stops: one list of causes, one judge, one limit switch.
 
-Both functions are compiled, so that environments call them for every lane; Python calls them as any other function.
+Both functions are compiled, so that environments call them for every sub-environment; Python calls them as any other
+function.
 """
 
 from __future__ import annotations

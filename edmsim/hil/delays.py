@@ -18,27 +18,19 @@ from edmsim.plant.workpiece.blanks import started_slot
 GAPS_UM = (4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0)
 VOLTAGES_V = (60.0, 80.0, 100.0, 120.0)
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
-DRAWS = 200
-"""Pulses of a gap at a voltage (ours: a median is known to a tenth of the delays' spread)."""
-WAIT_US = 10_000.0
-"""What has not ignited by then never does."""
+DRAWS = 200  # pulses of a gap at a voltage (ours: a median is known to a tenth of the delays' spread)
+WAIT_US = 10_000.0  # what has not ignited by then never does
 
 
 class Delays(NamedTuple):
-    """Delays of a gap at a voltage.
-
-    Attributes
-    ----------
-    short, ignited : float
-        Shares of pulses that were shorts, and that ignited within `WAIT_US`.
-    us : tuple of float
-        `QUANTILES` of the delays of all that were no shorts, in us; NaN where the quantile has not ignited.
-    """
+    """Delays of a gap at a voltage."""
 
     gap_um: float
     open_V: float
+    # shares of pulses that were shorts, and that ignited within `WAIT_US`
     short: float
     ignited: float
+    # `QUANTILES` of the delays of all that were no shorts, in us; NaN where the quantile has not ignited
     us: tuple[float, ...]
 
 

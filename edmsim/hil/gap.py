@@ -20,43 +20,24 @@ from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 
 
 class Output(NamedTuple):
-    """What is asked of the generator for a frame.
+    """What is asked of the generator for a frame."""
 
-    Attributes
-    ----------
-    pulses : int
-        1 to 255.
-    open_V, peak_A : float or None
-        Voltage until ignition and peak current; None leaves what the generator's file says.
-    """
-
-    pulses: int
+    pulses: int  # 1 to 255
     on: bool
     t_on_us: float
     t_period_us: float
+    # voltage until ignition and peak current; None leaves what the generator's file says
     open_V: float | None = None
     peak_A: float | None = None
 
 
 class Frame(NamedTuple):
-    """Some pulses, as they were.
+    """Some pulses, as they were."""
 
-    Attributes
-    ----------
-    window : PulseWindow
-        Their sums.
-    pulses : record array (n,)
-        Rows of `edmsim.plant.kernel.state.PULSE`, one for every pulse.
-    timing : Timing
-        The generator's setting for them.
-    on : bool
-        Whether the generator ran: else the pulses are moments without one.
-    """
-
-    window: PulseWindow
-    pulses: NDArray[np.void]
-    timing: Timing
-    on: bool
+    window: PulseWindow  # their sums
+    pulses: NDArray[np.void]  # (n,): rows of `edmsim.plant.kernel.state.PULSE`, one for every pulse
+    timing: Timing  # the generator's setting for them
+    on: bool  # whether the generator ran: else the pulses are moments without one
 
 
 class Gap:

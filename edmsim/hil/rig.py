@@ -14,8 +14,7 @@ from edmsim.hil.spark import Pulser
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 
-MOST_LINE = 127
-"""Longest line in bytes (Powercore V3)."""
+MOST_LINE = 127  # longest line in bytes (Powercore V3)
 _MOST_STEPS = 100_000
 _MOST_HZ = 1000.0
 

@@ -25,10 +25,8 @@ from edmsim.plant.kernel.state import OPEN, SHORT
 
 Array = NDArray[np.float64]
 LEAST_HZ, MOST_HZ = 1e4, 1e5
-_FINE_US = 1.0
-"""The filter goes on in steps of at most this (ours: below a tenth of any pulse of these boards)."""
-COUNT_V, COUNT_A = 0.01, 0.01
-"""A count of a WAV file."""
+_FINE_US = 1.0  # the filter goes on in steps of at most this (ours: below a tenth of any pulse of these boards)
+COUNT_V, COUNT_A = 0.01, 0.01  # a count of a WAV file
 _COUNTS = 32767
 READ = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_float), ctypes.c_int64
@@ -69,13 +67,7 @@ class Sensing(NamedTuple):
 
 
 class Sampler:
-    """Makes samples of frames that follow each other.
-
-    Parameters
-    ----------
-    start_us : float
-        Machine time from which samples are taken.
-    """
+    """Makes samples of frames that follow each other, from a machine time on."""
 
     def __init__(self, sensing: Sensing, start_us: float = 0.0) -> None:
         sensing.check()
@@ -203,11 +195,6 @@ class SampleFile:
     """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``.
 
     A WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count.
-
-    Parameters
-    ----------
-    start_s : float
-        Machine time from which samples are taken.
     """
 
     def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:

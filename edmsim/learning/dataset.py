@@ -158,7 +158,7 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
     controller = from_text(name)
     edm: EdmEnv = env.unwrapped
     observation, info = env.reset(seed=seed)
-    law = edm.lane_law(controller)
+    law = edm.attach_controller(controller)
     law.begin()
     observations, step_infos, actions, rewards = [observation], [info], [], []
     terminated = truncated = False

@@ -66,9 +66,9 @@ class Hyperparameters(_Strict):
     Attributes
     ----------
     steps : int
-        Windows in all, over all lanes.
+        Windows in all, over all sub-environments.
     num_envs : int
-        Lanes side by side.
+        Sub-environments side by side.
     environment : dict
         Arguments of the environment.
     algorithm : dict

@@ -26,28 +26,17 @@ LEAST_RATE = 0.02
 
 # untyped where the extra is missing
 class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Lanes with a teacher each; they keep what was seen, and what the teacher would have done.
-
-    Parameters
-    ----------
-    teacher : str
-        See `edmsim.controllers.from_text`. It is shown every window, and every wire that is lost.
-
-    Raises
-    ------
-    InputError
-        There is no such controller, or the environment has no action for what it wants.
-    """
+    """Sub-environments with a teacher each, who is shown every window; they keep what was seen and taught."""
 
     def __init__(self, venv: EdmVecEnv, teacher: str) -> None:
         super().__init__(venv)
-        self._laws = [venv.env.lane_law(lane, from_text(teacher)) for lane in range(self.num_envs)]
+        self._laws = [venv.env.attach_controller(index, from_text(teacher)) for index in range(self.num_envs)]
         self._observations: Any = None
         self._states: list[NDArray[np.float32]] = []
         self._teacher_actions: list[NDArray[np.float32]] = []
 
     def reset(self) -> Any:
-        """Begin an episode, and the teacher, in every lane."""
+        """Begin an episode, and the teacher, in every sub-environment."""
         self._observations = self.venv.reset()
         for law in self._laws:
             law.begin()
@@ -62,8 +51,8 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
     def step_wait(self) -> Any:
         """Run a step, which the teachers see."""
         self._observations, rewards, done, infos = self.venv.step_wait()
-        for lane in np.flatnonzero(done):
-            self._laws[lane].begin()
+        for index in np.flatnonzero(done):
+            self._laws[index].begin()
         return self._observations, rewards, done, infos
 
     def taken(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -26,12 +26,7 @@ RESOLUTIONS = ("fast", "default", "fine")
 
 
 class Measured(NamedTuple):
-    """What a policy's cuts are compared with, and at which resolutions.
-
-    Attributes
-    ----------
-    rivals, resolutions : tuple of str
-    """
+    """What a policy's cuts are compared with, and at which resolutions."""
 
     rivals: tuple[str, ...]
     resolutions: tuple[str, ...]
@@ -120,13 +115,7 @@ def score(results: Sequence[Result], resolution: str) -> Score:
 
 
 def write_card(policy: str, scores: Sequence[Score]) -> None:
-    """Write scores of `measure` into a policy's card, in the place of those at the same resolutions.
-
-    Parameters
-    ----------
-    policy : str
-        Either of its files, or a name under ``models/policies``.
-    """
+    """Write scores of `measure` into a policy's card, in the place of those at the same resolutions."""
     stored, file = policy_file.load(policy), policy_file.locate(policy)
     measured = {row.resolution for row in scores}
     others = [row for row in stored.card.scores if row["resolution"] not in measured]

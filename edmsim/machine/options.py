@@ -60,18 +60,10 @@ class Limits:
 
 @dataclass(frozen=True)
 class Names:
-    """Names that an option may have, from the registry that knows them.
-
-    Attributes
-    ----------
-    listed : callable
-        Returns the names.
-    or_else : str
-        What else it may be, for the help; if that is empty, other names are refused.
-    """
+    """Names that an option may have, from the registry that knows them."""
 
     listed: Callable[[], Iterable[str]]
-    or_else: str = ""
+    or_else: str = ""  # what else it may be, for the help; if that is empty, other names are refused
 
 
 @dataclass(frozen=True)

@@ -50,8 +50,7 @@ if TYPE_CHECKING:
 
     from edmsim.machine.machine import Machine
 
-MECHANICS = ("modal", "mujoco")
-"""Integrators of table and wire."""
+MECHANICS = ("modal", "mujoco")  # integrators of table and wire
 _OF_WIRE, _CHANGING = lasting(Arrays, CHANGING), lasting(Arrays, WALL, CHANGING)
 _NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
 

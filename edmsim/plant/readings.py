@@ -24,17 +24,7 @@ if TYPE_CHECKING:
 
 
 class PlantReadings:
-    """Measurements of a plant; see `edmsim.plant.plant.Plant`.
-
-    Attributes
-    ----------
-    field : KerfField
-        The metal left in every slice.
-    mechanics : str
-        What moves table and wire.
-    resolution : Resolution
-        Slices, rays and modes.
-    """
+    """Measurements of a plant; see `edmsim.plant.plant.Plant`."""
 
     field: KerfField
     mechanics: str

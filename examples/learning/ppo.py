@@ -23,7 +23,7 @@ from torch import nn
 
 import edmsim  # noqa: F401 - registers the environments
 
-LANES, STEPS, EPOCHS, BATCH = 8, 128, 5, 256
+NUM_ENVS, STEPS, EPOCHS, BATCH = 8, 128, 5, 256
 GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2
 LEARNING_RATE, GREATEST_GRADIENT = 1e-3, 0.5
 
@@ -70,7 +70,7 @@ class Agent(nn.Module):
 
 
 def advantages(rewards: np.ndarray, values: np.ndarray, ended: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return generalised advantages (steps, lanes); `ended` is 1 where an episode ended with the step."""
+    """Return generalised advantages (steps, num_envs); `ended` is 1 where an episode ended with the step."""
     found, ahead, following = np.zeros_like(rewards), np.zeros(rewards.shape[1]), last
     for step in reversed(range(len(rewards))):
         on = 1.0 - ended[step]
@@ -102,24 +102,24 @@ def main() -> None:
     parser.add_argument("--action", default="servo", help="servo: its target; speed: the feed itself")
     parser.add_argument("--decision-s", type=float, help="machine time of a decision; the environment's by default")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--steps", type=int, default=204_800, help="decisions, all lanes together")
+    parser.add_argument("--steps", type=int, default=204_800, help="decisions, all sub-environments together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     args = parser.parse_args()
     torch.set_num_threads(1)  # networks this small only wait for further threads
     torch.manual_seed(args.seed)
     options = {} if args.decision_s is None else {"decision_s": args.decision_s}
     envs = gymnasium.make_vec(
-        args.env, num_envs=LANES, vectorization_mode="vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP,
+        args.env, num_envs=NUM_ENVS, vectorization_mode="vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP,
         action=args.action, servo_target_share=[0.0, 0.9], **options,
     )
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])
     optimiser = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)
     inputs_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
-    observation, _ = envs.reset(seed=1000 * args.seed)  # lanes count on from here: no two trainings share machines
+    observation, _ = envs.reset(seed=1000 * args.seed)  # seeds count on from here: no two trainings share machines
     last_twenty: deque[tuple[float, float]] = deque(maxlen=20)
-    discounted, episode, cost = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    discounted, episode, cost = np.zeros(NUM_ENVS), np.zeros(NUM_ENVS), np.zeros(NUM_ENVS)
     curve = [("decisions", "return", "cost")]
-    for done in range(LANES * STEPS, args.steps + 1, LANES * STEPS):
+    for done in range(NUM_ENVS * STEPS, args.steps + 1, NUM_ENVS * STEPS):
         rollout: list[tuple] = []
         over: list[tuple[float, float]] = []
         for _ in range(STEPS):
@@ -135,12 +135,12 @@ def main() -> None:
             if ended.any():
                 step_cost[ended] = info["final_info"]["cost"][ended]
             episode, cost = episode + reward, cost + step_cost
-            over += [(episode[lane], cost[lane]) for lane in np.flatnonzero(ended)]
+            over += [(episode[index], cost[index]) for index in np.flatnonzero(ended)]
             discounted = discounted * GAMMA + reward
             returns_so_far.see(discounted[:, None])
             scaled = np.clip(reward / np.sqrt(returns_so_far.variance[0] + 1e-8), -10, 10)
             if truncated.any():  # what comes after a time limit counts: add what the episode was still worth
-                last = np.stack([info["final_obs"][lane] for lane in np.flatnonzero(truncated)])
+                last = np.stack([info["final_obs"][index] for index in np.flatnonzero(truncated)])
                 with torch.no_grad():
                     scaled[truncated] += GAMMA * agent.value(inputs_so_far.scaled(last)).squeeze(1).numpy()
             episode[ended] = cost[ended] = discounted[ended] = 0.0

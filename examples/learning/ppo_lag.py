@@ -26,7 +26,7 @@ from torch import nn
 
 import edmsim  # noqa: F401 - registers the environments
 
-LANES, STEPS, EPOCHS, BATCH = 8, 128, 5, 256
+NUM_ENVS, STEPS, EPOCHS, BATCH = 8, 128, 5, 256
 GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2
 LEARNING_RATE, GREATEST_GRADIENT = 1e-3, 0.5
 MULTIPLIER_RATE = 0.5  # of the multiplier, per cost beyond the limit and rollout
@@ -79,7 +79,7 @@ class Agent(nn.Module):
 
 
 def advantages(rewards: np.ndarray, values: np.ndarray, ended: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return generalised advantages (steps, lanes, 2) of rewards and costs; `ended` is 1 where an episode ended."""
+    """Return generalised advantages (steps, num_envs, 2) of rewards and costs; `ended` is 1 where one ended."""
     found, ahead, following = np.zeros_like(rewards), np.zeros(rewards.shape[1:]), last
     for step in reversed(range(len(rewards))):
         on = 1.0 - ended[step][:, None]
@@ -111,24 +111,24 @@ def main() -> None:
     """Train, and write the learning curve."""
     parser = argparse.ArgumentParser(description="Lagrangian PPO in edmsim/GapFeed-v2 with a thin wire.")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--steps", type=int, default=20_480, help="decisions, all lanes together")
+    parser.add_argument("--steps", type=int, default=20_480, help="decisions, all sub-environments together")
     parser.add_argument("--limit", type=float, default=0.1, help="cost of an episode, in the mean")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     args = parser.parse_args()
     torch.set_num_threads(1)  # networks this small only wait for further threads
     torch.manual_seed(args.seed)
     envs = gymnasium.make_vec(
-        "edmsim/GapFeed-v2", num_envs=LANES, vectorization_mode="vector_entry_point",
+        "edmsim/GapFeed-v2", num_envs=NUM_ENVS, vectorization_mode="vector_entry_point",
         autoreset_mode=AutoresetMode.SAME_STEP, **THIN_WIRE,
     )
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])
     optimiser = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)
     inputs_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
-    observation, _ = envs.reset(seed=1000 * args.seed)  # lanes count on from here: no two trainings share machines
+    observation, _ = envs.reset(seed=1000 * args.seed)  # seeds count on from here: no two trainings share machines
     last_twenty: deque[tuple[float, float]] = deque(maxlen=20)
-    discounted, episode, cost = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    discounted, episode, cost = np.zeros(NUM_ENVS), np.zeros(NUM_ENVS), np.zeros(NUM_ENVS)
     multiplier, curve = 1.0, [("decisions", "return", "cost")]
-    for done in range(LANES * STEPS, args.steps + 1, LANES * STEPS):
+    for done in range(NUM_ENVS * STEPS, args.steps + 1, NUM_ENVS * STEPS):
         rollout: list[tuple] = []
         over: list[tuple[float, float]] = []
         for _ in range(STEPS):
@@ -144,13 +144,13 @@ def main() -> None:
             if ended.any():
                 step_cost[ended] = info["final_info"]["cost"][ended]
             episode, cost = episode + reward, cost + step_cost
-            over += [(episode[lane], cost[lane]) for lane in np.flatnonzero(ended)]
+            over += [(episode[index], cost[index]) for index in np.flatnonzero(ended)]
             discounted = discounted * GAMMA + reward
             returns_so_far.see(discounted[:, None])
             scaled = np.clip(reward / np.sqrt(returns_so_far.variance[0] + 1e-8), -10, 10)
             both = np.stack([scaled, step_cost], axis=1)
             if truncated.any():  # what comes after a time limit counts: add what the episode was still worth
-                last = np.stack([info["final_obs"][lane] for lane in np.flatnonzero(truncated)])
+                last = np.stack([info["final_obs"][index] for index in np.flatnonzero(truncated)])
                 with torch.no_grad():
                     both[truncated] += GAMMA * agent.value(inputs_so_far.scaled(last)).numpy()
             episode[ended] = cost[ended] = discounted[ended] = 0.0

@@ -8,7 +8,7 @@ from edmsim.axis_bench import AxisBench
 from edmsim.compiled.axis_rows import FAULT_IN, FREEWHEEL, WATCHDOG, carray, put_byte, sample
 from edmsim.controllers.axis.drive import axis_row, new_record
 
-COMMAND, LINES, DELAY, BUSY, CALLS, BARKS, SEEN, LAST = range(8)
+COMMAND, LINES, DELAY, BUSY, CALLS, BARKS, LINES_IN, LAST = range(8)
 
 
 @sample
@@ -20,7 +20,7 @@ def _puppet(drive_at: Any, axis_at: Any) -> None:
     drive.delay_ns = drive.reg[DELAY]
     drive.busy_ns = drive.reg[BUSY]
     drive.reg[CALLS] += 1
-    drive.reg[SEEN] = axis.lines
+    drive.reg[LINES_IN] = axis.lines
     if drive.event == WATCHDOG:
         drive.reg[BARKS] += 1
         drive.reg[LAST] = drive.now_ns

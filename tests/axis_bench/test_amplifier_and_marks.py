@@ -108,9 +108,9 @@ def test_index_marks_have_place_and_width():
     for _ in range(4000):
         bench.run(0.002)
         on.append((bool(bench.axis()["index_on"]), (float(bench.axis()["rotor_um"]) - 30) % 100 < 5.0))
-    seen = np.array(on)
-    assert seen[:, 0].any()
-    assert (seen[:, 0] == seen[:, 1]).mean() > 0.99
+    levels = np.array(on)
+    assert levels[:, 0].any()
+    assert (levels[:, 0] == levels[:, 1]).mean() > 0.99
 
 
 def test_a_mark_too_short_for_the_input_is_missed():
@@ -165,7 +165,7 @@ def test_a_contact_bounces_unless_the_filter_is_longer():
     assert len(edges_of(bounce_s=0.04, filter_s=0.01)) == 2
 
 
-def test_a_cam_that_is_left_within_the_filter_is_not_seen():
+def test_a_cam_that_is_left_within_the_filter_is_missed():
     assert edges_of(filter_s=0.5) == []
 
 

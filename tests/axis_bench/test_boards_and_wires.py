@@ -28,7 +28,7 @@ def test_a_step_source_sends_exact_counts():
     assert bench.drive("y").record["setpoint"] == -50
 
 
-def test_open_step_and_direction_inputs_read_high():
+def test_open_step_and_direction_inputs_read_high():  # U-43
     bench = bench_of()
     bench.unplug("x", "step")
     bench.steps("x", 10)
@@ -41,7 +41,7 @@ def test_open_step_and_direction_inputs_read_high():
     assert bench.drive("x").record["setpoint"] == 10
 
 
-def test_a_fault_stops_the_other_drive_through_the_net_and_not_without_its_diode():
+def test_a_fault_stops_the_other_drive_through_the_net_and_not_without_its_diode():  # U-42
     for diode in (True, False):
         bench = AxisBench({"x": Puppet(), "y": Puppet()})
         bench.wire("x", fault_out=diode)
@@ -55,7 +55,7 @@ def test_a_fault_stops_the_other_drive_through_the_net_and_not_without_its_diode
         assert bench.pins("y").fault_in_low == diode
 
 
-def test_the_fault_net_can_be_pulled_by_hand_and_an_open_input_reads_high():
+def test_the_fault_net_can_be_pulled_by_hand_and_an_open_input_reads_high():  # U-42, U-43
     bench = AxisBench({"x": Puppet(), "y": Puppet()})
     bench.unplug("y", "fault")
     bench.pull_fault_net(True)

@@ -65,21 +65,18 @@ def test_points_count_both_coordinates_and_must_be_equally_many():
     assert follows(rig)
 
 
-def test_one_point_is_no_table():
+@pytest.mark.parametrize(
+    ("points", "axes", "error"),
+    [(1, {}, Error.SIZE), (3, {"master": 5}, Error.MASTER), (3, {"master": -1}, Error.MASTER),
+     (3, {"axis": 2}, Error.MASTER), (3, {"master": Y}, Error.MASTER)],
+)  # fmt: skip
+def test_one_point_and_a_wrong_master_do_not_lead(points, axes, error):
     # E-16
     rig = rig_of()
-    table(rig, 0, HAT[:1])
+    table(rig, 0, HAT[:points], **axes)
     assert run(rig, 0) is CallStatus.REFUSED
-    assert read(rig, 0, Function.ERROR) == Error.SIZE == 0x200
-
-
-@pytest.mark.parametrize("axes", [{"master": 5}, {"master": -1}, {"axis": 2}, {"master": Y}])
-def test_a_wrong_master_does_not_lead(axes):
-    # E-16
-    rig = rig_of()
-    table(rig, 0, HAT, **axes)
-    assert run(rig, 0) is CallStatus.REFUSED
-    assert read(rig, 0, Function.ERROR) == Error.MASTER == 0x1000
+    assert read(rig, 0, Function.ERROR) == error
+    assert (Error.SIZE, Error.MASTER) == (0x200, 0x1000)
 
 
 @pytest.mark.slow
@@ -219,7 +216,7 @@ def test_single_precision_rounds_points_before_they_are_compared():
     assert rig.control.axes[Y].setpoint != 0.1
 
 
-def test_the_option_is_asked_for_and_without_it_there_is_nothing():
+def test_the_option_can_be_queried_and_without_it_there_is_nothing():
     # E-36
     assert rig_of().control.elcam.option
     rig = rig_of(option=False)

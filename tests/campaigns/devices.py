@@ -1,4 +1,4 @@
-"""What a machine's devices are told: programs of QCL, tapes, lines of terminals, calls of the object interface."""
+"""What a machine's devices read: programs of QCL, tapes, lines of terminals, calls of the object interface."""
 
 from __future__ import annotations
 

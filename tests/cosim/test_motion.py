@@ -140,9 +140,9 @@ def test_a_latency_longer_than_the_window_leaves_the_feed_as_it_was() -> None:
     assert motion.feed_um_s == 0.0
 
 
-@pytest.mark.parametrize(("asked_um_s", "units"), [(80.0, 500), (-80.0, -500), (12.34, 123), (49.96, 500)])
-def test_feeds_are_whole_units_up_to_the_greatest_either_way(asked_um_s: float, units: int) -> None:
-    motion = planned(FeedCommand(asked_um_s))
+@pytest.mark.parametrize(("requested_um_s", "units"), [(80.0, 500), (-80.0, -500), (12.34, 123), (49.96, 500)])
+def test_feeds_are_whole_units_up_to_the_greatest_either_way(requested_um_s: float, units: int) -> None:
+    motion = planned(FeedCommand(requested_um_s))
     motion.plan(0, 1_000, certain=True)
     motion.keep(0, 1_000)
     assert ran(motion) == [(0, 1_000, units)]
@@ -177,7 +177,7 @@ def test_no_steps_are_not_driven() -> None:
     assert lines.driven == []
 
 
-def test_the_guides_go_beside_the_path_before_they_go_along_it() -> None:
+def test_the_guides_take_their_lateral_offset_before_they_go_along_the_path() -> None:
     offset = along_x()
     motion = PlannerMotion(Clockwork(), None, 0.0, 0, FeedCommand(20.0, offset_um=6.0), 50.0, offset)  # type: ignore[arg-type]
     assert motion.plan(0, 1_000, certain=True) == [Step(0, 1, 1), Step(0, 0, 1)]

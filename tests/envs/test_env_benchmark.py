@@ -167,14 +167,14 @@ def test_more_energy_than_the_bound_costs_what_it_cuts(make_env):
     assert any(costs[0.5])
 
 
-def test_objectives_make_a_vector(make_env, make_lanes):
+def test_objectives_make_a_vector(make_env, make_envs):
     options = {"action": "speed", "objectives": ["progress", "short", "profile"]}
-    env, lanes = make_env("GapFeed", **options).unwrapped, make_lanes("GapFeed", 2, **options)
+    env, envs = make_env("GapFeed", **options).unwrapped, make_envs("GapFeed", 2, **options)
     env.reset(seed=1)
-    lanes.reset(seed=1)
+    envs.reset(seed=1)
     for _ in range(30):
         _, one, *_, info = env.step(np.array([0.3], np.float32))
-        many = lanes.step(np.full((2, 1), 0.3, np.float32))[1]
+        many = envs.step(np.full((2, 1), 0.3, np.float32))[1]
     assert env.reward_space.contains(one)
     assert one.tolist() == pytest.approx([info["reward_terms"][name] for name in options["objectives"]])
     assert (many[0] == one).all()
@@ -209,14 +209,14 @@ def test_mujoco_steps_the_table(make_env):
     env = make_env("GapFeed", mechanics="mujoco", action="speed")
     env.reset(seed=1)
     infos = [env.step(np.array([0.2], np.float32))[4] for _ in range(5)]
-    assert env.unwrapped._batch.lanes.fleet.plants[0].mechanics == "mujoco"
+    assert env.unwrapped._batch.sub_envs.fleet.plants[0].mechanics == "mujoco"
     assert infos[-1]["path_um"] > 1
 
 
-def test_a_lane_may_keep_its_machine(make_lanes):
-    lanes = make_lanes("GapFeed", 1, height_mm=(4.0, 40.0), machine_episodes=2, max_episode_steps=1)
-    heights = [lanes.reset(seed=1)[1]["drawn"]["height_mm"][0]]
-    heights += [lanes.reset()[1]["drawn"]["height_mm"][0] for _ in range(3)]
+def test_a_sub_environment_may_keep_its_machine(make_envs):
+    envs = make_envs("GapFeed", 1, height_mm=(4.0, 40.0), machine_episodes=2, max_episode_steps=1)
+    heights = [envs.reset(seed=1)[1]["drawn"]["height_mm"][0]]
+    heights += [envs.reset()[1]["drawn"]["height_mm"][0] for _ in range(3)]
     assert heights[0] == heights[1] != heights[2] == heights[3]
 
 

@@ -83,11 +83,11 @@ def test_the_reward_is_time_and_at_the_end_error_and_roughness(usual):
     assert set(first) == set(TERMS)
 
 
-def test_lanes_are_the_single_environments_with_any_threads_and_copies_go_on(small, usual):
-    lanes = gym.make_vec(ID, num_envs=2, vectorization_mode="vector_entry_point", threads=2, **small)
-    lanes.reset(seed=0)  # lane 1 is the single one with seed 1
-    lanes.step(np.stack([HOT, USUAL]))
-    for same in (copy.deepcopy(lanes), pickle.loads(pickle.dumps(lanes)), lanes):
+def test_sub_environments_are_the_single_environments_with_any_threads_and_copies_go_on(small, usual):
+    envs = gym.make_vec(ID, num_envs=2, vectorization_mode="vector_entry_point", threads=2, **small)
+    envs.reset(seed=0)  # sub-environment 1 is the single one with seed 1
+    envs.step(np.stack([HOT, USUAL]))
+    for same in (copy.deepcopy(envs), pickle.loads(pickle.dumps(envs)), envs):
         observations, rewards, terminated, truncated, infos = same.step(np.stack([USUAL, USUAL]))
         assert observations[1].tolist() == usual[1][0].tolist()
         assert rewards[1] == usual[1][1]
@@ -120,7 +120,7 @@ def test_the_last_wire_scraps_the_part_and_time_truncates(small):
     _, _, terminated, truncated, info = env.step(USUAL)
     assert (terminated, truncated, info["cause"]) == (False, True, "")
     assert info["dt_s"] == pytest.approx(5.0, abs=0.1)
-    cut = env.unwrapped._batch.lane(0).cut  # within a pass nothing is to be decided on, and no wire to be threaded
+    cut = env.unwrapped._batch.episode(0).cut  # within a pass nothing is to be decided on, and no wire to be threaded
     with pytest.raises(InputError, match="under way"):
         cut.simulation.begin_pass(cut.path, ())
     with pytest.raises(InputError, match="no wire broke"):

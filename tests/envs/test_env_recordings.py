@@ -113,8 +113,8 @@ def test_a_training_is_recorded_and_stays_the_same(tmp_path) -> None:
     from edmsim.envs import RecordEpisodes, make_sb3_vec_env
 
     def trained(callback):
-        lanes = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, episode_s=0.2)
-        return ppo("MlpPolicy", lanes, n_steps=32, batch_size=32, seed=1, device="cpu").learn(64, callback=callback)
+        vec_env = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, episode_s=0.2)
+        return ppo("MlpPolicy", vec_env, n_steps=32, batch_size=32, seed=1, device="cpu").learn(64, callback=callback)
 
     recorder = RecordEpisodes(tmp_path, every=2)
     weights = [model.policy.action_net.weight.tolist() for model in (trained(recorder), trained(None))]

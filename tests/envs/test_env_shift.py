@@ -85,7 +85,7 @@ def test_a_drifting_plant_is_deterministic_copies_go_on_and_the_next_shift_is_fr
     copied = pickle.loads(pickle.dumps(env.unwrapped))
     on = played(env, 8)
     assert np.array_equal(on, played(copied, 8))
-    plant = env.unwrapped._batch.lanes.fleet.plants[0]
+    plant = env.unwrapped._batch.sub_envs.fleet.plants[0]
     assert flushing_Pa(plant.machine)[0] < 0.95 * flushing_Pa(env.unwrapped.family.base)[0]
     env.reset(seed=3)
     assert np.array_equal(first, played(env, 8))

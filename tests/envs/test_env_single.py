@@ -69,7 +69,8 @@ def test_same_seed_same_trajectory(make_env, env_name, actions_of):
     assert run(env, actions, seed=7) == first
     assert run(other, actions, seed=7) == first
     env.reset(seed=8)
-    assert env.unwrapped._batch.lanes.scenarios[0].plant_seed != other.unwrapped._batch.lanes.scenarios[0].plant_seed
+    one, two = (e.unwrapped._batch.sub_envs.scenarios[0] for e in (env, other))
+    assert one.plant_seed != two.plant_seed
 
 
 def test_draws_go_on_without_a_seed(make_env):

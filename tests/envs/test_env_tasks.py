@@ -68,7 +68,7 @@ def test_program_of_two_contours_threads_between(tmp_path, make_task):
     first, x = np.hypot(*np.diff(task.scenario.legs_um[0], axis=0).T).sum(), []
     while True:
         result = task.advance(60.0)
-        x.append(task._lanes.fleet.plants[0].commanded_um[0])
+        x.append(task._sub_envs.fleet.plants[0].commanded_um[0])
         if result.over or task.path_um > first + 20:
             break
     assert task.path_um > first

@@ -89,21 +89,21 @@ class Watcher(ClimbController):
         return super().wire_lost()
 
 
-def test_a_law_at_a_lane_sees_every_window_and_every_lost_wire(make_env, weak):
+def test_a_law_at_a_sub_environment_sees_every_window_and_every_lost_wire(make_env, weak):
     """Also where a step has some twenty windows: of each wire all but the partial window in which it broke."""
     env, law = make_env("ThinWire", machine=weak, wires=100), Watcher()
     env.reset(seed=1)
-    at_lane = env.unwrapped.lane_law(law)
-    assert at_lane.begin().t_period_us == 50.0
+    attached = env.unwrapped.attach_controller(law)
+    assert attached.begin().t_period_us == 50.0
     *_, info = env.step(np.array([-1.0, 0.0], np.float32))
-    assert at_lane.command().t_period_us > 50.0
+    assert attached.command().t_period_us > 50.0
     lost = info["wires_lost"]
     assert lost > 1
     assert len(law.seen_s) == lost + 1
     partial_s = 255 * 60e-6
     assert info["dt_s"] - lost * partial_s < sum(law.seen_s) < info["dt_s"]
     assert law.period.factor_at(0.0, law) == pytest.approx(law.back_factor**lost)
-    at_lane.stop()
+    attached.stop()
     before = law.seen_s
     env.step(np.array([-1.0, 0.0], np.float32))
     assert law.seen_s == before

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edmsim.envs import Trim
-from edmsim.envs.lanes import FINISHED_UM, STRETCH_UM
+from edmsim.envs.sub_envs import FINISHED_UM, STRETCH_UM
 from edmsim.envs.trim import GAP_UM
 from edmsim.errors import InputError
 from edmsim.plant.workpiece.blanks import wavy_wall
@@ -90,7 +90,7 @@ def test_an_offset_counts_as_an_action_and_is_seen(make_env):
     assert env.unwrapped.family.action_names == ("feed", "on_time", "duty_factor", "offset")
 
 
-def test_lanes_lead_their_guides_as_cuts_do(make_task):
+def test_sub_environments_lead_their_guides_as_cuts_do(make_task):
     task = make_task("Corner", height_mm=5.0)
     task.reset(seed=1)
     x, y = task.plant.commanded_um

@@ -75,10 +75,10 @@ def test_an_own_family_is_a_whole_environment(bend: str) -> None:
     _, info = env.reset(seed=3)
     assert 5 <= info["drawn"]["height_mm"] <= 6
     assert 250 < info["drawn"]["radius_um"] < 500
-    lanes = gym.make_vec(BEND_ID, num_envs=2, vectorization_mode="vector_entry_point")
-    lanes.reset(seed=3)
+    envs = gym.make_vec(BEND_ID, num_envs=2, vectorization_mode="vector_entry_point")
+    envs.reset(seed=3)
     for _ in range(20):
-        one, many = env.step(np.ones(1, np.float32)), lanes.step(np.ones((2, 1), np.float32))
+        one, many = env.step(np.ones(1, np.float32)), envs.step(np.ones((2, 1), np.float32))
         np.testing.assert_array_equal(one[0], many[0][0])
         assert one[1] == many[1][0]
     task = Task(BEND_ID)
@@ -114,12 +114,12 @@ def test_an_own_family_may_set_the_generator_and_show_corners() -> None:
     check_env(env.unwrapped)
     assert env.action_space.shape == (2,)
     assert env.observation_space.shape == (50,)
-    lanes = gym.make_vec("lab/Pulsing-v0", num_envs=2, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec("lab/Pulsing-v0", num_envs=2, vectorization_mode="vector_entry_point")
     env.reset(seed=1)
-    lanes.reset(seed=1)
+    envs.reset(seed=1)
     for wanted, period_us in ((-1.0, 100.0), (0.0, 200.0), (1.0, 300.0)):
         *_, one = env.step(np.array([0.1, wanted], np.float32))
-        *_, many = lanes.step(np.array([[0.1, wanted]] * 2, np.float32))
+        *_, many = envs.step(np.array([[0.1, wanted]] * 2, np.float32))
         assert one["t_period_us"] == many["t_period_us"][0] == period_us
     with pytest.raises(InputError, match="Pulsing has other observations or actions than GapFeed"):
         stand_in(Pulsing, {})

@@ -74,20 +74,20 @@ def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_t
 
 @pytest.mark.slow
 def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(short_training, tmp_path):
-    from edmsim.learning.learners import lanes_of
+    from edmsim.learning.learners import vec_env_of
 
     law = "voltage:reference_V=20"  # a gap wide enough that the law asks for less than the planner's greatest feed
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual=law)
     assert policy.card.residual.law == law
-    lanes = lanes_of("edmsim/GapFeed-v2", trained.hyperparameters, 5).learned_on
-    seen = lanes.reset()
+    vec_env = vec_env_of("edmsim/GapFeed-v2", trained.hyperparameters, 5).learned_on
+    seen = vec_env.reset()
     task, controller = Task("GapFeed"), PolicyController(policy)
     task.reset(5)
     tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
     command = controller.reset(task.max_feed_um_s)
     feeds = set()
     for _ in range(60):
-        seen, _, done, infos = lanes.step(np.array([policy.action(row) for row in seen], np.float32))
+        seen, _, done, infos = vec_env.step(np.array([policy.action(row) for row in seen], np.float32))
         result = task.advance(command.feed_um_s)
         assert result.observation.feed_um_s == infos[0]["feed_um_s"]
         feeds.add(infos[0]["feed_um_s"])
@@ -160,7 +160,7 @@ def test_a_policy_does_not_depend_on_what_only_its_critic_sees(short_training, t
     import torch
 
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "ppo", steps=128, privileged_critic=True)
-    shown = trained.lanes.edm.observation_space.shape[0]
+    shown = trained.vec_env.edm.observation_space.shape[0]
     wide = trained.model.observation_space.shape[0]
     assert wide > shown == len(policy.card.observation)
     rng = np.random.default_rng(0)
@@ -181,19 +181,19 @@ def test_costs_beyond_the_limit_raise_their_price():
     from edmsim.envs import make_sb3_vec_env
     from edmsim.learning.lagrangian import CostVecEnv, Multiplier
 
-    lanes = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2), 10.0)
+    vec_env = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2), 10.0)
     plain = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2)
-    assert (lanes.reset() == plain.reset()).all()
+    assert (vec_env.reset() == plain.reset()).all()
     for _ in range(2):
-        rewards = [env.step(np.zeros((2, 1), np.float32))[1] for env in (lanes, plain)]
+        rewards = [env.step(np.zeros((2, 1), np.float32))[1] for env in (vec_env, plain)]
         np.testing.assert_array_equal(*rewards)  # nothing broke
-    assert lanes.ended == [0.0, 0.0]
-    told = Multiplier(lanes, 0.1, 20.0)
+    assert vec_env.ended == [0.0, 0.0]
+    told = Multiplier(vec_env, 0.1, 20.0)
     told.model = type("Learner", (), {"logger": Logger(None, [])})()
     for ended, price in (([1.0, 0.2], 20.0), ([0.0], 18.0), ([], 18.0)):
-        lanes.ended = ended
+        vec_env.ended = ended
         told._on_rollout_end()
-        assert lanes.multiplier == pytest.approx(price)
+        assert vec_env.multiplier == pytest.approx(price)
 
 
 @pytest.mark.slow
@@ -201,12 +201,12 @@ def test_the_bound_of_a_checkpoint_is_taken_up(short_training, tmp_path):
     from edmsim.learning.train import train
 
     trained = train("edmsim/GapFeed-v2", "ppo-lag", tmp_path, steps=64, seed=1)
-    assert trained.lanes.costs.multiplier != 7.0
+    assert trained.vec_env.costs.multiplier != 7.0
     (run,) = tmp_path.glob("checkpoint-*/run.json")
     told = json.loads(run.read_text())
     run.write_text(json.dumps({**told, "multiplier": 7.0}))
     again = train("edmsim/GapFeed-v2", "ppo-lag", tmp_path, steps=64, seed=1, resume=True)
-    assert again.lanes.costs.multiplier == 7.0
+    assert again.vec_env.costs.multiplier == 7.0
 
 
 def test_settings_of_a_search_are_those_of_a_training(tmp_path):

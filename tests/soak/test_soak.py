@@ -39,7 +39,7 @@ def test_growth_is_found_and_none_is_none() -> None:
 
 
 @pytest.mark.slow
-def test_memory_that_is_held_is_seen() -> None:
+def test_memory_that_is_held_is_measured() -> None:
     """In a process of its own: here, what other tests left may be given back between the two looks."""
     looks = (
         "import numpy as np\n"
@@ -49,8 +49,8 @@ def test_memory_that_is_held_is_seen() -> None:
         "print(resident_bytes() - before, held.nbytes)\n"
     )
     run = subprocess.run([sys.executable, "-c", looks], capture_output=True, text=True, check=True, cwd=REPOSITORY)
-    seen, held = map(int, run.stdout.split())
-    assert 0.9 * held < seen < 1.1 * held
+    grown, held = map(int, run.stdout.split())
+    assert 0.9 * held < grown < 1.1 * held
 
 
 @pytest.mark.slow

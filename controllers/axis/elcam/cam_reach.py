@@ -15,15 +15,11 @@ from edmsim.errors import InputError
 _STEEPEST_WIRE = 0.1
 """The upper guide may lead by this share of the guides' distance (ours): the gap is computed slice by slice, as if
 each were upright, which holds for small angles."""
-_PLACES = 1000
-"""Places of its master at which a cam is evaluated, besides its points (ours)."""
+_PLACES = 1000  # places of its master at which a cam is evaluated, besides its points (ours)
 
 
 def check_cams(elcam: Elcam, contours_um: Sequence[NDArray[np.int64]], guide_distance_mm: float) -> None:
-    """Refuse a cam that leads the upper guide too far on a way, contour by contour.
-
-    Raises `InputError` with which axis, how far, and how far it may go.
-    """
+    """Refuse a cam that leads the upper guide too far on a way: which axis, how far, and how far it may go."""
     points_mm = np.concatenate(contours_um) * 1e-3
     length_mm = sum(float(np.hypot(*np.diff(points, axis=0).T).sum()) for points in contours_um) * 1e-3
     ranges = {0: points_mm[:, 0], 1: points_mm[:, 1], len(PLACES) - 1: np.array([0.0, length_mm])}

@@ -27,11 +27,7 @@ class CamExtensions:
 
 
 def cubic(xs: NDArray[Any], ys: NDArray[Any], k: int, share: float) -> float:
-    """Return the value of Hermite's cubic on the piece `k` at a share of its way.
-
-    The slope at a point is that of the chord between its neighbours, at the ends of the piece's own chord
-    (Catmull and Rom's, for points that are not evenly spaced).
-    """
+    """Return Hermite's cubic on piece `k` at a share of its way, with Catmull and Rom's slopes for uneven points."""
     width = float(xs[k + 1]) - float(xs[k])
     y0, y1 = float(ys[k]), float(ys[k + 1])
     if width <= 0.0:

@@ -16,8 +16,7 @@ from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.registers import DATA, Function, Mode
 from edmsim.errors import InputError
 
-CYCLE_S = DATA["axis"]["cycle_ns"] * 1e-9
-"""Interpolator's cycle."""
+CYCLE_S = DATA["axis"]["cycle_ns"] * 1e-9  # interpolator's cycle
 
 
 @dataclass

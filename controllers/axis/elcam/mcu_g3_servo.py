@@ -29,13 +29,7 @@ def _hold(drive_at: Any, axis_at: Any) -> None:
 
 
 class AxisLoop:
-    """A motor in a control's position loop, for a servo axis of `edmsim.controllers.axis.elcam.mcu_g3.MotionControl`.
-
-    Parameters
-    ----------
-    motor : record array (1,), optional
-        Motor, screw and encoder; the axis ``bench`` with counts of 1 um if not given.
-    """
+    """A motor in a control's position loop, for a servo axis of `mcu_g3.MotionControl`."""
 
     name = "mcu-g3"
     counts_per_step = 0.0  # its control writes the target

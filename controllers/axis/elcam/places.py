@@ -7,13 +7,7 @@ from typing import Protocol
 
 
 class CamAxis(Protocol):
-    """What ELCAM reads of an axis; places in the axis' unit.
-
-    Attributes
-    ----------
-    auxiliary : float or None
-        By a stepper's own encoder, where its system data say that it is used.
-    """
+    """What ELCAM reads of an axis, in its unit; `auxiliary` is by a stepper's own encoder, if that is used."""
 
     @property
     def setpoint(self) -> float:
@@ -42,18 +36,8 @@ class CamPlace:
 
 @dataclass
 class ControlFaults:
-    """ControlFaults of the control to switch on.
+    """Faults of the control to switch on."""
 
-    Attributes
-    ----------
-    rebooted : bool
-        Another program boots it while a table is loaded.
-    system : bool
-        The same, seen later.
-    memory : bool
-        The library cannot reach the tables' memory.
-    """
-
-    rebooted: bool = False
-    system: bool = False
-    memory: bool = False
+    rebooted: bool = False  # another program boots it while a table is loaded
+    system: bool = False  # the same, seen later
+    memory: bool = False  # the library cannot reach the tables' memory

@@ -21,25 +21,7 @@ _PATH = PLACES.index(PATH)
 
 
 class StepCompensation:
-    """What is between a planner's steps and the motors.
-
-    Parameters
-    ----------
-    elcam : Elcam
-        With tables of `edmsim.controllers.axis.elcam.file.load_tables`.
-    step_um : float
-        Travel of a step.
-
-    Attributes
-    ----------
-    offset_um : (float, float)
-        By how much the motors of x and y are further than the program says.
-
-    Raises
-    ------
-    InputError
-        The axes of the tables' control have no places that can be set.
-    """
+    """What is between a planner's steps and the motors: the tables of `load_tables` move them `offset_um` further."""
 
     def __init__(self, elcam: Elcam, step_um: float) -> None:
         self._places = [axis for axis in elcam.axes if isinstance(axis, CamPlace)]

@@ -18,35 +18,12 @@ from numpy.typing import NDArray
 from edmsim.controllers.axis.elcam.extensions import CamExtensions, cubic
 from edmsim.controllers.axis.elcam.registers import Error, Mode
 
-UNSET = -1
-"""Number of an axis that nobody has named yet."""
+UNSET = -1  # number of an axis that nobody has named yet
 _ROW_FAULTS = Error.ROW_SIZE | Error.ROW_START | Error.ROW_END | Error.ROW_AXIS
 
 
 class CamTable:
-    """One table.
-
-    Attributes
-    ----------
-    points : float64 or float32 array (buffer size, 2)
-        Master and follower, row after row; those from ``size_master`` and ``size_follow`` on are not entered.
-    error : Error
-        What was wrong when points were entered; what they are wrong in stands in `faults`.
-    marked : bool
-        Whether function 30 has made it a table of errors; bit 5 of ``mode`` alone does not.
-    gain, phase, shift : float
-        The follower is at ``shift + gain * curve(master - phase)``.
-    base : float
-        What is added in place of ``shift`` alone since the table runs: a change of gain acts from its place on.
-    direction : int
-        Which way the master of a compensation table moved last: 1, -1, or 0 before it moved.
-    held : bool
-        Whether a compensation table was asked for a place beyond its ends since it was last started.
-    in_computer : bool
-        Whether the points stand in a piece of the computer's memory, at ``physical_address``.
-    extensions : CamExtensions
-        What the document does not know; all off.
-    """
+    """One table."""
 
     def __init__(self) -> None:
         self.error, self.mode = Error(0), Mode(0)
@@ -56,13 +33,15 @@ class CamTable:
         self.row_start = self.row_end = 0.0
         self.row_count = 0
         self.physical_address = 0
-        self.extensions = CamExtensions()
+        self.extensions = CamExtensions()  # what the document does not know; all off
+        # whether a compensation table was asked for a place beyond its ends since it was last started
         self.held = False
         self.direction, self._last_master = 0, math.nan
         self.clear()
 
     def clear(self) -> None:
         """Discard points, sizes, errors and Run; axes, gain, phase, shift, rows and the mark stay."""
+        # (buffer size, 2): master and follower; those behind the sizes are not entered
         self.points: NDArray[Any] = np.zeros((0, 2))
         self.size_master = self.size_follow = 0
         self.error, self.mode = Error(0), self.mode & ~Mode.RUN
@@ -136,13 +115,7 @@ class CamTable:
         return 1 + int(np.count_nonzero(entered[1:] <= entered[:-1]))
 
     def faults(self, axes: int) -> Error:
-        """Return what forbids to follow the table, of what does not already stand in ``error``.
-
-        Parameters
-        ----------
-        axes : int
-            How many the control has.
-        """
+        """Return what forbids to follow the table, of what does not already stand in ``error``."""
         found = Error(0)
         if self.size_master != self.size_follow or self.size_master < 2:
             found |= Error.SIZE
@@ -169,13 +142,7 @@ class CamTable:
         return found
 
     def follow(self, master: float, row_place: float) -> float:
-        """Return where the follower belongs.
-
-        Parameters
-        ----------
-        master, row_place : float
-            Places of the master, and of the axis that chooses the row.
-        """
+        """Return where the follower belongs, at places of the master and of the axis that chooses the row."""
         offset = self.base if self.runs else self.shift
         return offset + self.gain * self.curve(master - self.phase, row_place)
 

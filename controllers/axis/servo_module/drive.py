@@ -26,10 +26,8 @@ from edmsim.controllers.axis.servo_module.law import Words, cycle, put_duty, tak
 from edmsim.controllers.axis.servo_module.recorder import dump, note
 from edmsim.errors import InputError
 
-LARGEST_OFFSET = -WORD // 2, WORD // 2 - 1
-"""The offset is the only signed parameter (row M-46)."""
-_BITS_OF_A_BYTE = 10
-"""Start bit, eight, stop bit."""
+LARGEST_OFFSET = -WORD // 2, WORD // 2 - 1  # the offset is the only signed parameter (row M-46)
+_BITS_OF_A_BYTE = 10  # start bit, eight, stop bit
 _CHIP = DATA["chip"]
 
 

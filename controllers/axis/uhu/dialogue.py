@@ -71,15 +71,7 @@ class UhuActions(Protocol):
 
 
 class Dialogue:
-    """The terminal of one drive.
-
-    Parameters
-    ----------
-    labels : dict of str to str
-        Text before the value of each parameter, by letter, in the order of the help.
-    serial_number : int
-        That of the start-up text.
-    """
+    """The terminal of one drive; `labels` stand before the values of the parameters, in the order of the help."""
 
     def __init__(self, labels: dict[str, str], serial_number: int) -> None:
         self._labels = labels

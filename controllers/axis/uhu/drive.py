@@ -37,8 +37,7 @@ from edmsim.controllers.axis.uhu import registers as at
 from edmsim.controllers.axis.uhu.dialogue import Dialogue
 from edmsim.errors import InputError
 
-_DUTY_RANGE = 0
-"""Place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase."""
+_DUTY_RANGE = 0  # place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase
 _N_BANKS, _LARGEST = 3, 65535
 _NOT_STORED = "overruns"
 

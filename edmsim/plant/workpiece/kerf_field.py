@@ -23,12 +23,9 @@ from edmsim.plant.workpiece.height_steps import LowerRegion, Relief
 if TYPE_CHECKING:
     import shapely
 
-FULL = 32768
-"""Parts in a full cell."""
-PROUD_SHARE = 3.0
-"""Largest ratio of removal rates, protruding metal to flat metal (ours)."""
-PARALLEL = 1e-9
-"""A direction is parallel to an axis of the grid if its cosine is below this."""
+FULL = 32768  # parts in a full cell
+PROUD_SHARE = 3.0  # largest ratio of removal rates, protruding metal to flat metal (ours)
+PARALLEL = 1e-9  # a direction is parallel to an axis of the grid if its cosine is below this
 
 
 @dataclass(frozen=True)
@@ -245,16 +242,6 @@ class KerfField:
 
         It counts neither as removed metal nor as stock any more. Cells go whose middles lie in it, so a polygon that
         ends in what was cut leaves no rim.
-
-        Parameters
-        ----------
-        piece : shapely.Polygon
-            In um.
-
-        Returns
-        -------
-        float
-            How much of the allocated tiles' metal it was: volume over the height of a slice, in um2.
         """
         taken = 0
         for tx, ty, place in self.tile_places():

@@ -44,12 +44,12 @@ def test_the_example_homes_and_places():
 def test_it_tells_what_changes():
     said: list[str] = []
     run_and_tell(station(), 1.0, [Press("ifForward", 0.2, 0.4)], said.append)
-    told = [line.split(" s  ")[1] for line in said[:-1]]
-    assert told[:7] == [
+    changes = [line.split(" s  ")[1] for line in said[:-1]]
+    assert changes[:7] == [
         "axis:st_init 1", "axis:st_loopon 1", "ofstill 1", "ifForward on", "axis:st_still 0", "ofstill 0",
         "ifForward off",
     ]  # fmt: skip
-    assert told[-1].startswith("axis: posit 66, setpos 0")
+    assert changes[-1].startswith("axis: posit 66, setpos 0")
     assert said[-1].startswith("the program is at line")
 
 
@@ -135,11 +135,11 @@ def test_the_command_takes_contactors(monkeypatch, capsys):
         with pytest.raises(SystemExit) as left:
             cli.main()
         assert left.value.code == status
-        told = capsys.readouterr()
-        assert said in told.out + told.err
+        printed = capsys.readouterr()
+        assert said in printed.out + printed.err
 
 
-def test_the_command_runs(monkeypatch, capsys):
+def test_the_command_presses_inputs(monkeypatch, capsys):
     words = ["edmsim", "console", "positioner", *map(str, FILES), "--press", "ifStart=0.1:0.2", "--seconds", "0.5"]
     monkeypatch.setattr(sys, "argv", words)
     with pytest.raises(SystemExit) as left:

@@ -45,7 +45,7 @@ def test_anti_windup_lessens_the_overshoot_after_a_stall() -> None:
     assert overshoot(anti_windup=1) < 0.5 * overshoot()
 
 
-def test_the_time_at_the_limit_is_told() -> None:
+def test_the_time_at_the_limit_is_counted() -> None:
     bench = running(anti_windup=1)
     extensions = bench.drive("x").extensions
     assert extensions.longest_limited_s == 0.0

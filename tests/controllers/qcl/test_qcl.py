@@ -114,7 +114,7 @@ def timed(*lines):
     return Control(TIMED, read_program("\n".join(lines), TIMED))
 
 
-def test_a_timer_is_given_a_time_and_tells_when_it_is_over():
+def test_a_timer_runs_for_its_time_and_reports_when_it_is_over():
     control = timed("a = tmPause", "tmPause = 250", "b = tmPause", "WAIT tmPause", "a = 2", "WAIT 0")
     control.now_ms = 1000
     control.run_pass()

@@ -1,6 +1,6 @@
 """Windows per second of the vector environment by numbers of environments and threads, for docs/environments.md.
 
-python docs/make/lanes.py
+python docs/make/vector_envs.py
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ import platform
 import re
 from pathlib import Path
 
-from edmsim.bench.lanes import VectorRate, half_cheetah_comparison, table
+from edmsim.bench.vector_envs import VectorRate, half_cheetah_comparison, table
 
 PAGE = Path(__file__).parents[1] / "environments.md"
-MARK = re.compile(r"(<!-- begin lanes -->\n).*?(<!-- end lanes -->)", re.DOTALL)
+MARK = re.compile(r"(<!-- begin vector environments -->\n).*?(<!-- end vector environments -->)", re.DOTALL)
 
 
 def processor() -> str:

@@ -30,20 +30,20 @@ class VectorRate(NamedTuple):
 
 
 def half_cheetah_comparison() -> dict[str, float]:
-    """Steps per second of `envs.LANES` environments at ``fast`` and of as many HalfCheetah-v5, timed in turns.
+    """Steps per second of `envs.NUM_ENVS` environments at ``fast`` and of as many HalfCheetah-v5, timed in turns.
 
     Raises `InputError` if ``gymnasium[mujoco]`` is not installed, which the extra ``test`` has.
     """
-    cheetahs = _half_cheetahs(envs.LANES)
+    cheetahs = _half_cheetahs(envs.NUM_ENVS)
     best = [np.inf, np.inf]
-    with envs.straight_cuts(envs.LANES, "fast") as ours:
+    with envs.straight_cuts(envs.NUM_ENVS, "fast") as ours:
         steps = [ours, cheetahs]
         spells = [envs.settled(step) for step in steps]
         for _ in range(envs.SLICES):
             for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
                 best[k] = min(best[k], envs.wall_s(step, spell) / spell)
     names = "vector_env_steps_per_s_fast", "half_cheetah_vector_steps_per_s"
-    return {name: envs.LANES / step_s for name, step_s in zip(names, best, strict=True)}
+    return {name: envs.NUM_ENVS / step_s for name, step_s in zip(names, best, strict=True)}
 
 
 def table(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> list[VectorRate]:
