@@ -27,8 +27,7 @@ def evaluate(
         typer.Argument(metavar="[ENV_ID...]", help="Environments: edmsim/GapFeed-v2 ..., FILE.py:ID, or all."),
     ] = None,
     controllers: Annotated[
-        str | None,
-        typer.Option(metavar="A,B", help="Feed controllers: {controllers}; by default the task's own."),
+        str | None, typer.Option(metavar="A,B", help="Feed controllers: {controllers}; by default the task's own.")
     ] = None,
     seeds: Annotated[
         int | None, typer.Option(help="Cuts of each controller; default by environment, 20 of a policy.")

@@ -89,14 +89,8 @@ def quick_counts(open_share: float) -> str:
 
 
 def highest_stable_rate(
-    machine: Machine,
-    *,
-    seeds: Sequence[int] = (1, 2),
-    hold_s: float = 1.0,
-    approach_s: float = 3.0,
-    longest_period_us: float | None = None,
-    controller: str | None = None,
-    resolution: str = "fast",
+    machine: Machine, *, seeds: Sequence[int] = (1, 2), hold_s: float = 1.0, approach_s: float = 3.0,
+    longest_period_us: float | None = None, controller: str | None = None, resolution: str = "fast",
     watch: Callable[[int, StablePeriod], None] | None = None,
 ) -> StableRate:
     """Search the highest cutting rate that a set-up holds in a straight cut without a break and without a jam.

@@ -125,11 +125,7 @@ class Job:
     def setup(self, generator: str, **choices: Any) -> Machine:
         """Return a machine with one of the generators at some setting."""
         return Machine.load(
-            self.machine,
-            material=self.material,
-            wire=self.wire,
-            generator=generator,
-            height_mm=self.height_mm,
+            self.machine, material=self.material, wire=self.wire, generator=generator, height_mm=self.height_mm,
             **choices,
         )
 
@@ -380,14 +376,8 @@ def _run(job: Job, machine: Machine, one: PassSetting, path: CutPath, number: in
     path = _only(path, number)
     approach = PassSetup(machine, from_text(one.controller(0.25)))
     simulation = Simulation(
-        machine,
-        path,
-        from_text(one.controller()),
-        planner="exact",
-        seed=job.seed + 101 * number,
-        resolution=job.resolution,
-        metal=metal,
-        approach=approach if number == 1 else None,
+        machine, path, from_text(one.controller()), planner="exact", seed=job.seed + 101 * number,
+        resolution=job.resolution, metal=metal, approach=approach if number == 1 else None,
     )
     outcome = simulation.run()
     record = simulation.passes.records[-1]

@@ -329,8 +329,7 @@ class _Run:
     """A cut under way, and what its folder keeps of it: a checkpoint until the results are there."""
 
     def __init__(
-        self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any],
-        signals: NotedSignals,
+        self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any], signals: NotedSignals
     ) -> None:
         self._simulation, self._folder, self._made_with, self._signals = simulation, folder, made_with, signals
         self._before_s = self.wall_time_s = 0.0

@@ -258,12 +258,8 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
 
 
 def _last_ways_um(
-    records: list[PassRecord],
-    contours: int,
-    commanded: NDArray[np.float64],
-    following: NDArray[np.float64],
-    lag: NDArray[np.float64],
-    time_s: NDArray[np.float64],
+    records: list[PassRecord], contours: int, commanded: NDArray[np.float64], following: NDArray[np.float64],
+    lag: NDArray[np.float64], time_s: NDArray[np.float64],
 ) -> list[tuple[NDArray[np.float64], ...]]:
     """Return the ways of the last passes, contour by contour: they made the wall."""
     guides, found = commanded - following, []

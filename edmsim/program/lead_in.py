@@ -20,11 +20,7 @@ _TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
 
 
 def own_lead_in(
-    start: NDArray[np.float64],
-    away: NDArray[np.float64],
-    edges: BaseGeometry,
-    offset_mm: float,
-    length_mm: float,
+    start: NDArray[np.float64], away: NDArray[np.float64], edges: BaseGeometry, offset_mm: float, length_mm: float,
     hole_radius_mm: float,
 ) -> tuple[NDArray[np.float64], list[str]]:
     """Choose a thread point off the contour, on the waste side."""

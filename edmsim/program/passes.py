@@ -422,16 +422,8 @@ def on_grid(
         )
         passes.append(
             CutPass(
-                way.number,
-                way.piece,
-                joined.points_um[moving],
-                int(moves[: len(before) + way.leads].sum()),
-                way.offset_mm * 1000,
-                way.reversed,
-                way.stops_before,
-                way.frees,
-                way.falls,
-                lean,
+                way.number, way.piece, joined.points_um[moving], int(moves[: len(before) + way.leads].sum()),
+                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, lean,
                 tuple((int(place[i]), seconds) for i, seconds in dwells),
             )
         )

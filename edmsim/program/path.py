@@ -580,16 +580,10 @@ def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
     moving = np.concatenate([[True], moves])
     place = np.cumsum(moving) - 1
     return WireContour(
-        points_um=points[moving],
-        lead_in_moves=int(moves[: len(lead.points)].sum()),
-        nominal_mm=leg.nominal,
-        closed=outline.closed,
-        part_side=outline.part_side,
-        dwells=tuple((int(place[i]), seconds) for i, seconds in stops),
-        line_numbers=tuple(lines[moves].tolist()),
-        elements=_elements(leg),
-        offset_um=leg.offset_mm * 1000,
-        compensated=outline.wire_side is not None,
+        points_um=points[moving], lead_in_moves=int(moves[: len(lead.points)].sum()), nominal_mm=leg.nominal,
+        closed=outline.closed, part_side=outline.part_side,
+        dwells=tuple((int(place[i]), seconds) for i, seconds in stops), line_numbers=tuple(lines[moves].tolist()),
+        elements=_elements(leg), offset_um=leg.offset_mm * 1000, compensated=outline.wire_side is not None,
     )
 
 
@@ -623,17 +617,10 @@ def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireConto
     own, drawn = len(outline.approach_mm), [(i, s) for i, s in outline.dwells]
     dwells = tuple((int(place[vertices[i - own + count if i >= own else min(i, count)]]), s) for i, s in drawn)
     return WireContour(
-        points_um=points[moving],
-        lead_in_moves=int(moves[:count].sum()),
-        nominal_mm=leg.nominal,
-        closed=outline.closed,
-        part_side=outline.part_side,
-        dwells=dwells,
-        line_numbers=tuple(lines[moves].tolist()),
-        elements=tuple(zip(wall.elements, wall.line_numbers, strict=True)),
-        offset_um=leg.offset_mm * 1000,
-        compensated=outline.wire_side is not None,
-        lean=Lean(leads[moving], bends[moving], wall, guides.height_mm),
+        points_um=points[moving], lead_in_moves=int(moves[:count].sum()), nominal_mm=leg.nominal,
+        closed=outline.closed, part_side=outline.part_side, dwells=dwells, line_numbers=tuple(lines[moves].tolist()),
+        elements=tuple(zip(wall.elements, wall.line_numbers, strict=True)), offset_um=leg.offset_mm * 1000,
+        compensated=outline.wire_side is not None, lean=Lean(leads[moving], bends[moving], wall, guides.height_mm),
     )
 
 

@@ -95,8 +95,7 @@ footer { margin: 2rem 0 1rem; }
 
 
 def write_html(
-    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str,
-    file: str | Path,
+    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str, file: str | Path
 ) -> None:
     """Write the page of a cut; a file of that name is replaced whole or not at all."""
     left_out: list[str] = []

@@ -321,9 +321,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
             for number, edge in enumerate(scene.maps) if edge.unreachable_um is not None
         },
         **{
-            f"face.{number}": edge.face_um
-            for number, edge in enumerate(scene.maps)
-            if edge.face_um is not None
+            f"face.{number}": edge.face_um for number, edge in enumerate(scene.maps) if edge.face_um is not None
         },
         "fields": np.frombuffer(json.dumps(document).encode(), np.uint8),
     }

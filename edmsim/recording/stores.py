@@ -170,20 +170,10 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
     """Return the type of a close-up for a resolution."""
     return np.dtype(
         [
-            ("t_s", "f8"),
-            ("guides_um", "f8", 2),
-            ("path_um", "f8"),
-            ("burning_V", "f4"),
-            ("current_A", "f4"),
-            ("short_A", "f4"),
-            ("opposite_V", "f4"),
-            ("opposite_A", "f4"),
-            ("wire_um", "f8", 2),
-            ("walls_um", "f4", rays),
-            ("deflection_um", "f4", (slices, 2)),
-            ("coverage", "f4", (slices,)),
-            ("pulses", PULSE, PULSES),
-            ("count", "i4"),
+            ("t_s", "f8"), ("guides_um", "f8", 2), ("path_um", "f8"), ("burning_V", "f4"), ("current_A", "f4"),
+            ("short_A", "f4"), ("opposite_V", "f4"), ("opposite_A", "f4"), ("wire_um", "f8", 2),
+            ("walls_um", "f4", rays), ("deflection_um", "f4", (slices, 2)), ("coverage", "f4", (slices,)),
+            ("pulses", PULSE, PULSES), ("count", "i4"),
         ]
     )
 

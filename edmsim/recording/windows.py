@@ -221,9 +221,7 @@ class WindowTable(ArraySnapshots, Observer):
         columns = COLUMNS + self._more
         fields = [
             pa.field(
-                c.name,
-                pa.int16() if c.is_count else pa.float64(),
-                nullable=False,
+                c.name, pa.int16() if c.is_count else pa.float64(), nullable=False,
                 metadata={"unit": c.unit, "meaning": c.meaning},
             )
             for c in columns

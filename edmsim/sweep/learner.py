@@ -59,8 +59,7 @@ class Learner(tune.Trainable):
             shutil.move(file, self._last / file.name)
         parent, self._parent = self._parent, self._number
         return {
-            "score": score, "windows": trained.model.num_timesteps, "learner": self._number,
-            "parent": parent,
+            "score": score, "windows": trained.model.num_timesteps, "learner": self._number, "parent": parent
         }  # fmt: skip
 
     def save_checkpoint(self, checkpoint_dir: str) -> None:

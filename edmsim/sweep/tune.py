@@ -287,8 +287,7 @@ def _studied(
 
 
 def _evolved(
-    name: str, folder: Path, trials: int, seed: int, judged_by: tuple[int, ...],
-    watch: Callable[[Tuned], None] | None,
+    name: str, folder: Path, trials: int, seed: int, judged_by: tuple[int, ...], watch: Callable[[Tuned], None] | None
 ) -> Tuned:
     """Search by differential evolution; what was tried is kept, so that the same search goes on."""
     from scipy.optimize import Bounds, differential_evolution

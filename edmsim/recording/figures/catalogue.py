@@ -58,8 +58,7 @@ _CAPTIONS = {
 
 
 def pictures(
-    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str,
-    leave_out: Callable[[str], None],
+    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, leave_out: Callable[[str], None]
 ) -> Iterator[Picture]:
     """Draw the figures of a cut one by one; `leave_out` is called with those that cannot be made, and why."""
     for name, draw in OF_CUT.items():

@@ -122,11 +122,8 @@ def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
         ))  # fmt: skip
     for contour in path.contours:
         hole = Circle(
-            contour.points_um[0] / 1e3 - path.origin_mm,
-            path.start_hole_radius_mm,
-            facecolor="white",
-            edgecolor=MUTED,
-            zorder=2,
+            contour.points_um[0] / 1e3 - path.origin_mm, path.start_hole_radius_mm, facecolor="white",
+            edgecolor=MUTED, zorder=2,
         )
         axes.add_patch(hole)
 

@@ -140,10 +140,7 @@ def draw_shares(axes: Axes, t: NDArray[np.float64], windows: pa.Table, bins: int
     of_kinds = [bands(t, share, column(windows, "t_s"), bins) for share in shares]
     for number, stretch in enumerate(zip(*of_kinds, strict=True)):
         axes.stackplot(
-            stretch[0].x,
-            [band.mean for band in stretch],
-            colors=list(SHARE_COLOURS.values()),
-            linewidth=0,
+            stretch[0].x, [band.mean for band in stretch], colors=list(SHARE_COLOURS.values()), linewidth=0,
             labels=() if number else list(SHARE_COLOURS),
         )
     axes.set_ylim(0, 100)
@@ -153,15 +150,8 @@ def _finish(axes: Axes, label: str) -> None:
     axes.set_ylabel(label, color=MUTED, fontsize=8.5)
     if len(axes.get_legend_handles_labels()[0]) > 1:
         axes.legend(
-            loc="upper left",
-            bbox_to_anchor=(1.004, 1.03),
-            frameon=False,
-            fontsize=8,
-            handlelength=1.0,
-            labelcolor=INK,
-            borderpad=0.0,
-            handletextpad=0.4,
-            labelspacing=0.3,
+            loc="upper left", bbox_to_anchor=(1.004, 1.03), frameon=False, fontsize=8, handlelength=1.0,
+            labelcolor=INK, borderpad=0.0, handletextpad=0.4, labelspacing=0.3,
         )
 
 
@@ -194,11 +184,7 @@ def _panel_wire(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
 
 
 PANELS: tuple[Callable[[Axes, NDArray[np.float64], pa.Table], None], ...] = (
-    _panel_feed,
-    _panel_pulses,
-    _panel_gap,
-    _panel_error,
-    _panel_wire,
+    _panel_feed, _panel_pulses, _panel_gap, _panel_error, _panel_wire
 )
 
 
@@ -329,8 +315,7 @@ def _draw_errors(axes: Axes, scene: Scene, factor: float) -> None:
         error = edge.reached_um()
         mean = ((error[:-1] + error[1:]) / 2)[smooth]
         axes.add_collection(
-            _lines(fans, array=error, cmap=colours, norm=norm, linewidth=0.5, alpha=0.35, zorder=5),
-            autolim=False,
+            _lines(fans, array=error, cmap=colours, norm=norm, linewidth=0.5, alpha=0.35, zorder=5), autolim=False
         )
         lines = _lines(pieces, array=mean, cmap=colours, norm=norm, linewidth=1.7, capstyle="round", zorder=6)
         axes.add_collection(lines, autolim=False)
@@ -364,27 +349,13 @@ def _mark_corners(axes: Axes, scene: Scene) -> None:
     x0, y0, x1, y1 = scene.extent_mm()
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
     axes.plot(
-        [c.x_mm for c in known],
-        [c.y_mm for c in known],
-        "o",
-        markersize=5.5,
-        markerfacecolor="none",
-        markeredgecolor=INK,
-        markeredgewidth=0.8,
-        zorder=7,
-        label="corner, its error in µm",
+        [c.x_mm for c in known], [c.y_mm for c in known], "o", markersize=5.5, markerfacecolor="none",
+        markeredgecolor=INK, markeredgewidth=0.8, zorder=7, label="corner, its error in µm",
     )
     for corner, offset_pt in label_places(axes, worst, middle, _LABEL_FONT_PT):
         axes.annotate(
-            f"{corner.error_um:+.1f}".replace("-", "−"),
-            (corner.x_mm, corner.y_mm),
-            xytext=offset_pt,
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=_LABEL_FONT_PT,
-            color=INK,
-            zorder=8,
+            f"{corner.error_um:+.1f}".replace("-", "−"), (corner.x_mm, corner.y_mm), xytext=offset_pt,
+            textcoords="offset points", ha="center", va="center", fontsize=_LABEL_FONT_PT, color=INK, zorder=8,
             bbox={"boxstyle": "round,pad=0.18", "facecolor": "white", "edgecolor": GRID, "linewidth": 0.6},
         )
 
@@ -421,28 +392,13 @@ def label_places(
 def _mark_places(axes: Axes, scene: Scene) -> None:
     if len(scene.starts_mm):
         axes.plot(
-            scene.starts_mm[:, 0],
-            scene.starts_mm[:, 1],
-            "^",
-            markersize=7,
-            color=GREEN,
-            markeredgecolor="white",
-            markeredgewidth=0.7,
-            linestyle="none",
-            zorder=8,
-            label="start",
+            scene.starts_mm[:, 0], scene.starts_mm[:, 1], "^", markersize=7, color=GREEN, markeredgecolor="white",
+            markeredgewidth=0.7, linestyle="none", zorder=8, label="start",
         )
     if scene.stop_mm is not None:
         axes.plot(
-            *scene.stop_mm,
-            "X",
-            markersize=10,
-            color=VERMILION,
-            markeredgecolor="white",
-            markeredgewidth=0.8,
-            linestyle="none",
-            zorder=9,
-            label="stopped here",
+            *scene.stop_mm, "X", markersize=10, color=VERMILION, markeredgecolor="white", markeredgewidth=0.8,
+            linestyle="none", zorder=9, label="stopped here",
         )
 
 
@@ -456,24 +412,12 @@ def _scale_bars(axes: Axes, factor: float | None) -> None:
     for bottom, text in bars:
         span = length / (high - low)
         axes.plot(
-            [0.965 - span, 0.965],
-            [bottom, bottom],
-            transform=axes.transAxes,
-            color=INK,
-            linewidth=2.2,
-            solid_capstyle="butt",
-            zorder=10,
+            [0.965 - span, 0.965], [bottom, bottom], transform=axes.transAxes, color=INK, linewidth=2.2,
+            solid_capstyle="butt", zorder=10,
         )
         axes.text(
-            0.965 - span / 2,
-            bottom + 0.007,
-            text,
-            transform=axes.transAxes,
-            ha="center",
-            va="bottom",
-            fontsize=8,
-            color=INK,
-            zorder=10,
+            0.965 - span / 2, bottom + 0.007, text, transform=axes.transAxes, ha="center", va="bottom", fontsize=8,
+            color=INK, zorder=10,
         )
 
 
@@ -544,13 +488,7 @@ def _heading(figure: Figure, report: Report, title: str) -> None:
     stopped = report.reason is not None
     figure.text(0.085, 0.972, title, fontsize=16, fontweight="bold", color=INK, va="baseline")
     figure.text(
-        0.915,
-        0.972,
-        report.outcome,
-        fontsize=12,
-        ha="right",
-        va="baseline",
-        fontweight="bold",
+        0.915, 0.972, report.outcome, fontsize=12, ha="right", va="baseline", fontweight="bold",
         color=VERMILION if stopped else GREEN,
     )
     figure.text(0.085, 0.950, "   ·   ".join(facts), fontsize=9.5, color=MUTED, va="baseline")

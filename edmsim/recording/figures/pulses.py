@@ -8,17 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.pulse_sample import KINDS, PulseSample
-from edmsim.recording.figures.palette import (
-    BLUE,
-    GREEN,
-    INK,
-    LINE,
-    MUTED,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-)
+from edmsim.recording.figures.palette import BLUE, GREEN, INK, LINE, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.recording.figures.profile import bands, draw_shares, mark_pauses, time_unit
 from edmsim.recording.figures.style import LABEL_PT, colour_bar, column_figure, dress, legend, nothing_to_show
 from edmsim.recording.windows import column

@@ -169,9 +169,7 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
     behind = wire[:, None, :] + (radius + gaps + WALL_UM)[..., None] * way
     pieces = np.stack([behind[wall], behind[:, after][wall]], axis=1)
     recording.log(
-        "top/metal",
-        rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[WALL_UM]),
-        static=True,
+        "top/metal", rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[WALL_UM]), static=True
     )
     recording.send_columns(
         "top/metal", when, rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1))

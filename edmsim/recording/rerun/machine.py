@@ -438,11 +438,7 @@ def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> Non
     log_points(recording, "world/table/starts", starts, ["start"] * len(starts), palette.GREEN)
     if scene.stop_mm is not None:
         log_points(
-            recording,
-            "world/table/stop",
-            [(*scene.stop_mm, scene.height_mm)],
-            ["stopped here"],
-            palette.VERMILION,
+            recording, "world/table/stop", [(*scene.stop_mm, scene.height_mm)], ["stopped here"], palette.VERMILION
         )
     guides = [(0.0, 0.0, z_mm) for z_mm in scene.guides_z_mm]
     recording.log(
@@ -500,9 +496,7 @@ def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: Shapes,
         "world/deflection", indexes(shapes.t_s, shapes.path_um), rr.Arrows3D.columns(vectors=vectors)
     )
     recording.log(
-        "world/axis",
-        rr.Points3D(origin, colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0)),
-        static=True,
+        "world/axis", rr.Points3D(origin, colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0)), static=True
     )
 
 

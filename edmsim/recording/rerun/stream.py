@@ -61,8 +61,7 @@ def indexes(t_s: NDArray[np.float64], path_um: NDArray[np.float64]) -> list[rr.T
     import rerun as rr
 
     return [
-        rr.TimeColumn(TIME, duration=t_s),
-        rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64)),
+        rr.TimeColumn(TIME, duration=t_s), rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64))
     ]
 
 
@@ -93,10 +92,7 @@ def log_lines(
 
 
 def log_points(
-    recording: rr.RecordingStream,
-    entity: str,
-    places: list[tuple[float, float, float]],
-    labels: list[str],
+    recording: rr.RecordingStream, entity: str, places: list[tuple[float, float, float]], labels: list[str],
     colour: str,
 ) -> None:
     """Log labelled points that stay."""

@@ -42,12 +42,8 @@ if TYPE_CHECKING:
 SIDES = (("a", "A", palette.SKY), ("b", "B", palette.ORANGE))
 """Each cut's place in the recording, its letter and the colour of its curves."""
 CURVES = (
-    ("pulses/short", "short, %"),
-    ("pulses/open", "open, %"),
-    ("feed/feed_um_s", "feed, µm/s"),
-    ("gap/gap_um", "gap, µm"),
-    ("gap/lag_um", "wire lag, µm"),
-    ("gap/error_um", "profile error, µm"),
+    ("pulses/short", "short, %"), ("pulses/open", "open, %"), ("feed/feed_um_s", "feed, µm/s"),
+    ("gap/gap_um", "gap, µm"), ("gap/lag_um", "wire lag, µm"), ("gap/error_um", "profile error, µm"),
     ("gas/coverage", "gas on the wire's front, share"),
 )
 """Curves in which the cuts are compared, and the titles of their views."""

@@ -277,10 +277,7 @@ def _log_events(recording: rr.RecordingStream, windows: pa.Table, shown: list[Ev
 
 
 def _log_series(
-    recording: rr.RecordingStream,
-    windows: pa.Table,
-    event_rows: NDArray[np.int64],
-    passes: Sequence[PassFigures],
+    recording: rr.RecordingStream, windows: pa.Table, event_rows: NDArray[np.int64], passes: Sequence[PassFigures]
 ) -> int:
     """Log every series; return how many windows each of its points is the mean of, away from events."""
     # each pass has a timeline of its own besides, from its begin on
@@ -304,10 +301,7 @@ def _log_series(
 
 
 def _log_by_pass(
-    recording: rr.RecordingStream,
-    entity: str,
-    passes: Sequence[PassFigures],
-    rows: tuple[NDArray[np.float64], ...],
+    recording: rr.RecordingStream, entity: str, passes: Sequence[PassFigures], rows: tuple[NDArray[np.float64], ...]
 ) -> None:
     """Log a curve on the timeline of each pass, ``pass_1`` and so on; a tab's follow, as ``tab_1``."""
     import rerun as rr
