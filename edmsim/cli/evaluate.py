@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from edmsim.evaluation.transfer import TransferRow
     from edmsim.learning.score import Score
 
-USUAL_EPISODES = 20
-"""Held-back episodes that a policy is measured on at every resolution (ours)."""
+USUAL_EPISODES = 20  # held-back episodes that a policy is measured on at every resolution (ours)
 
 
 @takes("resolution", resolution=Unset("By default that of the environment; of a policy all."))

@@ -25,8 +25,7 @@ from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.recording.report import FigureKind, kinds_of
 
 CONFIDENCE = 0.95
-RESAMPLES = 2000
-"""Bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)."""
+RESAMPLES = 2000  # bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)
 
 
 @dataclass(frozen=True)

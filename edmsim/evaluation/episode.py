@@ -36,16 +36,14 @@ EPISODES = {
     "ThinWireShift": 6,
 }
 """Held-back seeds that an environment's benchmark has, where they are not `USUAL_EPISODES`."""
-USUAL_EPISODES = 12
-"""Ours: a comparison takes minutes, and its intervals are a few percent of a score wide."""
+USUAL_EPISODES = 12  # ours: a comparison takes minutes, and its intervals are a few percent of a score wide
 FINISHED, BROKEN, JAMMED = (
     WORDS[cause].episode for cause in (StopCause.FINISHED, StopCause.WIRE_BREAK, StopCause.PERSISTENT_SHORT)
 )
 STOPPED = "stopped"
 """How an episode can end, beside its time. Jammed: a short stayed, or the wire was driven into the metal beyond what
 the model holds for. Stopped: the controller gave up."""
-ORACLE = "oracle"
-"""The reference of a task, whose return is a score of 1: see `edmsim.evaluation.lines`."""
+ORACLE = "oracle"  # the reference of a task, whose return is a score of 1: see `edmsim.evaluation.lines`
 
 
 class Result(NamedTuple):

@@ -18,14 +18,10 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import busy_us, least_period_us, period_range_us
 from edmsim.plant.window import PlantError
 
-SHORTENING = 0.95
-"""Period from step to step of the search (ours: the limit is known to 5 %)."""
-SHORTEST_PAUSE_US = 1.0
-"""Pause the search ends with (ours: less than a fifth of the channels have deionised by then)."""
-LEAST_POWER = 0.1
-"""Share of the generator's greatest power at which the search begins, where it is not said (ours)."""
-JAMMED_SHARE = 0.5
-"""A step with this share of shorts is a jam (ours: as the shorted windows of the `counts` law)."""
+SHORTENING = 0.95  # period from step to step of the search (ours: the limit is known to 5 %)
+SHORTEST_PAUSE_US = 1.0  # pause the search ends with (ours: less than a fifth of the channels have deionised by then)
+LEAST_POWER = 0.1  # share of the generator's greatest power at which the search begins, where it is not said (ours)
+JAMMED_SHARE = 0.5  # a step with this share of shorts is a jam (ours: as the shorted windows of the `counts` law)
 OPEN_SHARE = 0.1
 """Share of open pulses at which the rate is looked for (ours: shorts stay few, and not many pulses are lost)."""
 

@@ -16,8 +16,7 @@ from edmsim.evaluation.lines import lines_of
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-WIDE = 170
-"""Columns of a terminal from which on the table shows intervals."""
+WIDE = 170  # columns of a terminal from which on the table shows intervals
 HEADS = {
     "score": "score", "rate_mm2_min": "mm2/min", "oracle_share": "of oracle", "short_share": "short",
     "open_share": "open", "total_return": "return", "error_um": "path um", "edge_error_um": "edge um",
@@ -26,8 +25,7 @@ HEADS = {
 """What stands over a column on the screen."""
 NARROW = {"score", "rate_mm2_min", "short_share", "open_share", "edge_error_um", "ra_um", "time_s"}
 """Figures that a narrow terminal shows."""
-RARE = {"breaks_per_m", "jams_per_m"}
-"""Figures of which 0 is common, and its interval hard to read."""
+RARE = {"breaks_per_m", "jams_per_m"}  # figures of which 0 is common, and its interval hard to read
 
 
 def shown(name: str, figure: Figure) -> str:

@@ -100,8 +100,7 @@ def noted() -> Iterator[NotedSignals]:
             signal.signal(number, usual)
 
 
-CHECKPOINT_EVERY_S = 60.0
-"""Wall time between checkpoints of a long cut."""
+CHECKPOINT_EVERY_S = 60.0  # wall time between checkpoints of a long cut
 
 
 _Options = ParamSpec("_Options")

@@ -46,11 +46,9 @@ from edmsim.recording.report import (
 from edmsim.recording.scene import ErrorMap, PassFace, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
-_NEAR_MM = 0.5
-"""A window belongs to a place of the profile only within this distance of the wire."""
+_NEAR_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
 
-_HEIGHT_STEP_UM = 10.0
-"""The local height is looked up this often along the path."""
+_HEIGHT_STEP_UM = 10.0  # the local height is looked up this often along the path
 
 
 @dataclass(frozen=True)

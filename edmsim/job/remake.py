@@ -12,8 +12,7 @@ from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.figures.catalogue import pictures
 from edmsim.recording.html_report import write_html
 
-FORMATS = ("pdf", "svg", "png")
-"""Kinds of files that figures are written as."""
+FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
 
 
 def remake(

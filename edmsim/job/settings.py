@@ -47,10 +47,8 @@ if TYPE_CHECKING:
 else:  # only named in signatures: to load them takes the compiler, and seconds, which a command's help does not have
     FeedController, Progress = (type(name, (), {}) for name in ("FeedController", "Progress"))
 
-METADATA_KEY = b"edmsim"
-"""Under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON."""
-MOST_GUIDE_ERROR_MM = 5.0
-"""Further from where the file says, no guide is (ours)."""
+METADATA_KEY = b"edmsim"  # under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON
+MOST_GUIDE_ERROR_MM = 5.0  # further from where the file says, no guide is (ours)
 
 
 def _words(value: object) -> object:

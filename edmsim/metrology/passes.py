@@ -18,10 +18,8 @@ from edmsim.program.passes import CutPass
 Floats = NDArray[np.float64]
 
 STEP_MM = 0.05
-CLEARANCE_MM = 0.4
-"""Nearer than this to a corner, or to either end of a pass, the wall is not looked at."""
-FEWEST_WAVES = 3
-"""Waves that must have been cut before a wavelength is reported (ours)."""
+CLEARANCE_MM = 0.4  # nearer than this to a corner, or to either end of a pass, the wall is not looked at
+FEWEST_WAVES = 3  # waves that must have been cut before a wavelength is reported (ours)
 
 
 @dataclass(frozen=True)

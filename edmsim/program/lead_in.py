@@ -11,8 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 
-HOLE_CLEARANCE_MM = 0.05
-"""Least distance in mm between a hole of our choice and any edge (ours)."""
+HOLE_CLEARANCE_MM = 0.05  # least distance in mm between a hole of our choice and any edge (ours)
 
 _TOLERANCE_MM = 0.001
 _SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)

@@ -106,14 +106,11 @@ def load_program(
     raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)
 
 
-LEAD_IN_MM = 1.0
-"""Usual length in mm of a lead-in of ours, from the hole's centre to the wire path."""
+LEAD_IN_MM = 1.0  # usual length in mm of a lead-in of ours, from the hole's centre to the wire path
 
-START_HOLE_RADIUS_MM = 0.25
-"""Usual start-hole radius in mm (ours: a 0.5 mm hole, drilled by a small-hole EDM drill)."""
+START_HOLE_RADIUS_MM = 0.25  # usual start-hole radius in mm (ours: a 0.5 mm hole, drilled by a small-hole EDM drill)
 
-STOCK_MARGIN_MM = 3.0
-"""Blank left around the job in mm, clipped to the table (ours)."""
+STOCK_MARGIN_MM = 3.0  # blank left around the job in mm, clipped to the table (ours)
 
 
 @dataclass(frozen=True)

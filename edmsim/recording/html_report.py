@@ -25,8 +25,7 @@ _COLUMNS = (
     "contour", "line", "element", "from X, mm", "Y, mm", "to X, mm", "Y, mm", "length, mm", "mean, µm", "least, µm",
     "greatest, µm",
 )
-_MOST = 200
-"""Rows shown (ours): a drawing of that many has its worst ones named."""
+_MOST = 200  # rows shown (ours): a drawing of that many has its worst ones named
 
 
 def elements_table(elements: Sequence[Element]) -> str:

@@ -254,8 +254,7 @@ class Offset(Figures):
         return f"{applied}, {mean:+.1f} µm in the mean ({left}): {advice}"
 
 
-_RIGHT_UM = 0.5
-"""A mean error below half the path's resolution cannot be programmed away."""
+_RIGHT_UM = 0.5  # a mean error below half the path's resolution cannot be programmed away
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,7 @@ from ray import tune
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.sweep.tune import judge_policy
 
-WHOSE = "learner.json"
-"""File of a checkpoint that says whose it is."""
+WHOSE = "learner.json"  # file of a checkpoint that says whose it is
 
 
 class Learner(tune.Trainable):

@@ -162,8 +162,7 @@ def _mean(values: NDArray[np.float64]) -> Figure:
     return mean(values[np.isfinite(values)])
 
 
-MOST_LINES = 40
-"""Groups and settings listed on a terminal (ours); all are in the dataset."""
+MOST_LINES = 40  # groups and settings listed on a terminal (ours); all are in the dataset
 
 
 def render(table: pa.Table) -> RenderableType:

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-RESULTS = "results"
-"""Folder of the parquet dataset, a folder ``task=...`` in it for each program or environment."""
+RESULTS = "results"  # folder of the parquet dataset, a folder ``task=...`` in it for each program or environment
 JOURNAL = "journal.jsonl"
 _WHOLE = {"seed", "machine_sample"}
 _KINDS = {name: {field.annotation, *get_args(field.annotation)} for name, field in CutSettings.model_fields.items()}

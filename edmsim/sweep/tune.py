@@ -161,11 +161,9 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
     return float(np.mean([result.total_return for result in results]))
 
 
-JOURNAL = "study.journal"
-"""File of the study, in Optuna's journal storage."""
+JOURNAL = "study.journal"  # file of the study, in Optuna's journal storage
 BEST = "best.toml"
-EVOLUTION = "evolution.json"
-"""File of an evolution: what it is of, and what was tried."""
+EVOLUTION = "evolution.json"  # file of an evolution: what it is of, and what was tried
 METHODS = ("tpe", "evolution")
 
 

@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _COLOURS = SKY, PURPLE, GREEN, BLUE, ORANGE
-_SHOWN = 99.0
-"""Percentile of all errors that the axes hold; single corners may leave them (ours)."""
+_SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may leave them (ours)
 
 
 def shares_figure(scene: Scene) -> Figure:
@@ -86,10 +85,8 @@ def _joined(split: list[ErrorMap]) -> tuple[Array, Array, Array]:
     return np.concatenate(ways), np.concatenate(errors), np.concatenate(shares, axis=1)
 
 
-CORNER_REACH_MM = 0.4
-"""Half the width of what a corner's detail shows (ours: kerf and wire are in it whole)."""
-LABELLED = 6
-"""Corners whose error is written beside them: the worst ones."""
+CORNER_REACH_MM = 0.4  # half the width of what a corner's detail shows (ours: kerf and wire are in it whole)
+LABELLED = 6  # corners whose error is written beside them: the worst ones
 
 
 def error_figure(scene: Scene) -> Figure:

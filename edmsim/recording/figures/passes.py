@@ -23,8 +23,7 @@ from edmsim.recording.scene import Scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PASS_COLOURS = (INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)
-"""Colours of the passes, from rough on."""
+PASS_COLOURS = (INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)  # colours of the passes, from rough on
 
 
 def pass_colour(number: int) -> str:

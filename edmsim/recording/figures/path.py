@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ARROWS = 4
-"""Arrows on a contour: enough to see which way it is cut."""
-_WIRES = 150
-"""Places at which a leaning wire is drawn."""
+_ARROWS = 4  # arrows on a contour: enough to see which way it is cut
+_WIRES = 150  # places at which a leaning wire is drawn
 
 
 def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:

@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-BINS = 800
-"""Most points a series is drawn with."""
+BINS = 800  # most points a series is drawn with
 
 
 class Band(NamedTuple):
@@ -191,15 +190,11 @@ PANELS: tuple[Callable[[Axes, NDArray[np.float64], pa.Table], None], ...] = (
 Box = tuple[float, float, float, float]
 
 _LABEL_FONT_PT = 8.5
-_LABEL = (4.2, 1.75)
-"""Width and height of a label with some room around it, in heights of its font."""
-_LABEL_AWAY = (2.6, 3.8, 5.2)
-"""Distances of a label from its corner that are tried, in heights of its font."""
+_LABEL = (4.2, 1.75)  # width and height of a label with some room around it, in heights of its font
+_LABEL_AWAY = (2.6, 3.8, 5.2)  # distances of a label from its corner that are tried, in heights of its font
 
-NAMED_LEVELS = 4
-"""Levels of a stepped workpiece up to which the legend names each."""
-LABELLED_CORNERS = 12
-"""Corners whose error is written beside them: the worst ones."""
+NAMED_LEVELS = 4  # levels of a stepped workpiece up to which the legend names each
+LABELLED_CORNERS = 12  # corners whose error is written beside them: the worst ones
 
 
 def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
@@ -421,8 +416,7 @@ def _scale_bars(axes: Axes, factor: float | None) -> None:
         )
 
 
-REASON_LETTERS = 130
-"""Letters of a line in which it is said why a cut stopped."""
+REASON_LETTERS = 130  # letters of a line in which it is said why a cut stopped
 
 
 def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) -> Figure:

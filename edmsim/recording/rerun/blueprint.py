@@ -13,8 +13,7 @@ from edmsim.recording.scene import Scene, round_number
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-PLAYED_S = 60.0
-"""How long playing the whole cut back takes at the speed the recording opens with."""
+PLAYED_S = 60.0  # how long playing the whole cut back takes at the speed the recording opens with
 
 
 class Series(NamedTuple):

@@ -18,10 +18,8 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-TIME = "machine_time"
-"""Timeline of machine time, a duration."""
-PATH = "path_um"
-"""Timeline of the place along the wire path, in whole um."""
+TIME = "machine_time"  # timeline of machine time, a duration
+PATH = "path_um"  # timeline of the place along the wire path, in whole um
 
 CLASS_COLOURS = {"spark": palette.SKY, "open": palette.MUTED, "short": palette.VERMILION, "arc": palette.PURPLE}
 """Classes of pulses in the recording, whose ground is dark."""

@@ -36,10 +36,8 @@ if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
 
 
-MOST = 300
-"""Most events of a kind that are listed; of more, evenly spaced ones."""
-_NEAR_MM = 0.5
-"""The wire passes a corner of the drawing at most this far away."""
+MOST = 300  # most events of a kind that are listed; of more, evenly spaced ones
+_NEAR_MM = 0.5  # the wire passes a corner of the drawing at most this far away
 _LEVELS = {words.report: words.level for words in WORDS.values()}
 _ALARM = WORDS[StopCause.PERSISTENT_SHORT].report
 
@@ -132,8 +130,7 @@ def _corners(scene: Scene, place: NDArray[np.float64]) -> list[Event]:
     return _thinned(found)
 
 
-MAX_ROWS = 20_000
-"""Most rows of a series; a longer table is averaged in groups."""
+MAX_ROWS = 20_000  # most rows of a series; a longer table is averaged in groups
 _EQUALISING = tuple(extra.name for extra in EQUALISING_COLUMNS)
 
 
