@@ -266,7 +266,7 @@ class PartCut:
         """Return Ra of the face behind the last pass of the profile; by its craters where it has no wall."""
         assert self.simulation is not None
         figures = [one for one in pass_figures(self.simulation) if one.piece == "profile"]
-        if math.isfinite(figures[-1].ra_um):
+        if figures[-1].ra_um is not None:
             return figures[-1].ra_um
         sums = next(one.sums for one in self.simulation.passes.records[::-1] if one.piece == "profile")
         flatness = self._setups[0].machine.base.discharge.crater_flatness.value
