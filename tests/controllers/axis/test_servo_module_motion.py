@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import edmsim
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import ServoModule, Uhu
 from edmsim.controllers.axis.drive import axis_row
@@ -249,19 +248,3 @@ def test_what_python_may_not_set_is_refused_in_one_line(arguments, says):
     with pytest.raises(InputError, match=says) as caught:
         ServoModule(**arguments)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mechanics", ["modal", "mujoco"])
-def test_a_machine_s_axis_follows_its_steps_under_the_module(mechanics):
-    machine = edmsim.Machine.load()
-    plant = edmsim.Plant(
-        machine, seed=1, resolution="fast", mechanics=mechanics, drives={"x": ServoModule.tuned()}
-    )
-    plant.switch_generator(False)
-    start_um = plant.place_um[0]
-    steps = [(10_000_000 + k * 2_000_000, 0, 1) for k in range(100)]  # 1 mm/s
-    while plant.time_ns < 400_000_000:
-        end = plant.time_ns + plant.longest_window_ns
-        plant.advance(np.array([row for row in steps if plant.time_ns <= row[0] < end] or np.zeros((0, 3)), np.int64))
-    assert plant.place_um[0] - start_um == pytest.approx(200.0, abs=2.0)
