@@ -55,8 +55,7 @@ def test_the_time_at_the_limit_is_counted() -> None:
     assert extensions.limited_s == pytest.approx(0.25, abs=0.002)
     bench.drive("x").go(-500)
     bench.run(0.2)
-    assert extensions.limited_s == 0.0
-    assert extensions.longest_limited_s == pytest.approx(0.25, abs=0.003)
+    assert (extensions.limited_s, extensions.longest_limited_s) == (0.0, pytest.approx(0.25, abs=0.003))
 
 
 def test_velocity_feed_forward_takes_the_error_of_constant_speed_away() -> None:

@@ -218,8 +218,7 @@ def test_a_cycle_adds_proportional_integral_and_derivative():
     made = cycles(reg, (100, 0), (100, 4), (101, 4), (103, 3))
     # errors 0, 4, 3, 0: 3 e, 2 times their sum, 5 times their change
     assert [output for *_, output in made] == [0, 12 + 8 + 20, 9 + 14 - 5, 0 + 14 - 15]
-    assert reg[at.PEAK] == 4
-    assert reg[at.VELOCITY] == 2
+    assert (reg[at.PEAK], reg[at.VELOCITY]) == (4, 2)
     assert reg[at.DUTY] == 1024 - 1
 
 
