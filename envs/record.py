@@ -61,20 +61,20 @@ class RecordedEpisodes:
 class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Record every n-th episode: wire, gap and kerf as of a cut, with actions, terms of the reward, costs and counts.
 
-    The first episode is recorded, then every `every`-th. Each has a folder ``episode-000000`` and so on with a
-    ``cut.rrd``, which `edmsim view` plays back. It is written at the episode's end; one that a reset or `close` ends
-    before says that it was running. No episode is changed by being recorded. Others are run as without the wrapper.
+    The first episode is recorded, then every `every`-th. Each has a folder, ``episode-000000`` and so on, with a file
+    ``cut.rrd`` for `edmsim view`, written at the episode's end. A recording that a reset or `close` ends early has
+    the result "running". Recording changes no episode.
 
     Parameters
     ----------
     env : gymnasium.Env
-        One of edmsim, with any wrappers around it; actions are recorded as this wrapper is given them.
+        An environment of edmsim, with any wrappers; the recorded actions are those given to this wrapper.
     folder : path
-        Is made if it is missing; recordings in it are replaced.
+        Created if it is missing; recordings in it are overwritten.
     every : int
         1 records all.
     live : bool
-        Whether each is shown in rerun's viewer as it ends.
+        Whether to show each in rerun's viewer when it ends.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
     Raises
     ------
     InputError
-        Another environment, a folder that cannot be written to, or ``every`` below 1.
+        If the environment is not edmsim's, the folder cannot be written to, or ``every`` is below 1.
 
     Examples
     --------
@@ -105,7 +105,7 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         self._made_with: dict[str, Any] = {}
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode, and its recording if its turn has come."""
+        """Begin an episode, and its recording if it is an `every`-th one."""
         self._recorded.end(self._made_with, WORDS[StopCause.RUNNING].report)
         observation, info = self.env.reset(seed=seed, options=options)
         self._episode += 1
@@ -117,7 +117,7 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Run a step, and note it."""
+        """Run and record a step."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         if (recorder := self._recorded.recorder) is not None:
             action_list = np.ravel(action).tolist()
@@ -127,7 +127,7 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
-        """Write what was recorded of an episode that still runs, and close the environment."""
+        """Write the recording of a running episode, and close the environment."""
         self._recorded.end(self._made_with, WORDS[StopCause.RUNNING].report)
         self._recorded.close()
         self.env.close()

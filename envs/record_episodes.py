@@ -23,19 +23,19 @@ EVERY = 100  # ours: with episodes of a thousand steps recording then takes some
 
 # untyped where the extra is missing
 class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
-    """Record every n-th episode of the first sub-environment; the training stays the same to the bit.
+    """Record every n-th episode of the first sub-environment; the training stays the same, bit for bit.
 
-    Folders and files are those of `RecordRerun`. What is recorded as actions is what the sub-environment was given,
-    at most 1 either way.
+    Folders and files are those of `RecordRerun`. The recorded actions are those of the sub-environment, clamped to
+    -1..1.
 
     Parameters
     ----------
     folder : path
-        Is made if it is missing; recordings in it are replaced.
+        Created if it is missing; recordings in it are overwritten.
     every : int
         1 records all of the first sub-environment's episodes.
     live : bool
-        Whether each is shown in rerun's viewer as it ends.
+        Whether to show each in rerun's viewer when it ends.
 
     Attributes
     ----------
@@ -45,8 +45,8 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
     Raises
     ------
     InputError
-        A folder that cannot be written to, or ``every`` below 1; when training begins, sub-environments that are not
-        edmsim's.
+        If the folder cannot be written to or ``every`` is below 1; when training begins, if the sub-environments are
+        not edmsim's.
 
     Examples
     --------

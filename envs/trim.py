@@ -124,6 +124,6 @@ class TrimEnv(EdmEnv):
 
 
 class TrimVectorEnv(EdmVectorEnv):
-    """`TrimEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `TrimEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Trim

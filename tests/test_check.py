@@ -109,7 +109,7 @@ def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Pa
     assert outcome.err.splitlines() == [
         f"edmsim: {program}:4: unknown word M77",
         f"edmsim: {program}:5: unknown word M91, 2 times",
-        "edmsim: what follows leaves them out, as --ignore M77,M91",
+        "edmsim: the rest is shown without them, as with --ignore M77,M91",
     ]
     assert "offset register D1" in outcome.out
     assert (tmp_path / "path.svg").read_bytes().startswith(b"<?xml")

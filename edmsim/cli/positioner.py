@@ -22,7 +22,7 @@ def positioner(
     contactor: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="OUTPUT=DEVICE", help="Output that leads a drive shared by devices to its motor; repeatable."
+            metavar="OUTPUT=DEVICE", help="Output that connects a shared drive to a motor, OUTPUT=DEVICE; repeatable."
         ),
     ] = None,
     axis: Annotated[str, typer.Option(help="Motor, screw and table: analogue or analogue-table.")] = "analogue",

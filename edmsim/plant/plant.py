@@ -81,23 +81,22 @@ class Plant:
     machine : Machine
         The set-up.
     seed : int
-        Same seed, same set-up, same motion: same bits.
+        The same seed, set-up and motion give the same result, bit for bit.
     stock : Stock, optional
-        The workpiece; without one, a block with a straight edge just in front of the wire (towards +x).
+        The workpiece; by default a block with a straight edge just in front of the wire (towards +x).
     position_um : sequence of float, optional
-        Where the wire starts: x and y on the table, whose middle it is if not given, and u and v, if they are not 0.
+        Start position of the wire: x and y on the table, by default its middle, and u and v, by default 0.
     resolution : {"fast", "default", "fine"} or Resolution
     mechanics : {"modal", "mujoco"}
-        What moves table and wire: the exact propagation of their modes, or MuJoCo stepping the full model, whose
-        motors can lose steps and whose ways rub.
+        Mechanics of table and wire: the exact propagation of their modes, or MuJoCo with the full model, with lost
+        steps and friction.
     drives : mapping of str to drive, optional
-        By axis, ``x y u v`` (see `edmsim.controllers.axis`); an axis that is not named has a stepper. The plant
-        works with copies of them.
+        By axis, ``x y u v`` (see `edmsim.controllers.axis`); other axes have a stepper. The plant uses copies.
 
     Attributes
     ----------
     drives : dict of str to drive
-        The plant's own drives by axis: their records change with it, parameters may be written between windows.
+        The plant's own drives by axis: you may write their parameters between windows.
 
     Examples
     --------
@@ -206,14 +205,14 @@ class Plant:
         self, seed: int, *, stock: Stock | None = None, position_um: Sequence[float] | None = None,
         machine: Machine | None = None,
     ) -> None:
-        """Start again at rest: fresh workpiece and wire, the generator on, at the setting of the first machine.
+        """Reset to rest: new workpiece and wire, the generator on, at the setting of the first machine.
 
         Parameters
         ----------
         seed, stock, position_um
             See `Plant`.
         machine : Machine, optional
-            Another set-up to go on with, as a plant made with it would, with fresh copies of the drives given.
+            Another set-up, as for a new plant, with new copies of the given drives.
         """
         if machine is not None:
             self._set_up(machine, self._drives.options)
@@ -236,10 +235,10 @@ class Plant:
         constants.stand_upright(self._arrays)
 
     def change_setup(self, machine: Machine) -> None:
-        """Go on with another setting of the same machine, as from one pass to the next.
+        """Continue with another setting of the same machine, as for the next pass.
 
-        Metal, clock, axes and the stream of random draws stay. The generator is on at the new machine's setting; the
-        wire hangs at rest under its new tension, in water that is clean again.
+        Metal, clock, axes and the random generator stay. The pulse generator is on at the new setting; the wire is at
+        rest under its new tension, in clean water.
 
         Parameters
         ----------
@@ -249,7 +248,7 @@ class Plant:
         Raises
         ------
         InputError
-            It differs in what cannot change during a cut: machine, wire, material or height.
+            If machine, wire, material or height differ: they cannot change during a cut.
         """
         first = self._first_machine
         for name in ("base", "wire", "wire_diameter_um", "material", "height_mm"):
@@ -266,12 +265,12 @@ class Plant:
             self._model.restore(lost)
 
     def drift(self, machine: Machine) -> None:
-        """Go on with water that has become another in the course of a cut: nothing else changes, nothing is at rest.
+        """Change the water during a cut; nothing else changes or comes to rest.
 
         Parameters
         ----------
         machine : Machine
-            That of the plant but for its dielectric and the pressures of its nozzles; the pulses stay those in force.
+            The plant's, with another dielectric and other nozzle pressures; the present pulse setting stays.
         """
         now = self.machine
         self._first_machine = machine
@@ -298,26 +297,26 @@ class Plant:
     def switch_generator(self, on: bool) -> None:
         """Run or stop the generator from the next window on.
 
-        Stopped, windows keep their length and table and wire move, but there is neither voltage nor current: what a
-        window then counts are moments without a pulse, shorts where the wire touches.
+        With the generator stopped, windows keep their length and table and wire move, without voltage or current. A
+        window then counts opens, and shorts where the wire touches.
         """
         self._set(self.machine.t_on_us, self.machine.t_period_us, on)
 
     def rethread(self, position_um: Sequence[float], duration_ns: int) -> float:
-        """Cut the wire, move to another place with the generator off, and thread a fresh wire there.
+        """Cut the wire, move to another place with the generator off, and thread a new wire there.
 
         Parameters
         ----------
         position_um : sequence of float
-            Of x and y, and of u and v, if they move as well. An axis whose drive has a loop goes to the nearest whole
-            step, at the table's rapid speed.
+            Of x and y, and of u and v, if they move as well. An axis whose drive has a loop moves to the nearest
+            whole step, at the table's rapid speed.
         duration_ns : int
-            For moving and threading. If such an axis is not in place by then, the time goes on until it is.
+            For moving and threading. It is extended until such an axis is in place.
 
         Returns
         -------
         float
-            How long (s) axes would take that are not waited for, as they take too long; 0 if there are none.
+            Time (s) of axes that are too slow to wait for; 0 if there are none.
         """
         table_q, table = self._arrays.table_q.copy(), self.machine.base.table
         step_um, rapid_um_s = table.step_um.value, table.rapid_um_s.value
@@ -329,12 +328,12 @@ class Plant:
         return late_s
 
     def take_metal(self, metal: KerfField) -> None:
-        """Go on with a copy of the metal that another cut left, of as many slices and as large cells.
+        """Continue with a copy of the remaining metal of another cut, with as many slices and as large cells.
 
         Raises
         ------
         InputError
-            It has others.
+            If slices or cells differ.
         """
         own = self.field
         if (metal.n_slices, metal.cell_um, metal.index.shape) != (own.n_slices, own.cell_um, own.index.shape):
@@ -347,7 +346,7 @@ class Plant:
         self._state["traces"] = 0
 
     def take_out(self, piece: shapely.Polygon) -> float:
-        """Take a loose piece of metal out of the workpiece, in every slice; return how much it was in mm3.
+        """Remove a loose piece of metal from the workpiece, in every slice; return its volume in mm3.
 
         Parameters
         ----------
@@ -360,11 +359,11 @@ class Plant:
         return taken_um2 * self._constants.slice_um * 1e-9
 
     def break_axis(self, axis: str, fault: str) -> None:
-        """Let an axis whose drive has a loop have a fault, one of `edmsim.plant.axes.faults.FAULTS`."""
+        """Give an axis whose drive has a loop a fault of `edmsim.plant.axes.faults.FAULTS`."""
         FAULTS[fault](self._drives.axes, AXIS_NAMES.index(axis))
 
     def watch_pulses(self) -> None:
-        """From the next window on, keep what every pulse was (`last_pulses`); the cut stays the same to the bit."""
+        """Record every pulse from the next window on (`last_pulses`); the cut stays the same, bit for bit."""
         self._pulses = np.zeros(WINDOW_PULSES, PULSE)
         self._memory.put_own(pulses=self._pulses)
 
@@ -375,10 +374,10 @@ class Plant:
         ----------
         steps : sequence of (time_ns, axis, direction)
             Motor steps of the window in order of time: machine time in ns, 0 for x, 1 for y, 2 for u, 3 for v,
-            +1 or -1. To a drive with a loop a step is an edge at its input. Where there is one, 4, 5 and 6 are the
-            drives' input lines stop, fault and enable, and the number behind is the line's level, 0 or 1.
+            +1 or -1. For a drive with a loop a step is an edge at its input; then 4, 5 and 6 are the drives' input
+            lines stop, fault and enable, and the last number is the line's level, 0 or 1.
         pulses : int
-            1 to 255. Craters are carved at a window's end, so the same pulses in shorter windows have other bits.
+            1 to 255. Craters are carved at a window's end: the same pulses in shorter windows give other results.
 
         Returns
         -------
@@ -387,10 +386,9 @@ class Plant:
         Raises
         ------
         InputError
-            If a step has another axis or direction, or lies in the past or out of order; or a window has no such
-            number of pulses.
+            If a step has another axis or direction or is in the past or out of order, or if `pulses` is out of range.
         PlantError
-            If the wire broke in a window before (`WireBrokenError`), or the model left the range it holds for
+            If the wire broke in an earlier window (`WireBrokenError`), or the model left its valid range
             (`WireLostError`, `WireInMetalError`, `NotFiniteError`).
         """
         if not 1 <= pulses <= WINDOW_PULSES:
@@ -421,27 +419,27 @@ class Plant:
         return window
 
     def go_bare(self) -> None:
-        """Go on without the wire, which broke: its sensor did not see it.
+        """Continue without a wire after a break that its sensor missed.
 
-        Until `rethread` or `reset`, all pulses of a window are open, and the axes take their steps as in a rapid.
+        Until `rethread` or `reset`, all pulses of a window are open, and the axes move as in a rapid.
         """
         self._state["broken"] = BARE
 
     def advance_pulse(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
-        """Fire one pulse, to look at pulses one by one; whether the wire breaks is not looked at.
+        """Fire one pulse, for studies of single pulses; breaks of the wire are not checked.
 
-        The window's end comes after every pulse then, and its crater is carved each time. That is slower, and
-        differs in bits from the same pulses in windows of 255.
+        Every pulse is a window with its crater carved at the end. This is slower, and the results differ from those
+        of the same pulses in windows of 255.
 
         Parameters
         ----------
         steps : sequence of (time_ns, axis, direction)
-            Motor steps of the pulse's period, as `advance` takes them.
+            Motor steps of the pulse's period, as for `advance`.
 
         Returns
         -------
         PulseWindow
-            Of the one pulse; its deflection is the wire's when the pulse began.
+            Of the one pulse; its deflection is the wire's at the pulse's begin.
 
         Raises
         ------
@@ -485,7 +483,7 @@ class Plant:
         self._memory.put_own(tiles=self.field.tiles, tile_index=self.field.index, levels=self.field.levels)
 
     def window(self) -> PulseWindow:
-        """Return what happened in the last window.
+        """Return the last window.
 
         Raises
         ------
@@ -495,7 +493,7 @@ class Plant:
         return read_window(self._window_bytes)
 
     def left_validity(self, status: int, window: PulseWindow) -> PlantError:
-        """Return the error that tells how a window left the model's range."""
+        """Return the error for a window that left the model's range."""
         return left_validity(status, window, self.time_ns * 1e-9, self.commanded_um)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
@@ -510,7 +508,7 @@ class Plant:
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot` of a plant of the same set-up and resolution; a damaged one is an `InputError`."""
+        """Load a `snapshot` of a plant with the same set-up and resolution; a damaged one raises `InputError`."""
         check_snapshot(state, self.snapshot(), self._sizes)
         self._drives.check(state, int(state["state"]["time_ns"][0]))
         t_on, t_period, on = (float(v) for v in state["setting"])
