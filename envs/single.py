@@ -98,9 +98,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.render()
         return self._batch.observations()[0], self._info()
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
         """Run a step: the windows until the next action.
 
         Returns

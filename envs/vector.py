@@ -170,9 +170,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         self._ended[mask] = False
         return infos
 
-    def step(
-        self, actions: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], Any, Flags, Flags, dict[str, Any]]:
+    def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, Flags, Flags, dict[str, Any]]:
         """Run a step in every sub-environment.
 
         Returns

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from edmsim.controllers.feed.law import PERSISTENT_SHORT
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.optimise import ALARM, ERROR, SHARE, TICK_NS, Settings, State, optimise
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
@@ -22,7 +23,6 @@ from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
 
-PERSISTENT_SHORT = "persistent short"  # the alarm's text
 UNIT_UM_S = SPEED_UNIT_NM_S / 1000  # speed unit in um/s
 TICKS_PER_S = 1_000_000_000 // TICK_NS
 

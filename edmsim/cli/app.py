@@ -33,8 +33,7 @@ app = typer.Typer(
     add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
     help="A wire-EDM machine, simulated discharge by discharge.",
 )
-_UsageError: Any = typer.BadParameter.__base__
-"""Of click, which newer releases of typer hold inside themselves."""
+_UsageError: Any = typer.BadParameter.__base__  # of click, which newer releases of typer hold inside themselves
 
 
 COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {

@@ -64,5 +64,5 @@ def cut(
             OUT.print(render_table(result.report))
             where = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
             OUT.print(where, highlight=False, soft_wrap=True, markup=False)
-    if result.report["outcome"] != WORDS[StopCause.FINISHED].report:
+    if result.report.outcome != WORDS[StopCause.FINISHED].report:
         raise typer.Exit(STOPPED)

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from edmsim.evaluation.transfer import TransferRow
     from edmsim.learning.score import Score
 
-USUAL_EPISODES = 20
-"""Held-back episodes that a policy is measured on at every resolution (ours)."""
+USUAL_EPISODES = 20  # held-back episodes that a policy is measured on at every resolution (ours)
 
 
 @takes("resolution", resolution=Unset("Default: that of the environment; for a policy all."))
@@ -27,8 +26,7 @@ def evaluate(
         typer.Argument(metavar="[ENV_ID...]", help="Environments: edmsim/GapFeed-v2 ..., FILE.py:ID, or all."),
     ] = None,
     controllers: Annotated[
-        str | None,
-        typer.Option(metavar="A,B", help="Feed controllers: {controllers}; default: those of the task."),
+        str | None, typer.Option(metavar="A,B", help="Feed controllers: {controllers}; default: those of the task.")
     ] = None,
     seeds: Annotated[
         int | None, typer.Option(help="Number of cuts per controller; default by environment, 20 for a policy.")

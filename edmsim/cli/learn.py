@@ -42,6 +42,13 @@ def train(
         int | None, typer.Option(metavar="N", help="Record every N-th episode of the first sub-environment.")
     ] = None,
     live: Annotated[bool, typer.Option("--live", help="Show them in rerun's viewer when they end.")] = False,
+    safe: Annotated[
+        int | None,
+        typer.Option(
+            metavar="MACHINES",
+            help="Accept the policy only if it earns no less than its start on as many other machines.",
+        ),
+    ] = None,
     **options: Any,
 ) -> None:
     """Train a policy (extra rl)."""
@@ -49,7 +56,7 @@ def train(
     from edmsim.evaluation.parts import is_part
     from edmsim.learning.command import TrainOptions, run
 
-    kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live)
+    kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
     try:
         table = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
     except KeyboardInterrupt:

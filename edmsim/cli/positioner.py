@@ -10,8 +10,7 @@ import typer
 
 from edmsim.cli.console import OUT, say
 
-_SHOWN = 10
-"""Problems of a text that are listed (ours): the manual's example has fewer."""
+_SHOWN = 10  # problems of a text that are listed (ours): the manual's example has fewer
 
 
 def positioner(

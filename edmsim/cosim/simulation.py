@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
-from edmsim.controllers.axis.elcam.cam_reach import check_cams
 from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation, check_cams
 from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S

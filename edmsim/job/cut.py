@@ -100,8 +100,7 @@ def noted() -> Iterator[NotedSignals]:
             signal.signal(number, usual)
 
 
-CHECKPOINT_EVERY_S = 60.0
-"""Wall time between checkpoints of a long cut."""
+CHECKPOINT_EVERY_S = 60.0  # wall time between checkpoints of a long cut
 
 
 _Options = ParamSpec("_Options")
@@ -329,8 +328,7 @@ class _Run:
     """A cut under way, and what its folder keeps of it: a checkpoint until the results are there."""
 
     def __init__(
-        self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any],
-        signals: NotedSignals,
+        self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any], signals: NotedSignals
     ) -> None:
         self._simulation, self._folder, self._made_with, self._signals = simulation, folder, made_with, signals
         self._before_s = self.wall_time_s = 0.0

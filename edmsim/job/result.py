@@ -24,7 +24,7 @@ from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
 from edmsim.recording.html_report import card
-from edmsim.recording.report import build_report, cut_id, outcome_text, summary
+from edmsim.recording.report import Report, build_report, cut_id, outcome_text, summary
 from edmsim.recording.scene import Scene
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import CUT_KEY, WindowTable
@@ -52,15 +52,15 @@ def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: st
     return Recorders(windows, Frames(size.slices), Closeups(size.slices, size.rays, middle))
 
 
-def sample_like(report: Mapping[str, Any], windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
+def sample_like(report: Report, windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
     """Look at single pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
 
     The workpiece has its greatest height, and modes move the wire, whatever moved it in the cut.
 
     Parameters
     ----------
-    report : mapping
-        The cut's report, as ``report.json`` holds it.
+    report : Report
+        Of the cut.
     windows : pyarrow.Table
         The cut's table of windows.
     pulses : int
@@ -80,7 +80,7 @@ def sample_like(report: Mapping[str, Any], windows: pa.Table, *, pulses: int = P
     )
 
 
-def sample_or_reason(report: Mapping[str, Any], windows: pa.Table) -> PulseSample | str:
+def sample_or_reason(report: Report, windows: pa.Table) -> PulseSample | str:
     """Return what `sample_like` does, or why it cannot."""
     try:
         return sample_like(report, windows)
@@ -98,7 +98,7 @@ class CutResult:
 
     Attributes
     ----------
-    report : dict
+    report : Report
         The fields of ``report.json``.
     windows : pyarrow.Table
         A row per window of 255 pulses: ``windows.parquet``; its metadata have the `CutSettings`.
@@ -116,7 +116,7 @@ class CutResult:
         The set-up.
     """
 
-    report: dict[str, Any]
+    report: Report
     windows: pa.Table
     path: CutPath
     field: KerfField
@@ -137,7 +137,7 @@ class CutResult:
 
     @property
     def _title(self) -> str:
-        return str(self.report["settings"]["program"])
+        return str(self.report.settings["program"])
 
     def plot(self, figure: str = "profile") -> Figure:
         """Draw a figure of the cut; a notebook shows it if it is the last line of a cell.
@@ -281,16 +281,8 @@ def result_of(
     windows = recorders.windows.to_arrow(found.error_um)
     assert simulation.outcome is not None
     report = build_report(
-        outcome=simulation.outcome,
-        reason=simulation.reason,
-        windows=windows,
-        totals=totals(simulation, recorders.windows, wall_time_s),
-        quality=found.quality,
-        notices=notices,
-        seed=settings.seed,
-        settings=made_with,
-        version=__version__,
-        origin_mm=simulation.path.origin_mm,
+        found.part, windows, totals(simulation, recorders.windows, wall_time_s), outcome=simulation.outcome,
+        reason=simulation.reason, notices=notices, seed=settings.seed, settings=made_with, version=__version__,
     )
     whose = cut_id(report)
     return CutResult(
