@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
 
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation.episode import Result, cut
+from edmsim.progress import in_threads
 
 SET_POINT = "set-point:open_target_share="
 PACE = "open_target_share=0.05"
@@ -63,10 +63,9 @@ def table(task: str) -> list[str]:
     """Return what every candidate of a task earned and lost in the mean, as rows of Markdown."""
     seeds, candidates = TASKS[task]
     rows = ["| candidate | return | net rate, mm2/min | wires lost | jams |", "|---|---|---|---|---|"]
-    with ThreadPoolExecutor() as pool:
-        for name in candidates:
-            rows.append(_row(name, list(pool.map(partial(cut, env_id_of(task), controller=name), seeds))))
-            sys.stderr.write(f"{rows[-1]}\n")
+    for name in candidates:
+        rows.append(_row(name, in_threads(partial(cut, env_id_of(task), controller=name), seeds)))
+        sys.stderr.write(f"{rows[-1]}\n")
     return rows
 
 

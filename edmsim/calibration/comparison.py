@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,6 +11,7 @@ from numpy.typing import NDArray
 
 from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Stretch
 from edmsim.calibration.simulate import simulate
+from edmsim.progress import in_threads
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
@@ -67,17 +66,12 @@ class StretchComparison:
         return self._run([(m, k, self._seed + k) for m in machines for k in range(len(self.picked))])
 
     def _run(self, jobs: Sequence[tuple[Machine, int, int]]) -> Array:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            try:
-                found = []
-                for row in pool.map(self._simulate, jobs):
-                    found.append(row)
-                    self._cuts += 1
-                    if self._watch is not None:
-                        self._watch(CalibrationProgress(self._cuts, self.misfit))
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
+        def count(*_: int) -> None:
+            self._cuts += 1
+            if self._watch is not None:
+                self._watch(CalibrationProgress(self._cuts, self.misfit))
+
+        found = in_threads(self._simulate, jobs, count)
         return np.array(found).reshape(-1, len(self.picked), len(STATISTICS))
 
     def _simulate(self, job: tuple[Machine, int, int]) -> Array:

@@ -25,8 +25,7 @@ _MARKS = {
 }  # fmt: skip
 """Byte order marks, the longer ones first where one begins another."""
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
-_NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}
-"""What stands for a number that is not there, in small letters."""
+_NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}  # what stands for a number that is not there, in small letters
 
 
 class LogTable(NamedTuple):

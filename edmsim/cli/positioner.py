@@ -10,8 +10,7 @@ import typer
 
 from edmsim.cli.console import OUT, say
 
-_SHOWN = 10
-"""Problems of a text that are listed (ours): the manual's example has fewer."""
+_SHOWN = 10  # problems of a text that are listed (ours): the manual's example has fewer
 
 
 def positioner(
@@ -22,7 +21,7 @@ def positioner(
     contactor: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="OUTPUT=DEVICE", help="Output that leads a drive shared by devices to its motor; repeatable."
+            metavar="OUTPUT=DEVICE", help="Output that connects a shared drive to a motor, OUTPUT=DEVICE; repeatable."
         ),
     ] = None,
     axis: Annotated[str, typer.Option(help="Motor, screw and table: analogue or analogue-table.")] = "analogue",

@@ -13,19 +13,19 @@ from edmsim.cli.console import INTERRUPTED, say
 def servo(
     drive: Annotated[str, typer.Argument(help="Drive: uhu or servo-module.", show_default=False)],
     axis: Annotated[
-        str, typer.Option(help="Of the machine: x, y; others: bench, table, fast, low-impedance.")
+        str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")
     ] = "bench",
-    tuned: Annotated[bool, typer.Option("--tuned", help="Tuned for the axis, not as delivered.")] = False,
+    tuned: Annotated[bool, typer.Option("--tuned", help="Start with parameters tuned for the axis.")] = False,
     pty: Annotated[bool, typer.Option("--pty", help="Open a serial port for a terminal program.")] = False,
     speed: Annotated[
-        float | None, typer.Option(help="Simulated seconds per second, by default 1; scripts take none.")
+        float | None, typer.Option(help="Simulated seconds per second; default: 1; scripts run at full speed.")
     ] = None,
     scope: Annotated[
-        bool, typer.Option("--scope", help="Draw tracking error, duty, current, place, speed live, in rerun.")
+        bool, typer.Option("--scope", help="Draw tracking error, duty, current, position, speed live in rerun.")
     ] = False,
-    record: Annotated[Path | None, typer.Option(help="Write these curves as a recording, .rrd.")] = None,
+    record: Annotated[Path | None, typer.Option(help="File for these curves, .rrd.")] = None,
 ) -> None:
-    """Sit at a servo drive's serial terminal."""
+    """Operate a servo drive at its serial terminal."""
     from edmsim.consoles.servo.command import bench_for
     from edmsim.consoles.servo.scope import Scope
     from edmsim.consoles.servo.session import serve

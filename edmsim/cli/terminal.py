@@ -15,20 +15,20 @@ from edmsim.cli.options import takes
 def terminal(
     host: Annotated[Path | None, typer.Option(help="File that the host sends when LOAD asks for a program.")] = None,
     speed: Annotated[
-        float | None, typer.Option(help="Machine seconds per second; default 1, or as fast as can be in a pipe.")
+        float | None, typer.Option(help="Machine seconds per second; default: 1, or full speed in a pipe.")
     ] = None,
     fault: Annotated[
         list[str] | None,
         typer.Option(
-            help="A fault to inject: serial-noise, drop-out, stuck-end-switch, stuck-wire-sensor; may be given again."
+            help="Inject a fault: serial-noise, drop-out, stuck-end-switch, stuck-wire-sensor; repeatable."
         ),
     ] = None,
     monitor: Annotated[bool, typer.Option("--monitor", help="Begin in the monitor; G 0400 starts MAIN.")] = False,
-    tapes: Annotated[Path | None, typer.Option(help="Folder of tapes, Intel HEX; default here.")] = None,
-    view: Annotated[bool, typer.Option(help="Live view of digits and pulses at a real terminal.")] = True,
+    tapes: Annotated[Path | None, typer.Option(help="Folder of tapes, Intel HEX; default: the current one.")] = None,
+    view: Annotated[bool, typer.Option(help="Show digits and pulses live in a terminal.")] = True,
     **options: Any,
 ) -> None:
-    """Sit at the 1982 controller's terminal."""
+    """Operate the controller of 1982 at its terminal."""
     from edmsim.consoles.computer_1982.command import choose_faults, run
     from edmsim.consoles.computer_1982.rig import Rig
     from edmsim.job.settings import CutSettings

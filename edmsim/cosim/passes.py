@@ -21,10 +21,8 @@ from edmsim.program.passes import CutPass, Piece
 from edmsim.program.path import CutPath, WireContour
 from edmsim.snapshots import Snapshots
 
-FACE_EVERY = 5
-"""Places of a profile error per place of a pass' face: 0.1 mm (ours: pictures show no more)."""
-LEAST_PIECE_MM2 = 0.02
-"""Smaller pieces of metal are crumbs: less than half of a wire's cross-section (ours)."""
+FACE_EVERY = 5  # places of a profile error per place of a pass' face: 0.1 mm (ours: pictures show no more)
+LEAST_PIECE_MM2 = 0.02  # smaller pieces of metal are crumbs: less than half of a wire's cross-section (ours)
 
 
 class PassSetup(NamedTuple):

@@ -10,9 +10,8 @@ from typing import Any
 
 from edmsim import __version__
 from edmsim.errors import InputError
-from edmsim.evaluation.compare import Comparison, figures_of
+from edmsim.evaluation.compare import Comparison
 from edmsim.evaluation.episode import Result
-from edmsim.evaluation.lines import lines_of
 from edmsim.files import replacing
 
 FORMAT = "edmsim-leaderboard-1"
@@ -46,21 +45,12 @@ def write(file: Path, comparisons: Sequence[Comparison]) -> None:
     for made in comparisons:
         before = board.get(made.env_id)
         if before is not None and (before.seeds, before.resolution) == (made.seeds, made.resolution):
-            made = _of(made.env_id, made.resolution, made.seeds, {**before.results, **made.results})
+            made = Comparison.of(made.env_id, made.resolution, made.seeds, {**before.results, **made.results})
         board[made.env_id] = made
     environments = {env_id: _entry(board[env_id]) for env_id in sorted(board)}
     document = {"format": FORMAT, "edmsim_version": __version__, "environments": environments}
     with replacing(file) as partial:
         partial.write_text(_laid_out(document), encoding="utf-8")
-
-
-def _of(
-    env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]
-) -> Comparison:
-    lines = lines_of(env_id)
-    return Comparison(env_id, resolution, seeds, results, {
-        name: figures_of(cuts, results[lines.reference], results[lines.blind]) for name, cuts in results.items()
-    })  # fmt: skip
 
 
 def _comparison(env_id: str, entry: dict[str, Any]) -> Comparison:
@@ -75,7 +65,7 @@ def _comparison(env_id: str, entry: dict[str, Any]) -> Comparison:
         ]
         for name, cuts in entry["controllers"].items()
     }
-    return _of(env_id, entry["resolution"], seeds, results)
+    return Comparison.of(env_id, entry["resolution"], seeds, results)
 
 
 def _entry(comparison: Comparison) -> dict[str, Any]:

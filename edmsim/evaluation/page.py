@@ -18,8 +18,7 @@ from edmsim.recording.figures.palette import BLUE, MUTED
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NAME_LETTERS = 48
-"""A controller of more letters is named without its parameters in a figure: the table has them."""
+NAME_LETTERS = 48  # a controller of more letters is named without its parameters in a figure: the table has them
 
 
 def write(file: Path, comparisons: Sequence[Comparison]) -> None:

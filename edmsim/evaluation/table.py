@@ -16,8 +16,16 @@ from edmsim.evaluation.lines import lines_of
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-WIDE = 170
-"""Columns of a terminal from which on the table shows intervals."""
+WIDE = 170  # columns of a terminal from which on the table shows intervals
+HEADS = {
+    "score": "score", "rate_mm2_min": "mm2/min", "oracle_share": "of oracle", "short_share": "short",
+    "open_share": "open", "total_return": "return", "error_um": "path um", "edge_error_um": "edge um",
+    "ra_um": "Ra um", "time_s": "s", "breaks_per_m": "breaks/m", "jams_per_m": "jams/m", "cost": "cost",
+}  # fmt: skip
+"""What stands over a column on the screen."""
+NARROW = {"score", "rate_mm2_min", "short_share", "open_share", "edge_error_um", "ra_um", "time_s"}
+"""Figures that a narrow terminal shows."""
+RARE = {"breaks_per_m", "jams_per_m"}  # figures of which 0 is common, and its interval hard to read
 
 
 def shown(name: str, figure: Figure) -> str:
@@ -25,10 +33,11 @@ def shown(name: str, figure: Figure) -> str:
     if math.isnan(figure.value):
         return ""
     kind = FIGURES[name]
-    values = [100 * v if kind.is_share else v for v in (figure.value, figure.low, figure.high)]
-    unit = " %" if kind.is_share else ""
+    is_share = kind.unit == "%"
+    values = [100 * v if is_share else v for v in (figure.value, figure.low, figure.high)]
+    unit = " %" if is_share else ""
     texts = [f"{v:.0f}" if abs(v) >= 99.5 else f"{v:.{kind.digits}f}" for v in values]
-    if kind.is_rare and figure.value == 0.0:
+    if name in RARE and figure.value == 0.0:
         return f"none (at most {texts[2]})"
     between = "" if math.isnan(figure.low) else f" ({texts[1]} to {texts[2]})"
     return f"{texts[0]}{unit}{between}"
@@ -57,8 +66,8 @@ def render(comparison: Comparison, width: int) -> RenderableType:
     from edmsim.screen import ScreenTable
 
     wide = width >= WIDE
-    used = [name for name in columns(comparison) if wide or FIGURES[name].in_narrow]
-    heads = [FIGURES[name].head for name in used] + ([] if wide else ["breaks", "jams"])
+    used = [name for name in columns(comparison) if wide or name in NARROW]
+    heads = [HEADS[name] for name in used] + ([] if wide else ["breaks", "jams"])
     table = ScreenTable(
         "controller", numbers=heads, title=_title(comparison), box=None, padding=(0, 2, 0, 0), title_justify="left"
     )
@@ -139,7 +148,7 @@ def _title(comparison: Comparison) -> str:
 def markdown_table(comparison: Comparison) -> list[str]:
     """Return the lines of the table in Markdown, the best controller first, with all intervals."""
     used = columns(comparison)
-    heads = " | ".join(FIGURES[name].meaning for name in used)
+    heads = " | ".join(FIGURES[name].heading for name in used)
     lines = [f"| controller | {heads} |", "|---" * (len(used) + 1) + "|"]
     for controller in ranked(comparison):
         cells = (shown(name, comparison.figures[controller][name]) for name in used)

@@ -9,8 +9,7 @@ from edmsim.cosim.simulation import Progress
 from edmsim.progress import ShownProgress
 from edmsim.recording.report import duration_text
 
-_EVERY_S = 0.1
-"""Between two looks at a cut: windows are shorter (ours)."""
+_EVERY_S = 0.1  # between two looks at a cut: windows are shorter (ours)
 
 
 class CutProgress:

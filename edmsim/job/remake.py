@@ -13,8 +13,7 @@ from edmsim.recording.figures.catalogue import pictures
 from edmsim.recording.figures.profile import profile_png
 from edmsim.recording.html_report import write_html
 
-FORMATS = ("pdf", "svg", "png")
-"""Kinds of files that figures are written as."""
+FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
 
 
 def remake(

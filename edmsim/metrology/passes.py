@@ -18,10 +18,8 @@ from edmsim.program.passes import CutPass
 Floats = NDArray[np.float64]
 
 STEP_MM = 0.05
-CLEARANCE_MM = 0.4
-"""Nearer than this to a corner, or to either end of a pass, the wall is not looked at."""
-FEWEST_WAVES = 3
-"""Waves that must have been cut before a wavelength is reported (ours)."""
+CLEARANCE_MM = 0.4  # nearer than this to a corner, or to either end of a pass, the wall is not looked at
+FEWEST_WAVES = 3  # waves that must have been cut before a wavelength is reported (ours)
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diamet
         known = _looked_at(field, line, s_mm)
         s_mm = s_mm[known]
         if not len(s_mm):
-            return _unknown((math.nan,) * field.n_slices)
+            return unknown_wall((math.nan,) * field.n_slices)
         away_um, solid = _wall_um(field, line, s_mm, left, reach_um)
         return _summed(s_mm, np.where(solid, cut_pass.offset_um - away_um, np.nan))
     # of a leaning wire slice by slice, at the same shares of the length of its path
@@ -87,7 +85,8 @@ def _wall_um(
     return away_um, clear_of_steps(field, points) >= BLANK_EDGE_MM
 
 
-def _unknown(slices_um: tuple[float, ...]) -> WallError:
+def unknown_wall(slices_um: tuple[float, ...]) -> WallError:
+    """Return the error of a wall of which nothing is known but, perhaps, some slices."""
     return WallError(0, math.nan, math.nan, slices_um, math.nan, math.nan, math.nan, math.nan)
 
 
@@ -95,7 +94,7 @@ def _summed(s_mm: Floats, error_um: Floats) -> WallError:
     slices = finite_mean(error_um, axis=1)
     known = error_um[np.isfinite(error_um)]
     if not len(known):
-        return _unknown(tuple(slices.tolist()))
+        return unknown_wall(tuple(slices.tolist()))
     heights = slices[np.isfinite(slices)]
     along = finite_mean(error_um - slices[:, None], axis=0)
     ends = (heights[0] + heights[-1]) / 2

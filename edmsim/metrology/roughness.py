@@ -91,8 +91,7 @@ def _cut(surface: NDArray[np.float64], bowl: NDArray[np.float64]) -> NDArray[np.
 
 CONDUCTIVITY_PER_K = 0.02
 """Rise of the conductivity of water per kelvin above 298 K (handbook: some 2 % for all dilute solutions)."""
-STANDARD_K = 298.0
-"""Temperature at which a conductivity is stated."""
+STANDARD_K = 298.0  # temperature at which a conductivity is stated
 
 
 def heat_affected_um(machine: Machine, discharge_us: float) -> float:
@@ -157,10 +156,8 @@ def electrolysed_um(machine: Machine, voltage_s_mm: float, gap_um: float) -> flo
 
 FACE_CELLS, FACE_CELLS_PER_DIAMETER = 144, 32
 """Side of the face on which passes follow each other, and diameter of the greatest crater, in cells (ours)."""
-FACE_LAYERS = 12
-"""A pass that covers the face so often has made it its own; the rough one always does (ours)."""
-FEWEST_CELLS = 3.0
-"""Diameter below which a crater is laid as if it were so wide, its volume the same (ours)."""
+FACE_LAYERS = 12  # a pass that covers the face so often has made it its own; the rough one always does (ours)
+FEWEST_CELLS = 3.0  # diameter below which a crater is laid as if it were so wide, its volume the same (ours)
 
 
 def face_roughness_um(

@@ -18,8 +18,7 @@ from edmsim.program.outline import JOIN_TOLERANCE_MM
 
 Floats = NDArray[np.float64]
 
-SAME_PLACE_MM = 1e-6
-"""Places closer than this many mm differ by numerical noise only."""
+SAME_PLACE_MM = 1e-6  # places closer than this many mm differ by numerical noise only
 
 RADIUS_TOLERANCE_MM = 0.005
 """Least allowed difference in mm between the start and end radius of an arc (ours: rounding of some um)."""

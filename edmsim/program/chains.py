@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.program.outline import JOIN_TOLERANCE_MM
 
-SAME_MM = 1e-6
-"""Points closer than this many mm are one (ours: what arithmetic leaves of equal numbers)."""
+SAME_MM = 1e-6  # points closer than this many mm are one (ours: what arithmetic leaves of equal numbers)
 
 
 @dataclass(frozen=True)
@@ -102,8 +101,7 @@ _NEIGHBOURS = 8
 _WIDEST_MM = 3 * JOIN_TOLERANCE_MM
 """Two ends with something short between them: its length and the tolerance at either end."""
 
-_End = tuple[int, int]
-"""An end of a chain: which chain, and 0 or -1."""
+_End = tuple[int, int]  # an end of a chain: which chain, and 0 or -1
 
 
 def joined_contours(chains: Sequence[Chain]) -> list[Chain]:

@@ -419,10 +419,7 @@ def _dwells(run: Run, end: int) -> tuple[tuple[int, float], ...]:
 
 
 def read_gcode(
-    file: str | Path,
-    ignore: Sequence[str] = (),
-    offsets: Mapping[str, float] | None = None,
-    dialect: str = AUTO,
+    file: str | Path, ignore: Sequence[str] = (), offsets: Mapping[str, float] | None = None, dialect: str = AUTO,
     conditions: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Program:
     """Read a G-code program.

@@ -28,12 +28,10 @@ AfterTab = Literal["stop", "cut"]
 """``stop``: the machine stops before the tab is cut, and a piece is glued; ``cut``: it goes on, a slug falls."""
 Piece = Literal["profile", "tab"]
 
-TAB_MM = 1.5
-"""Usual length of a tab: shops leave 1 to 2 mm."""
+TAB_MM = 1.5  # usual length of a tab: shops leave 1 to 2 mm
 OVERLAP_MM = 0.1
 """How far a pass goes on over what another one has cut, at the ends of a tab and of a closed contour (ours)."""
-MOST_PASSES = 9
-"""More passes than any technology has (ours)."""
+MOST_PASSES = 9  # more passes than any technology has (ours)
 
 
 @dataclass(frozen=True)
@@ -422,16 +420,8 @@ def on_grid(
         )
         passes.append(
             CutPass(
-                way.number,
-                way.piece,
-                joined.points_um[moving],
-                int(moves[: len(before) + way.leads].sum()),
-                way.offset_mm * 1000,
-                way.reversed,
-                way.stops_before,
-                way.frees,
-                way.falls,
-                lean,
+                way.number, way.piece, joined.points_um[moving], int(moves[: len(before) + way.leads].sum()),
+                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, lean,
                 tuple((int(place[i]), seconds) for i, seconds in dwells),
             )
         )

@@ -14,8 +14,7 @@ from edmsim.numeric import real
 
 _ZERO = frozenset({"D0", "H0"})
 _NAME = re.compile(r"([DH])0*(\d{1,4})")
-GREATEST_MM = 10.0
-"""Of an offset (ours: no wire is thicker)."""
+GREATEST_MM = 10.0  # of an offset (ours: no wire is thicker)
 
 
 def register(letter: str, number: str | float) -> str:

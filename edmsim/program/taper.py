@@ -25,12 +25,9 @@ from edmsim.program.outline import Corners, Outline, Side, Taper
 
 Floats = NDArray[np.float64]
 
-MOST_DEG = 45.0
-"""Greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)."""
-SHARP_DEG = 1.0
-"""Lines and arcs that meet at less are tangents (ours: rounding of drawings)."""
-_MOST_TURN_DEG = 165.0
-"""A corner that turns by more has a mitre longer than seven offsets (ours)."""
+MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
+SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding of drawings)
+_MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)
 GOUGE_MM = 0.01
 """A wire that comes nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)."""
 _NOTHING_MM = 1e-9
@@ -418,8 +415,7 @@ def _pieces(outline: Outline) -> list[_Piece]:
     return found
 
 
-_ROUND_MM = 0.003
-"""Points of an arc lie on its circle within this: chord tolerance and rounding (ours)."""
+_ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord tolerance and rounding (ours)
 
 
 def _circle(points: Floats) -> tuple[Floats, float, float] | None:

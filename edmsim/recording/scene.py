@@ -21,8 +21,7 @@ from edmsim.files import read_arrays, replacing
 from edmsim.metrology.shares import SHARES
 from edmsim.plant.workpiece.height_steps import middle_slice
 
-Polylines = tuple[NDArray[np.float64], ...]
-"""Lines of shape (n, 2) in mm on the table."""
+Polylines = tuple[NDArray[np.float64], ...]  # lines of shape (n, 2) in mm on the table
 
 
 @dataclass(frozen=True)
@@ -291,8 +290,7 @@ def round_number(limit: float) -> float:
     return float(max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= limit * (1 + 1e-12)))
 
 
-VERSION = 4
-"""Of the file's layout."""
+VERSION = 4  # of the file's layout
 
 
 def write_scene(scene: Scene, file: str | Path) -> None:
@@ -321,9 +319,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
             for number, edge in enumerate(scene.maps) if edge.unreachable_um is not None
         },
         **{
-            f"face.{number}": edge.face_um
-            for number, edge in enumerate(scene.maps)
-            if edge.face_um is not None
+            f"face.{number}": edge.face_um for number, edge in enumerate(scene.maps) if edge.face_um is not None
         },
         "fields": np.frombuffer(json.dumps(document).encode(), np.uint8),
     }

@@ -14,8 +14,7 @@ from edmsim.plant.gap.equalising import pulse_lengths_us
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 _KINDS = {OPEN: "open", SPARK: "spark", ARC: "arc", SHORT: "short"}
-_TOGETHER = 32
-"""Windows written at once (ours: some half a million samples, a few MB)."""
+_TOGETHER = 32  # windows written at once (ours: some half a million samples, a few MB)
 
 
 def traces(

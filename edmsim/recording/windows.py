@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-THREADING_S = 1.0
-"""Least time that it takes to thread a wire (ours)."""
+THREADING_S = 1.0  # least time that it takes to thread a wire (ours)
 _JUMP_UM = 20.0
 """A way longer than the path cut meanwhile by more than this is one between contours (ours: rounding is 1 um)."""
 
@@ -134,8 +133,7 @@ EQUALISING_COLUMNS: tuple[Column, ...] = (
 CUT_KEY = b"edmsim_cut"
 """Under which the metadata of ``windows.parquet`` say which cut they are of: `edmsim.recording.report.cut_id`."""
 
-NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)
-"""Names of all columns, in order."""
+NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)  # names of all columns, in order
 
 ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 """What `WindowTable.append` takes: everything but ``error_um``, which only the finished cut can tell."""
@@ -221,9 +219,7 @@ class WindowTable(ArraySnapshots, Observer):
         columns = COLUMNS + self._more
         fields = [
             pa.field(
-                c.name,
-                pa.int16() if c.is_count else pa.float64(),
-                nullable=False,
+                c.name, pa.int16() if c.is_count else pa.float64(), nullable=False,
                 metadata={"unit": c.unit, "meaning": c.meaning},
             )
             for c in columns

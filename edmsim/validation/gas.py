@@ -147,8 +147,7 @@ def _let_go(plant: Plant, mode_um: float, pulses: int) -> tuple[Array, Array]:
     return place, speed
 
 
-SHORT_US, LONG_US = 8.0, 100.0
-"""Periods of a rough cut's and of the default pulses."""
+SHORT_US, LONG_US = 8.0, 100.0  # periods of a rough cut's and of the default pulses
 
 
 def check_film_motion(seeds: Sequence[int]) -> list[Row]:

@@ -35,12 +35,10 @@ OFFSETS_MM = (
 FEEDS_MM_MIN = (3.05, 4.57, 4.06, 3.81, 4.57, 4.06, 3.56)
 RA_UM = (1.52, 1.17, 1.07, 0.97, 0.30, 0.23, 0.18)
 HEIGHT_MM, TALL_MM = 25.4, 76.2
-LENGTH_MM = 1.4
-"""Of the straight cut through all passes (ours: 12 places are measured)."""
+LENGTH_MM = 1.4  # of the straight cut through all passes (ours: 12 places are measured)
 BOW_STEP_MM = 0.055
 """How much nearer to the wall than the rough pass the trim runs whose bow is measured (ours: it takes some 40 um)."""
-CORNER_MM = 1.0
-"""Length of either side of the corner's edge (ours)."""
+CORNER_MM = 1.0  # length of either side of the corner's edge (ours)
 ACCURACY_UM = {1: (15.0, 25.0), 2: (8.0, 12.0), 4: (2.0, 3.0)}
 
 

@@ -8,10 +8,8 @@ SODICK = Dialect(
     "sodick",
     "Sodick machines",
     codes={
-        **TAPER,
-        ("G", 140): "two planes off", ("G", 141): "two planes left", ("G", 142): "two planes right",
-        ("T", 90): "cut off", ("T", 91): "thread",
-        ("M", 199): "end",
+        **TAPER, ("G", 140): "two planes off", ("G", 141): "two planes left", ("G", 142): "two planes right",
+        ("T", 90): "cut off", ("T", 91): "thread", ("M", 199): "end",
     },
     condition="C",
     columns=(

@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-WIDTH_IN = 3.5
-"""Width of one column of a journal (89 mm)."""
+WIDTH_IN = 3.5  # width of one column of a journal (89 mm)
 DPI = 200
 LABEL_PT, TICK_PT, TITLE_PT = 7.5, 7.0, 8.5
 

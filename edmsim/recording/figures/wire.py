@@ -21,10 +21,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-TENSIONS = 5
-"""Tensions the modes are computed at; between them they are interpolated."""
-SEGMENTS = 8
-"""Stretches of a sample whose spectra are averaged (Welch): lines are smoother, and wider."""
+TENSIONS = 5  # tensions the modes are computed at; between them they are interpolated
+SEGMENTS = 8  # stretches of a sample whose spectra are averaged (Welch): lines are smoother, and wider
 
 
 def wire_frequencies_hz(machine: Machine, resolution: str) -> Array:

@@ -18,10 +18,8 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-TIME = "machine_time"
-"""Timeline of machine time, a duration."""
-PATH = "path_um"
-"""Timeline of the place along the wire path, in whole um."""
+TIME = "machine_time"  # timeline of machine time, a duration
+PATH = "path_um"  # timeline of the place along the wire path, in whole um
 
 CLASS_COLOURS = {"spark": palette.SKY, "open": palette.MUTED, "short": palette.VERMILION, "arc": palette.PURPLE}
 """Classes of pulses in the recording, whose ground is dark."""
@@ -61,8 +59,7 @@ def indexes(t_s: NDArray[np.float64], path_um: NDArray[np.float64]) -> list[rr.T
     import rerun as rr
 
     return [
-        rr.TimeColumn(TIME, duration=t_s),
-        rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64)),
+        rr.TimeColumn(TIME, duration=t_s), rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64))
     ]
 
 
@@ -93,10 +90,7 @@ def log_lines(
 
 
 def log_points(
-    recording: rr.RecordingStream,
-    entity: str,
-    places: list[tuple[float, float, float]],
-    labels: list[str],
+    recording: rr.RecordingStream, entity: str, places: list[tuple[float, float, float]], labels: list[str],
     colour: str,
 ) -> None:
     """Log labelled points that stay."""
