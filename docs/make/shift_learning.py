@@ -19,13 +19,11 @@ from edmsim.controllers.feed.adaptive_hold import AdaptiveHold
 from edmsim.controllers.feed.law import ServoLaw
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
+from edmsim.evaluation.lines import OF_TASK
 from edmsim.recording.figures.palette import BLUE, MUTED
 
 TASKS = Path(__file__).parents[1] / "tasks"
-THIN = (
-    "adaptive-hold:open_target_share=0.05,proportional_um_s=10,integral_um_s2=30,period_us=100,shortest_us=12,"
-    "longest_us=300,limit_share=0.27,limit_spread=0.6"
-)
+THIN = next(law for law in OF_TASK["ThinWireShift"].compared if law.startswith("adaptive-hold"))
 SHOWN = {
     "MaxRateShift": ("max-rate-shift", 104, "adaptive-hold"), "ThinWireShift": ("thin-wire-shift", 106, THIN),
 }  # fmt: skip

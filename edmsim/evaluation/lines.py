@@ -44,6 +44,10 @@ USUAL = Lines(
     tuple(name for name in names() if name not in (*SAME_LAW, *OF_A_TASK)),
 )  # fmt: skip
 _GAP = "set-point:open_target_share=0.05"
+_THIN_ADAPTIVE = (
+    "adaptive-hold:open_target_share=0.05,proportional_um_s=10,integral_um_s2=30,period_us=100,shortest_us=12,"
+    "longest_us=300,limit_share=0.27,limit_spread=0.6,recovery_s=0,retract_feed_um_s=20"
+)
 _CLIMB = "climb:open_target_share=0.05"
 _STEADY = "open_target_share=0.1,on_factor=1,period_factor=0.7"
 _AT_CORNERS = "open_target_share=0.05,on_factor=1,period_factor=0.7,before_um=20,behind_um=100,corner_factor=2"
@@ -60,7 +64,8 @@ OF_TASK = {
         "heat-flux", "adaptive-hold", USUAL.rehearsed, ("heat-flux", "adaptive-hold"),
     ),
     "ThinWireShift": Lines(
-        f"{_GAP},period_factor=1.4", _CLIMB, USUAL.rehearsed, (f"{_GAP},period_factor=1.4", _CLIMB),
+        f"{_GAP},period_factor=1.4", _CLIMB, USUAL.rehearsed,
+        (f"{_GAP},period_factor=1.4", _CLIMB, _THIN_ADAPTIVE),
     ),
     "Corner": Lines(
         f"set-point:{_STEADY}", f"lead-oracle:{_STEADY},average_s=0.02",
