@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import gc
 from collections.abc import Callable, Iterator
 from functools import partialmethod
@@ -21,10 +22,16 @@ from edmsim.learning import hyperparameters
 from .worker_stacks import pytest_configure  # noqa: F401, a hook
 
 
+def pytest_collection() -> None:
+    """Collect no garbage while modules are imported and tests are made: they stay."""
+    gc.disable()
+
+
 def pytest_collection_finish() -> None:
-    """Let Python's garbage collector skip modules and tests, which stay: a tenth of the time went into them."""
+    """Let Python's garbage collector skip modules and tests: a tenth of the time went into them."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 settings.register_profile("untimed", deadline=None)  # a busy machine is not a fault of ours
@@ -62,19 +69,27 @@ def load_script() -> Callable[[Path], ModuleType]:
     return load
 
 
-DOT = "data:image/png;base64," + (
+DOT = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR42mNgAAAAAgAB5Sfe/AAAAABJRU5ErkJggg=="
 )
 """A picture of one point."""
 
 
-@pytest.fixture(autouse=True)
-def pictures_of_reports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave a point in place of each picture in a report's page: to draw them is half of what a short cut takes.
+@pytest.fixture
+def draws_pictures() -> None:
+    """Let cuts of a test draw their pictures, see `pictures_of_cuts`."""
 
-    The figures themselves are made all the same; `tests/recording` draws them, and so does `small_cut`.
+
+@pytest.fixture(autouse=True)
+def pictures_of_cuts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let cuts write a point in place of their picture, and a page without figures: most of what a short cut takes.
+
+    `small_cut`, all of `tests/recording` and the tests with `draws_pictures` draw them.
     """
-    monkeypatch.setattr("edmsim.recording.html_report._png", lambda figure, dpi: DOT)
+    if "draws_pictures" not in request.fixturenames:
+        monkeypatch.setattr("edmsim.recording.figures.profile.profile_png", lambda *_: DOT)
+        monkeypatch.setattr("edmsim.recording.html_report.pictures", lambda *_: iter(()))
+        monkeypatch.setattr("edmsim.job.result.sample_or_reason", lambda *_: "not simulated")
 
 
 @pytest.fixture
@@ -137,8 +152,8 @@ def small_cut(
 ) -> SimpleNamespace:
     """Give the finished cut of the punch, its folder, and what a watcher saw of it."""
     folder = tmp_path_factory.mktemp("out") / "new" / "punch"
-    seen: list[Any] = []
-    return SimpleNamespace(result=cut_small(out=folder, watch=seen.append), folder=folder, seen=seen)
+    progress: list[Any] = []
+    return SimpleNamespace(result=cut_small(out=folder, watch=progress.append), folder=folder, progress=progress)
 
 
 @pytest.fixture
@@ -147,9 +162,9 @@ def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
     load = hyperparameters.load
 
     def shorter(env_id: str, algo: str, settings: Path | None = None) -> hyperparameters.Hyperparameters:
-        given = load(env_id, algo, settings)
+        usual = load(env_id, algo, settings)
         replays = {"learning_starts": 40, "buffer_size": 500}
         change = {"n_steps": 32, "batch_size": 32} if algo not in ("sac", "tqc") else replays
-        return given.model_copy(update={"num_envs": 2, "algorithm": {**given.algorithm, **change}})
+        return usual.model_copy(update={"num_envs": 2, "algorithm": {**usual.algorithm, **change}})
 
     monkeypatch.setattr(hyperparameters, "load", shorter)

@@ -60,7 +60,7 @@ def test_json_gives_the_same_settings_back() -> None:
     assert again.height_areas[1][0].interiors[0].equals(ring.interiors[0])
 
 
-def test_a_controller_given_as_an_object_is_told_as_the_command_line_has_it() -> None:
+def test_a_controller_passed_as_an_object_is_reported_as_the_command_line_has_it() -> None:
     settings = CutSettings(controller=make("fixed", feed_um_s=12.0))
     assert settings.model_dump()["controller"] == "fixed:feed_um_s=12.0,offset_um=0.0"
 

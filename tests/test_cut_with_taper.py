@@ -152,13 +152,13 @@ def in_passes(tensions_N=(10.0, 14.0)):
 @pytest.fixture(scope="module")
 def trimmed():
     """A cut in passes at its end, and a snapshot in the middle of its trim."""
-    cut, kept = in_passes(), None
+    cut, snapshot = in_passes(), None
     while cut.outcome is None:
         cut.step()
-        if kept is None and len(cut.passes.records) == 2 and cut.path_um > cut.total_um - 300.0:
-            kept = cut.snapshot()
+        if snapshot is None and len(cut.passes.records) == 2 and cut.path_um > cut.total_um - 300.0:
+            snapshot = cut.snapshot()
     assert cut.outcome == "finished"
-    return cut, kept
+    return cut, snapshot
 
 
 def test_a_leaning_wire_trims_its_wall_at_every_height(trimmed):
@@ -188,9 +188,9 @@ def test_every_pass_leads_its_guides_by_its_own_tension(trimmed):
 
 
 def test_a_leaning_trim_goes_on_to_the_bit_from_its_snapshot(trimmed):
-    cut, kept = trimmed
+    cut, snapshot = trimmed
     again = in_passes()
-    again.restore(*kept)
+    again.restore(*snapshot)
     again.run()
     arrays, whole = again.snapshot()[0], cut.snapshot()[0]
     assert all(arrays[name].tobytes() == whole[name].tobytes() for name in whole)
@@ -260,6 +260,7 @@ def test_the_examples_of_tapers_in_passes_are_planned_whole(name):
     assert 600 < found.expected_s < 3000
 
 
+@pytest.mark.usefixtures("draws_pictures")
 def test_a_cut_reports_its_taper(tmp_path):
     file = tmp_path / "block.ngc"
     file.write_text("G21 G90\nG92 X0.5 Y-0.6\nG41 D1 G1 X0.5 Y0\nX0\nY1\nX1\nY0\nX0.5\nG40 Y-0.6\nM02\n")
@@ -276,9 +277,9 @@ def test_a_cut_reports_its_taper(tmp_path):
         np.ptp(scene.walls_mm[0][0], axis=0) - np.ptp(scene.walls_mm[0][1], axis=0), 4 * math.tan(math.radians(5)),
     )
     write_scene(scene, tmp_path / "part.npz")
-    kept = read_scene(tmp_path / "part.npz")
-    np.testing.assert_array_equal(kept.lead, scene.lead)
-    at = kept.lead_mm(np.array([kept.lead[-1, 0]]), np.array([0.0, 2.0]))[0]
+    scene = read_scene(tmp_path / "part.npz")
+    np.testing.assert_array_equal(scene.lead, scene.lead)
+    at = scene.lead_mm(np.array([scene.lead[-1, 0]]), np.array([0.0, 2.0]))[0]
     assert at[1, 1] - at[0, 1] == pytest.approx(2.0 * math.tan(math.radians(5)), rel=0.01)
 
 

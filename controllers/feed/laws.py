@@ -26,6 +26,11 @@ PRODUCTION = {
 }  # fmt: skip
 """Servo and target of laws for a production machine, where the others have a laboratory machine's."""
 HEAT = {**PRODUCTION, "period_us": 90.0}
+FINDING = {
+    **HEAT, "proportional_share": 0.6, "integral_per_s": 4.0, "shortest_us": 18.0, "recovery_s": 0.5,
+    "retract_feed_um_s": 80.0,
+}  # fmt: skip
+"""Of laws that find out what a machine's wires bear: they go to the shortest period that the supply gives."""
 
 
 class VoltageController(ServoLaw, measure=MeanVoltage):
@@ -91,7 +96,7 @@ class HeatFluxController(
 
 class ClimbingHoldController(
     ServoLaw, measure=OpenShare, period=ClimbingHold, gauge=FluxGauge, hold_share=0.3, break_hold_share=0.85,
-    proportional_share=0.6, integral_per_s=4.0, shortest_us=18.0, **HEAT,
+    **FINDING,
 ):  # fmt: skip
     """Holds the greatest local heat flux, more and more of it until a wire breaks; then less, and climbs slower."""
 
@@ -100,7 +105,7 @@ class ClimbingHoldController(
 
 class AdaptiveHoldController(
     ServoLaw, measure=OpenShare, period=AdaptiveHold, gauge=FluxGauge, fixed=("hold_share", "break_hold_share"),
-    proportional_share=0.6, integral_per_s=4.0, shortest_us=18.0, **HEAT,
+    **FINDING,
 ):  # fmt: skip
     """Holds the greatest local heat flux, as much of it as earns most by what is known of what these wires bear."""
 

@@ -186,9 +186,12 @@ class HoldHeat(RisingPeriod):
     proportional_share, integral_per_s : float
         Change of the period's logarithm, and its growth per second, per unit of the difference from it.
     shortest_us, longest_us : float
-        Limits of the period (ours): where most pulses stay open there is no heat to hold, and it is the shortest.
-        In shorts it does not: the discharges that clear one would find it there, and break the wire. Out of a short
-        from which the wire retracts it comes slowly, as a fresh wire does.
+        Limits of the period (ours): where hardly a pulse ignites there is no heat to hold, the period goes to the
+        shortest, and the discharges that ignite next find it there.
+    recovery_s : float
+        With a time above 0 shorts do not shorten the period: the discharges that clear one would find it at its
+        shortest, and break the wire. The period after a short from which the wire retracts is longer for that time,
+        as it is for `rise_s` with a fresh wire.
     """
 
     hold_share: float = 0.6
@@ -197,6 +200,7 @@ class HoldHeat(RisingPeriod):
     integral_per_s: float = 1.0
     shortest_us: float = 25.0
     longest_us: float = 150.0
+    recovery_s: float = 0.0
 
     log_us: float = field(default=0.0, init=False)  # the period's regulated part
     hold: float = field(default=0.0, init=False)
@@ -219,10 +223,10 @@ class HoldHeat(RisingPeriod):
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period that brings the measure to what is held."""
         error = min(max(law.gauge.near(window) - self.hold, -MOST_ERROR), MOST_ERROR)
-        if shorted(window):  # shorts heat no wire: the sparks that clear one would find the shortest period
+        if self.recovery_s and shorted(window):  # the sparks that clear a short would find the shortest period
             error = max(error, 0.0)
-        if law.servo.retracting:
-            self.cutting_s = 0.0
+        if self.recovery_s and law.servo.retracting:
+            self.cutting_s = min(self.cutting_s, max(self.rise_s - self.recovery_s, 0.0))
         grown = self.log_us + self.integral_per_s * error * window.duration_s
         self.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
         return max(math.exp(self.log_us + self.proportional_share * error), self.shortest_us)

@@ -10,6 +10,7 @@ from edmsim.files import locked, make_writable
 from edmsim.job.result import sample_or_reason
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.figures.catalogue import pictures
+from edmsim.recording.figures.profile import profile_png
 from edmsim.recording.html_report import write_html
 
 FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
@@ -26,7 +27,8 @@ def remake(
     target = Path(directory if figures is None else figures)
     if figures is None:
         with locked(target):
-            write_html(*cut, sample, cut.title, target / "report.html")
+            profile = profile_png(cut.scene, cut.windows, cut.report, cut.title)
+            write_html(*cut, sample, cut.title, profile, target / "report.html")
         return [target / "report.html"]
     make_writable(target)
     written = []

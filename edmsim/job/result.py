@@ -252,25 +252,19 @@ class CutResult:
         OSError
             It could be, and then no more: the disk is full, say.
         """
-        from edmsim.recording import (
-            profile_figure,
-            write_figure,
-            write_html,
-            write_json,
-            write_recording,
-            write_scene,
-            write_windows,
-        )
+        from edmsim.recording import write_html, write_json, write_recording, write_scene, write_windows
+        from edmsim.recording.figures.profile import profile_png
 
         make_writable(Path(folder))
         tell, title = enter or (lambda _: None), self._title
         with together(Path(folder), "report.json") as target:
             tell("figures")
             write_windows(self.windows, target / "windows.parquet")
-            write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
+            picture = profile_png(self.scene, self.windows, self.report, title)
+            (target / "profile.png").write_bytes(picture)
             write_scene(self.scene, target / "part.npz")
             sample = sample_or_reason(self.report, self.windows)
-            write_html(self.report, self.windows, self.scene, sample, title, target / "report.html")
+            write_html(self.report, self.windows, self.scene, sample, title, picture, target / "report.html")
             tell("recording")
             write_recording(
                 target / "cut.rrd", self.scene, self.windows, self.frames, self.closeups, self.machine, self.report,

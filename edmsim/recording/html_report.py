@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures.catalogue import Picture, pictures
-from edmsim.recording.figures.profile import profile_figure
+from edmsim.recording.figures.profile import PROFILE_DOTS, figure_png
 from edmsim.recording.report import Element, Report, duration_text, outcome_text, summary
 from edmsim.recording.scene import Scene
 
@@ -53,8 +52,8 @@ def _cells(row: Element) -> list[str]:
 
 CARD_DPI = 80
 """Dots per inch of the picture in a notebook (ours: as wide as a notebook's column, a tenth of a megabyte)."""
-PROFILE_DPI, COLUMN_DPI = 150, 320
-"""Dots per inch of the pictures on the page, as they are when enlarged (ours: 1500 and 1120 dots wide)."""
+COLUMN_DPI = 320
+"""Dots per inch of the pictures in columns, as they are when enlarged (ours: 1120 dots wide)."""
 PROFILE_CAPTION = "The cut from above, the error along its edge drawn large, and the process over machine time."
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1f2933; --muted: #5b6773; --line: #d9dde2; --card: #ffffff; --page: #f5f6f8;
@@ -94,22 +93,23 @@ footer { margin: 2rem 0 1rem; }
 
 
 def write_html(
-    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str, file: str | Path
+    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str, profile: bytes,
+    file: str | Path,
 ) -> None:
     """Write the page of a cut; a file of that name is replaced whole or not at all."""
     left_out: list[str] = []
-    whole = Picture("profile", PROFILE_CAPTION, profile_figure(scene, windows, report, title))
-    drawn = [whole, *pictures(report, windows, scene, sample, left_out.append)]
+    drawn = [*pictures(report, windows, scene, sample, left_out.append)]
     with replacing(file) as partial:
-        partial.write_bytes(page(report, title, drawn, left_out).encode("utf-8", "replace"))
+        partial.write_bytes(page(report, title, profile, drawn, left_out).encode("utf-8", "replace"))
 
 
-def page(report: Report, title: str, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:
+def page(
+    report: Report, title: str, profile: bytes, drawn: Iterable[Picture], left_out: Iterable[str] = ()
+) -> str:
     """Return the page; its pictures are in it as PNG, the first as wide as the page, each enlarged by a click."""
     notices = [*report.notices, *left_out]
-    shown = [*drawn]
-    first = "".join(_picture(picture, PROFILE_DPI) for picture in shown[:1])
-    others = "".join(_picture(picture, COLUMN_DPI) for picture in shown[1:])
+    first = _enlarged("profile", PROFILE_CAPTION, _address(profile), *PROFILE_DOTS)
+    others = "".join(_picture(picture) for picture in drawn)
     return "\n".join([
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
@@ -117,7 +117,7 @@ def page(report: Report, title: str, drawn: Iterable[Picture], left_out: Iterabl
         f"<h1>{escape(title)}</h1>",
         f'<p class="outcome {"good" if report.reason is None else "bad"}">{escape(outcome_text(report))}</p>',
         _tiles(report),
-        _section("The cut", first + _HINT) if shown else "",
+        _section("The cut", first + _HINT),
         _section("Result", _pairs(summary(report))),
         _section("Notices", _notices(notices)) if notices else "",
         _section("Figures", f'<div class="figures">{others}</div>') if others else "",
@@ -167,20 +167,26 @@ def _notices(notices: Iterable[str]) -> str:
 _HINT = '<p class="hint">Click a figure to enlarge it, and click it again to close it.</p>'
 
 
-def _picture(picture: Picture, dpi: int) -> str:
-    caption = escape(picture.caption)
-    width, height = (round(inches * dpi) for inches in picture.figure.get_size_inches())
-    image = f'<img src="{_png(picture.figure, dpi)}" alt="{caption}" width="{width}" height="{height}">'
+def _picture(picture: Picture) -> str:
+    width, height = (round(inches * COLUMN_DPI) for inches in picture.figure.get_size_inches())
+    return _enlarged(picture.name, picture.caption, _png(picture.figure, COLUMN_DPI), width, height)
+
+
+def _enlarged(name: str, words: str, address: str, width: int, height: int) -> str:
+    caption = escape(words)
+    image = f'<img src="{address}" alt="{caption}" width="{width}" height="{height}">'
     switch = f'<input type="checkbox" aria-label="enlarge: {caption}">'
     enlarged = f'<label class="enlarge">{switch}<span>{image}</span></label>'
-    return f'<figure id="{picture.name}">{enlarged}<figcaption>{caption}</figcaption></figure>'
+    return f'<figure id="{name}">{enlarged}<figcaption>{caption}</figcaption></figure>'
 
 
 def _png(figure: Figure, dpi: float) -> str:
     """Return a figure as the address of an image that holds it."""
-    held = io.BytesIO()
-    figure.savefig(held, format="png", dpi=dpi, metadata={"Software": "edmsim"})
-    return "data:image/png;base64," + base64.b64encode(held.getvalue()).decode("ascii")
+    return _address(figure_png(figure, dpi))
+
+
+def _address(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def _corners(report: Report) -> str:

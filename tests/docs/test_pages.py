@@ -34,7 +34,7 @@ NOT_RUN = {
     "edmsim tune training edmsim/GapFeed-v2 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
     "pip install edmsim[cluster,rl,tune]": "the Makefile installs it",
     "edmsim tune population edmsim/GapFeed-v2 --learners 8 --generations 10 --steps 200000 --out out/population":
-        "tests/sweep/test_population.py breeds one",
+        "tests/sweep/test_sweep_cluster.py trains one",
     "python -m tests.campaigns gcode --only 17": "tests/campaigns/test_campaigns.py gives such inputs",
     "edmsim technology tool-steel --height 10 --passes 2 --out steel.toml": "tests/evaluation/test_technology.py",
     "edmsim cut examples/punch.ngc --passes 2 --height 10 --technology steel.toml --out out/punch-2":
@@ -92,13 +92,13 @@ def test_a_page_runs_from_top_to_bottom(
     namespace: dict[str, Any] = {"__name__": "__main__"}
     shown = [block for block in blocks(page) if block.kind not in ELSEWHERE]
     for block, following in zip(shown, [*shown[1:], None], strict=True):
-        told = following.text if following is not None and following.kind == "output" else None
-        printed = _do(block, namespace, told, capfd)
-        if told is not None:
-            assert printed.split() == told.split(), f"{block.place} prints\n{printed}"
+        expected = following.text if following is not None and following.kind == "output" else None
+        printed = _do(block, namespace, expected, capfd)
+        if expected is not None:
+            assert printed.split() == expected.split(), f"{block.place} prints\n{printed}"
 
 
-def _do(block: Block, namespace: dict[str, Any], told: str | None, capfd: Captured) -> str:
+def _do(block: Block, namespace: dict[str, Any], expected: str | None, capfd: Captured) -> str:
     """Do what a block shows; returns what it prints."""
     if block.kind == "output":
         return block.text
@@ -109,7 +109,7 @@ def _do(block: Block, namespace: dict[str, Any], told: str | None, capfd: Captur
         capfd.readouterr()
         exec(compile("\n" * int(block.place.split(":")[1]) + block.text, block.place, "exec"), namespace)
         return capfd.readouterr().out
-    refused = told is not None and told.startswith("edmsim: ")
+    refused = expected is not None and expected.startswith("edmsim: ")
     printed = ""
     for words in block.commands:
         if " ".join(words) in NOT_RUN:

@@ -26,10 +26,10 @@ def sub_env():
     rows, states = np.zeros(1, motion.SUB_ENV), np.zeros(1, STATE)
     rows["step_um"], rows["longest_ns"] = 2.0, WINDOW_NS
     states["commanded_um"][0, :2] = PATH[0]
-    return rows, begun(), states, np.zeros((1, 64, 3), np.int64)
+    return rows, started(), states, np.zeros((1, 64, 3), np.int64)
 
 
-def begun():
+def started():
     """The path's start, without the rounding of going through mm."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(PATH, axis=0).T))])
     return Course.of(EXACT, PATH)._replace(points_um=PATH, along_um=along)
@@ -77,7 +77,7 @@ def test_steps_fall_in_their_window_and_at_their_places(sub_env):
         start += WINDOW_NS
     # the first step of x leads over the middle between two steps, 1 um on
     sub_env[2]["time_ns"] = 0
-    first = next(run((sub_env[0], begun(), *sub_env[2:]), [100.0]))[0]
+    first = next(run((sub_env[0], started(), *sub_env[2:]), [100.0]))[0]
     assert first.tolist() == [10_000_000, 0, 1]
 
 

@@ -207,19 +207,19 @@ def test_machines_are_drawn_within_their_ranges_and_a_seed_draws_the_same():
 
 
 def test_laws_are_made_of_their_names():
-    seen = np.zeros(len(ENTRIES), np.float32)
-    assert pass_laws.from_text("technology").act(seen).tolist() == [0.0] * 4
+    observed = np.zeros(len(ENTRIES), np.float32)
+    assert pass_laws.from_text("technology").act(observed).tolist() == [0.0] * 4
     law = pass_laws.from_text("corrected:gain=0.5,bias_um=0,last_gain=1,last_bias_um=0,fast=0.7,calm=0.25")
     law.begin()
-    assert law.act(seen).tolist() == [0.0] * 4
-    seen[[AT["left"], AT["gauged"], AT["short"]]] = -8.0 / LEFT_UM, 1.0, 0.2
-    assert law.act(seen).tolist() == [0.0] * 4  # what the rough pass left says nothing of the first trim
-    seen[AT["short"]] = 0.01
-    assert law.act(seen) == pytest.approx([0.7, 0.0, 0.0, 4.0 / 20.0])  # 8 um too much: half of it farther off
-    seen[AT["broke"]] = 1.0
-    assert law.act(seen) == pytest.approx([0.7, 0.25, 0.0, 4.0 / 20.0])
-    seen[[AT["broke"], AT["pass"]]] = 0.0, 1.0
-    assert law.act(seen)[3] == pytest.approx(12.0 / 20.0)  # with its path not moved it would have been 12 um
+    assert law.act(observed).tolist() == [0.0] * 4
+    observed[[AT["left"], AT["gauged"], AT["short"]]] = -8.0 / LEFT_UM, 1.0, 0.2
+    assert law.act(observed).tolist() == [0.0] * 4  # what the rough pass left says nothing of the first trim
+    observed[AT["short"]] = 0.01
+    assert law.act(observed) == pytest.approx([0.7, 0.0, 0.0, 4.0 / 20.0])  # 8 um too much: half of it farther off
+    observed[AT["broke"]] = 1.0
+    assert law.act(observed) == pytest.approx([0.7, 0.25, 0.0, 4.0 / 20.0])
+    observed[[AT["broke"], AT["pass"]]] = 0.0, 1.0
+    assert law.act(observed)[3] == pytest.approx(12.0 / 20.0)  # with its path not moved it would have been 12 um
     for text, named in (("correct", "no law"), ("corrected:speed=1", "speed"), ("technology:pause=1", "none")):
         with pytest.raises(InputError, match=named):
             pass_laws.from_text(text)

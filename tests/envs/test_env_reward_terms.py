@@ -56,12 +56,12 @@ def test_vector(make_envs, env_name, mode):
     ended = 0
     for _ in range(140):
         _, rewards, over, cut_off, info = envs.step(actions)
-        told = info.get("final_info", info)
-        mask = told["_reward_terms"]
-        total = sum(told["reward_terms"][name] for name in NAMES)
+        final = info.get("final_info", info)
+        mask = final["_reward_terms"]
+        total = sum(final["reward_terms"][name] for name in NAMES)
         assert total.shape == (3,)
         np.testing.assert_allclose(total[mask], rewards[mask], rtol=ROUNDING, atol=ROUNDING)
-        assert [name for name in told["reward_terms"] if name[0] != "_"] == NAMES
+        assert [name for name in final["reward_terms"] if name[0] != "_"] == NAMES
         ended += int((over | cut_off).sum())
     assert ended >= 3
     envs.close()

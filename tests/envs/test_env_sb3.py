@@ -18,7 +18,7 @@ from edmsim.envs import make_sb3_vec_env
 from edmsim.errors import InputError
 
 
-def test_end_of_an_episode_is_told_as_learners_want_it():
+def test_end_of_an_episode_is_reported_as_learners_want_it():
     env = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, max_episode_steps=4, planner="exact")
     first = env.reset()
     assert not first[:, :40].any()
@@ -133,9 +133,9 @@ def test_options_of_a_reset_reach_all_sub_environments_or_each_its_own():
 
 
 def test_gymnasiums_vector_has_the_attributes_of_its_sub_environments_too():
-    kept = {"height_mm": 6.0}
-    native = gym.make_vec("edmsim/Trim-v1", num_envs=2, vectorization_mode="vector_entry_point", **kept)
-    other = gym.make_vec("edmsim/Trim-v1", num_envs=2, vectorization_mode="sync", **kept)
+    settings = {"height_mm": 6.0}
+    native = gym.make_vec("edmsim/Trim-v1", num_envs=2, vectorization_mode="vector_entry_point", **settings)
+    other = gym.make_vec("edmsim/Trim-v1", num_envs=2, vectorization_mode="sync", **settings)
     for name in ATTRIBUTES:
         assert native.get_attr(name) == other.get_attr(name), name
     assert native.call("attach_controller", from_text("fixed"))[1].begin

@@ -13,8 +13,8 @@ from edmsim.errors import InputError
 def test_a_task_is_its_environment(make_env, env_name, make_task):
     env, task = make_env(env_name, action="speed", decision_s=None, max_feed_um_s=100.0), make_task(env_name)
     _, info = env.reset(seed=3)
-    seen = task.reset(seed=3)
-    assert (seen.short, seen.open, seen.path_um) == (0, 0, 0.0)
+    observed = task.reset(seed=3)
+    assert (observed.short, observed.open, observed.path_um) == (0, 0, 0.0)
     assert task.scenario.plant_seed == info["plant_seed"]
     assert task.total_um == info["total_um"]
     action = np.zeros(env.action_space.shape, np.float32)

@@ -102,9 +102,9 @@ class Pulsing(GapFeed):
     knobs: Sequence[str] = ("period",)
     knows_corners: ClassVar[bool] = True
 
-    def setting_us(self, first_us: Any, wanted: Any) -> tuple[float, float]:
+    def setting_us(self, first_us: Any, requested: Any) -> tuple[float, float]:
         on_us, period_us = first_us
-        return on_us, period_us * (2.0 + wanted[0])
+        return on_us, period_us * (2.0 + requested[0])
 
 
 @pytest.mark.slow
@@ -117,9 +117,9 @@ def test_an_own_family_may_set_the_generator_and_show_corners() -> None:
     envs = gym.make_vec("lab/Pulsing-v0", num_envs=2, vectorization_mode="vector_entry_point")
     env.reset(seed=1)
     envs.reset(seed=1)
-    for wanted, period_us in ((-1.0, 100.0), (0.0, 200.0), (1.0, 300.0)):
-        *_, one = env.step(np.array([0.1, wanted], np.float32))
-        *_, many = envs.step(np.array([[0.1, wanted]] * 2, np.float32))
+    for requested, period_us in ((-1.0, 100.0), (0.0, 200.0), (1.0, 300.0)):
+        *_, one = env.step(np.array([0.1, requested], np.float32))
+        *_, many = envs.step(np.array([[0.1, requested]] * 2, np.float32))
         assert one["t_period_us"] == many["t_period_us"][0] == period_us
     with pytest.raises(InputError, match="Pulsing has other observations or actions than GapFeed"):
         stand_in(Pulsing, {})
@@ -133,9 +133,9 @@ def test_the_registered_form_of_an_own_family_is_json() -> None:
     assert again.unwrapped.family == Pulsing(resolution="fast", weights=Weights(short=2.0), history=2)  # type: ignore[attr-defined]
 
 
-def test_what_cannot_be_registered_is_told() -> None:
+def test_what_cannot_be_registered_is_reported() -> None:
     class Alone(Family):
-        def draw_cut(self, *given: Any) -> Any: ...
+        def draw_cut(self, *arguments: Any) -> Any: ...
 
     with pytest.raises(InputError, match="must derive from one of"):
         register("lab/Wrong-v0", Alone)
@@ -146,7 +146,7 @@ def test_what_cannot_be_registered_is_told() -> None:
     assert "lab/Wrong-v0" not in gym.registry
 
 
-def test_what_a_file_does_not_register_is_told(bend: str) -> None:
+def test_what_a_file_does_not_register_is_reported(bend: str) -> None:
     file = bend.removesuffix(f":{BEND_ID}")
     with pytest.raises(InputError, match=r"bend\.py: this file registers no environment 'lab/Twist-v0'"):
         resolve(f"{file}:lab/Twist-v0")

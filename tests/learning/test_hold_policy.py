@@ -58,10 +58,10 @@ def test_the_law_holds_what_the_policy_says_and_the_policy_sees_it(policy):
     assert outcome == "time"
     assert 8 <= len(holds) <= 12  # decisions of 0.2 s
     assert all(HOLD.low <= hold <= HOLD.high for hold in holds)
-    seen = dict(zip([e.name for e in held.ENTRIES], policy.observation[-3:], strict=True))
-    assert math.exp(seen["held"]) in [pytest.approx(hold, rel=1e-5) for hold in holds]
-    assert 0.01 < math.exp(seen["flux"]) < 2.0
-    assert seen["broke_flux"] == 0.0
+    observed = dict(zip([e.name for e in held.ENTRIES], policy.observation[-3:], strict=True))
+    assert math.exp(observed["held"]) in [pytest.approx(hold, rel=1e-5) for hold in holds]
+    assert 0.01 < math.exp(observed["flux"]) < 2.0
+    assert observed["broke_flux"] == 0.0
 
 
 def test_a_lost_wire_shows_at_which_flux_it_broke(policy):

@@ -43,7 +43,7 @@ KINDS = {
     "tqc": partial(TQC, "MlpPolicy", learning_starts=8, train_freq=8),
     "td3": partial(TD3, "MlpPolicy", learning_starts=8, train_freq=8),
 }
-KEPT = {"resolution": "fast", "planner": "exact", "height_mm": 5.0}
+SETTINGS = {"resolution": "fast", "planner": "exact", "height_mm": 5.0}
 
 
 def learner(kind, vec_env, steps=32, **network):
@@ -58,13 +58,13 @@ def most_apart(model, vec_env, policy, steps=25):
     while hasattr(raw, "venv"):
         raw = raw.venv
     raw.seed(13)  # these two wires last that long
-    seen = raw.reset()
+    observed = raw.reset()
     for k in range(steps):
-        normal = vec_env.normalize_obs(seen) if isinstance(vec_env, VecNormalize) else seen
-        wanted, state = model.predict(normal, state, np.full(len(seen), k == 0), deterministic=True)
-        action, memory = policy.act(seen[0], memory)
-        worst = max(worst, float(np.abs(action - wanted[0]).max()))
-        seen, _, done, _ = raw.step(wanted)
+        normal = vec_env.normalize_obs(observed) if isinstance(vec_env, VecNormalize) else observed
+        expected, state = model.predict(normal, state, np.full(len(observed), k == 0), deterministic=True)
+        action, memory = policy.act(observed[0], memory)
+        worst = max(worst, float(np.abs(action - expected[0]).max()))
+        observed, _, done, _ = raw.step(expected)
         assert not done.any()
     return worst
 
@@ -72,7 +72,7 @@ def most_apart(model, vec_env, policy, steps=25):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_policy_does_what_its_learner_does_through_the_normalisation(kind, tmp_path):
-    vec_env = VecNormalize(VecMonitor(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, **KEPT)), clip_obs=5.0)
+    vec_env = VecNormalize(VecMonitor(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, **SETTINGS)), clip_obs=5.0)
     model = learner(kind, vec_env)
     policy = export_sb3(model, vec_env, tmp_path / "own" / "policy.json")
     assert most_apart(model, vec_env, policy) < 2e-6
@@ -143,7 +143,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
         def forward(self, observations):
             return super().forward(observations) / 2
 
-    refused(new("ppo", bare, features_extractor_class=Halved), bare, "what Halved makes of observations")
+    refused(new("ppo", bare, features_extractor_class=Halved), bare, "the observations that Halved returns")
     broken = new("ppo", bare)
     broken.policy.action_net.bias.data[:] = float("nan")
     refused(broken, bare, "not finite")
@@ -182,23 +182,24 @@ def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
 def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsim, monkeypatch):
     from edmsim.learning import train as training
 
-    begun = []
-    monkeypatch.setattr(training, "_learn", lambda trained, *_, **__: begun.append(trained))
+    started = []
+    monkeypatch.setattr(training, "_learn", lambda trained, *_, **__: started.append(trained))
     words = "train", "edmsim/GapFeed-v2", "--start", "policy:GapFeed-ppo", "--steps", 64, "--score", 0
     status, _, err = edmsim(*words, "--out", tmp_path)
     assert status == 0, err
     shipped, first = policy_file.load("GapFeed-ppo"), policy_file.load(str(tmp_path / "policy.json"))
     assert first.card.observation == shipped.card.observation
     assert "--start policy:GapFeed-ppo" in first.card.command
-    seen = np.random.default_rng(0).uniform(0, 1, (20, len(shipped.card.observation))).astype(np.float32)
-    assert all(np.array_equal(first.action(row), shipped.action(row)) for row in seen)
-    model, normalise = begun[0].model, begun[0].normalise
-    normal = normalise.normalize_obs(seen)
-    assert np.abs(model.predict(normal, deterministic=True)[0] - [shipped.action(row) for row in seen]).max() < 2e-6
+    observed = np.random.default_rng(0).uniform(0, 1, (20, len(shipped.card.observation))).astype(np.float32)
+    assert all(np.array_equal(first.action(row), shipped.action(row)) for row in observed)
+    model, normalise = started[0].model, started[0].normalise
+    normal = normalise.normalize_obs(observed)
+    expected = [shipped.action(row) for row in observed]
+    assert np.abs(model.predict(normal, deterministic=True)[0] - expected).max() < 2e-6
 
 
 @pytest.mark.parametrize(
-    ("env_id", "algo", "policy", "asked", "match"),
+    ("env_id", "algo", "policy", "options", "match"),
     [
         ("GapFeed", "sac", "GapFeed-ppo", {}, "output by clip; the learner has .* output by tanh"),
         ("GapFeed", "recurrent-ppo", "GapFeed-ppo", {}, "the learner has an LSTM of 64 cells"),
@@ -207,12 +208,12 @@ def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsi
         ("GapFeed", "ppo", "GapFeed-ppo", {"privileged_critic": True}, "privileged critic"),
     ],
 )
-def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, policy, asked, match, tmp_path):
+def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, policy, options, match, tmp_path):
     from edmsim.learning.train import train
 
-    given = TrainOptions(**asked).hyperparameters(env_id, algo).model_copy(update={"num_envs": 1})
+    parameters = TrainOptions(**options).hyperparameters(env_id, algo).model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=match):
-        train(env_id, algo, tmp_path, parameters=given, steps=64, begin_from=policy_file.load(policy))
+        train(env_id, algo, tmp_path, parameters=parameters, steps=64, begin_from=policy_file.load(policy))
 
 
 def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp_path):
@@ -221,15 +222,16 @@ def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp
     vec_env = VecNormalize(make_sb3_vec_env("edmsim/Corner-v2", 1, seed=1))
     layers = {"net_arch": [24, 24], "activation_fn": torch.nn.ReLU}
     export_sb3(learner("ppo", vec_env, 0, **layers), vec_env, tmp_path / "policy.json")
-    asked = TrainOptions(start=f"policy:{tmp_path / 'policy.json'}")
-    given = asked.hyperparameters("Corner", "ppo")
-    assert (given.network.widths, given.network.activation) == ([24, 24], "relu")
+    options = TrainOptions(start=f"policy:{tmp_path / 'policy.json'}")
+    parameters = options.hyperparameters("Corner", "ppo")
+    assert (parameters.network.widths, parameters.network.activation) == ([24, 24], "relu")
     assert TrainOptions().hyperparameters("Corner", "ppo").network.widths == [64, 64]
     settings = tmp_path / "settings.toml"
     settings.write_text("[network]\nwidths = [32, 32]\n", encoding="utf-8")
-    given = asked._replace(settings=settings).hyperparameters("Corner", "ppo").model_copy(update={"num_envs": 1})
+    other = options._replace(settings=settings)
+    parameters = other.hyperparameters("Corner", "ppo").model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=r"layers \[24, 24\] with relu.*the learner has hidden layers \[32, 32\]"):
-        train("Corner", "ppo", tmp_path, parameters=given, steps=64, begin_from=asked.policy())
+        train("Corner", "ppo", tmp_path, parameters=parameters, steps=64, begin_from=options.policy())
 
 
 def test_another_scale_of_actions_or_no_normalisation_is_refused():

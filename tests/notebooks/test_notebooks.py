@@ -24,7 +24,7 @@ LARGEST_BYTES = 600_000
 SHORT_EPISODES = """
 from functools import partialmethod
 from edmsim.envs.episode import Task
-Task.__init__ = partialmethod(Task.__init__, episode_s=10.0)
+Task.__init__ = partialmethod(Task.__init__, episode_s=4.0)
 """
 SHORTER = {
     "04-gap-controllers": SHORT_EPISODES,
@@ -171,7 +171,7 @@ def test_small_outputs_do_not_replace_the_committed_ones(execute: ModuleType) ->
         execute.main([NAMES[0], "--small"])
 
 
-def test_a_notebook_that_is_not_there_is_told(execute: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_notebook_that_is_not_there_is_reported(execute: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         execute.main(["99-nothing"])
     assert f"there is no notebook '99-nothing'; there are {NAMES[0]}" in capsys.readouterr().err

@@ -67,7 +67,7 @@ def sparks(n):
 
 
 def modal_answer(modes, kicks, at, end_us):
-    """What modes make of the train: deflection (pulses, axes, slices) in um at every pulse's end."""
+    """The modes' answer to the train: deflection (pulses, axes, slices) in um at every pulse's end."""
     whole = [p[0] for p in propagator_table(modes.wire_omega, modes.wire_zeta, [PERIOD_NS * 1e-9])]
     rests = propagator_table(modes.wire_omega, modes.wire_zeta, (PERIOD_NS * 1e-3 - end_us) * 1e-6)
     q, v = np.zeros((2, 2, len(modes.wire_omega)))
@@ -192,7 +192,7 @@ def test_arrays_and_snapshot_continue_bit_for_bit(train):
 
 
 @pytest.mark.parametrize("kick", [math.nan, math.inf, 1.0, -1e300])
-def test_a_wild_wire_is_told_and_nothing_is_written(kick, tmp_path, monkeypatch):
+def test_a_wild_wire_is_reported_and_nothing_is_written(kick, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     kicks = np.zeros((20, 2))
     kicks[7, 1] = kick

@@ -104,7 +104,7 @@ print(total[0, 0], seen - {{0}}, part())
 
 
 @pytest.mark.slow
-def test_marks_of_a_compiled_program_are_seen_while_it_runs(tmp_path: Path) -> None:
+def test_marks_of_a_compiled_program_are_observed_while_it_runs(tmp_path: Path) -> None:
     turns, x = 3_000_000, 0
     (tmp_path / "loops.py").write_text(LOOP)
     done = subprocess.run(

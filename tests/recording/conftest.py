@@ -90,19 +90,19 @@ def windows(draw: np.random.Generator) -> WindowTable:
 
 
 def frames(rows: np.ndarray) -> Frames:
-    kept = Frames(N_SLICES)
+    store = Frames(N_SLICES)
     shape = np.sin(np.pi * (np.arange(N_SLICES) + 0.5) / N_SLICES)
     for row in rows:
-        kept.offer(row[0], row[1], row[2], row[-1], -shape[:, None] * row[12:14], GAS)
-    return kept
+        store.offer(row[0], row[1], row[2], row[-1], -shape[:, None] * row[12:14], GAS)
+    return store
 
 
 def closeups(rows: np.ndarray) -> Closeups:
     """Every window's pulses: spark, open, short, arc by turns, all in the middle slice, along ray 0 (+x)."""
-    kept = Closeups(N_SLICES, N_RAYS, N_SLICES // 2)
+    store = Closeups(N_SLICES, N_RAYS, N_SLICES // 2)
     number = np.arange(96)
     for row in rows:
-        r, p = kept.row, kept.row["pulses"]
+        r, p = store.row, store.row["pulses"]
         r["t_s"], r["guides_um"], r["path_um"] = row[0], row[1:3], row[-1]
         r["burning_V"], r["current_A"], r["short_A"] = 22.0, 6.6, 8.0
         r["wire_um"] = row[1:3] - row[12:14]
@@ -116,8 +116,8 @@ def closeups(rows: np.ndarray) -> Closeups:
         p["gap_um"] = np.where(number % 4 == 2, 0.0, 15.0)
         p["x_um"], p["y_um"] = r["wire_um"]
         r["count"] = len(number)
-        kept.keep()
-    return kept
+        store.keep()
+    return store
 
 
 def cut_edges(stop: float | None = None) -> tuple[tuple[np.ndarray, ...], ...]:
@@ -190,5 +190,5 @@ def cut() -> SimpleNamespace:
 
 
 @pytest.fixture(autouse=True)
-def pictures_of_reports() -> None:
-    """Draw all pictures, in place of what the fixture of this name leaves away elsewhere."""
+def pictures_of_cuts() -> None:
+    """Draw all pictures, in place of what the fixture of this name leaves out elsewhere."""

@@ -37,12 +37,12 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        told = dict(attrs)
+        attributes = dict(attrs)
         if tag not in ("meta", "img", "input"):
             self.open.append(tag)
-        self.addresses += [told[key] or "" for key in ("src", "href") if key in told]
+        self.addresses += [attributes[key] or "" for key in ("src", "href") if key in attributes]
         if tag == "figure":
-            self.figures.append(told["id"] or "")
+            self.figures.append(attributes["id"] or "")
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
@@ -88,7 +88,7 @@ def test_what_a_report_says_is_text_not_markup(cut: SimpleNamespace) -> None:
         cut.report, reason="the <b>wire</b> broke", outcome="wire-break", notices=['feed "F<2>" & more'],
         settings={"program": "a<script>.ngc", "max_time_s": None, "heights": []},
     )  # fmt: skip
-    text = page(report, "a<script>.ngc", [], ["not drawn: <i>"])
+    text = page(report, "a<script>.ngc", b"", [], ["not drawn: <i>"])
     shown = Page(text)
     assert "<script" not in text
     assert shown.open == []

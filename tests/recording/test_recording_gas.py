@@ -66,9 +66,9 @@ def test_a_cut_records_the_same_gas_everywhere(small_cut: SimpleNamespace) -> No
     for times, shares in ((result.frames.t_s, result.frames.coverage), (closeups["t_s"], closeups["coverage"])):
         rows = np.searchsorted(t_s, times)
         np.testing.assert_allclose(shares.mean(axis=1), covered[rows], atol=1e-6)
-    told = result.report["coverage"]
-    assert told["mean"] == pytest.approx(covered.mean())  # its period is the same in all windows
-    assert told["max"] == covered.max()
+    coverage = result.report["coverage"]
+    assert coverage["mean"] == pytest.approx(covered.mean())  # its period is the same in all windows
+    assert coverage["max"] == covered.max()
 
 
 def test_a_report_says_mean_and_largest_coverage(cut: SimpleNamespace) -> None:

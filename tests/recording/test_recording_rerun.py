@@ -65,8 +65,8 @@ class Read:
 
 def write(cut: SimpleNamespace, file: Path, **changed: Any) -> Path:
     names = ("scene", "windows", "frames", "closeups", "machine", "report")
-    given = {name: getattr(cut, name) for name in names} | changed
-    write_recording(file, **given, title="punch.ngc")
+    arguments = {name: getattr(cut, name) for name in names} | changed
+    write_recording(file, **arguments, title="punch.ngc")
     return file
 
 
@@ -190,11 +190,11 @@ def test_the_faces_of_passes_appear_when_these_end(cut: SimpleNamespace, tmp_pat
     faces[0].error_um[1, 4] = np.nan  # nothing was measured there
     scene = dataclasses.replace(cut.scene, pass_faces=tuple(faces))
     write_scene(scene, tmp_path / "part.npz")
-    kept = read_scene(tmp_path / "part.npz").pass_faces
-    assert [(face.contour, face.time_s, face.path_um) for face in kept] == [
+    faces = read_scene(tmp_path / "part.npz").pass_faces
+    assert [(face.contour, face.time_s, face.path_um) for face in faces] == [
         (0, 100.0, 1000.0), (0, 200.0, 2000.0), (0, 300.0, 3000.0),
     ]  # fmt: skip
-    np.testing.assert_array_equal(kept[0].error_um, faces[0].error_um)
+    np.testing.assert_array_equal(faces[0].error_um, faces[0].error_um)
     (mesh, off_um), (whole, _) = (face_mesh(scene, face) for face in faces[:2])
     assert len(mesh.positions) == 5 * len(points)  # both faces of the workpiece, and the middle of every slice
     assert len(mesh.triangles) == len(whole.triangles) - 6  # all that touch the place

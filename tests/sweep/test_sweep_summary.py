@@ -49,8 +49,8 @@ def test_sensitivities_are_shares_of_the_variance(table: object) -> None:
     assert np.isnan(sensitivities(table)["short_share"].effects["height_mm"].first_order)  # it never changes
 
 
-@pytest.mark.parametrize(("machines", "told"), [(3, ["height_mm", "machine_sample"]), (40, ["gap.a", "height_mm"])])
-def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines: int, told: list[str]) -> None:
+@pytest.mark.parametrize(("machines", "shown"), [(3, ["height_mm", "machine_sample"]), (40, ["gap.a", "height_mm"])])
+def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines: int, shown: list[str]) -> None:
     drawn = np.random.default_rng(2).random(machines)
     extra = ["gap.a"] if machines > 10 else ["gap.a", "gap.b", "wire.c"]
     rows = [
@@ -61,10 +61,11 @@ def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines: i
     ]  # fmt: skip
     table = as_table([{**row, **{name: row.get(name) for name in KEYS}} for row in rows])
     found = sensitivities(table)["cutting_rate_mm2_min"]
-    assert sorted(found.effects) == told
+    assert sorted(found.effects) == shown
     assert sum(effect.first_order for effect in found.effects.values()) == pytest.approx(1.0, abs=0.01)
     by_machine = (6.0 * drawn).var() / ((6.0 * drawn).var() + 0.25)
-    assert found.effects[min(told, key=lambda name: name == "height_mm")].total == pytest.approx(by_machine, abs=0.02)
+    machine = found.effects[min(shown, key=lambda name: name == "height_mm")]
+    assert machine.total == pytest.approx(by_machine, abs=0.02)
 
 
 def test_a_constant_that_was_chosen_is_grouped_by_although_machines_are_drawn() -> None:
@@ -101,9 +102,9 @@ def test_the_command_sweeps_shows_and_goes_on(
     words = ("sweep", "run", line, "--height", "5,8", "--controller", f"counts,{giving_up}", "--max-time=1",
              "--resolution", "fast", "--offset", "none", "--out", "o", "--processes", 1)  # fmt: skip
     assert command(*words, monkeypatch=monkeypatch) == 3  # some failed
-    told = capsys.readouterr()
-    assert "4 runs, 4 made now, 2 failed." in told.out
-    assert "runs 100.0 % 4 of 4, 2 failed" in told.err
+    shown = capsys.readouterr()
+    assert "4 runs, 4 made now, 2 failed." in shown.out
+    assert "runs 100.0 % 4 of 4, 2 failed" in shown.err
     assert command(*words, monkeypatch=monkeypatch) == 3
     assert "4 runs, 0 made now, 2 failed." in capsys.readouterr().out
     assert command("sweep", "show", "o", monkeypatch=monkeypatch) == 0
@@ -132,8 +133,8 @@ def test_bad_usage_is_one_line(
 ) -> None:
     monkeypatch.chdir(line.parent)
     assert command("sweep", *(() if words[0] == "show" else ("run",)), *words, monkeypatch=monkeypatch) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.count("\n") == 1
-    assert named in told.err
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert shown.err.count("\n") == 1
+    assert named in shown.err
     assert not Path("o").exists()

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -416,6 +417,8 @@ def _scale_bars(axes: Axes, factor: float | None) -> None:
         )
 
 
+PROFILE_DPI = 160
+PROFILE_DOTS = 1600, 1920  # width and height of ``profile.png`` (ours)
 REASON_LETTERS = 130  # letters of a line in which it is said why a cut stopped
 
 
@@ -440,7 +443,8 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) 
     """
     from edmsim.recording.figures.canvas import NotebookFigure
 
-    figure = NotebookFigure(figsize=(10.0, 12.0), dpi=160, facecolor="white")
+    inches = (PROFILE_DOTS[0] / PROFILE_DPI, PROFILE_DOTS[1] / PROFILE_DPI)
+    figure = NotebookFigure(figsize=inches, dpi=PROFILE_DPI, facecolor="white")
     outer = figure.add_gridspec(
         2, 1, height_ratios=[1.32, 1.0], hspace=0.13, left=0.085, right=0.915, top=0.908, bottom=0.05
     )
@@ -468,10 +472,22 @@ def mark_passes(panels: list[Axes], windows: pa.Table, report: Report) -> None:
         )  # fmt: skip
 
 
+def profile_png(scene: Scene, windows: pa.Table, report: Report, title: str) -> bytes:
+    """Return `profile_figure` as PNG: ``profile.png``, and the first picture of the report's page."""
+    return figure_png(profile_figure(scene, windows, report, title))
+
+
+def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> bytes:
+    """Return a figure as PNG, the same bytes each time."""
+    written = io.BytesIO()
+    figure.savefig(written, format="png", dpi=dpi, metadata={"Software": "edmsim"})
+    return written.getvalue()
+
+
 def write_figure(figure: Figure, file: str | Path) -> None:
     """Write a figure as PNG; a file of that name is replaced whole or not at all."""
     with replacing(file) as partial:
-        figure.savefig(partial, format="png", metadata={"Software": "edmsim"})
+        partial.write_bytes(figure_png(figure))
 
 
 def _heading(figure: Figure, report: Report, title: str) -> None:
