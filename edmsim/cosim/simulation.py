@@ -29,9 +29,8 @@ from edmsim.cosim.cycle import Cycle
 from edmsim.cosim.legs import Leg, ProgramPlace, legs_of
 from edmsim.cosim.motion import PlannerMotion
 from edmsim.cosim.observers import Observer
-from edmsim.cosim.passes import PassLog, PassSetup
+from edmsim.cosim.passes import PassLog, PassSetup, Sums
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
-from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import held_period_us
