@@ -55,9 +55,8 @@ class StretchComparison:
 
     def take_noise_of(self, machine: Machine) -> None:
         """Weigh the statistics by the noise of this machine's cuts."""
-        # what they scatter by depends on where between open and short a cut stands, and a log made under a
-        # gap controller does not tell: the controller holds its counts more steadily than a cut at a fixed
-        # feed can
+        # what they scatter by depends on where between open and short a cut stands, and a log made under a gap
+        # controller does not tell: the controller holds its counts more steadily than a cut at a fixed feed can
         self._scales = self._noise_scales(machine)
 
     @property
@@ -96,10 +95,9 @@ class StretchComparison:
 
     def _noise_scales(self, machine: Machine) -> list[Array]:
         """Lower triangular roots of the covariance of simulated less logged statistics, one (5, 5) per stretch."""
-        # batches of the log know how noisy each stretch is, but not the slow part: walls that are passed
-        # for a wire's diameter of travel. How much more stretches vary than their batches say, and how
-        # their statistics hang together, is seen from cuts of the same stretch with other seeds. The
-        # simulated cut doubles the variance
+        # batches of the log know how noisy each stretch is, but not the slow part: walls that are passed for a wire's
+        # diameter of travel. How much more stretches vary than their batches say, and how their statistics hang
+        # together, is seen from cuts of the same stretch with other seeds. The simulated cut doubles the variance
         repeats = max(LEAST_REPLICATES, math.ceil(NOISE_CUTS / len(self.picked)))
         first = self._seed + len(self.picked)
         jobs = [(machine, k, first + r * len(self.picked) + k)

@@ -107,9 +107,7 @@ def _elsewhere(env_id: str, controllers: list[str], seeds: int | None, watch: An
     return transfer(env_id, controllers, USUAL_CUTS if seeds is None else seeds, watch=watch)
 
 
-def _measured(
-    policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any
-) -> list[Score]:
+def _measured(policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any) -> list[Score]:
     from edmsim.learning import policy_file
     from edmsim.learning.score import RESOLUTIONS, measure, write_card
 

@@ -36,8 +36,7 @@ class PassSetup(NamedTuple):
 class Sums:
     """Pulses of each class, energy and voltage over time of a cut; all pulses count, those before a break as well."""
 
-    # the voltage is that of the gap with its sign, equalising pulses included; their supply's energy is by
-    # itself
+    # the voltage is that of the gap with its sign, equalising pulses included; their supply's energy is by itself
 
     short: int = 0
     open: int = 0

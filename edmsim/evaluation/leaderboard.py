@@ -61,9 +61,7 @@ def _comparison(env_id: str, entry: dict[str, Any]) -> Comparison:
         return {key: math.nan if value is None else value for key, value in zip(columns, cut, strict=True)}
 
     results = {
-        name: [
-            Result(seed=seed, controller=name, **values(cut)) for seed, cut in zip(seeds, cuts, strict=True)
-        ]
+        name: [Result(seed=seed, controller=name, **values(cut)) for seed, cut in zip(seeds, cuts, strict=True)]
         for name, cuts in entry["controllers"].items()
     }
     return Comparison.of(env_id, entry["resolution"], seeds, results)

@@ -56,9 +56,7 @@ OF_TASK = {
     "MaxRate": Lines(
         "fixed-period", "heat-oracle", USUAL.rehearsed, ("fixed-period", "sato", "heat-flux", "heat-oracle"),
     ),
-    "MaxRateShift": Lines(
-        "heat-flux", "heat-oracle", USUAL.rehearsed, ("heat-flux", "adaptive-hold", "heat-oracle"),
-    ),
+    "MaxRateShift": Lines("heat-flux", "heat-oracle", USUAL.rehearsed, ("heat-flux", "adaptive-hold", "heat-oracle")),
     "ThinWireShift": Lines(
         f"{_GAP},period_factor=1.4", "climb:open_target_share=0.05", USUAL.rehearsed,
         (f"{_GAP},period_factor=1.4", "climb:open_target_share=0.05", _THIN_ADAPTIVE),

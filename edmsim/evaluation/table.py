@@ -55,9 +55,7 @@ def ranked(comparison: Comparison, by: str = "score") -> list[str]:
 
 def columns(comparison: Comparison) -> list[str]:
     """Return the figures that the environment has."""
-    return [
-        name for name in FIGURES if any(not math.isnan(f[name].value) for f in comparison.figures.values())
-    ]
+    return [name for name in FIGURES if any(not math.isnan(f[name].value) for f in comparison.figures.values())]
 
 
 def render(comparison: Comparison, width: int) -> RenderableType:

@@ -103,9 +103,7 @@ def write_html(
         partial.write_bytes(page(report, title, profile, drawn, left_out).encode("utf-8", "replace"))
 
 
-def page(
-    report: Report, title: str, profile: bytes, drawn: Iterable[Picture], left_out: Iterable[str] = ()
-) -> str:
+def page(report: Report, title: str, profile: bytes, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:
     """Return the page; its pictures are in it as PNG, the first as wide as the page, each enlarged by a click."""
     notices = [*report.notices, *left_out]
     first = _enlarged("profile", PROFILE_CAPTION, _address(profile), *PROFILE_DOTS)
