@@ -173,15 +173,22 @@ class Cuts:
                 sys.stderr.write(f"{self.task}: {done} of {len(missing)} cuts, {left_s / 60:.0f} min left; "
                                  f"{name} {row['return']:.0f}\n")
 
+    def has(self, name: str, seed: int) -> bool:
+        """Whether a cut has been made."""
+        return (name, seed) in self._made
+
     def of(self, name: str, seeds: Sequence[int], what: str = "return") -> np.ndarray:
         """Return a figure of a controller's cuts, (seeds,)."""
         return np.array([self._made[name, seed][what] for seed in seeds], float)
 
+    def results(self, name: str, seeds: Sequence[int]) -> list[Result]:
+        """Return a controller's cuts."""
+        return [Result(*self._made[name, seed]["result"]) for seed in seeds]
 
     def comparison(self, names: Sequence[str], seeds: Sequence[int]) -> Comparison:
         """Return the cuts of some controllers as an evaluation makes them."""
         env_id, lines = env_id_of(self.task), lines_of(env_id_of(self.task))
-        results = {name: [Result(*self._made[name, seed]["result"]) for seed in seeds] for name in names}
+        results = {name: self.results(name, seeds) for name in names}
         figures = {
             name: figures_of(made, results[lines.reference], results[lines.blind]) for name, made in results.items()
         }

@@ -40,13 +40,13 @@ COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         "train": train, "dataset": dataset, "evaluate": evaluate, "validate": validate, "bench": bench, "gap": gap,
         "export": export, "warm-up": warm_up,
     }),
-    "sweep": ("Make many cuts from one specification.", {"run": sweep.run, "show": sweep.show}),
-    "tune": ("Search gains, settings of a controller or a training, a drive.", {
+    "sweep": ("Run many cuts from one specification.", {"run": sweep.run, "show": sweep.show}),
+    "tune": ("Search for gains, settings of a controller or a training; tune a drive.", {
         "gains": tune.gains, "own": tune.own, "training": tune.training, "population": tune.population,
         "drive": tune.drive,
     }),
     "measure": ("Measure a machine's table, or its wire guides.", {"table": measure.table, "guides": measure.guides}),
-    "console": ("Operate the 1982 controller, a servo drive or a positioner.", {
+    "console": ("Operate the controller of 1982, a servo drive or a positioner.", {
         "1982": terminal, "servo": servo, "positioner": positioner,
     }),
 }  # fmt: skip
@@ -62,7 +62,7 @@ for _name, (_purpose, _commands) in COMMANDS.items():
 
 @app.callback(invoke_without_command=True)
 def _version(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
 ) -> None:
     if version:
         OUT.print(__version__, highlight=False)

@@ -117,7 +117,7 @@ def _parameter(name: str, field: FieldInfo, taken: _Taken) -> inspect.Parameter:
 
     own, help_text = fact(field, Flag) or Flag(), meaning(name, field).replace("``", "").replace("`", "")
     if own.many:
-        help_text += " May be given again."
+        help_text += " Repeatable."
     kind, default = _kind(field.annotation, own.many), taken.instead.get(name, field.default)
     if isinstance(default, Unset):
         help_text, default = f"{help_text} {default.text}", None

@@ -16,20 +16,20 @@ from edmsim.cli.options import takes
 def terminal(
     host: Annotated[Path | None, typer.Option(help="File that the host sends when LOAD asks for a program.")] = None,
     speed: Annotated[
-        float | None, typer.Option(help="Machine seconds per second; default 1, or as fast as can be in a pipe.")
+        float | None, typer.Option(help="Machine seconds per second; default: 1, or full speed in a pipe.")
     ] = None,
     fault: Annotated[
         list[str] | None,
         typer.Option(
-            help="A fault to inject: serial-noise, drop-out, stuck-end-switch, stuck-wire-sensor; may be given again."
+            help="Inject a fault: serial-noise, drop-out, stuck-end-switch, stuck-wire-sensor; repeatable."
         ),
     ] = None,
     monitor: Annotated[bool, typer.Option("--monitor", help="Begin in the monitor; G 0400 starts MAIN.")] = False,
-    tapes: Annotated[Path | None, typer.Option(help="Folder of tapes, Intel HEX; default here.")] = None,
-    view: Annotated[bool, typer.Option(help="Live view of digits and pulses at a real terminal.")] = True,
+    tapes: Annotated[Path | None, typer.Option(help="Folder of tapes, Intel HEX; default: the current one.")] = None,
+    view: Annotated[bool, typer.Option(help="Show digits and pulses live in a terminal.")] = True,
     **options: Any,
 ) -> None:
-    """Sit at the 1982 controller's terminal."""
+    """Operate the controller of 1982 at its terminal."""
     from edmsim.consoles.computer_1982.command import choose_faults, run
     from edmsim.consoles.computer_1982.rig import Rig
     from edmsim.job.settings import CutSettings
@@ -51,19 +51,19 @@ def terminal(
 def servo(
     drive: Annotated[str, typer.Argument(help="Drive: uhu or servo-module.", show_default=False)],
     axis: Annotated[
-        str, typer.Option(help="Of the machine: x, y; others: bench, table, fast, low-impedance.")
+        str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")
     ] = "bench",
-    tuned: Annotated[bool, typer.Option("--tuned", help="Tuned for the axis, not as delivered.")] = False,
+    tuned: Annotated[bool, typer.Option("--tuned", help="Start with parameters tuned for the axis.")] = False,
     pty: Annotated[bool, typer.Option("--pty", help="Open a serial port for a terminal program.")] = False,
     speed: Annotated[
-        float | None, typer.Option(help="Simulated seconds per second, by default 1; scripts take none.")
+        float | None, typer.Option(help="Simulated seconds per second; default: 1; scripts run at full speed.")
     ] = None,
     scope: Annotated[
-        bool, typer.Option("--scope", help="Draw tracking error, duty, current, place, speed live, in rerun.")
+        bool, typer.Option("--scope", help="Draw tracking error, duty, current, position, speed live in rerun.")
     ] = False,
-    record: Annotated[Path | None, typer.Option(help="Write these curves as a recording, .rrd.")] = None,
+    record: Annotated[Path | None, typer.Option(help="File for these curves, .rrd.")] = None,
 ) -> None:
-    """Sit at a servo drive's serial terminal."""
+    """Operate a servo drive at its serial terminal."""
     from edmsim.consoles.servo.command import bench_for
     from edmsim.consoles.servo.scope import Scope
     from edmsim.consoles.servo.session import serve
@@ -95,7 +95,7 @@ def positioner(
     contactor: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="OUTPUT=DEVICE", help="Output that leads a drive shared by devices to its motor; repeatable."
+            metavar="OUTPUT=DEVICE", help="Output that connects a shared drive to a motor, OUTPUT=DEVICE; repeatable."
         ),
     ] = None,
     axis: Annotated[str, typer.Option(help="Motor, screw and table: analogue or analogue-table.")] = "analogue",

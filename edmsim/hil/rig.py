@@ -81,9 +81,7 @@ class PlainGenerator:
         return {}
 
 
-BOARDS: dict[str, Callable[[], Board]] = {
-    board.name: board for board in (PowercoreV3, PowercoreV2, Pulser)
-}  # fmt: skip
+BOARDS: dict[str, Callable[[], Board]] = {board.name: board for board in (PowercoreV3, PowercoreV2, Pulser)}
 """Boards by name."""
 
 

@@ -1,6 +1,6 @@
-"""One cut from program file to outputs: what `edmsim.cut` and ``edmsim cut`` do.
+"""One cut from program file to outputs: `edmsim.cut` and ``edmsim cut``.
 
-Ctrl-C, SIGTERM and SIGHUP (its terminal closes) end it only where nothing is left half done.
+Ctrl-C, SIGTERM and SIGHUP (its terminal closes) end it only at points where no work is half done.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class NotedSignals:
 
 @contextmanager
 def noted() -> Iterator[NotedSignals]:
-    """Note these signals in place of what they do otherwise, in the main thread, where nobody else handles them."""
+    """Defer these signals in the main thread if there is no other handler."""
     interrupts = NotedSignals()
     taken = {}
     if threading.current_thread() is threading.main_thread():
@@ -137,11 +137,11 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     Raises
     ------
     InputError
-        Anything that cannot be used; nothing has been written then.
+        If the program or an option cannot be used. No file has been written then.
     EdmsimError
-        The results could not be written, on a full disk say; the checkpoint then holds the cut.
+        If the results cannot be written, for example on a full disk. You can resume from the checkpoint.
     KeyboardInterrupt
-        Ctrl-C, SIGTERM or SIGHUP, at any time; the checkpoint in the folder, if there is one, then holds the cut.
+        On Ctrl-C, SIGTERM or SIGHUP. You can resume from the checkpoint in the folder, if there is one.
     """
     running = Running.model_validate({name: options.pop(name) for name in Running.model_fields if name in options})
     watch, enter, out = running.watch, running.enter, running.out
@@ -172,7 +172,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
 
 
 def make_controller(choice: str | FeedController) -> FeedController:
-    """Make a feed controller that a machine could have, or take one; see `edmsim.controllers.from_text`."""
+    """Return a feed controller for a cut, from its text or as given; see `edmsim.controllers.from_text`."""
     controller = from_text(choice, cutting=True) if isinstance(choice, str) else check_is_controller(choice)
     if isinstance(controller, SeesTruth):
         raise InputError(
@@ -208,7 +208,7 @@ def planned(
 
 
 def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights | None:
-    """Return where the control takes the guides to be, of known errors; None if the upper one does not move."""
+    """Return the guides' positions as known to the control; None if the upper guide does not move."""
     travel, clearance_mm = machine.base.guides.upper_travel_mm, machine.base.guides.clearance_mm.value
     if travel is None:
         return None
@@ -220,7 +220,7 @@ def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights 
 
 
 class Prepared(NamedTuple):
-    """What a cut is made of, before anything is simulated; of one in passes, the settings are the technology's."""
+    """All inputs of a cut before the simulation; for a cut in passes, with the settings of the technology."""
 
     settings: CutSettings
     machine: Machine
@@ -237,7 +237,7 @@ def prepared(
     program: str | Path, settings: CutSettings,
     plan: Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath] = planned,
 ) -> Prepared:
-    """Read all that a cut needs, and refuse what it cannot be made with; nothing is simulated."""
+    """Read and check all inputs of a cut, without simulation."""
     found = with_passes(program, settings, plan)
     settings, path = found.settings, found.path
     machine, file = settings.load_machine(), settings.compensation

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
-from edmsim.learning import hyperparameters, policy_file
-from edmsim.learning.curve import in_words
+from edmsim.learning import hyperparameters, policy_file, safe
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import measure, render
@@ -18,6 +20,30 @@ from edmsim.learning.score import measure, render
 if TYPE_CHECKING:
     from edmsim.learning.train import TrainingProgress
     from edmsim.screen import ScreenTable
+
+AT_ENDS = 10
+"""Points of a curve's first and last part; their means say where it begins and ends (ours: single ones are noise)."""
+RISEN = 0.2  # share of the whole rise from which on a curve has begun to rise (ours)
+LEAST_RISE = 3.0  # least rise that counts, over the spread of the first part (ours)
+
+
+def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
+    """Say from when on a learning curve rises: mean returns (NaN before the first ended) over steps or decisions."""
+    known = [(step, value) for step, value in zip(steps, returns, strict=True) if not math.isnan(value)]
+    if not known:
+        return "no episode has ended"
+    at, values = (np.array(column, float) for column in zip(*known, strict=True))
+    part = max(len(values) // AT_ENDS, 1)
+    begin, end = float(np.median(values[:part])), float(np.median(values[-part:]))
+    if end - begin <= LEAST_RISE * float(np.ptp(values[:part])) or end <= begin:
+        return f"flat to the end, {at[-1]:,.0f} steps: from {begin:.0f} to {end:.0f}"
+    below = np.flatnonzero(values < begin + RISEN * (end - begin))
+    last = int(below[-1]) if len(below) else 0
+    if last < part:
+        return f"rising from the begin, from {begin:.0f} to {end:.0f}"
+    digits = -max(int(math.log10(max(at[last], 1.0))) - 1, 0)
+    return f"flat until about {round(at[last], digits):,.0f} steps, then from {begin:.0f} to {end:.0f}"
+
 
 CURVE_POINTS = 200  # points of the learning curve that is put into words (ours)
 
@@ -33,6 +59,7 @@ class TrainOptions(NamedTuple):
     # one in `record_every` of the first sub-environment's episodes is recorded into the folder ``episodes``
     record_every: int | None = None
     live: bool = False  # whether these are shown in rerun's viewer as they end
+    safe: int | None = None  # machines on which what was learned must not earn less than the start
 
     def policy(self) -> Policy | None:
         """Return the policy that the training begins with."""
@@ -45,6 +72,7 @@ class TrainOptions(NamedTuple):
         words += [] if self.teacher is None else ["--teacher", self.teacher]
         words += ["--privileged-critic"] if self.privileged_critic else []
         words += [] if self.start is None else ["--start", self.start]
+        words += [] if self.safe is None else ["--safe", str(self.safe)]
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:
@@ -78,6 +106,8 @@ def run(
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
     from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
 
+    if options.safe is not None:
+        safe.check(options.safe, options.start)
     if resume and options.words():
         raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
     named = resolve(env_id)
@@ -104,6 +134,10 @@ def run(
         policy_file.write(card, packed, file)
         if returns:
             bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*returns, strict=True))}")
+        if options.safe is not None and options.start is not None:
+            verdict = safe.accept(done.env_id, file, options.start, options.safe, bar.show)
+            bar.show("accept", 1, 1, verdict.words())
+            card, packed = policy_file.load(str(file)).card, file.with_suffix(".npz").read_bytes()
         if not episodes:
             return None
         scores = measure(done.env_id, str(file), episodes, bar.show)

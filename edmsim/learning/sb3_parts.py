@@ -147,9 +147,7 @@ def around(vec_env: Any) -> Around:
             raise _unknown(env)
         env = env.env
     if not isinstance(env, EdmEnv):
-        raise InputError(
-            f"{type(env).__name__} is not an environment of edmsim: make it by make_sb3_vec_env"
-        )
+        raise InputError(f"{type(env).__name__} is not an environment of edmsim: make it by make_sb3_vec_env")
     return Around(env.family, normalise, residual)
 
 

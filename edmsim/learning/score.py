@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from edmsim.envs.registry import find
+from edmsim.envs.shift import Shift
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result
@@ -33,8 +35,14 @@ class Measured(NamedTuple):
 
 
 def measured_with(env_id: str) -> Measured:
-    """Return rivals and resolutions of an environment; parts take long, and are cut as the policy learnt it only."""
-    return Measured(("technology", "corrected"), ("fast",)) if is_part(env_id) else Measured(RIVALS, RESOLUTIONS)
+    """Return rivals and resolutions of an environment; parts and shifts take long, and are cut as they are learnt."""
+    if is_part(env_id):
+        return Measured(("technology", "corrected"), ("fast",))
+    return Measured(("adaptive-hold",), ("fast",)) if _is_shift(env_id) else Measured(RIVALS, RESOLUTIONS)
+
+
+def _is_shift(env_id: str) -> bool:
+    return issubclass(find(env_id)[0], Shift)
 
 
 class Score(NamedTuple):

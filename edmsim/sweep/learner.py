@@ -17,7 +17,7 @@ from edmsim.sweep.tune import judge_policy
 WHOSE = "learner.json"  # file of a checkpoint that says whose it is
 
 
-class Learner(tune.Trainable):
+class Learner(tune.Trainable):  # type: ignore[misc]
     """Trains on from its own checkpoint, or from another learner's, with the settings it has now."""
 
     def setup(self, config: dict[str, Any]) -> None:
@@ -75,7 +75,7 @@ class Learner(tune.Trainable):
         self._folder.cleanup()
 
 
-class Watching(tune.Callback):
+class Watching(tune.Callback):  # type: ignore[misc]
     """Tells the driver of every generation of a learner."""
 
     watch: Callable[[dict[str, Any]], object] = staticmethod(lambda _: None)

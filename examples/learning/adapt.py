@@ -36,17 +36,23 @@ from edmsim.learning.policy_file import Hold, write_hold
 
 ENV_ID, FIRST_SEED = "edmsim/MaxRateShift-v0", 10_000
 SECONDS = 240.0  # of each training machine
-HOLD = Hold(law="heat-flux:shortest_us=12.5", low=0.04, high=2.0)
+LAW = "heat-flux:shortest_us=12.5,recovery_s=0.5,retract_feed_um_s=80"
+HOLD = Hold(law=LAW, low=0.04, high=2.0)
 ENVIRONMENT = {"decision_s": 1.0, "history": 1}
 MOST_TARGET = 0.3  # open share that the servo holds at an action of 1; 0 at -1
 ENTRIES = make_family(ENV_ID, **ENVIRONMENT).entries()
 NAMES = [*(entry.name for entry in ENTRIES), "held", "flux", "broke_flux"]
 AT = {name: k for k, name in enumerate(NAMES)}
 DIALS = "tension", "height", "flushing_lower", "flushing_upper"
-SHOWN = *DIALS, "wires_lost", "wire_age", "spent", "held", "flux", "broke_flux", "short", "open", "t_period"
-"""What the student looks at."""
+FIFTHS = tuple(f"fifth_{k}" for k in range(1, 6))
+SHOWN = *DIALS, *FIFTHS, "wires_lost", "wire_age", "spent", "held", "flux", "broke_flux", "short", "open", "t_period"
+"""What the student looks at: where along the height pulses ignite says something of the limit beforehand."""
+SHORTED = 0.25  # share of shorts from which on a second is not one of cutting
+FIRST_S = 40  # in which the first workpiece, the highest, shows how ignitions are distributed
 SHIFT_S, TEST_S, THREADING_S, WIRES = 1200, 60, 20.0, 100
 RISE_S = 2.0  # of cutting that a fresh wire loses until it is at its period
+OPENS = 0.15  # share of open pulses at which a limit is the flux itself
+SLOPE = 0.15  # deviation of the slopes beforehand (ours)
 LIMITS = torch.linspace(math.log(0.03), math.log(4.0), 120)
 
 
@@ -110,12 +116,13 @@ def record(seed: int, seconds: float, file: Path) -> None:
 
 
 class History(NamedTuple):
-    """Steps of a machine: logarithm of the flux, duration, whether the wire broke; and the dials."""
+    """Steps of a machine: logarithm of the flux, opens, seconds, whether the wire broke; what is known beforehand."""
 
     flux: torch.Tensor
+    opens: torch.Tensor
     seconds: torch.Tensor
     broke: torch.Tensor
-    dials: np.ndarray
+    before: np.ndarray
 
 
 def history_of(file: Path) -> History:
@@ -125,8 +132,11 @@ def history_of(file: Path) -> History:
     broke = np.diff(rows[:, AT["wires_lost"]]) > 0.5 / WIRES
     seconds = np.clip(np.diff(rows[:, AT["spent"]]) * SHIFT_S - THREADING_S * broke, 0.01, 1.5)
     flux = np.where(broke, after[:, AT["broke_flux"]], after[:, AT["flux"]])
-    dials = rows[0, [AT[name] for name in DIALS]]
-    return History(torch.tensor(flux).float(), torch.tensor(seconds).float(), torch.tensor(broke), dials)
+    broke &= after[:, AT["short"]] < SHORTED  # the others say nothing of the flux that a wire bears
+    cutting = after[:FIRST_S][after[:FIRST_S, AT["short"]] < SHORTED]
+    before = np.append(rows[0, [AT[name] for name in DIALS]], cutting[:, [AT[name] for name in FIFTHS]].mean(axis=0))
+    steps = (torch.tensor(each).float() for each in (flux, after[:, AT["open"]] - OPENS, seconds))
+    return History(*steps, torch.tensor(broke), before)
 
 
 # 2. the teacher
@@ -135,33 +145,46 @@ def history_of(file: Path) -> History:
 class Hazard:
     """When wires break: exp(steepness (flux - limit)) / 60 per s, and by chance; all fluxes are logarithms.
 
-    A machine's limit is drawn around a linear function of its dials. Everything is fitted by maximum likelihood, the
-    limits by their probability at each of `LIMITS`.
+    Where many pulses stay open those that ignite do so in bursts: a share of opens counts as some more flux.
+    A machine's limit is drawn around a linear function of its dials and of where its pulses ignite. All is fitted by
+    the likelihood of the histories; slopes are small beforehand, as machines are few.
     """
 
-    def __init__(self, histories: list[History], steps: int = 300) -> None:
-        dials = np.array([one.dials for one in histories])
-        self.dials_mean, self.dials_std = dials.mean(axis=0), dials.std(axis=0)
-        dials = torch.tensor((dials - self.dials_mean) / self.dials_std).float()
-        start = [math.log(0.6), *np.zeros(len(DIALS)), math.log(0.5), math.log(15.0), math.log(1 / 1200)]
+    def __init__(self, histories: list[History], steps: int = 250) -> None:
+        self.before = torch.tensor(np.array([one.before for one in histories])).float()
+        self.mean, self.std = self.before.mean(dim=0), self.before.std(dim=0)
+        normal = self.normal(self.before)
+        count = len(self.mean)
+        start = [math.log(0.6), *np.zeros(count), 0.0, math.log(0.5), math.log(15.0), math.log(1 / 1200)]
         fitted = torch.tensor(start, dtype=torch.float32, requires_grad=True)
         optimiser = torch.optim.Adam([fitted], lr=0.03)
         for _ in range(steps):
-            middle, slopes, (spread, steep, chance) = fitted[0], fitted[1:-3], fitted[-3:].exp()
-            likely = torch.stack([self._likelihood(one, steep, chance) for one in histories])
-            before = torch.log_softmax(-0.5 * ((LIMITS - (middle + dials @ slopes)[:, None]) / spread) ** 2, dim=1)
-            loss = 0.5 * (slopes**2).sum() - torch.logsumexp(likely + before, dim=1).sum()
+            middle, slopes, by_opens = fitted[0], fitted[1:-4], fitted[-4]
+            spread, steep, chance = fitted[-3:].exp()
+            likely = torch.stack([self._likelihood(one, by_opens, steep, chance) for one in histories])
+            before = torch.log_softmax(-0.5 * ((LIMITS - (middle + normal @ slopes)[:, None]) / spread) ** 2, dim=1)
+            loss = 0.5 * ((slopes / SLOPE) ** 2).sum() + 0.5 * by_opens**2
+            loss = loss - torch.logsumexp(likely + before, dim=1).sum()
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
         after = torch.softmax(likely + before, dim=1).detach()
         self.limits = (after * LIMITS).sum(dim=1)  # of the machines, by all their history
-        self.middle, self.slopes = float(middle.detach()), slopes.detach()
+        self.middle, self.slopes, self.by_opens = float(middle.detach()), slopes.detach(), float(by_opens.detach())
         self.spread, self.steepness, self.chance = (float(one.detach()) for one in (spread, steep, chance))
 
+    def normal(self, before: torch.Tensor) -> torch.Tensor:
+        """Return what is known beforehand with mean 0 and variance 1."""
+        return (before - self.mean) / self.std
+
+    def expected(self, before: torch.Tensor) -> torch.Tensor:
+        """Return the limits that are expected before a wire has broken."""
+        return self.middle + self.normal(before) @ self.slopes
+
     @staticmethod
-    def _likelihood(one: History, steep: torch.Tensor, chance: torch.Tensor) -> torch.Tensor:
-        hazard = chance + torch.exp((steep * (one.flux[:, None] - LIMITS)).clamp(-30, 8)) / 60
+    def _likelihood(one: History, by_opens: torch.Tensor, steep: torch.Tensor, chance: torch.Tensor) -> torch.Tensor:
+        counted = one.flux + by_opens * one.opens
+        hazard = chance + torch.exp((steep * (counted[:, None] - LIMITS)).clamp(-30, 8)) / 60
         return torch.log(hazard[one.broke]).sum(dim=0) - (hazard * one.seconds[:, None]).sum(dim=0)
 
     def per_s(self, over: torch.Tensor) -> torch.Tensor:
@@ -173,8 +196,9 @@ class Hazard:
 EXPONENT = 0.75  # growth of the rate's logarithm with the flux's: 0.6 to 1.0 on the training machines
 CAP, CAP_SPREAD = math.log(0.85), 0.3  # flux at the shortest period, where the supply gives no more: 0.5 to 1.4
 SHORTS, SHORTS_SPREAD, SHORTS_FALL = math.log(0.06), 0.9, (1.0, 9.0)  # share a exp(-b target) of shorts: a, and b
-WORN, WANDER = 0.15, 0.01  # drift of the limit in a shift, and its wandering per second (ours)
-LEAST_US = 12.5
+WORN, WANDER = 0.15, 0.003  # drift of the limit in a shift, and its wandering per second (ours)
+IN_SHORTS_PER_S = 1 / 3600  # wires that break in shorts, whatever the flux (ours)
+LEAST_US, WORKPIECE_S = 12.5, 80.0
 
 
 class Shop:
@@ -182,9 +206,11 @@ class Shop:
 
     def __init__(self, hazard: Hazard, count: int) -> None:
         self.hazard, self.count = hazard, count
-        dials = torch.randn(count, len(DIALS)).clamp(-1.8, 1.8)
-        self.dials = dials * torch.tensor(hazard.dials_std).float() + torch.tensor(hazard.dials_mean).float()
-        self.limit = hazard.middle + dials @ hazard.slopes + hazard.spread * torch.randn(count)
+        alike = torch.randint(len(hazard.before), (count,))  # like a training machine in what is known beforehand
+        before = hazard.before[alike] + 0.3 * hazard.std * torch.randn(count, len(hazard.mean))
+        self.dials, self.fifths = before[:, : len(DIALS)], before[:, len(DIALS) :].clamp(min=0.02)
+        self.limit = hazard.expected(before) + hazard.spread * torch.randn(count)
+        self.height = torch.ones(count)  # of the workpiece at work, in the greatest
         self.cap = CAP + CAP_SPREAD * torch.randn(count)
         self.worn = -WORN * torch.rand(count) / SHIFT_S
         self.shorts = torch.exp(SHORTS + SHORTS_SPREAD * torch.randn(count)).clamp(max=0.3)
@@ -196,45 +222,58 @@ class Shop:
         """Return the entries of `SHOWN`, (count, entries)."""
         age, spent = (self.age / 60).clamp(max=1), (self.spent / SHIFT_S).clamp(max=1)
         known = torch.stack([self.lost / WIRES, age, spent, self.held, self.flux, self.broke], dim=1)
-        return torch.cat([self.dials, known, self.shown], dim=1)
+        reached = (5 * self.height[:, None] - torch.arange(5)).clamp(0, 1)
+        fifths = self.fifths * reached * (1 + 0.1 * torch.randn(self.count, 5))
+        return torch.cat([self.dials, fifths / fifths.sum(dim=1, keepdim=True), known, self.shown], dim=1)
 
     def ignited(self, target: torch.Tensor) -> torch.Tensor:
         """Return the share of pulses that ignite: no shorts, and no opens, which are as many more as the target."""
         return 1 - target - 2 * self.shorts * torch.exp(-self.fall * target)
 
+    def hot(self, flux: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+        """Return the hazard of a flux at a target, per s."""
+        opens = self.shorts * torch.exp(-self.fall * target) + target
+        return self.hazard.per_s(flux + self.hazard.by_opens * (opens - OPENS) - self.limit)
+
     def look_ahead(self) -> None:
         """Note what one who knows the machine would reach; it changes slowly."""
-        self.best = torch.stack([self.net(self.limit + step) for step in torch.linspace(-0.5, 0.0, 8)]).amax(dim=0)
         targets = [torch.full((self.count,), target) for target in torch.linspace(0, MOST_TARGET, 9).tolist()]
+        nets = [self.net(self.limit + step, targets[0]) for step in torch.linspace(-0.5, 0.2, 9)]
+        self.best = torch.stack(nets).amax(dim=0)
         self.most_ignited = torch.stack([self.ignited(target) for target in targets]).amax(dim=0)
 
-    def net(self, flux: torch.Tensor) -> torch.Tensor:
-        """Return the rate by holding a flux, less what broken wires take."""
+    def net(self, flux: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+        """Return the rate by holding a flux at a target, less what broken wires take."""
         # in the test cut a broken wire costs its time only as far as that lasts
         lost_s = torch.where(self.spent < TEST_S - THREADING_S, 0.3, 1.0) * (THREADING_S + RISE_S)
         flux = torch.minimum(flux, self.cap)
-        return torch.exp(EXPONENT * flux) / (1 + self.hazard.per_s(flux - self.limit) * lost_s)
+        return torch.exp(EXPONENT * flux) / (1 + self.hot(flux, target) * lost_s)
 
     def loss(self, hold: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
         """Return which share of the best net rate a hold and a target lose, (count,); the limit is known here."""
         # beyond the cap more hold earns nothing, and breaks the next wire
-        by_hold = 1 - self.net(hold) / self.best + 0.02 * (hold - self.cap).clamp(min=0)
+        by_hold = 1 - self.net(hold, target) / self.best + 0.02 * (hold - self.cap).clamp(min=0)
         by_target = 1 - self.ignited(target) / self.most_ignited
-        # below the cap the law makes up by the period for what does not ignite
-        return by_hold + torch.where(hold.detach() > self.cap, 1.0, 0.3) * by_target
+        # below the cap the law makes up by the period for what does not ignite, but in shorts it does not cut
+        return by_hold + torch.where(hold.detach() > self.cap, 1.0, 0.4) * by_target
 
     def step(self, hold: torch.Tensor, target: torch.Tensor) -> None:
         """Hold fluxes and targets for a second."""
         rising = torch.where(self.age < 1.5, 0.6, 1.0).log()
         flux = torch.minimum(hold + rising, self.cap) + 0.04 * torch.randn(self.count)
-        broken = torch.rand(self.count) < 1 - torch.exp(-self.hazard.per_s(flux - self.limit))
-        self.broke = torch.where(broken, flux + 0.03 * torch.randn(self.count), self.broke)
+        shorted = torch.rand(self.count) < IN_SHORTS_PER_S
+        broken = shorted | (torch.rand(self.count) < 1 - torch.exp(-self.hot(flux, target)))
+        noise = torch.where(shorted, -2.5 * torch.rand(self.count), 0.03 * torch.randn(self.count))
+        self.broke = torch.where(broken, flux + noise, self.broke)
         self.lost += broken
         self.age = torch.where(broken, 0.0, self.age + 1)
         self.spent += torch.where(broken, THREADING_S + 0.5, 1.0)
         self.held, self.flux = hold, flux
         self.limit = self.limit + self.worn + WANDER * torch.randn(self.count)
+        fresh = torch.rand(self.count) < 1 / WORKPIECE_S
+        self.height = torch.where(fresh, 0.5 + 0.5 * torch.rand(self.count), self.height)
         short = self.shorts * torch.exp(-self.fall * target + 0.3 * torch.randn(self.count))
+        short = torch.where(shorted, 0.3 + 0.6 * torch.rand(self.count), short)
         period = torch.log10(LEAST_US * torch.exp((self.cap - flux).clamp(min=0)))
         opens = (short + target + 0.03 * torch.randn(self.count)).clamp(min=0)
         self.shown = torch.stack([short, opens, period / 4], dim=1)
@@ -245,8 +284,10 @@ class Student(torch.nn.Module):
 
     def __init__(self, hazard: Hazard, cells: int) -> None:
         super().__init__()
-        self.mean = torch.tensor([*hazard.dials_mean, 0.02, 0.5, 0.5, -0.5, -0.5, -0.3, 0.06, 0.15, 0.32]).float()
-        self.std = torch.tensor([*hazard.dials_std, 0.02, 0.4, 0.3, 0.5, 0.5, 0.5, 0.06, 0.1, 0.05]).float()
+        means = [0.02, 0.5, 0.5, -0.5, -0.5, -0.3, 0.06, 0.15, 0.32]
+        stds = [0.02, 0.4, 0.3, 0.5, 0.5, 0.5, 0.06, 0.1, 0.05]
+        self.mean = torch.tensor([*hazard.mean, *means]).float()
+        self.std = torch.tensor([*hazard.std[: len(DIALS)], *[0.05] * 5, *stds]).float()
         self.memory, self.out = torch.nn.LSTMCell(len(SHOWN), cells), torch.nn.Linear(cells, 2)
         with torch.no_grad():
             self.out.weight.mul_(0.1)
@@ -301,7 +342,7 @@ def save(student: Student, file: Path, command: str, steps: int, seed: int) -> N
     out = student.out.weight.detach().double().numpy(), student.out.bias.detach().double().numpy()
     write_hold(
         file, env_id=ENV_ID, environment=ENVIRONMENT, hold=HOLD, mean=mean, variance=variance, lstm=lstm,
-        weights=[out[0].T], biases=[out[1]], algorithm="privileged-student", command=command, seed=seed, steps=steps,
+        weights=[out[0].T], biases=[out[1]], algorithm="adapt", command=command, seed=seed, steps=steps,
     )
 
 
@@ -323,9 +364,10 @@ def main() -> None:
             print(f"{k + 1} of {len(files)} machines recorded", flush=True)
     histories = [history_of(file) for file in files]
     hazard = Hazard(histories)
-    print(f"{sum(int(one.broke.sum()) for one in histories)} wires broke on {len(histories)} machines, whose limits' "
-          f"logarithms have a deviation of {float(hazard.limits.std()):.2f}, {hazard.spread:.2f} where the dials are "
-          f"known; steepness {hazard.steepness:.1f}, one by chance in {1 / hazard.chance:.0f} s", flush=True)
+    wires = sum(int(one.broke.sum()) for one in histories)
+    print(f"{wires} wires broke by their heat on {len(histories)} machines, whose limits' "
+          f"logarithms have a deviation of {float(hazard.limits.std()):.2f}, {hazard.spread:.2f} with what is "
+          f"known beforehand; steepness {hazard.steepness:.1f}", flush=True)
     student = taught(hazard, arguments.shifts)
     steps = sum(len(one.flux) for one in histories)
     options = f"--machines {arguments.machines} --shifts {arguments.shifts} --seed {arguments.seed}"

@@ -36,21 +36,14 @@ def test_a_motor_runs_up_to_its_no_load_speed_with_its_time_constant():
     assert bench.axis("x")["current_A"] == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_locked_rotor_draws_what_its_resistance_lets_through():
-    bench = bench_of(supply_ohm=1e-3)
-    bench.hold("x", True)
-    command(bench, 0.4)
-    bench.run(0.05)
-    assert bench.axis("x")["current_A"] == pytest.approx(0.4 * 30.0 / 0.5, rel=1e-3)
-    assert bench.axis("x")["speed_rad_s"] == 0.0
-
-
 def run_out_s(how):
     bench = bench_of()
     command(bench, 0.5)
     bench.run(0.3)
     if how == "freewheel":
         put_out(bench, FREEWHEEL)
+        bench.run(0.005)
+        assert (bench.axis("x")["current_A"], bench.axis("x")["speed_rad_s"] > 10.0) == (0.0, True)
     command(bench, 0.0)
     began = bench.time_s
     while abs(bench.axis("x")["speed_rad_s"]) > 10.0:
@@ -62,18 +55,13 @@ def test_a_bridge_that_is_off_lets_the_motor_run_out_and_one_at_half_duty_brakes
     assert run_out_s("freewheel") > 2.0 * run_out_s("short")
 
 
-def test_a_freewheeling_motor_has_no_current_left_after_its_diodes():
-    bench = bench_of()
-    command(bench, 0.7)
-    bench.run(0.05)
-    assert bench.axis("x")["current_A"] > 1.0
-    put_out(bench, FREEWHEEL)
-    bench.run(0.005)
-    assert bench.axis("x")["current_A"] == 0.0
-    assert bench.axis("x")["speed_rad_s"] > 10.0
-
-
 def test_a_supply_sags_under_load_and_gives_no_more_than_its_limit():
+    stiff = bench_of(supply_ohm=1e-3)
+    stiff.hold("x", True)
+    command(stiff, 0.4)
+    stiff.run(0.05)
+    assert stiff.axis("x")["current_A"] == pytest.approx(0.4 * 30.0 / 0.5, rel=1e-3)  # by its resistance
+    assert stiff.axis("x")["speed_rad_s"] == 0.0
     bench = bench_of(supply_ohm=0.5, supply_A=5.0)
     bench.hold("x", True)
     command(bench, 0.3)

@@ -20,7 +20,7 @@ from edmsim.errors import InputError
 from edmsim.job.cut import make_controller
 from edmsim.learning import policy_file
 from edmsim.learning.policy_controller import PolicyController
-from edmsim.learning.score import RESOLUTIONS, RIVALS
+from edmsim.learning.score import measured_with
 
 ROOT = Path(__file__).parents[2]
 
@@ -191,10 +191,12 @@ def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     policy = policy_file.load(file.stem)
     card = policy.card
     assert file.stem == f"{card.env_id.removeprefix('edmsim/')[:-3]}-{card.algorithm}"
-    assert card.command.startswith(f"edmsim train {card.trained_in or card.env_id} --algo {card.algorithm} ")
+    made_by = f"edmsim train {card.trained_in or card.env_id} --algo {card.algorithm} "
+    assert card.command.startswith((made_by, f"python examples/learning/{card.algorithm}.py "))
     assert card.trained_in != card.env_id
+    rivals, resolutions = measured_with(card.env_id)
     assert {(s["controller"], s["resolution"]) for s in card.scores} == {
-        (c, r) for c in ("policy", *RIVALS) for r in RESOLUTIONS
+        (c, r) for c in ("policy", *rivals) for r in resolutions
     }
     assert file.with_suffix(".npz").stat().st_size < 100_000
     assert (np.abs(policy.action(np.zeros(len(card.observation)))) <= 1).all()

@@ -180,6 +180,7 @@ def test_rows_around_events_are_not_averaged() -> None:
     assert len(many) <= 20_000 + 20_000 + 2 * 500  # bounded, however much happens
 
 
+@pytest.mark.slow
 def test_the_faces_of_passes_appear_when_these_end(cut: SimpleNamespace, tmp_path: Path) -> None:
     points = cut.scene.maps[0].points_mm[::5]
     error_um = np.array([[95.0], [40.0], [2.0]])[:, :, None] + np.array([-3.0, 0.0, 3.0])[:, None]

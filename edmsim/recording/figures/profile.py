@@ -410,7 +410,7 @@ def _scale_bars(axes: Axes, factor: float | None) -> None:
 
 
 PROFILE_DPI = 160
-PROFILE_DOTS = 1600, 1920  # width and height of ``profile.png`` (ours)
+PROFILE_DOTS = 1600, 1920  # width and height of `profile.png` (ours)
 REASON_LETTERS = 130  # letters of a line in which it is said why a cut stopped
 
 

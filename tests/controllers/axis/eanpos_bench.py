@@ -109,10 +109,11 @@ class Positioner:
         return self["errcode"] if self["st_error"] else 0
 
 
-def moving(**changes):
+def moving(seconds=1.0, **changes):
+    """Start a placement, and let it run for some time."""
     p = Positioner(**changes)
     p.do("START")
-    p.run(1.0)
+    p.run(seconds)
     assert not p["st_still"]
     return p
 

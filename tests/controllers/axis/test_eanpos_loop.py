@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.controllers.axis.eanpos_bench import TOP, Positioner
+from tests.controllers.axis.eanpos_bench import TOP, Positioner, moving
 
 NO_FRICTION = {"friction_Nm": 0.0, "stiction_Nm": 0.0, "way_friction_N": 0.0, "way_stiction_N": 0.0}
 
@@ -95,14 +95,10 @@ def test_the_integral_stops_in_saturation_and_ends_with_the_loop():  # Q-67
 
 
 def test_without_feed_forward_the_axis_lags_by_v_over_kv():
-    p = Positioner(feedfw=0, setpos=9000, maxfollerr=10000)
-    p.do("START")
-    p.run(6.0)
+    p = moving(6.0, feedfw=0, setpos=9000, maxfollerr=10000)
     assert p["follerr"] == pytest.approx(1333, abs=15)
     assert not p["st_foller"]
-    p = Positioner(feedfw=985, setpos=9000, setvel=100000)
-    p.do("START")
-    p.run(4.0)
+    p = moving(4.0, feedfw=985, setpos=9000, setvel=100000)
     assert p["follerr"] == pytest.approx(40, abs=8)
 
 
@@ -178,9 +174,7 @@ def test_maxvel_from_a_known_voltage():  # Q-47, Q-72
 
 
 def test_speed_and_frequency_every_250_ms():  # Q-A34
-    p = Positioner(setpos=-9000)
-    p.do("START")
-    p.run(2.0)
+    p = moving(2.0, setpos=-9000)
     assert p["frq"] == pytest.approx(833, abs=2)
     assert p["vel"] == pytest.approx(-49980, abs=120)
     values, times = [], []
@@ -298,9 +292,7 @@ def test_an_output_without_a_scale_is_nought():  # Q-A31
 
 def test_a_sample_may_be_shorter_than_an_edge_at_full_speed():  # 1.7.2: no condition of START
     amplifier = 10.471975511965978 * 600 / 100000  # rad/s at 1 V: 10 um/s at 10 V, 0.04 edges a ms
-    p = Positioner(tcamp_ms=1, maxvel=600, setvel=300, setpos=20, amplifier_rad_s_V=amplifier)
-    p.do("START")
-    p.run(2.0)
+    p = moving(2.0, tcamp_ms=1, maxvel=600, setvel=300, setpos=20, amplifier_rad_s_V=amplifier)
     assert 2 < p["posit"] < 18
     p.run(6.0)
     assert p.warning == 0

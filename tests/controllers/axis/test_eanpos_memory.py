@@ -12,7 +12,7 @@ from edmsim.controllers import axis
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.errors import InputError
-from tests.controllers.axis.eanpos_bench import Positioner
+from tests.controllers.axis.eanpos_bench import Positioner, moving
 
 RETENTIVE = [
     "measure", "pulse", "maxpos", "minpos", "prspos", "maxvel", "prsvel", "sprsvel", "toll", "maxfollerr", "rampmode",
@@ -270,9 +270,7 @@ def test_prspos_waits_for_rest_and_the_end_of_a_search():  # Q-25: minpos to max
 
 
 def test_speeds_go_up_to_maxvel_which_waits_for_rest():  # 0 to 999999 at 10 V, st_still = 1
-    p = Positioner(maxvel=100000, setvel=50000)
-    p.do("START")
-    p.run(0.1)
+    p = moving(0.1, maxvel=100000, setvel=50000)
     p["maxvel"] = 200000
     assert (p["maxvel"], p.warning, p["wrnvalue"]) == (100000, 2, at.MAXVEL)
     p.do("STOP", "RSWRN")

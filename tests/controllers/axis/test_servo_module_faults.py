@@ -20,8 +20,7 @@ def wired(**stored):
 
 def tripped(bench):
     locked(bench, 70)
-    say(bench, "+10")
-    bench.run(0.01)
+    say(bench, "+10", run_s=0.01)
     return bench
 
 
@@ -32,8 +31,7 @@ def pull(bench):
 
 
 def stop(bench):
-    say(bench, "Q")
-    bench.run(0.01)
+    say(bench, "Q", run_s=0.01)
     return bench
 
 
@@ -71,8 +69,7 @@ def test_swapped_phases_run_away_to_the_trip_unless_the_law_turns_them():  # M-1
         bench.swap_phases("x")
         bench.run(0.02)
         bench.received("x")
-        say(bench, "+20")
-        bench.run(0.5)
+        say(bench, "+20", run_s=0.5)
         assert (1 in status(bench)) == tripped_
 
 
@@ -102,8 +99,7 @@ def test_a_low_fault_input_stops_the_loop_and_leaves_the_output():  # M-44, M-A1
     bench.pull_fault_net(False)
     bench.run(0.05)
     assert not bench.pins("x").enabled  # latched
-    say(bench, "R")
-    bench.run(0.01)
+    say(bench, "R", run_s=0.01)
     assert bench.pins("x").enabled
 
 
@@ -121,8 +117,7 @@ def test_quit_frees_the_motor_and_says_no_fault():  # M-23, M-41
     bench.run(0.3)
     before = words(bench, "GP")
     say(bench, "O0")
-    say(bench, "R")
-    bench.run(0.1)
+    say(bench, "R", run_s=0.1)
     assert bench.pins("x").enabled
     assert abs(words(bench, "GP") - before) <= 2  # no jump: the motor's place is the setpoint
     assert abs(words(bench, "GT") - before) <= 1
@@ -151,8 +146,7 @@ def test_reset_clears_flags_and_peak_and_starts_from_where_the_motor_is():  # M-
     bench = tripped(wired(proportional_gain=5000))
     assert {0, 1, 10} <= status(bench)
     assert say(bench, "?").split("\r\n")[-1] == "Peak Error: 80"
-    say(bench, "R")
-    bench.run(0.01)
+    say(bench, "R", run_s=0.01)
     assert status(bench) & {0, 1, 2, 10, 14, 15} == set()
     assert say(bench, "?").split("\r\n")[-1] == "Peak Error: 0"
     assert get(bench, "GE") == 0
@@ -178,8 +172,7 @@ def test_a_move_while_off_is_answered_and_discarded_by_reset():  # M-A21
     bench.run(0.1)
     assert (words(bench, "GP"), words(bench, "GT")) == (before, before + 500)
     assert status(bench) & {0, 1, 2} == {0}
-    say(bench, "R")
-    bench.run(0.1)
+    say(bench, "R", run_s=0.1)
     assert (words(bench, "GP"), words(bench, "GT")) == (before, before)
 
 

@@ -68,8 +68,7 @@ def test_two_flipped_bits_in_a_byte_are_noticed():  # M-A16
     assert say(bench, "P") == "(P) - Kp: 600"
     assert not bench.pins("x").enabled
     assert status(bench) == {0}
-    say(bench, "R")
-    bench.run(0.01)
+    say(bench, "R", run_s=0.01)
     assert bench.pins("x").enabled
 
 

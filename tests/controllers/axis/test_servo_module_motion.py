@@ -110,10 +110,8 @@ def test_the_offset_holds_a_hanging_load():  # M-22, M-53
     bench.run(0.5)
     hanging, output = get(bench, "GE"), get(bench, "GO")
     assert abs(hanging) > 2
-    say(bench, f"O{output}")
-    bench.run(0.2)
-    say(bench, "R")
-    bench.run(0.5)
+    say(bench, f"O{output}", run_s=0.2)
+    say(bench, "R", run_s=0.5)
     assert abs(get(bench, "GE")) < 0.5 * abs(hanging)
     assert abs(get(bench, "GO")) < 0.5 * abs(output)
     assert get(bench, "GD") == 1024 + get(bench, "GO") + output

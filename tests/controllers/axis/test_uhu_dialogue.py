@@ -95,8 +95,7 @@ def test_the_counter_of_the_help_shows_the_position_whatever_state_the_drive_is_
     assert bench.talk(b"counter\r") == b"counter\r\n(C)ounter    0\r\n>"
     ask(bench, "X5000")
     for way, place in ((300, 300), (-1000, -700)):
-        ask(bench, f"G{way}")
-        bench.run(1.0)
+        ask(bench, f"G{way}", run_s=1.0)
         shown = int(ask(bench, "COUNTER").removeprefix("(C)ounter"))
         assert shown == pytest.approx(place, abs=2)
         assert shown == count(bench) == bench.drive("x").position

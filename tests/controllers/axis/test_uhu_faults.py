@@ -227,11 +227,9 @@ def test_g_moves_nothing_while_the_output_is_off(counts: int) -> None:  # U-30, 
     bench.run(0.05)
     assert register(bench, LATCHED) == ERROR_INPUT
     assert not bench.pins("x").fault_out_low
-    ask(bench, "R")
-    bench.run(0.3)
+    ask(bench, "R", run_s=0.3)
     assert abs(count(bench) - place) <= 1
-    ask(bench, "G300")
-    bench.run(0.5)
+    ask(bench, "G300", run_s=0.5)
     assert abs(count(bench) - place - 300) <= 2
 
 

@@ -79,8 +79,7 @@ def test_an_error_of_one_count_grows_the_output_by_i_over_256_and_is_removed() -
 def test_integration_stops_at_the_torque_limit() -> None:  # U-A32
     bench = tuned(**{**P_ONLY, "integral_gain": 100}, proportional_gain=256, torque_limit=80)
     bench.hold("x", True)
-    ask(bench, "G50")
-    bench.run(2.0)
+    ask(bench, "G50", run_s=2.0)
     ask(bench, "G-50")
     assert control_in(traced(bench, 0.01)["command"]).max() <= 80.01
 
@@ -125,8 +124,7 @@ def test_t_limits_the_duty() -> None:  # U-2, U-19, U-49
         for sign in (1, -1):
             ask(bench, f"T{limit}")
             ask(bench, "R")
-            ask(bench, f"G{1000 * sign}")
-            bench.run(0.05)
+            ask(bench, f"G{1000 * sign}", run_s=0.05)
             assert bench.pins("x").duty * 100 == pytest.approx(50 + sign * (percent - 50), abs=0.01)
 
 

@@ -54,11 +54,12 @@ def delivered() -> AxisBench:
     return bench_with(Uhu(axis_row("bench")))
 
 
-def ask(bench: AxisBench, text: str, axis: str = "x") -> str:
-    """Type a line; what comes back without the echo and the prompt."""
+def ask(bench: AxisBench, text: str, axis: str = "x", run_s: float = 0.0) -> str:
+    """Type a line; what comes back without the echo and the prompt; the bench then runs for some time."""
     said = bench.talk(text.encode() + b"\r", axis=axis).decode("ascii")
     assert said.startswith(text + "\r\n"), said
     assert said.endswith(">"), said
+    bench.run(run_s)
     return said.removeprefix(text).removesuffix(">").strip("\r\n")
 
 
