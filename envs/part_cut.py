@@ -6,10 +6,9 @@ import math
 from dataclasses import fields, replace
 from typing import NamedTuple
 
-from edmsim.cosim.passes import PassSetup
+from edmsim.cosim.passes import PassSetup, Sums
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
-from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
 from edmsim.job.cut import planned
@@ -266,7 +265,7 @@ class PartCut:
         """Return Ra of the face behind the last pass of the profile; by its craters where it has no wall."""
         assert self.simulation is not None
         figures = [one for one in pass_figures(self.simulation) if one.piece == "profile"]
-        if math.isfinite(figures[-1].ra_um):
+        if figures[-1].ra_um is not None:
             return figures[-1].ra_um
         sums = next(one.sums for one in self.simulation.passes.records[::-1] if one.piece == "profile")
         flatness = self._setups[0].machine.base.discharge.crater_flatness.value

@@ -29,8 +29,8 @@ def cut(
     from edmsim.cosim.stops import WORDS, StopCause
     from edmsim.files import make_writable
     from edmsim.job.checkpoint import NAME
+    from edmsim.job.cut import CutProgress
     from edmsim.job.cut import cut as run_cut
-    from edmsim.job.progress import CutProgress
     from edmsim.progress import ShownProgress
 
     folder = Path(options.pop("out", default_folder(program)))
@@ -64,5 +64,5 @@ def cut(
             OUT.print(render_table(result.report))
             where = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
             OUT.print(where, highlight=False, soft_wrap=True, markup=False)
-    if result.report["outcome"] != WORDS[StopCause.FINISHED].report:
+    if result.report.outcome != WORDS[StopCause.FINISHED].report:
         raise typer.Exit(STOPPED)

@@ -14,7 +14,7 @@ from edmsim import __version__
 from edmsim.cosim.pulse_sample import PULSES, PulseSample, cutting_feed_um_s, sample_pulses
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import EdmsimError, InputError, one_of
-from edmsim.files import make_writable, together
+from edmsim.files import locked, make_writable, together
 from edmsim.job.inspection import inspect, totals
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine
@@ -23,8 +23,11 @@ from edmsim.plant.resolution import resolution as resolution_named
 from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
-from edmsim.recording.html_report import card
-from edmsim.recording.report import build_report, cut_id, outcome_text, summary
+from edmsim.recording.cut_folder import read_cut
+from edmsim.recording.figures.catalogue import pictures
+from edmsim.recording.figures.profile import profile_png
+from edmsim.recording.html_report import card, write_html
+from edmsim.recording.report import Report, build_report, cut_id, outcome_text, summary
 from edmsim.recording.scene import Scene
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import CUT_KEY, WindowTable
@@ -52,15 +55,15 @@ def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: st
     return Recorders(windows, Frames(size.slices), Closeups(size.slices, size.rays, middle))
 
 
-def sample_like(report: Mapping[str, Any], windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
+def sample_like(report: Report, windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
     """Look at single pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
 
     The workpiece has its greatest height, and modes move the wire, whatever moved it in the cut.
 
     Parameters
     ----------
-    report : mapping
-        The cut's report, as ``report.json`` holds it.
+    report : Report
+        Of the cut.
     windows : pyarrow.Table
         The cut's table of windows.
     pulses : int
@@ -80,7 +83,7 @@ def sample_like(report: Mapping[str, Any], windows: pa.Table, *, pulses: int = P
     )
 
 
-def sample_or_reason(report: Mapping[str, Any], windows: pa.Table) -> PulseSample | str:
+def sample_or_reason(report: Report, windows: pa.Table) -> PulseSample | str:
     """Return what `sample_like` does, or why it cannot."""
     try:
         return sample_like(report, windows)
@@ -98,7 +101,7 @@ class CutResult:
 
     Attributes
     ----------
-    report : dict
+    report : Report
         The fields of ``report.json``.
     windows : pyarrow.Table
         A row per window of 255 pulses: ``windows.parquet``; its metadata have the `CutSettings`.
@@ -116,7 +119,7 @@ class CutResult:
         The set-up.
     """
 
-    report: dict[str, Any]
+    report: Report
     windows: pa.Table
     path: CutPath
     field: KerfField
@@ -137,7 +140,7 @@ class CutResult:
 
     @property
     def _title(self) -> str:
-        return str(self.report["settings"]["program"])
+        return str(self.report.settings["program"])
 
     def plot(self, figure: str = "profile") -> Figure:
         """Draw a figure of the cut; a notebook shows it if it is the last line of a cell.
@@ -281,16 +284,8 @@ def result_of(
     windows = recorders.windows.to_arrow(found.error_um)
     assert simulation.outcome is not None
     report = build_report(
-        outcome=simulation.outcome,
-        reason=simulation.reason,
-        windows=windows,
-        totals=totals(simulation, recorders.windows, wall_time_s),
-        quality=found.quality,
-        notices=notices,
-        seed=settings.seed,
-        settings=made_with,
-        version=__version__,
-        origin_mm=simulation.path.origin_mm,
+        found.part, windows, totals(simulation, recorders.windows, wall_time_s), outcome=simulation.outcome,
+        reason=simulation.reason, notices=notices, seed=settings.seed, settings=made_with, version=__version__,
     )
     whose = cut_id(report)
     return CutResult(
@@ -298,3 +293,29 @@ def result_of(
         simulation.path, simulation.plant.field, recorders.frames, replace(found.scene, cut=whose),
         recorders.closeups, simulation.machine,
     )  # fmt: skip
+
+
+FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
+
+
+def remake(
+    directory: str | Path, figures: str | Path | None, kind: str, leave_out: Callable[[str], None]
+) -> list[Path]:
+    """Write a folder's ``report.html`` again, or its figures as files of their own; returns the files written."""
+    if kind not in FORMATS:
+        raise InputError(f"figures cannot be written as '{kind}'; there are: {one_of(kind, FORMATS)}")
+    cut = read_cut(directory)
+    sample = sample_or_reason(cut.report, cut.windows)
+    target = Path(directory if figures is None else figures)
+    if figures is None:
+        with locked(target):
+            profile = profile_png(cut.scene, cut.windows, cut.report, cut.title)
+            write_html(*cut, sample, cut.title, profile, target / "report.html")
+        return [target / "report.html"]
+    make_writable(target)
+    written = []
+    for picture in pictures(*cut, sample, leave_out):
+        file = target / f"{picture.name}.{kind}"
+        picture.figure.savefig(file)
+        written.append(file)
+    return written

@@ -47,10 +47,8 @@ if TYPE_CHECKING:
 else:  # only named in signatures: to load them takes the compiler, and seconds, which a command's help does not have
     FeedController, Progress = (type(name, (), {}) for name in ("FeedController", "Progress"))
 
-METADATA_KEY = b"edmsim"
-"""Under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON."""
-MOST_GUIDE_ERROR_MM = 5.0
-"""Further from where the file says, no guide is (ours)."""
+METADATA_KEY = b"edmsim"  # under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON
+MOST_GUIDE_ERROR_MM = 5.0  # further from where the file says, no guide is (ours)
 
 
 def _words(value: object) -> object:
@@ -277,15 +275,10 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @classmethod
     def of_report(cls, report: Mapping[str, Any]) -> CutSettings:
-        """Return the settings of the cut that a report tells of, as ``report.json`` holds it.
-
-        An option that a report of an earlier version does not have is at its default.
-        """
+        """Return the settings of the cut that a report is of, ``report.json`` or a `Report`."""
         settings = {**report["settings"], "seed": report["seed"]}
         offset_um = settings["offset_um"]  # None: the contours have those of their registers
-        settings |= {
-            "tension": settings["tension_N"], "offset": "auto" if offset_um is None else offset_um * 1e-3
-        }
+        settings |= {"tension": settings["tension_N"], "offset": "auto" if offset_um is None else offset_um * 1e-3}
         return cls(**{name: settings[name] for name in cls.model_fields if name in settings})
 
     @property

@@ -14,8 +14,7 @@ from ray import tune
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.sweep.tune import judge_policy
 
-WHOSE = "learner.json"
-"""File of a checkpoint that says whose it is."""
+WHOSE = "learner.json"  # file of a checkpoint that says whose it is
 
 
 class Learner(tune.Trainable):  # type: ignore[misc]
@@ -58,10 +57,7 @@ class Learner(tune.Trainable):  # type: ignore[misc]
         for file in (*out.glob("policy.*"), out / WHOSE):
             shutil.move(file, self._last / file.name)
         parent, self._parent = self._parent, self._number
-        return {
-            "score": score, "windows": trained.model.num_timesteps, "learner": self._number,
-            "parent": parent,
-        }  # fmt: skip
+        return {"score": score, "windows": trained.model.num_timesteps, "learner": self._number, "parent": parent}
 
     def save_checkpoint(self, checkpoint_dir: str) -> None:
         """Hand over the last checkpoint, with the policy."""

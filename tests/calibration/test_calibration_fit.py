@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.calibration import Fit, Log, calibrate
+from edmsim.calibration.comparison import simulate
 from edmsim.calibration.fit import FittedConstant, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
 from edmsim.calibration.set_up import machine_of
-from edmsim.calibration.simulate import simulate
 from edmsim.cli import app as cli
 from edmsim.cli.console import INTERRUPTED
 from edmsim.cosim.straight import Traverse
@@ -42,7 +42,7 @@ def short() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("edmsim.calibration.fit.MOST_STRETCHES", 2)
         patch.setattr("edmsim.calibration.comparison.NOISE_CUTS", 8)
-        patch.setattr("edmsim.calibration.simulate.WHOLLY_SETTLED_DIAMETERS", 1.3)
+        patch.setattr("edmsim.calibration.comparison.WHOLLY_SETTLED_DIAMETERS", 1.3)
         yield
 
 
@@ -148,7 +148,7 @@ def test_a_cut_settles_for_as_long_as_its_log_did_but_not_for_ever(
     known: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settled_um, run = [], Traverse.run
-    monkeypatch.setattr("edmsim.calibration.simulate.WHOLLY_SETTLED_DIAMETERS", 5.0)
+    monkeypatch.setattr("edmsim.calibration.comparison.WHOLLY_SETTLED_DIAMETERS", 5.0)
 
     def briefly(traverse: Traverse, seconds: float) -> list[PulseWindow]:
         settled_um.append(22.0 * seconds)

@@ -144,7 +144,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
         def forward(self, observations):
             return super().forward(observations) / 2
 
-    refused(new("ppo", bare, features_extractor_class=Halved), bare, "the observations that Halved returns: use MlpPolicy")
+    refused(new("ppo", bare, features_extractor_class=Halved), bare, "that Halved returns: use MlpPolicy")
     broken = new("ppo", bare)
     broken.policy.action_net.bias.data[:] = float("nan")
     refused(broken, bare, "not finite")
