@@ -60,9 +60,7 @@ OF_TASK = {
     "MaxRate": Lines(
         "fixed-period", "heat-oracle", USUAL.rehearsed, ("fixed-period", "sato", "heat-flux", "heat-oracle"),
     ),
-    "MaxRateShift": Lines(
-        "heat-flux", "adaptive-hold", USUAL.rehearsed, ("heat-flux", "adaptive-hold"),
-    ),
+    "MaxRateShift": Lines("heat-flux", "adaptive-hold", USUAL.rehearsed, ("heat-flux", "adaptive-hold")),
     "ThinWireShift": Lines(
         f"{_GAP},period_factor=1.4", _CLIMB, USUAL.rehearsed,
         (f"{_GAP},period_factor=1.4", _CLIMB, _THIN_ADAPTIVE),
