@@ -51,9 +51,7 @@ class PulseCounters(Snapshots, ABC):
     def clock(self, sc: bool, op: bool) -> None:
         """Count one pulse on the edge of SYNC by the analyser's lines, of which one at most is set (row T-38)."""
         if sc and op:
-            raise InputError(
-                "a pulse cannot be short and open at once: set SC or OP, or neither for an erosion"
-            )
+            raise InputError("a pulse cannot be short and open at once: set SC or OP, or neither for an erosion")
         self.pulses += 1
         self.short += bool(sc)
         self.open += bool(op)
@@ -63,9 +61,7 @@ class PulseCounters(Snapshots, ABC):
     def count_window(self, short: int, open: int) -> None:
         """Count a whole cycle of 255 pulses at once, before which none has begun."""
         if self.pulses:
-            raise InputError(
-                f"a whole cycle can only be counted from its start, not after {self.pulses} pulses"
-            )
+            raise InputError(f"a whole cycle can only be counted from its start, not after {self.pulses} pulses")
         if short < 0 or open < 0 or short + open > WINDOW_PULSES:
             raise InputError(f"{short} short and {open} open pulses do not fit in a cycle of {WINDOW_PULSES}")
         self.short, self.open = short, open

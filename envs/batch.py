@@ -67,9 +67,7 @@ class Batch:
         self._episodes[:] = 0
         self.account = self._fresh_account()
 
-    def begin(
-        self, index: int, rng: np.random.Generator, machine: Machine | None, *, anew: bool
-    ) -> dict[str, Any]:
+    def begin(self, index: int, rng: np.random.Generator, machine: Machine | None, *, anew: bool) -> dict[str, Any]:
         """Begin an episode drawn from `rng`, of a machine if given or drawn `anew`; returns the info of the reset."""
         family, before = self.family, self.sub_envs.scenarios[index]
         chosen = machine

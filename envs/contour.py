@@ -90,6 +90,6 @@ class ContourEnv(EdmEnv):
 
 
 class ContourVectorEnv(EdmVectorEnv):
-    """`ContourEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `ContourEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Contour

@@ -108,6 +108,6 @@ class CornerEnv(EdmEnv):
 
 
 class CornerVectorEnv(EdmVectorEnv):
-    """`CornerEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `CornerEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Corner

@@ -1,4 +1,4 @@
-"""One episode of an environment without Gymnasium around it, for controllers that speak of feeds and settings."""
+"""One episode of an environment without Gymnasium, for controllers that command feeds and settings."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ _ONLY = np.zeros(1, np.int64)
 
 
 class StepResult(NamedTuple):
-    """What a window brought.
+    """Result of a window.
 
     Attributes
     ----------
     seen : WindowObservation
-        What the machine shows its controller.
+        Observation for the controller.
     truth : PulseWindow
-        What happened, also what no real machine sees.
+        True state of the gap, beyond what a real machine measures.
     progress_um : float
-        How much more of the path is cut (see `path_follower.SUB_ENV`).
+        Length of path cut in the window (see `path_follower.SUB_ENV`).
     area_mm2 : float
-        The same times the local height.
+        This length times the local height.
     error_um : float
-        Distance of the wire's true place from the path.
+        Distance of the wire's true position from the path.
     near : bool
-        Whether the error counts there: near corners only with ``near_corner_um``.
+        Whether the error counts: with ``near_corner_um`` only near corners.
     cause : StopCause
-        Why the episode ended; `StopCause.RUNNING` if it did not.
+        Reason for the episode's end; `StopCause.RUNNING` if it has not ended.
     refused : str or None
-        Why the generator refused the setting asked for.
+        Reason why the generator refused the setting.
     reward, cost : float
-        The environment's of the window.
+        The environment's reward and cost for the window.
     late : bool
         Whether the episode's time is over.
     """
@@ -79,7 +79,7 @@ class StepResult(NamedTuple):
 
     @property
     def limit(self) -> str | None:
-        """Another reason for which the machine stopped, as an environment's ``info`` says it."""
+        """Another reason for the stop, as in an environment's ``info``."""
         ended = self.over and not (self.done or self.broken)
         return WORDS[self.cause].info if ended else None
 
@@ -90,20 +90,20 @@ class StepResult(NamedTuple):
 
 
 class Task:
-    """One episode at a time of an environment's family, the same bits as the environment's.
+    """Run one episode at a time of an environment, bit for bit the same as with Gymnasium's API.
 
     Parameters
     ----------
     name : str or type
-        ``"GapFeed"`` or ``"edmsim/GapFeed-v2"``, and so on; or an own family.
+        ``"GapFeed"`` or ``"edmsim/GapFeed-v2"``, and so on; or your own family.
     **options
-        Arguments of the environment (see `Family`); those of action, decision and observation have no effect: a
-        controller decides window by window, and sees what the machine shows.
+        Arguments of the environment (see `Family`). Those of action, decision and observation have no effect: a
+        controller commands window by window, from a `WindowObservation`.
 
     Raises
     ------
     InputError
-        An unknown name, or a value that cannot be used.
+        If a name is unknown or a value cannot be used.
 
     Examples
     --------
@@ -124,12 +124,12 @@ class Task:
         self._random = np.random.Generator(np.random.PCG64())
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> WindowObservation:
-        """Begin an episode: that of the environment reset with this seed and these options.
+        """Begin the episode of an environment reset with this seed and these options.
 
         Returns
         -------
         WindowObservation
-            Of no pulses; nothing has been seen yet.
+            An empty one, without pulses.
         """
         from gymnasium.utils import seeding
 
@@ -155,7 +155,7 @@ class Task:
 
     @property
     def wires_lost(self) -> int:
-        """How many wires broke in the present episode."""
+        """Number of lost wires in the present episode."""
         return int(self._sub_envs.rows[0]["wires_lost"])
 
     @property
@@ -165,7 +165,7 @@ class Task:
 
     @property
     def plant(self) -> Plant:
-        """The plant, with the metal that is left; a controller must not see it."""
+        """The plant with the remaining metal; a controller must not read it."""
         return self._sub_envs.fleet.plants[0]
 
     @property
@@ -175,7 +175,7 @@ class Task:
 
     @property
     def path_um(self) -> float:
-        """Length of path behind the wire."""
+        """Path length the wire has travelled."""
         return float(self._sub_envs.path_um[0])
 
     @property
@@ -202,16 +202,16 @@ class Task:
         Parameters
         ----------
         feed_um_s : float
-            Speed along the path, negative backwards; held to `max_feed_um_s` either way.
+            Speed along the path, negative backwards; clamped to `max_feed_um_s` in both directions.
         t_on_us, t_period_us : float, optional
-            New setting of the generator, rounded to the knobs' detents; what is refused is not done.
+            New setting of the generator, rounded to the knobs' detents; a refused setting has no effect.
         offset_um : float
-            How far the guides go to the left of the path.
+            Offset of the guides to the left of the path.
 
         Raises
         ------
         InputError
-            A feed, setting or offset that is no finite number; before `reset`, or after the episode's end.
+            If a feed, setting or offset is no finite number, before `reset`, or after the episode's end.
         """
         self.scenario  # noqa: B018 - refuses to go on before the first reset
         sub_envs = self._sub_envs

@@ -77,6 +77,6 @@ class GapFeedEnv(EdmEnv):
 
 
 class GapFeedVectorEnv(EdmVectorEnv):
-    """`GapFeedEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `GapFeedEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = GapFeed

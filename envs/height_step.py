@@ -96,6 +96,6 @@ class HeightStepEnv(EdmEnv):
 
 
 class HeightStepVectorEnv(EdmVectorEnv):
-    """`HeightStepEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `HeightStepEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = HeightStep

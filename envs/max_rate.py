@@ -128,6 +128,6 @@ class MaxRateEnv(EdmEnv):
 
 
 class MaxRateVectorEnv(EdmVectorEnv):
-    """`MaxRateEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `MaxRateEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = MaxRate

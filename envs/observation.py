@@ -109,8 +109,7 @@ class Known:
 
 
 CORNERS = (
-    Entry("corner_ahead", 0.0, 1.0, "path to the next corner, mm; 1 if none is nearer", "1 mm",
-          lambda k: k.ahead[0]),
+    Entry("corner_ahead", 0.0, 1.0, "path to the next corner, mm; 1 if none is nearer", "1 mm", lambda k: k.ahead[0]),
     Entry("corner_turn", -1.0, 1.0, "its turn, left positive; 0 if none is within 1 mm", "180 degrees",
           lambda k: k.ahead[1]),
     Entry("corner_behind", 0.0, 1.0, "path from the last corner, mm; 1 if none is nearer", "1 mm",

@@ -81,9 +81,7 @@ class ObservationBuilder(Snapshots):
         """Put the steps of some episodes before those that came earlier."""
         show(active, self.sums, self._scales, self.family.max_feed_um_s, self._history)
 
-    def observations(
-        self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats
-    ) -> NDArray[np.float32]:
+    def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
         """Return all observations, (n, entries), in a fresh array; corners as `Known` has them."""
         parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._dials]
         family = self.family

@@ -35,6 +35,6 @@ class PartEnv(EdmEnv):
 
 
 class PartVectorEnv(EdmVectorEnv):
-    """`PartEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `PartEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Part

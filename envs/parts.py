@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.cosim.passes import Sums
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.cosim.sums import Sums
 from edmsim.envs.part_cut import Choice, PartCut, Step
 from edmsim.envs.part_task import ACTIONS, ENTRIES, LEFT_UM, TERMS, Part
 from edmsim.envs.task import EnvArguments
@@ -31,40 +31,22 @@ NO_STEP = Step(Sums(), 0.0, 0.0, 0.0, False)
 
 @dataclass
 class PartEpisode:
-    """An episode, and what its last step did.
-
-    Attributes
-    ----------
-    cut : PartCut
-    random : numpy.random.Generator
-        Of what is drawn during the episode: the gauge's errors.
-    tension_share : float
-    step : Step
-    action : (4,)
-    number : int
-        Of the pass that was cut.
-    left_um : float
-        What the gauge says of the metal left, less what is wanted; NaN where nothing was measured.
-    terms : (len(TERMS),)
-        Of the reward.
-    wires : int
-        There are in all.
-    cost, error_um, ra_um : float
-        The last two of the whole part, NaN before its end.
-    """
+    """An episode, and what its last step did."""
 
     cut: PartCut
-    random: np.random.Generator
+    random: np.random.Generator  # of what is drawn during the episode: the gauge's errors
     tension_share: float
     step: Step = NO_STEP
     action: Floats = field(default_factory=lambda: np.zeros(len(ACTIONS)))
-    number: int = 0
+    number: int = 0  # of the pass that was cut
+    # what the gauge says of the metal left, less what is wanted; NaN where nothing was measured
     left_um: float = math.nan
-    terms: Floats = field(default_factory=lambda: np.zeros(len(TERMS)))
+    terms: Floats = field(default_factory=lambda: np.zeros(len(TERMS)))  # of the reward
+    # the last two of the whole part, NaN before its end
     cost: float = 0.0
     error_um: float = math.nan
     ra_um: float = math.nan
-    wires: int = 1
+    wires: int = 1  # of the episode
 
     @property
     def ended(self) -> bool:
@@ -78,20 +60,7 @@ class PartEpisode:
 
 
 class Parts:
-    """Parts of one environment side by side; what `Batch` is to sub-environments.
-
-    Parameters
-    ----------
-    family : Part
-    count : int
-    threads : int
-        Parts that are cut at the same time. They change no bit.
-
-    Attributes
-    ----------
-    episodes : list of PartEpisode or None
-        The present episodes; None before the first of a sub-environment.
-    """
+    """Parts of one environment side by side, `threads` at the same time; what `Batch` is to sub-environments."""
 
     def __init__(self, family: Part, count: int, threads: int = 1) -> None:
         self.family = family

@@ -22,6 +22,7 @@ from edmsim.recording.windows import WindowTable
 
 if TYPE_CHECKING:
     from edmsim.envs.sub_envs import SubEnvs
+    from edmsim.recording.report import Report
     from edmsim.recording.rerun.steps import Steps
     from edmsim.recording.scene import Scene
 
@@ -119,25 +120,26 @@ class EpisodeRecorder:
 
     def _report(
         self, settings: Mapping[str, Any], outcome: str, scene: Scene, values: NDArray[np.float64]
-    ) -> dict[str, Any]:
+    ) -> Report:
         """Return of a cut's report what its recording tells."""
         from edmsim import __version__
+        from edmsim.recording.report import ProfileErrors, Report
 
         row, scenario = self._sub_envs.rows[self._index], self._sub_envs.scenarios[self._index]
         assert scenario is not None
         cutting_s, known = float(row["elapsed_ns"]) * 1e-9, scene.known_errors()
         area_mm2 = sum(step[-1] for step in self._steps)
-        return {
-            "outcome": outcome, "reason": None, "machining_time_s": float(values[-1, 0]) if len(values) else 0.0,
-            "path_length_mm": float(values[:, -1].max()) * 1e-3 if len(values) else 0.0,
-            "cutting_rate_mm2_min": 60.0 * area_mm2 / cutting_s if cutting_s else None,
-            "profile_error_um": {
-                "max": float(np.abs(known).max()) if len(known) else None,
-                "rms": float(np.sqrt(np.mean(known**2))) if len(known) else None,
-            },
-            "seed": scenario.plant_seed, "edmsim_version": __version__,
-            "settings": {**settings, **{f"drawn {name}": value for name, value in scenario.drawn.items()}},
-        }  # fmt: skip
+        return Report(
+            outcome=outcome, machining_time_s=float(values[-1, 0]) if len(values) else 0.0,
+            path_length_mm=float(values[:, -1].max()) * 1e-3 if len(values) else 0.0,
+            cutting_rate_mm2_min=60.0 * area_mm2 / cutting_s if cutting_s else None,
+            profile_error_um=ProfileErrors(
+                float(np.abs(known).max()) if len(known) else None,
+                float(np.sqrt(np.mean(known**2))) if len(known) else None,
+            ),
+            seed=scenario.plant_seed, edmsim_version=__version__,
+            settings={**settings, **{f"drawn {name}": value for name, value in scenario.drawn.items()}},
+        )  # fmt: skip
 
     def _steps_of(self, windows: NDArray[np.float64]) -> Steps:
         """Lay out what the steps commanded, earned and cost."""

@@ -21,32 +21,31 @@ corner at the standard setting)."""
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """Weights of the reward's terms, 0 or more. The reward is gains less costs.
+    """Weights of the reward's terms, 0 or more. The reward is gains minus costs.
 
     Attributes
     ----------
     progress : float
-        Gain per reference area (`REFERENCE_MM2`) that was cut. What is cut follows the wire by the share of pulses
-        that ignite (see `path_follower.SUB_ENV`): pushing against metal gains nothing, nor does going back and forth.
+        Gain per reference area (`REFERENCE_MM2`) cut. The cut length follows the wire by the share of pulses that
+        ignite (see `path_follower.SUB_ENV`): pushing against metal gains nothing, nor does moving back and forth.
     short : float
-        Cost of a reference window (`REFERENCE_S`) of nothing but shorts; a share of them costs that share. It goes by
-        machine time: a longer pulse period makes fewer windows, not cheaper ones.
+        Cost of a reference window (`REFERENCE_S`) full of shorts; in proportion for a smaller share. It is per
+        machine time, independent of the pulse period.
     open : float
-        The same of open pulses.
+        The same for open pulses.
     profile : float
-        Cost per reference area that was cut with the wire `ERROR_UM` from the path: it depends on the way, not on the
-        time spent there.
+        Cost per reference area cut with the wire `ERROR_UM` from the path, independent of the time it takes.
     roughness : float
-        Cost per reference area that was cut with discharges of twice the energy bound (`Family.energy_bound_mJ`);
-        in proportion to what is beyond the bound, and nothing within it.
+        Cost per reference area cut with discharges of twice the energy bound (`Family.energy_bound_mJ`), in
+        proportion to the excess over the bound.
     time : float
         Cost per reference window (`REFERENCE_S`) of machine time.
     wire_break, limit : float
-        Cost of a broken wire, and of an episode's end by a limit: what the machine loses at the reference rate
-        (`REFERENCE_MM2_MIN`) while another wire is threaded. 1 is right for a task whose machines cut at that rate, 2
-        for one at twice the rate.
+        Cost of a broken wire, and of an episode's end by a limit: the area that the machine cuts at the reference
+        rate (`REFERENCE_MM2_MIN`) in the time of threading. Use 1 for machines that cut at that rate, 2 for twice the
+        rate.
     done : float
-        Gain of reaching the path's end.
+        Gain for reaching the path's end.
     """
 
     progress: float = 1.0
@@ -75,7 +74,7 @@ _PROGRESS, _SHORT, _OPEN, _PROFILE, _ROUGHNESS, _TIME, _WIRE_BREAK, _LIMIT, _DON
 
 
 class StepRewards:
-    """What the sub-environments' steps earned and cost; beyond a bound of path error or energy, time costs."""
+    """Rewards and costs of the sub-environments' steps; time beyond a bound of path error or energy costs."""
 
     def __init__(
         self, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None, count: int

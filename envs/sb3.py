@@ -29,7 +29,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     """An `EdmVectorEnv` in mode ``SAME_STEP`` for the learners of stable-baselines3.
 
     Normalise with stable-baselines3's own `VecNormalize`; Gymnasium's refuses this mode. The last info of an episode
-    has its return, length and time as ``episode``, as of a `VecMonitor`, from which learners tell the mean return.
+    has its return, length and time as ``episode``, as with a `VecMonitor`.
     """
 
     def __init__(self, env: EdmVectorEnv) -> None:
@@ -45,7 +45,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         self.metadata = dict(env.views[0].metadata)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seed the next reset; sub-environment i gets seed + i, of a seed of its own choice if none is given."""
+        """Seed the next reset; sub-environment i gets seed + i. Without a seed, one is drawn."""
         return super().seed(None if seed is None else whole_from("seed", seed, 0))
 
     def reset(self) -> Any:
@@ -67,7 +67,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         self._actions = actions
 
     def step_wait(self) -> Any:
-        """Run a step; every sub-environment's info tells all that `EdmVectorEnv` tells of it."""
+        """Run a step; every sub-environment's info has all entries of `EdmVectorEnv`."""
         observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
         done = terminated | truncated
         self._returns += rewards
@@ -91,20 +91,20 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         self.env.close()
 
     def get_images(self) -> Sequence[Any]:
-        """Return a picture of every sub-environment, or None for each without the render mode for pictures."""
+        """Return a picture of every sub-environment; None for each without render mode ``"rgb_array"``."""
         return self.env.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """Return an attribute of sub-environments, as single environments in their place have it (`SubEnvView`)."""
+        """Return an attribute of sub-environments, the same as a single environment's (`SubEnvView`)."""
         return [getattr(view, attr_name) for view in self._views(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """Set an attribute of sub-environments; what they share is refused (see `SubEnvView.take`)."""
+        """Set an attribute of sub-environments; shared attributes are refused (see `SubEnvView.take`)."""
         for view in self._views(indices):
             view.take(attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Indices = None, **kwargs: Any) -> list[Any]:
-        """Call a method of sub-environments; ``change`` is of all together, and called once."""
+        """Call a method of sub-environments; ``change`` affects all and is called once."""
         views = self._views(indices)
         if method_name != "change":
             return [getattr(view, method_name)(*args, **kwargs) for view in views]
@@ -131,7 +131,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
 
 
 def infos_of_all(infos: dict[str, Any], count: int) -> list[dict[str, Any]]:
-    """Return the infos of all sub-environments out of a vector environment's, each with its own."""
+    """Split a vector environment's infos into one dictionary per sub-environment."""
     dicts: list[dict[str, Any]] = [{} for _ in range(count)]
     for name, values in infos.items():
         if name.startswith("_") or name in ("final_obs", "final_info"):
@@ -144,20 +144,20 @@ def infos_of_all(infos: dict[str, Any], count: int) -> list[dict[str, Any]]:
 
 
 def info_of_one(infos: dict[str, Any], index: int) -> dict[str, Any]:
-    """Return the info of one sub-environment out of a vector environment's."""
+    """Return the info of one sub-environment from a vector environment's."""
     dicts = {name: values for name, values in infos.items() if not name.endswith(("final_obs", "final_info"))}
     return infos_of_all(slice_of_one(dicts, index), 1)[0]
 
 
 def slice_of_one(values: Any, index: int) -> Any:
-    """Return a vector environment's values of one sub-environment, as those of a vector of one."""
+    """Return a vector environment's values of one sub-environment, as a vector of length one."""
     if isinstance(values, dict):
         return {name: slice_of_one(inner, index) for name, inner in values.items()}
     return values[index : index + 1]
 
 
 def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **options: Any) -> EdmVecEnv:
-    """Make a vector environment for stable-baselines3, which learners show the returns of.
+    """Make a vector environment for stable-baselines3 that logs the episodes' returns.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
         ``"edmsim/GapFeed-v2"`` and so on.
     num_envs : int
     seed : int, optional
-        Of the first reset; sub-environment i gets seed + i.
+        Seed of the first reset; sub-environment i gets seed + i.
     **options
         Arguments of the environment.
 

@@ -46,9 +46,7 @@ MOST_OFFSET_UM = 100.0
 """Greatest offset from the path that may be asked for (ours: well beyond what a wire is bent by)."""
 ROOM_MM = 2.5  # length of table that a cut leaves free before the end switches (ours)
 ACTIONS = ("change", "speed", "servo")
-LASTING = (
-    "resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives",
-)  # fmt: skip
+LASTING = ("resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives")
 """Arguments that decide on spaces and plants: they stay as long as the environment does."""
 
 
@@ -255,9 +253,7 @@ class Family(EnvArguments):
         if not self.materials:
             return (own,)
         loaded = [Machine.load(material=name) for name in self.materials]
-        changed = [
-            own.model_copy(update={"material": m.material, "material_name": m.material_name}) for m in loaded
-        ]
+        changed = [own.model_copy(update={"material": m.material, "material_name": m.material_name}) for m in loaded]
         for machine in changed:
             machine.check()
         return tuple(changed)

@@ -65,6 +65,6 @@ class ThinWireEnv(EdmEnv):
 
 
 class ThinWireVectorEnv(EdmVectorEnv):
-    """`ThinWireEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `ThinWireEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = ThinWire

@@ -36,9 +36,7 @@ class Trim(GapFeed):
     """
 
     length_mm: float = argument(1.0, "mm", "length of the pass")
-    wave_um: tuple[float, float] = argument(
-        (4.0, 10.0), "um", "(low, high) of the waves' height, ridge to bottom"
-    )
+    wave_um: tuple[float, float] = argument((4.0, 10.0), "um", "(low, high) of the waves' height, ridge to bottom")
     wave_mm: tuple[float, float] = argument((0.2, 0.6), "mm", "(low, high) of their length")
     allowance_um: tuple[float, float] = argument((4.0, 12.0), "um", "(low, high) of the metal to remove")
     height_mm: Range | None = (10.0, 40.0)
@@ -126,6 +124,6 @@ class TrimEnv(EdmEnv):
 
 
 class TrimVectorEnv(EdmVectorEnv):
-    """`TrimEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `TrimEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Trim

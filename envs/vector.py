@@ -1,4 +1,4 @@
-"""The native vector environment: every sub-environment's plant in one compiled call, and its own truncation."""
+"""The native vector environment: the plants of all sub-environments run in one compiled call."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Flags = NDArray[np.bool_]
 
 
 class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
-    """Many cuts at once; a step is a window of 255 pulses, as many as begin within `Family.decision_s`, or a pass.
+    """Many cuts at once. A step is a window of 255 pulses, all windows within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``.
     Sub-environment i, reset with seed s, is bit for bit the single environment reset with seed s + i.
@@ -43,31 +43,30 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
     Parameters
     ----------
     task : str or type, optional
-        A `Family` or `Part`, its short name or the id of an environment; the class's own if not given.
+        A `Family` or `Part`, its short name or the id of an environment; by default that of the class.
     num_envs : int
     max_episode_steps : int, optional
-        Steps after which an episode is truncated, beside its time; never, if not given.
+        Steps after which an episode is truncated, in addition to its time limit; by default none.
     render_mode : {"rgb_array", "human"}, optional
         ``"human"`` shows sub-environment 0.
     autoreset_mode : AutoresetMode
-        Gymnasium's three modes. With ``DISABLED``, reset what ended with ``options={"reset_mask": ...}``.
+        Gymnasium's three modes. With ``DISABLED``, reset ended episodes with ``options={"reset_mask": ...}``.
     threads : int, optional
-        Threads that share a step; as many as processors, if not given. They change no bit.
+        Threads that share a step; by default one per processor. Results do not depend on it.
     **options
         Its arguments, in the forms of `EnvArguments.of`.
 
     Attributes
     ----------
     watch : callable or None
-        Called after every step with actions, infos and which episodes ended, before another begins in any
-        sub-environment.
+        Called after every step with actions, infos and a mask of ended episodes, before new episodes begin.
 
     Raises
     ------
     InputError
-        A value that cannot be used.
+        If a value cannot be used.
     TypeError
-        An unknown argument.
+        If an argument is unknown.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
@@ -120,15 +119,15 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         Parameters
         ----------
         seed : int or sequence of int or None, optional
-            Sub-environment i gets seed + i, or the sequence's i-th; where there is none, its draws go on.
+            Sub-environment i gets seed + i, or the sequence's i-th; without a seed, its generator is not reset.
         options : dict, optional
-            ``"reset_mask"``: bool array (num_envs,), the sub-environments to reset, all if not given. ``"machine"``:
-            an `edmsim.Machine` to cut with instead of one drawn.
+            ``"reset_mask"``: bool array (num_envs,), the sub-environments to reset, by default all. ``"machine"``: an
+            `edmsim.Machine` to cut with instead of a drawn one.
 
         Raises
         ------
         InputError
-            Seeds, a mask or options that cannot be used.
+            If seeds, mask or options cannot be used.
         """
         checked = checked_options(options, ("machine", "reset_mask"))
         seeds = self._seeds(seed)
@@ -171,9 +170,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         self._ended[mask] = False
         return infos
 
-    def step(
-        self, actions: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], Any, Flags, Flags, dict[str, Any]]:
+    def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, Flags, Flags, dict[str, Any]]:
         """Run a step in every sub-environment.
 
         Returns
@@ -186,7 +183,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         gymnasium.error.ResetNeeded
             Before the first reset of a sub-environment, or with ``DISABLED`` after its episode's end.
         gymnasium.error.InvalidAction
-            Another shape than the action space's, or NaN.
+            If an action has not the shape of the action space, or is NaN.
         """
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before step()")
@@ -225,7 +222,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         return infos
 
     def attach_controller(self, index: int, controller: FeedController) -> AttachedController:
-        """Return a feed controller's place at a sub-environment: see `AttachedController`."""
+        """Attach a feed controller to a sub-environment: see `AttachedController`."""
         from edmsim.envs.attached_controller import AttachedController
 
         return AttachedController(sub_envs_of(self._batch), index, controller)
@@ -257,7 +254,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         Raises
         ------
         InputError
-            What all sub-environments share, or another number of values than sub-environments.
+            If the attribute is shared, or the number of values is wrong.
         """
         each = values if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(each) != self.num_envs:
@@ -266,7 +263,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             view.take(name, value)
 
     def change(self, **options: Any) -> None:
-        """Let the next episodes of all environments have other arguments, for a curriculum; see `EdmEnv.change`."""
+        """Change arguments for the next episodes of all sub-environments, for a curriculum; see `EdmEnv.change`."""
         self.family = self.family.changed(**options)
         self._batch.change(self.family)
 
@@ -293,7 +290,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         return infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return a picture of every environment, or show that of environment 0; None without a render mode."""
+        """Return an image of every sub-environment, or show that of sub-environment 0; None without a render mode."""
         if self.render_mode is None:
             gym.logger.warn("render() was called without a render_mode; give one to gymnasium.make_vec")
             return None
@@ -303,7 +300,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         return tuple(self.picture(index) for index in range(self.num_envs))
 
     def picture(self, index: int) -> NDArray[np.uint8]:
-        """Return a picture of a sub-environment."""
+        """Return an image of a sub-environment."""
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
         return picture_of(self._batch, self._renderer, index)

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import base64
 import gc
+import sys
 from collections.abc import Callable, Iterator
 from functools import partialmethod
 from importlib import resources
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import settings
 
 import edmsim
+from edmsim.cli import app as cli
 from edmsim.envs.episode import Task
 from edmsim.learning import hyperparameters
 
@@ -27,6 +29,14 @@ def pytest_collection() -> None:
     gc.disable()
 
 
+@pytest.hookimpl(tryfirst=True)  # before what is slow is left out
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Call slow what waits for a whole cut."""
+    for item in items:
+        if "small_cut" in getattr(item, "fixturenames", ()):
+            item.add_marker("slow")
+
+
 def pytest_collection_finish() -> None:
     """Let Python's garbage collector skip modules and tests: a tenth of the time went into them."""
     gc.collect()
@@ -34,7 +44,8 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-settings.register_profile("untimed", deadline=None)  # a busy machine is not a fault of ours
+# a busy machine is not a fault of ours; other runs try other examples
+settings.register_profile("untimed", deadline=None, max_examples=50)
 settings.load_profile("untimed")
 
 PUNCH = """\
@@ -67,6 +78,31 @@ def load_script() -> Callable[[Path], ModuleType]:
         return module
 
     return load
+
+
+class Outcome(NamedTuple):
+    """What a command left: exit status, and what it wrote to either stream."""
+
+    status: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture(name="edmsim")
+def command_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command in this process, as ``edmsim("cut", file, "--out", folder)``."""
+
+    def run(*words: object) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, words)])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        code = left.value.code
+        return Outcome(code if isinstance(code, int) else 0, *capsys.readouterr())
+
+    return run
 
 
 DOT = base64.b64decode(

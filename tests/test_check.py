@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import ezdxf
 import ezdxf.units
@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from edmsim import controllers
-from edmsim.cli import app as cli
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
@@ -27,30 +26,14 @@ from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.recording.figures.path import path_figure
 
+from .conftest import Run
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
-class Outcome(NamedTuple):
-    status: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
-@pytest.fixture
-def edmsim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
-    """Run the command line in this process, in an empty folder."""
+@pytest.fixture(autouse=True)
+def empty_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            cli.main()
-        return Outcome(left.value.code if isinstance(left.value.code, int) else 0, *capsys.readouterr())
-
-    return run
 
 
 @pytest.mark.slow
@@ -109,7 +92,7 @@ def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Pa
     assert outcome.err.splitlines() == [
         f"edmsim: {program}:4: unknown word M77",
         f"edmsim: {program}:5: unknown word M91, 2 times",
-        "edmsim: what follows leaves them out, as --ignore M77,M91",
+        "edmsim: the rest is shown without them, as with --ignore M77,M91",
     ]
     assert "offset register D1" in outcome.out
     assert (tmp_path / "path.svg").read_bytes().startswith(b"<?xml")

@@ -8,10 +8,9 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 
@@ -26,30 +25,9 @@ from edmsim.plant.window import WireLostError
 from edmsim.progress import ShownProgress
 from edmsim.recording import report as report_module
 
+from .conftest import Outcome, Run
+
 FAST = ("--height", "5", "--resolution", "fast")
-
-
-class Outcome(NamedTuple):
-    status: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
-@pytest.fixture
-def edmsim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run the command line in this process."""
-
-    def run(*arguments: object) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            cli.main()
-        code = left.value.code
-        return Outcome(code if isinstance(code, int) else 0, *capsys.readouterr())
-
-    return run
 
 
 def test_help_fits_one_screen_and_names_every_command(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -416,7 +394,7 @@ def test_an_interrupted_comparison_is_one_line_and_130(edmsim: Run, monkeypatch:
     monkeypatch.setattr("edmsim.bench.pairs.compare", interrupted)
     outcome = edmsim("bench", "--against", "HEAD")
     assert (outcome.status, outcome.out) == (130, "")
-    assert outcome.err == "edmsim: interrupted; nothing was measured to the end\n"
+    assert outcome.err == "edmsim: interrupted; no measurement was completed\n"
 
 
 @pytest.mark.slow

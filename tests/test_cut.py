@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -40,7 +40,7 @@ FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "wi
 
 def numbers(value: Any, place: str = "") -> Iterator[tuple[str, float | None]]:
     """Every figure of a report with its place."""
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from numbers(inner, f"{place}.{key}")
     elif isinstance(value, list):

@@ -15,7 +15,7 @@ import edmsim
 from edmsim.controllers import make
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.options import Choices
-from edmsim.recording.report import offset_line
+from edmsim.recording.report import Offset
 
 
 def test_the_function_shows_every_option_with_default_and_meaning() -> None:
@@ -92,8 +92,7 @@ def test_a_report_of_contours_with_different_offsets_leaves_them_to_the_register
     report = small_cut.result.report
     several = {**report, "settings": {**report["settings"], "offset_um": None}}
     assert CutSettings.of_report(several).offset == "auto"
-    found = {"applied_mm": None, "mean_error_um": 2.0, "to_use_mm": None}
-    assert offset_line(found) == "different ones by contour, +2.0 µm in the mean (metal left)"
+    assert str(Offset(None, 2.0, None)) == "different ones by contour, +2.0 µm in the mean (metal left)"
 
 
 @pytest.mark.slow

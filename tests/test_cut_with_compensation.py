@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import edmsim
-from edmsim.cli import app as cli
 from edmsim.controllers import axis, from_text
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables, read_tables, text_of
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
@@ -184,37 +182,29 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
         read_tables(tmp_path / "none.toml")
 
 
-def run(monkeypatch, *words):
-    monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, words)])
-    try:
-        cli.main()
-    except SystemExit as left:
-        return left.code
-    return 0
-
-
 @pytest.mark.slow
-def test_measure_table_writes_what_cut_reads(monkeypatch, tmp_path, capsys):
+def test_measure_table_writes_what_cut_reads(edmsim, tmp_path):
     made, left, picture = tmp_path / "made.toml", tmp_path / "left.toml", tmp_path / "table.png"
     words = ["measure", "table", "--machine", "worn-table", "--runs", 2]
-    assert run(monkeypatch, *words, "--out", made, "--plot", picture) == 0
-    assert "out of square" in capsys.readouterr().out
+    shown = edmsim(*words, "--out", made, "--plot", picture)
+    assert shown.status == 0
+    assert "out of square" in shown.out
     assert picture.stat().st_size > 10_000
     assert {(t.axis, t.master) for t in read_tables(made)} == {("x", "x"), ("y", "y"), ("x", "y"), ("y", "x")}
-    assert run(monkeypatch, *words, "--compensation", made, "--out", left, "--json") == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(edmsim(*words, "--compensation", made, "--out", left, "--json").out)
     assert abs(document["squareness_um_m"]) < 40.0  # of 400
     assert document["x"]["accuracy"] < 4.0  # of 21, most of it the motor's steps
     assert document["circle"]["circular_deviation"] < 6.0  # of 21
-    assert run(monkeypatch, *words, "--out", made / "a.toml") == 2  # a file is not a folder
-    assert run(monkeypatch, "measure", "table", "--runs", 1) == 2
-    assert "1 runs are not within 2..100: a spread needs two" in capsys.readouterr().err
-    assert run(monkeypatch, "measure", "table", "--interval", 0.001) == 2
+    assert edmsim(*words, "--out", made / "a.toml").status == 2  # a file is not a folder
+    once = edmsim("measure", "table", "--runs", 1)
+    assert once.status == 2
+    assert "1 runs are not within 2..100: a spread needs two" in once.err
+    assert edmsim("measure", "table", "--interval", 0.001).status == 2
 
 
 @pytest.mark.slow
-def test_the_command_line_cuts_with_tables(monkeypatch, file, tmp_path):
+def test_the_command_line_cuts_with_tables(edmsim, file, tmp_path):
     words = ["cut", SMALL, "--machine", "worn-table", "--compensation", file, "--resolution", "fast", "--quiet"]
-    assert run(monkeypatch, *words, "--max-time", 1, "--out", tmp_path / "cut") == 3
+    assert edmsim(*words, "--max-time", 1, "--out", tmp_path / "cut").status == 3
     report = json.loads((tmp_path / "cut" / "report.json").read_text(encoding="utf-8"))
     assert report["settings"]["compensation"] == str(file)

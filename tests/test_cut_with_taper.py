@@ -108,6 +108,7 @@ def test_a_cut_goes_on_to_the_bit_from_its_snapshot(finished):
     assert all(arrays[name].tobytes() == whole[name].tobytes() for name in whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"planner": "poscal"}, {"drives": {n: axis.tuned("uhu") for n in "xy"}}])
 def test_planners_that_count_and_drives_make_the_same_wall(finished, options):
     cut = cut_of(**options)
@@ -161,6 +162,7 @@ def trimmed():
     return cut, snapshot
 
 
+@pytest.mark.slow
 def test_a_leaning_wire_trims_its_wall_at_every_height(trimmed):
     cut, _ = trimmed
     rough, trim = cut.passes.records
@@ -179,6 +181,7 @@ def test_a_leaning_wire_trims_its_wall_at_every_height(trimmed):
         assert np.nanmean(inner) * math.cos(math.radians(ANGLE_DEG)) == pytest.approx(record.wall.mean_um, abs=3.0)
 
 
+@pytest.mark.slow
 def test_every_pass_leads_its_guides_by_its_own_tension(trimmed):
     cut, _ = trimmed
     bends = [guides_of(cut.machine_of(number), (0.0, 0.0)).bends_mm(np.array([[0.0, TAN]]))[0] for number in (1, 2)]
@@ -187,6 +190,7 @@ def test_every_pass_leads_its_guides_by_its_own_tension(trimmed):
     np.testing.assert_allclose(leads, [1e3 * (high - low) * TAN for low, high in bends], atol=1.0)
 
 
+@pytest.mark.slow
 def test_a_leaning_trim_goes_on_to_the_bit_from_its_snapshot(trimmed):
     cut, snapshot = trimmed
     again = in_passes()
@@ -228,6 +232,7 @@ feed_um_s = 90.0
 """
 
 
+@pytest.mark.slow
 def test_a_program_trims_its_leaning_wall_with_its_own_conditions(tmp_path):
     program, table = tmp_path / "wall.nc", tmp_path / "conditions.toml"
     program.write_text(SODICK)
@@ -260,6 +265,7 @@ def test_the_examples_of_tapers_in_passes_are_planned_whole(name):
     assert 600 < found.expected_s < 3000
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("draws_pictures")
 def test_a_cut_reports_its_taper(tmp_path):
     file = tmp_path / "block.ngc"

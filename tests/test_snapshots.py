@@ -85,6 +85,7 @@ def through_json(thing: Snapshots) -> dict[str, Any]:
     return state
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.builds(Record, st.integers(), st.none() | walls), max_size=3), st.none() | steps, st.lists(steps),
     st.dictionaries(st.text(), floats), st.integers(), st.binary(min_size=4, max_size=4),
@@ -126,7 +127,7 @@ def test_a_state_that_lacks_something_is_refused() -> None:
 
 
 class Store(ArraySnapshots):
-    STATE = ("_seen", "feed_um_s", "lengths", "_last", "rows", "inner")
+    STATE = ("_observed", "feed_um_s", "lengths", "_last", "rows", "inner")
 
     def __init__(self, size: int, inner: Store | None = None) -> None:
         self._observed, self.feed_um_s, self._used = 0, 0.0, 0

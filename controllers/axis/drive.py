@@ -63,11 +63,9 @@ class Drive(Protocol):
         A property, or an attribute of the class: the object itself must pickle. The function reads the axis' row and
         writes ``command``, ``lines``, ``reg`` and ``real`` of its own.
         """
-        ...
 
     def line(self, text: bytes) -> bytes:
         """Take what was sent over the drive's serial line, and return its answer; empty if it has no line."""
-        ...
 
 
 @runtime_checkable
@@ -76,7 +74,6 @@ class StartsAnew(Drive, Protocol):
 
     def power_up(self) -> bytes:
         """Start as after the release of the reset pin; returns what it sends over its serial line, if it has one."""
-        ...
 
 
 @runtime_checkable
@@ -87,7 +84,6 @@ class SerialDrive(StartsAnew, Protocol):
 
     def receive_error(self) -> None:
         """Take note that a byte came without a stop bit, or before the last one was read."""
-        ...
 
 
 _OWN = (

@@ -71,9 +71,9 @@ class McuController(CountsController):
     Parameters
     ----------
     corner_um : float
-        Distance before a corner from which on t(i) is shortened; 0 leaves the generator alone.
+        Distance before a corner from which t(i) is shortened; 0 for no change of the generator.
     corner_share : float
-        What is left of t(i) there.
+        Factor on t(i) there.
 
     Further parameters: see `CountsController`.
     """

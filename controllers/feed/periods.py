@@ -1,4 +1,4 @@
-"""Rules for the pulse period: one that is given, one per count of normal pulses, one that spares the wire's heat.
+"""Rules for the pulse period: a given one, one from the count of normal pulses, one that limits the wire's heat.
 
 Source of `NormalPulses`: Sato et al. (physics notes of the project, sections 5 and 6): normal pulses are counted per
 100 ms and held below a threshold curve over the workpiece's thickness by the off-time; the thickness is known on-line
@@ -55,7 +55,7 @@ class NormalPulses(PeriodRule):
     height_filter_s : float
         Time constant of the low-pass filter on the thickness.
     shortest_factor, longest_factor : float
-        Shortest and longest period, in periods as the operator set it.
+        Shortest and longest period, divided by the operator's.
     """
 
     normal_at_10mm: float = 600.0
@@ -115,7 +115,7 @@ class FreshNormalPulses(NormalPulses):
     Parameters
     ----------
     slow_factor : float
-        Period with which every wire begins, over the operator's (ours).
+        First period of every wire, divided by the operator's (ours).
     """
 
     slow_factor: float = 2.5
@@ -123,7 +123,7 @@ class FreshNormalPulses(NormalPulses):
     fresh: bool = field(default=True, init=False)
 
     def fresh_wire(self) -> None:
-        """What was found of the thickness stays."""
+        """Keep the estimate of the thickness."""
         self.fresh = True
 
     def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
@@ -137,16 +137,16 @@ class FreshNormalPulses(NormalPulses):
 
 @dataclass
 class RisingPeriod(PeriodRule):
-    """A period that a fresh wire reaches slowly.
+    """A period that a new wire reaches slowly.
 
     Parameters
     ----------
     period_us : float
-        Pulse period; 0 for the one that the operator has set.
+        Pulse period; 0 for the operator's.
     rise_s : float
-        Time in which a fresh wire comes to it, from `slow_factor` times as long a period.
+        Time in which a new wire reaches it, starting from a period `slow_factor` times as long.
     slow_factor : float
-        Period with which a fresh wire begins, over the one it comes to.
+        First period of a new wire, divided by the final one.
     """
 
     period_us: float = 40.0
@@ -175,23 +175,22 @@ class RisingPeriod(PeriodRule):
 
 @dataclass
 class HoldHeat(RisingPeriod):
-    """Holds what a gauge says of how near the wire is to boiling dry; ``period_us`` is the one a cut begins with.
+    """Holds a gauge's measure of how near the wire is to boiling dry; ``period_us`` is the first period of a cut.
 
     Parameters
     ----------
     hold_share : float
-        Of that measure, 1 where the wire boils dry.
+        Target of the measure, which is 1 where the wire boils dry.
     break_hold_share : float
-        Of what is held, after every lost wire (ours): what broke one wire breaks the next one.
+        Factor on the target after every lost wire (ours).
     proportional_share, integral_per_s : float
-        Change of the period's logarithm, and its growth per second, per unit of the difference from it.
+        Change of the period's logarithm, and its growth per second, per unit of the difference from the target.
     shortest_us, longest_us : float
-        Limits of the period (ours): where hardly a pulse ignites there is no heat to hold, the period goes to the
-        shortest, and the discharges that ignite next find it there.
+        Limits of the period (ours). If hardly a pulse ignites there is no heat to hold, and the period falls to the
+        shortest one.
     recovery_s : float
-        With a time above 0 shorts do not shorten the period: the discharges that clear one would find it at its
-        shortest, and break the wire. The period after a short from which the wire retracts is longer for that time,
-        as it is for `rise_s` with a fresh wire.
+        If above 0, shorts do not shorten the period (the discharges that clear a short could break the wire at the
+        shortest period), and the period stays longer for this time after a retract, as for `rise_s` with a new wire.
     """
 
     hold_share: float = 0.6
@@ -211,7 +210,7 @@ class HoldHeat(RisingPeriod):
         self.log_us, self.hold = math.log(max(self.period_us, 1.0)), self.hold_share
 
     def fresh_wire(self) -> None:
-        """Go on more carefully than with the wire that broke."""
+        """Lower the target after a break."""
         super().fresh_wire()
         self.log_us = min(self.log_us + math.log(max(self.slow_factor, 1.0)), self._longest)
         self.hold *= self.break_hold_share
@@ -234,10 +233,10 @@ class HoldHeat(RisingPeriod):
 
 @dataclass
 class FluxGauge(Gauge):
-    """The greatest local heat flux over the critical one, as located sparks and the files' constants give it.
+    """The highest local heat flux divided by the critical one, estimated from located sparks.
 
-    It knows what an operator does: names of the set-up's files, wire, height and pulse. It takes the constants of the
-    files, as it cannot know those of the machine at work.
+    It knows what an operator knows: the names of the set-up's files, wire, height and pulse. It uses the constants of
+    those files, because a real controller cannot know the machine's true ones.
 
     Parameters
     ----------
@@ -295,7 +294,7 @@ class HeatGauge(Gauge):
         self._superheat_K = 30.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in where this machine's wire boils dry."""
+        """Read the superheat at which this machine's wire boils dry."""
         self._superheat_K = machine.base.cooling.superheat_K.value
 
     def see(self, truth: GapWindow) -> None:
@@ -311,13 +310,13 @@ class HeatGauge(Gauge):
 class SetPoint(PeriodRule):
     """A setting in proportion to the operator's, and a longer period at corners.
 
-    Where the period changes, the feed changes with it at once, as the metal does that is removed: a servo alone would
-    run into the metal for a second.
+    When the period changes, the feed changes at once in the same proportion as the removal: a servo alone would run
+    into the metal for a second.
 
     Parameters
     ----------
     on_factor, period_factor : float
-        On-time and pulse period, in those that the operator set.
+        On-time and pulse period, divided by the operator's.
     """
 
     on_factor: float = 1.0
@@ -342,7 +341,7 @@ class SetPoint(PeriodRule):
         self.slowing = self.period_factor
 
     def fresh_wire(self) -> None:
-        """Go on with what was found of the period."""
+        """Keep the period."""
 
     @property
     def least_factor(self) -> float:
@@ -373,17 +372,16 @@ class SetPoint(PeriodRule):
 
 @dataclass
 class Climb(SetPoint):
-    """Shortens the period step by step until the wire breaks; ``period_factor`` is where the first wire begins.
+    """Shortens the period step by step until the wire breaks; ``period_factor`` is that of the first wire.
 
     Parameters
     ----------
     climb_s : float
-        Time of cutting after which the period is made shorter; it waits while the wire retracts.
+        Cutting time between two steps, retracts not counted.
     step_share : float
-        By how much: a share of it.
+        Share by which a step shortens the period.
     back_factor : float
-        Period after a break over the one that broke the wire. From there on it is held; a further break lengthens it
-        again.
+        Factor on the period after a break. The period is then held; a further break lengthens it again.
     """
 
     climb_s: float = 5.0

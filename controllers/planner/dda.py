@@ -15,9 +15,7 @@ _HALF_WORD = 1 << 16
 
 
 @exactly_compiled
-def run_dda(
-    row: Row, points: Floats, lengths: Ints, tick: int, last: int, speed: int, out: Ints
-) -> int:
+def run_dda(row: Row, points: Floats, lengths: Ints, tick: int, last: int, speed: int, out: Ints) -> int:
     """Run from one tick to another; return the number of steps, or `LIMIT`."""
     made, heading = 0, 1 if speed > 0 else -1
     budget, travelled = abs(speed) * (last - tick), 0

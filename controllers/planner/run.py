@@ -8,17 +8,7 @@ from edmsim.controllers.planner.dda import dda_path_um, run_dda
 from edmsim.controllers.planner.exact import FINE_PER_UM, path_end, run_exact
 from edmsim.controllers.planner.literal import begin_literal, literal_done, run_literal
 from edmsim.controllers.planner.poscal import begin_poscal, near, run_poscal
-from edmsim.controllers.planner.record import (
-    DDA,
-    EXACT,
-    LITERAL,
-    POSCAL,
-    SINE_TABLE,
-    Floats,
-    Ints,
-    Row,
-    place_um,
-)
+from edmsim.controllers.planner.record import DDA, EXACT, LITERAL, POSCAL, SINE_TABLE, Floats, Ints, Row, place_um
 
 
 @exactly_compiled

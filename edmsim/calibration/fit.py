@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.calibration.comparison import CalibrationProgress, StretchComparison
+from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
 from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
 from edmsim.calibration.set_up import start_of
-from edmsim.calibration.simulate import settle_um
 from edmsim.errors import InputError
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.machine.ranges import choose, share_of, value_at, with_values
@@ -30,12 +29,10 @@ Array = NDArray[np.float64]
 
 DEFAULT_CONSTANTS = ("gap.particle_share", "material.removal_mm3_J", "material.burning_voltage_V")
 """What is fitted if nothing else is said (ours: the three that every log tells of)."""
-MOST_STRETCHES = 8
-"""Stretches compared; if the log has more, those whose feeds and settings differ most (ours)."""
+MOST_STRETCHES = 8  # stretches compared; if the log has more, those whose feeds and settings differ most (ours)
 STEP = 0.15
 """Half the difference, in shares of the range, over which sensitivities are taken (ours: well above the noise)."""
-MOST_ROUNDS = 10
-"""Gauss-Newton steps at most (ours)."""
+MOST_ROUNDS = 10  # Gauss-Newton steps at most (ours)
 UNTOLD = 0.29
 """A standard error of this share of the range is no more than the range says: a uniform draw has it (1/sqrt(12))."""
 AT_BOUND = 0.01

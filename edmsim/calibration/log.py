@@ -27,25 +27,19 @@ PLACES = ("x_um", "y_um")
 """Columns a log may have: where the guides are. With them, stretches in which the path turns are left out."""
 STATISTICS = ("short", "open", "mean_voltage_V", "mean_current_A", "mean_delay_us")
 """What of a stretch is compared: shares of short and open, and means; see `statistics`."""
-STRETCH_WINDOWS = 400
-"""Windows of a stretch: 10 s at a period of 100 us (ours)."""
+STRETCH_WINDOWS = 400  # windows of a stretch: 10 s at a period of 100 us (ours)
 BATCH_WINDOWS = 40
 """Windows whose mean counts as one independent observation: 1 s at 100 us (ours: a gap forgets in less)."""
-AIR_SHARE = 0.9
-"""A stretch with more open pulses than this has no metal near the wire (ours)."""
-FEED_SPREAD = 0.15
-"""A stretch is steady if its feed's standard deviation is at most this share of its mean (ours)."""
-LEAST_FEED_UM_S = 0.5
-"""A stretch with less feed does not cut (ours)."""
+AIR_SHARE = 0.9  # a stretch with more open pulses than this has no metal near the wire (ours)
+FEED_SPREAD = 0.15  # a stretch is steady if its feed's standard deviation is at most this share of its mean (ours)
+LEAST_FEED_UM_S = 0.5  # a stretch with less feed does not cut (ours)
 TURN_DEG = 45.0
 """A stretch is straight if its directions, from where it settles on, lie within this (ours: past a corner other metal
 faces the wire, and on an arc of less than a millimetre the front is bent)."""
 PLACE_UM = 50.0
 """Travel between two places of which directions are taken (ours: many motor steps, so that these do not count)."""
-_SIGNED = ("feed_um_s", "mean_voltage_V", "mean_current_A", *PLACES)
-"""Columns of which negative numbers are taken."""
-_MOST = 1e6
-"""No figure of a log is as large (ours): times of a second, feeds of a metre per second."""
+_SIGNED = ("feed_um_s", "mean_voltage_V", "mean_current_A", *PLACES)  # columns of which negative numbers are taken
+_MOST = 1e6  # no figure of a log is as large (ours): times of a second, feeds of a metre per second
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,7 @@ _MARKS = {
 }  # fmt: skip
 """Byte order marks, the longer ones first where one begins another."""
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
-_NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}
-"""What stands for a number that is not there, in small letters."""
+_NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}  # what stands for a number that is not there, in small letters
 
 
 class LogTable(NamedTuple):
@@ -152,9 +151,7 @@ def _chosen(there: Sequence[str], needed: Sequence[str], optional: Sequence[str]
     return chosen
 
 
-def _column(
-    name: str, place: int, rows: list[tuple[int, list[str]]], has_decimal_comma: bool, file: Path
-) -> Array:
+def _column(name: str, place: int, rows: list[tuple[int, list[str]]], has_decimal_comma: bool, file: Path) -> Array:
     found = np.empty(len(rows))
     for k, (number, row) in enumerate(rows):
         text = row[place].strip()

@@ -146,8 +146,7 @@ def _misfit_text(fit: Fit) -> str:
     return f"misfit {fit.misfit:.2f} per degree of freedom over {count} stretches; noise alone makes about 1"
 
 
-MUCH = 4.0
-"""A misfit above this is not noise: residuals are twice as large as it (ours)."""
+MUCH = 4.0  # a misfit above this is not noise: residuals are twice as large as it (ours)
 
 
 def causes(fit: Fit, resolution: str) -> list[str]:

@@ -20,13 +20,11 @@ from edmsim.machine.setting import WINDOW_PULSES
 Array = NDArray[np.float64]
 NEEDED = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_period_us")
 """Columns that a log of ratios must have; the last two are the generator's setting."""
-MEANS = ("mean_voltage_V", "mean_current_A")
-"""Columns it may have: means since the row before."""
+MEANS = ("mean_voltage_V", "mean_current_A")  # columns it may have: means since the row before
 RATE_HZ = (2.0, 100.0)
 FEED_SPAN_S = 4.0
 """The feed is the way over so long a time (ours: at 5 um/s ten motor steps, so that one more or less is little)."""
-_MOST = 1e6
-"""No figure of a log is as large (ours)."""
+_MOST = 1e6  # no figure of a log is as large (ours)
 
 
 def read(file: Path) -> dict[str, Array] | None:

@@ -229,7 +229,6 @@ class SampleFunction(Protocol):
     @property
     def address(self) -> int:
         """Where the machine code is."""
-        ...
 
 
 class _Sample:

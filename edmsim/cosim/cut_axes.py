@@ -13,8 +13,7 @@ from edmsim.plant.axes.rapid import constants, time_left_s
 from edmsim.plant.plant import Plant
 from edmsim.snapshots import Snapshots
 
-_STEP_SHARE = 1e-6
-"""Share by which a drive's step may differ from the machine's: what rounding leaves."""
+_STEP_SHARE = 1e-6  # share by which a drive's step may differ from the machine's: what rounding leaves
 
 
 class CutAxes(Snapshots):

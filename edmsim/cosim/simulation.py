@@ -1,7 +1,7 @@
-"""A cut of a program: its legs one after the other, threading between contours, dwells, and how it ends.
+"""A cut of a program: its legs in turn, threading between contours, dwells, and its end.
 
-Controllers see what a machine would let them see; the plant sees motor steps and the generator's setting; nothing
-else passes between them (see `edmsim.cosim.cycle`).
+The controller observes only what a real machine measures; the plant gets only motor steps and the generator's setting
+(see `edmsim.cosim.cycle`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
-from edmsim.controllers.axis.elcam.cam_reach import check_cams
 from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation, check_cams
 from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
@@ -29,9 +28,8 @@ from edmsim.cosim.cycle import Cycle
 from edmsim.cosim.legs import Leg, ProgramPlace, legs_of
 from edmsim.cosim.motion import PlannerMotion
 from edmsim.cosim.observers import Observer
-from edmsim.cosim.passes import PassLog, PassSetup
+from edmsim.cosim.passes import PassLog, PassSetup, Sums
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
-from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import held_period_us
@@ -46,7 +44,7 @@ from edmsim.snapshots import like, state_of, take_state, with_prefix
 
 
 class Progress(NamedTuple):
-    """How far a cut is, for a progress display; `wall_time_s` is the computer's time that went into it so far."""
+    """Progress of a cut for a display; `wall_time_s` is the computer's time so far."""
 
     path_um: float
     total_um: float
@@ -139,7 +137,7 @@ class Simulation:
 
     @property
     def controller(self) -> FeedController:
-        """The feed controller at work."""
+        """The present feed controller."""
         return self._setup.controller
 
     def machine_of(self, number: int) -> Machine:
@@ -155,7 +153,7 @@ class Simulation:
 
     @property
     def described_setups(self) -> list[tuple[str, str]]:
-        """Machine and controller of every pass in words: what a checkpoint belongs to."""
+        """Machine and controller of every pass as text, to compare with a checkpoint's."""
         return [(one.machine.model_dump_json(), repr(one.controller)) for one in self._setups]
 
     def _take_setup(self, leg: Leg) -> Machine:
@@ -220,7 +218,7 @@ class Simulation:
 
     @property
     def commanded_um(self) -> tuple[float, float]:
-        """Where the program has come to: what the motors stand at, less their compensation and the path's offset."""
+        """Position in the program: that of the motors without compensation and the path's offset."""
         x, y = self.plant.commanded_um
         off_x, off_y = (0.0, 0.0) if self._compensation is None else self._compensation.offset_um
         lateral_x, lateral_y = self._offset.lateral_um
@@ -235,17 +233,17 @@ class Simulation:
 
     @property
     def outcome(self) -> str | None:
-        """How the cut ended, as a report says it."""
+        """Outcome of the cut, as in the report."""
         return None if self.cause is StopCause.RUNNING else WORDS[self.cause].report
 
     @property
     def path_um(self) -> float:
-        """Length of path behind the wire, over all legs."""
+        """Path length the wire has travelled, over all legs."""
         return self._motion.path_um
 
     @property
     def position_um(self) -> tuple[float, float]:
-        """What the position counters show."""
+        """Position by the position counters."""
         return self._motion.planner.position_um
 
     @property
@@ -255,7 +253,7 @@ class Simulation:
 
     @property
     def leg_from_um(self) -> float:
-        """Length of path before the present leg."""
+        """Path length at the beginning of the present leg."""
         return self._at.start_um
 
     @property
@@ -389,7 +387,7 @@ class Simulation:
         return self._next_leg()
 
     def begin_pass(self, path: CutPath, setups: Sequence[PassSetup]) -> StopCause:
-        """Go on with the pass that it waits for; passes to come may have other offsets and settings."""
+        """Begin the pass that the simulation waits for; later passes may have other offsets and settings."""
         if not self.waiting:
             raise InputError("a pass is under way: the next one begins when it is over")
         legs = [leg for contour in path.contours for leg in legs_of(contour)]
@@ -403,7 +401,7 @@ class Simulation:
         return self.cause
 
     def rethread(self, setup: PassSetup, approach: PassSetup) -> None:
-        """Thread a fresh wire where the last one broke, and go on with a setting for this pass number from here."""
+        """Thread a new wire at the place of the break, and continue with this pass's setting."""
         if self.cause is not StopCause.WIRE_BREAK:
             raise InputError("no wire broke: there is nothing to thread")
         place_um = (*self.plant.commanded_um, *self.plant.lead_um) if self._leans else self.plant.commanded_um
@@ -435,9 +433,7 @@ class Simulation:
             self.missed_windows,
         )
         self._cycle.motion = self._motion = self._begin_leg()
-        self.passes.begin_leg(
-            at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums
-        )
+        self.passes.begin_leg(at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums)
         return StopCause.RUNNING
 
     def _thread_at(self, point_um: NDArray[np.int64], lead_um: tuple[float, float]) -> float:
@@ -465,7 +461,7 @@ class Simulation:
         return arrays, state_of(self)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
-        """Take back a `snapshot` of the same cut, with the same observers; it then continues bit for bit."""
+        """Load a `snapshot` of the same cut, with the same observers; the cut then continues bit for bit."""
         self._at = like(self._at, values["at"])
         self._cycle.motion = self._motion = self._begin_leg()
         self.plant.restore(with_prefix(arrays, "plant."))

@@ -27,12 +27,9 @@ from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 
-FASTEST_UM_S = 400.0
-"""Feed a controller may command here (ours: above the cutting rate of every set-up measured)."""
-_STEP_UM = 2.0
-"""Spacing of the places at which the kerf is measured."""
-_MARGIN_UM = 200.0
-"""How far beyond the wire's surface its kerf is looked for."""
+FASTEST_UM_S = 400.0  # feed a controller may command here (ours: above the cutting rate of every set-up measured)
+_STEP_UM = 2.0  # spacing of the places at which the kerf is measured
+_MARGIN_UM = 200.0  # how far beyond the wire's surface its kerf is looked for
 
 
 @dataclass(frozen=True)

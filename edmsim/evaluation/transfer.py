@@ -15,8 +15,7 @@ from edmsim.evaluation.table import shown
 if TYPE_CHECKING:
     from edmsim.screen import ScreenTable
 
-USUAL_CUTS = 6
-"""Ours: in each of some eight places, and those at finer resolutions take long."""
+USUAL_CUTS = 6  # ours: in each of some eight places, and those at finer resolutions take long
 
 
 class Place(NamedTuple):

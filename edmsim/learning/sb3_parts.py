@@ -81,7 +81,7 @@ def network_of(model: Any) -> PolicyNetwork:
     else:
         raise InputError(f"{what} has no actor with a mean: use PPO, SAC, TQC, recurrent PPO, A2C or TD3")
     if type(features) not in (FlattenExtractor, VisibleEntries):
-        raise InputError(f"{what} looks at what {type(features).__name__} makes of observations: use MlpPolicy")
+        raise InputError(f"{what} uses the observations that {type(features).__name__} returns: use MlpPolicy")
     shown = int(features.shown.sum()) if isinstance(features, VisibleEntries) else None
     return PolicyNetwork(layers[::2], _activation(layers, what), _lstm(policy, what), output, shown)
 
@@ -147,9 +147,7 @@ def around(vec_env: Any) -> Around:
             raise _unknown(env)
         env = env.env
     if not isinstance(env, EdmEnv):
-        raise InputError(
-            f"{type(env).__name__} is not an environment of edmsim: make it by make_sb3_vec_env"
-        )
+        raise InputError(f"{type(env).__name__} is not an environment of edmsim: make it by make_sb3_vec_env")
     return Around(env.family, normalise, residual)
 
 

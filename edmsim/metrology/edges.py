@@ -27,8 +27,7 @@ _SIDE_FROM, _SIDE_TO = np.array([0, 1, 3, 0]), np.array([1, 2, 2, 3])
 # lie on its left. 16 and 17 are 5 and 10, two opposite corners above, with the middle above as well.
 _SIDES = np.array([(0, 0), (0, 3), (1, 0), (1, 3), (2, 1), (0, 3), (2, 0), (2, 3), (3, 2),
                    (0, 2), (1, 0), (1, 2), (3, 1), (0, 1), (3, 0), (0, 0), (0, 1), (3, 0)])
-_SECOND = {5: (2, 1), 10: (3, 2), 16: (2, 3), 17: (1, 2)}
-"""The second edge, where there are two."""
+_SECOND = {5: (2, 1), 10: (3, 2), 16: (2, 3), 17: (1, 2)}  # the second edge, where there are two
 _RIGHT, _UP = np.array([1, 0]), np.array([0, 1])
 
 

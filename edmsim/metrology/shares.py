@@ -28,11 +28,9 @@ from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
 
-_JUMP_UM = 300.0
-"""Places of a way further apart than this are not joined (ours: a window is some um of way)."""
+_JUMP_UM = 300.0  # places of a way further apart than this are not joined (ours: a window is some um of way)
 
-SHARES = ("path", "planner", "drive", "wire", "gap")
-"""Names of the shares, in the order of `error_shares`."""
+SHARES = ("path", "planner", "drive", "wire", "gap")  # names of the shares, in the order of `error_shares`
 
 
 def error_shares(profile: ProfileError, contour: WireContour, ways_um: Sequence[Floats]) -> Floats:
@@ -87,8 +85,7 @@ def share_stats(shares_um: Floats, error_um: Floats) -> dict[str, dict[str, floa
 
 
 _PATH = PLACES.index(PATH)
-_NEAR_MM = 1e-3
-"""The tangent at a point is that between places so far to its sides (ours)."""
+_NEAR_MM = 1e-3  # the tangent at a point is that between places so far to its sides (ours)
 
 
 @dataclass(frozen=True)

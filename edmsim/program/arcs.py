@@ -18,8 +18,7 @@ from edmsim.program.outline import JOIN_TOLERANCE_MM
 
 Floats = NDArray[np.float64]
 
-SAME_PLACE_MM = 1e-6
-"""Places closer than this many mm differ by numerical noise only."""
+SAME_PLACE_MM = 1e-6  # places closer than this many mm differ by numerical noise only
 
 RADIUS_TOLERANCE_MM = 0.005
 """Least allowed difference in mm between the start and end radius of an arc (ours: rounding of some um)."""
@@ -71,9 +70,7 @@ def sweep_of(start: complex, end: complex, centre: complex, turn: int) -> float:
     return (turn * cmath.phase((end - centre) / (start - centre))) % math.tau
 
 
-def centre_from_radius(
-    start: complex, end: complex, radius: float, turn: int, tolerance_mm: float
-) -> complex | None:
+def centre_from_radius(start: complex, end: complex, radius: float, turn: int, tolerance_mm: float) -> complex | None:
     """Return the centre of the arc with a radius, negative for more than half a circle, or None if there is none."""
     # by `tolerance_mm` the radius may be smaller than half the distance of the ends
     # by `tolerance_mm` the radius may be smaller than half the distance of the ends

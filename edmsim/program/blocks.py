@@ -20,8 +20,7 @@ from edmsim.program.dialects.freecad import FREECAD, without_line_ends
 from edmsim.program.limits import GREATEST_NUMBER, check_count, check_size
 from edmsim.program.registers import register
 
-VALUES = frozenset("NFDHXYIJRPLQ")
-"""Letters whose numbers are used, by a motion or by the code they belong to."""
+VALUES = frozenset("NFDHXYIJRPLQ")  # letters whose numbers are used, by a motion or by the code they belong to
 BELONGS: dict[float, str] = {64: "PQ", 39: "IJ", 43: "H", 44: "H", 96: "D"}
 """G codes without effect, and the letters in their block that are theirs: the tolerance of a path, the direction of a
 corner, a tool's length, the greatest speed of a spindle."""
@@ -35,8 +34,7 @@ IDLE_CODES = frozenset(
 )
 """Codes without effect on a contour in two axes: exact stop, plane XY, cancelled offsets, tapers, turns and cycles,
 the work offset, the mode of the feed; spindle, water, tank, wire and generator; threading, which G0 does here."""
-UNITS: dict[float, float] = {70: 20, 71: 21}
-"""Codes of some controls for inch and mm, and what they are elsewhere."""
+UNITS: dict[float, float] = {70: 20, 71: 21}  # codes of some controls for inch and mm, and what they are elsewhere
 _USED_G = frozenset({0, 1, 2, 3, 4, 10, 20, 21, 40, 41, 42, 90, 91, 90.1, 91.1, 92, *UNITS})
 KNOWN_G = _USED_G | {n for g, n in IDLE_CODES if g == "G"}
 KNOWN_M = frozenset({0, 1, 2, 30, 98, 99}) | {n for m, n in IDLE_CODES if m == "M"}
@@ -416,11 +414,9 @@ def _value(letter: str, number: str, file: str, line: int) -> float:
 
 
 INCH_MM = 25.4
-TABLE_MM = 65.0
-"""Coordinates without a decimal point that span more than this many mm are whole um (row T-61)."""
+TABLE_MM = 65.0  # coordinates without a decimal point that span more than this many mm are whole um (row T-61)
 
-LEAST_WHOLE_UM = 500
-"""They must then span at least this many um (ours: nothing smaller is cut with a wire)."""
+LEAST_WHOLE_UM = 500  # they must then span at least this many um (ours: nothing smaller is cut with a wire)
 
 _INCH: float = 20
 
@@ -505,8 +501,7 @@ def _extent(blocks: Sequence[Block]) -> float:
 
 
 CALL, RETURN = ("M", 98), ("M", 99)
-_DEEPEST = 10
-"""Calls within calls (ours: controls allow 4 to 10)."""
+_DEEPEST = 10  # calls within calls (ours: controls allow 4 to 10)
 
 
 def expanded(main: Sequence[Block], behind: Sequence[Block], file: str) -> tuple[list[Block], list[str]]:

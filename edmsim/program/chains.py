@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.program.outline import JOIN_TOLERANCE_MM
 
-SAME_MM = 1e-6
-"""Points closer than this many mm are one (ours: what arithmetic leaves of equal numbers)."""
+SAME_MM = 1e-6  # points closer than this many mm are one (ours: what arithmetic leaves of equal numbers)
 
 
 @dataclass(frozen=True)
@@ -70,8 +69,7 @@ class Chain:
 
     def without_short_elements(self) -> Self:
         """Return a ring without lines and arcs that lie within the tolerance: their ends are one point."""
-        # of many in a row, those stay whose ends are farther from the last point that stayed, as straight
-        # lines
+        # of many in a row, those stay whose ends are farther from the last point that stayed, as straight lines
         parts = self.parts()
         if not any(short for _, short in parts):
             return self
@@ -102,8 +100,7 @@ _NEIGHBOURS = 8
 _WIDEST_MM = 3 * JOIN_TOLERANCE_MM
 """Two ends with something short between them: its length and the tolerance at either end."""
 
-_End = tuple[int, int]
-"""An end of a chain: which chain, and 0 or -1."""
+_End = tuple[int, int]  # an end of a chain: which chain, and 0 or -1
 
 
 def joined_contours(chains: Sequence[Chain]) -> list[Chain]:

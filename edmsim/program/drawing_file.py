@@ -24,18 +24,15 @@ if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 
-_Tag = tuple[int, bytes, int]
-"""Group code, value, and the line of the code."""
+_Tag = tuple[int, bytes, int]  # group code, value, and the line of the code
 
-_PARTS = frozenset({"VERTEX", "INSERT"})
-"""Kinds that decide what is cut without being cut themselves."""
+_PARTS = frozenset({"VERTEX", "INSERT"})  # kinds that decide what is cut without being cut themselves
 _STRUCTURE = frozenset({"SECTION", "ENDSEC", "BLOCK", "ENDBLK", "SEQEND", "EOF"})
 _MARKERS = {"LWPOLYLINE": b"AcDbPolyline", "SPLINE": b"AcDbSpline"}
 """Kinds that the library reads by their subclass markers (code 100) only, and the markers of their own codes."""
 _COMMON = frozenset({5, 6, 8, 48, 60, 62, 67, 330, 370, 410, 420, 430, 440})
 """Codes before these markers: those that all entities have."""
-_MARKED_FROM = b"AC1015"
-"""A version that has these kinds: in older ones the library looks at no marker."""
+_MARKED_FROM = b"AC1015"  # a version that has these kinds: in older ones the library looks at no marker
 _HEADER = b"0\nSECTION\n2\nHEADER\n9\n$ACADVER\n1\n%b\n0\nENDSEC\n" % _MARKED_FROM
 _FIRST_HANDLE = 0x7F000000
 

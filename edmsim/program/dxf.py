@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 
-_DEEPEST = 16
-"""Blocks within blocks (ours: deeper ones hold themselves)."""
+_DEEPEST = 16  # blocks within blocks (ours: deeper ones hold themselves)
 
 _MOST_NAMED = 20
 

@@ -82,8 +82,7 @@ def _chords(curve: Any, breaks: NDArray[np.float64], tolerance: float) -> NDArra
     return np.asarray(curve(t))
 
 
-_FRAME = 16
-"""Flag of a vertex that controls a spline and is not on it (DXF reference, VERTEX, code 70)."""
+_FRAME = 16  # flag of a vertex that controls a spline and is not on it (DXF reference, VERTEX, code 70)
 
 _MESHES = {"AcDbPolygonMesh": "polygon mesh", "AcDbPolyFaceMesh": "polyface mesh"}
 
@@ -155,11 +154,9 @@ def _flat(entity: Any, points: NDArray[np.float64], height: float, unit_mm: floa
     return np.array([(point.x, point.y) for point in placed], np.float64)
 
 
-SHAPES = "lines, arcs, circles, polylines, splines or ellipses"
-"""What can be cut, in the words of a message."""
+SHAPES = "lines, arcs, circles, polylines, splines or ellipses"  # what can be cut, in the words of a message
 
-POLYLINES = frozenset({"LWPOLYLINE", "POLYLINE"})
-"""Kinds of several lines and arcs."""
+POLYLINES = frozenset({"LWPOLYLINE", "POLYLINE"})  # kinds of several lines and arcs
 
 _OUTERMOST: dict[str, Callable[[Any], Iterable[Any]]] = {
     "LINE": lambda entity: (entity.dxf.start, entity.dxf.end),
@@ -169,8 +166,7 @@ _OUTERMOST: dict[str, Callable[[Any], Iterable[Any]]] = {
     "SPLINE": lambda entity: (*entity.control_points, *entity.fit_points),
 }
 """Points between which an entity lies, or that its length follows from."""
-CUT = POLYLINES | _OUTERMOST.keys()
-"""Kinds of entities that can be cut."""
+CUT = POLYLINES | _OUTERMOST.keys()  # kinds of entities that can be cut
 UNDRAWN = frozenset({
     "TEXT", "MTEXT", "ATTDEF", "ATTRIB", "RTEXT", "ARCALIGNEDTEXT", "ACAD_TABLE", "DIMENSION", "ARC_DIMENSION",
     "LARGE_RADIAL_DIMENSION", "LEADER", "MLEADER", "MULTILEADER", "TOLERANCE", "POINT", "HATCH", "MPOLYGON", "IMAGE",

@@ -26,16 +26,14 @@ from edmsim.plant.workpiece.height_steps import LowerRegion
 if TYPE_CHECKING:
     from edmsim.program.path import CutPath
 
-Height: TypeAlias = tuple[float, float]
-"""Path length in mm, and the height in mm from there on."""
+Height: TypeAlias = tuple[float, float]  # path length in mm, and the height in mm from there on
 Area: TypeAlias = tuple[BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], float]
 """Polygon, its corners or its GeoJSON, in mm of the program, and the height in mm inside it."""
 
 WIRE_MARGIN_MM = 0.4
 """How far beside the wire's surface a stretch's height holds (ours: rays end at 0.08 mm, tiles are made 0.13 mm
 beyond them and are 0.13 mm wide, the rest is for a wire that hangs behind)."""
-RING_MM = 0.035
-"""Resolution of distances to the path (ours: a few of them fit between a kerf's middle and its wall)."""
+RING_MM = 0.035  # resolution of distances to the path (ours: a few of them fit between a kerf's middle and its wall)
 
 
 @dataclass(frozen=True)

@@ -184,9 +184,7 @@ def reading_of(motion: CuttingMotion, absolute: bool | None, rounding: Rounding)
     return Reading(motion, centre, notices=tuple(notices))
 
 
-def _reading_where_ends_meet(
-    motion: CuttingMotion, arc: Arc, absolute: bool | None, rounding: Rounding
-) -> Reading:
+def _reading_where_ends_meet(motion: CuttingMotion, arc: Arc, absolute: bool | None, rounding: Rounding) -> Reading:
     """Tell a full circle from an arc so short that it lies, with its radius, within what rounding explains."""
     stated = arc.absolute_stated
     meant = (absolute if stated is None else stated) if arc.absolute is not None else False
@@ -238,8 +236,7 @@ _SAID_OTHERWISE = frozenset({("G", 17), ("M", 50), ("M", 60), *(("G", code) for 
 _SIDES: dict[float, Side | None] = {40: None, 41: "left", 42: "right", 140: None, 141: "left", 142: "right"}
 _LEANS: dict[Action, int] = {"no taper": 0, "taper left": 1, "taper right": -1}
 _BOTH_SIDES: dict[Action, int | None] = {"two planes off": None, "two planes left": 141, "two planes right": 142}
-_STEEPEST_DEG = 60.0
-"""Angle of a taper (ours: no guides let a wire lean so far)."""
+_STEEPEST_DEG = 60.0  # angle of a taper (ours: no guides let a wire lean so far)
 _LENGTHS = frozenset("XYIJRUVK")
 _ALSO = frozenset("FDH")
 _G10_REGISTERS = {None: "DH", 10.0: "H", 12.0: "D"}

@@ -11,8 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 
-HOLE_CLEARANCE_MM = 0.05
-"""Least distance in mm between a hole of our choice and any edge (ours)."""
+HOLE_CLEARANCE_MM = 0.05  # least distance in mm between a hole of our choice and any edge (ours)
 
 _TOLERANCE_MM = 0.001
 _SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
@@ -20,11 +19,7 @@ _TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
 
 
 def own_lead_in(
-    start: NDArray[np.float64],
-    away: NDArray[np.float64],
-    edges: BaseGeometry,
-    offset_mm: float,
-    length_mm: float,
+    start: NDArray[np.float64], away: NDArray[np.float64], edges: BaseGeometry, offset_mm: float, length_mm: float,
     hole_radius_mm: float,
 ) -> tuple[NDArray[np.float64], list[str]]:
     """Choose a thread point off the contour, on the waste side."""

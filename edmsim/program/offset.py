@@ -24,8 +24,7 @@ from edmsim.geometry import arc_lengths
 from edmsim.program.outline import Outline, Program, Side, chords_of, signed_area
 from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
 
-QUAD_SEGMENTS = 32
-"""Chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm."""
+QUAD_SEGMENTS = 32  # chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm
 
 SIMPLIFY_MM = 0.00025
 """Points are dropped where the path moves by less than this many mm (ours: below the whole um to follow)."""
@@ -176,8 +175,7 @@ def _simplified(path: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 _MOST_NAMED = 5
-_SHARP_DEG = 15.0
-"""Lines that meet at less are taken for tangents (ours)."""
+_SHARP_DEG = 15.0  # lines that meet at less are taken for tangents (ours)
 
 
 @dataclass(frozen=True)
@@ -264,9 +262,7 @@ def _runs(missed: NDArray[np.bool_], edge: NDArray[np.float64]) -> list[NDArray[
     return [*runs[1:-1], np.concatenate([runs[-1], runs[0]])] if goes_on else runs
 
 
-def _radius_mm(
-    edge: NDArray[np.float64], vertices: NDArray[np.intp], sharp: NDArray[np.bool_]
-) -> float | None:
+def _radius_mm(edge: NDArray[np.float64], vertices: NDArray[np.intp], sharp: NDArray[np.bool_]) -> float | None:
     """Return the inner radius of a run: 0 with one sharp corner, None with more; else that through three points."""
     corners = int(sharp[vertices].sum())
     if corners or len(vertices) < 3:

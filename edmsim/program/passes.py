@@ -28,12 +28,10 @@ AfterTab = Literal["stop", "cut"]
 """``stop``: the machine stops before the tab is cut, and a piece is glued; ``cut``: it goes on, a slug falls."""
 Piece = Literal["profile", "tab"]
 
-TAB_MM = 1.5
-"""Usual length of a tab: shops leave 1 to 2 mm."""
+TAB_MM = 1.5  # usual length of a tab: shops leave 1 to 2 mm
 OVERLAP_MM = 0.1
 """How far a pass goes on over what another one has cut, at the ends of a tab and of a closed contour (ours)."""
-MOST_PASSES = 9
-"""More passes than any technology has (ours)."""
+MOST_PASSES = 9  # more passes than any technology has (ours)
 
 
 @dataclass(frozen=True)
@@ -283,8 +281,7 @@ def _link(before: _Leg, leg: _Leg) -> Stretch:
 
 def _short_mm(rough_mm: float, offset_mm: float) -> float:
     """Return how far before the end of the rough pass a trim has to end so that no metal is in front of it."""
-    # the rough pass ends in a round front, of which more stands beside the wire the nearer a pass is to the
-    # part
+    # the rough pass ends in a round front, of which more stands beside the wire the nearer a pass is to the part
     nearer = rough_mm - offset_mm
     return math.sqrt(max(2.0 * rough_mm * nearer - nearer**2, 0.0))
 
@@ -422,16 +419,8 @@ def on_grid(
         )
         passes.append(
             CutPass(
-                way.number,
-                way.piece,
-                joined.points_um[moving],
-                int(moves[: len(before) + way.leads].sum()),
-                way.offset_mm * 1000,
-                way.reversed,
-                way.stops_before,
-                way.frees,
-                way.falls,
-                lean,
+                way.number, way.piece, joined.points_um[moving], int(moves[: len(before) + way.leads].sum()),
+                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, lean,
                 tuple((int(place[i]), seconds) for i, seconds in dwells),
             )
         )
@@ -439,9 +428,7 @@ def on_grid(
     return tuple(passes)
 
 
-def _guided(
-    known_mm: NDArray[np.float64], way: Stretch, leads: int, before: CutPass | None, grid_um: int
-) -> Way:
+def _guided(known_mm: NDArray[np.float64], way: Stretch, leads: int, before: CutPass | None, grid_um: int) -> Way:
     """Put a way on the grid behind `leads` points that lead to it: vertical ones, or where the pass before ended."""
     if way.tilt is None:
         return Way(np.round(known_mm * 1000 / grid_um).astype(np.int64) * grid_um)

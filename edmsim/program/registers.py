@@ -14,8 +14,7 @@ from edmsim.numeric import real
 
 _ZERO = frozenset({"D0", "H0"})
 _NAME = re.compile(r"([DH])0*(\d{1,4})")
-GREATEST_MM = 10.0
-"""Of an offset (ours: no wire is thicker)."""
+GREATEST_MM = 10.0  # of an offset (ours: no wire is thicker)
 
 
 def register(letter: str, number: str | float) -> str:
@@ -86,9 +85,7 @@ class Offset(NamedTuple):
 class OffsetRegisters:
     """The registers of a program while it is read; what the program itself says comes before those of a file."""
 
-    def __init__(
-        self, offsets: Mapping[str, float], defined: Collection[str], file: str, zero: bool = False
-    ) -> None:
+    def __init__(self, offsets: Mapping[str, float], defined: Collection[str], file: str, zero: bool = False) -> None:
         self._table = dict(offsets)
         self._zero = zero
         self._defined = frozenset(defined)

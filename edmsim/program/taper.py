@@ -25,12 +25,9 @@ from edmsim.program.outline import Corners, Outline, Side, Taper
 
 Floats = NDArray[np.float64]
 
-MOST_DEG = 45.0
-"""Greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)."""
-SHARP_DEG = 1.0
-"""Lines and arcs that meet at less are tangents (ours: rounding of drawings)."""
-_MOST_TURN_DEG = 165.0
-"""A corner that turns by more has a mitre longer than seven offsets (ours)."""
+MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
+SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding of drawings)
+_MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)
 GOUGE_MM = 0.01
 """A wire that comes nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)."""
 _NOTHING_MM = 1e-9
@@ -72,8 +69,7 @@ class Ruled:
     upper_mm: Floats
     low_mm: float  # low_mm, high_mm: heights of these planes over the workpiece's lower face; unequal
     high_mm: float
-    # elements, line_numbers: for each of the ``n - 1`` chords the line or arc and the program's line it belongs
-    # to
+    # elements, line_numbers: for each of the ``n - 1`` chords the line or arc and the program's line it belongs to
     elements: tuple[int, ...]
     line_numbers: tuple[int, ...]
     vertices: tuple[int, ...]  # for each point of the outline the first of the points here that it became
@@ -418,8 +414,7 @@ def _pieces(outline: Outline) -> list[_Piece]:
     return found
 
 
-_ROUND_MM = 0.003
-"""Points of an arc lie on its circle within this: chord tolerance and rounding (ours)."""
+_ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord tolerance and rounding (ours)
 
 
 def _circle(points: Floats) -> tuple[Floats, float, float] | None:

@@ -17,14 +17,11 @@ from edmsim.recording.scene import Scene
 
 Floats = NDArray[np.float64]
 
-FACE_STEP_MM = 0.02
-"""Distance of the points along the edge (ours: that of the profile error)."""
-FARTHEST_MM = 0.15
-"""Further from the edge as drawn there is no wall of it (ours: half a kerf)."""
+FACE_STEP_MM = 0.02  # distance of the points along the edge (ours: that of the profile error)
+FARTHEST_MM = 0.15  # further from the edge as drawn there is no wall of it (ours: half a kerf)
 
 
-SPECK_SHARE = 0.01
-"""Share of the wire's cross-section below which a closed edge is a speck (ours: a crater or two)."""
+SPECK_SHARE = 0.01  # share of the wire's cross-section below which a closed edge is a speck (ours: a crater or two)
 
 
 class Face(NamedTuple):

@@ -17,8 +17,7 @@ from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.state import PULSE
 from edmsim.snapshots import ArraySnapshots
 
-Bytes = NDArray[np.uint8]
-"""Rows as bytes, (size,) or (n, size)."""
+Bytes = NDArray[np.uint8]  # rows as bytes, (size,) or (n, size)
 
 
 def bytes_of(rows: NDArray[np.void]) -> Bytes:
@@ -111,9 +110,7 @@ class Frames(ArraySnapshots, Observer):
         """See a window; it is kept if its turn has come."""
         if self._thinned.wants_next:
             x_um, y_um = plant.commanded_um
-            self.offer(
-                turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um(), plant.coverage()
-            )  # fmt: skip
+            self.offer(turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um(), plant.coverage())
         else:
             self._thinned.skip()
 
@@ -153,14 +150,10 @@ class Frames(ArraySnapshots, Observer):
         return np.asarray(self._thinned.rows["coverage"])
 
 
-PULSES = 96
-"""The last pulses of a window, which are what is kept of it."""
-REGULAR = 600
-"""Most close-ups of the run over the whole cut."""
-AROUND = 20
-"""Windows kept before and after an event: half a second on either side at a period of 100 us."""
-BLOCKS = 40
-"""Most events of a kind around which all is kept."""
+PULSES = 96  # the last pulses of a window, which are what is kept of it
+REGULAR = 600  # most close-ups of the run over the whole cut
+AROUND = 20  # windows kept before and after an event: half a second on either side at a period of 100 us
+BLOCKS = 40  # most events of a kind around which all is kept
 
 NOTHING, RETRACT, TURN = 0, 1, 2
 """Events that are worth all detail: the wire begins to run back; it passes a corner or begins a contour."""
@@ -170,20 +163,10 @@ def row_type(slices: int, rays: int) -> np.dtype[np.void]:
     """Return the type of a close-up for a resolution."""
     return np.dtype(
         [
-            ("t_s", "f8"),
-            ("guides_um", "f8", 2),
-            ("path_um", "f8"),
-            ("burning_V", "f4"),
-            ("current_A", "f4"),
-            ("short_A", "f4"),
-            ("opposite_V", "f4"),
-            ("opposite_A", "f4"),
-            ("wire_um", "f8", 2),
-            ("walls_um", "f4", rays),
-            ("deflection_um", "f4", (slices, 2)),
-            ("coverage", "f4", (slices,)),
-            ("pulses", PULSE, PULSES),
-            ("count", "i4"),
+            ("t_s", "f8"), ("guides_um", "f8", 2), ("path_um", "f8"), ("burning_V", "f4"), ("current_A", "f4"),
+            ("short_A", "f4"), ("opposite_V", "f4"), ("opposite_A", "f4"), ("wire_um", "f8", 2),
+            ("walls_um", "f4", rays), ("deflection_um", "f4", (slices, 2)), ("coverage", "f4", (slices,)),
+            ("pulses", PULSE, PULSES), ("count", "i4"),
         ]
     )
 

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-THREADING_S = 1.0
-"""Least time that it takes to thread a wire (ours)."""
+THREADING_S = 1.0  # least time that it takes to thread a wire (ours)
 _JUMP_UM = 20.0
 """A way longer than the path cut meanwhile by more than this is one between contours (ours: rounding is 1 um)."""
 
@@ -119,9 +118,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("t_on_us", "us", "pulse on-time t_i set for the window"),
     Column("t_period_us", "us", "pulse period t_p set for the window"),
     Column("path_um", "um", "place along the wire path, from the first start hole"),
-    Column(
-        "error_um", "um", "profile error of the cut where the wire was; positive: metal left; NaN if none"
-    ),
+    Column("error_um", "um", "profile error of the cut where the wire was; positive: metal left; NaN if none"),
 )
 """Columns of ``windows.parquet``, in order."""
 
@@ -134,8 +131,7 @@ EQUALISING_COLUMNS: tuple[Column, ...] = (
 CUT_KEY = b"edmsim_cut"
 """Under which the metadata of ``windows.parquet`` say which cut they are of: `edmsim.recording.report.cut_id`."""
 
-NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)
-"""Names of all columns, in order."""
+NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)  # names of all columns, in order
 
 ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 """What `WindowTable.append` takes: everything but ``error_um``, which only the finished cut can tell."""
@@ -221,9 +217,7 @@ class WindowTable(ArraySnapshots, Observer):
         columns = COLUMNS + self._more
         fields = [
             pa.field(
-                c.name,
-                pa.int16() if c.is_count else pa.float64(),
-                nullable=False,
+                c.name, pa.int16() if c.is_count else pa.float64(), nullable=False,
                 metadata={"unit": c.unit, "meaning": c.meaning},
             )
             for c in columns
@@ -274,16 +268,16 @@ def column(table: pa.Table, name: str) -> NDArray[np.float64]:
     return np.asarray(table.column(name).to_numpy(), np.float64)
 
 
-def travel_direction(table: pa.Table, reach_um: float = 25.0) -> NDArray[np.float64]:
+def travel_direction(table: pa.Table) -> NDArray[np.float64]:
     """Return the direction of travel in every window, unit vectors (n, 2); zero where the wire has not moved."""
-    # the chord over `reach_um` of path on either side: steps of 1 um on two axes say nothing about direction
+    # the chord over 25 um of path on either side: steps of 1 um on two axes say nothing about direction
     # one by one; it never reaches over a pause, to another contour
     path = np.maximum.accumulate(column(table, "path_um"))
     place = np.column_stack([column(table, name) for name in ("x_um", "y_um")])
     chord = np.zeros((len(path), 2))
     for part in stretches(len(path), pause_rows(column(table, "t_s"))):
         s, at = path[part], place[part]
-        chord[part] = np.column_stack([np.interp(s + reach_um, s, x) - np.interp(s - reach_um, s, x) for x in at.T])
+        chord[part] = np.column_stack([np.interp(s + 25.0, s, x) - np.interp(s - 25.0, s, x) for x in at.T])
     length = np.hypot(chord[:, 0], chord[:, 1])
     return np.asarray(np.divide(chord, length[:, None], out=np.zeros_like(chord), where=length[:, None] > 0))
 

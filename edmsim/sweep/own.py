@@ -37,10 +37,8 @@ from edmsim.sweep.tune import (
 )
 from edmsim.user_code import named, run
 
-FINALISTS = 8
-"""Trials that are tried once more, besides the settings in use (ours: the best has been lucky, too)."""
-FRESH = 2
-"""Times as many machines as a trial has had, the same for all (ours)."""
+FINALISTS = 8  # trials that are tried once more, besides the settings in use (ours: the best has been lucky, too)
+FRESH = 2  # times as many machines as a trial has had, the same for all (ours)
 _RULE = 'BOUNDS = {"gain": (0.1, 10.0), "window_s": (0.01, 1.0, "log")}'
 
 

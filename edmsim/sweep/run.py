@@ -25,8 +25,7 @@ from edmsim.sweep.runs import SweepRun, checked, combinations, runs_of
 from edmsim.sweep.specification import Specification
 from edmsim.sweep.table import Store
 
-MOST_REASONS = 3
-"""Reasons that a refusal names (ours): it is one line."""
+MOST_REASONS = 3  # reasons that a refusal names (ours): it is one line
 
 
 def check_runs(specification: Specification, checking: Callable[[int, int], None] | None = None) -> None:
@@ -107,8 +106,7 @@ class _Planner:
         return found
 
 
-SPECIFICATION = "specification.json"
-"""File in which a sweep's folder keeps the specification last run there."""
+SPECIFICATION = "specification.json"  # file in which a sweep's folder keeps the specification last run there
 
 
 class SweepProgress(NamedTuple):

@@ -161,11 +161,9 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
     return float(np.mean([result.total_return for result in results]))
 
 
-JOURNAL = "study.journal"
-"""File of the study, in Optuna's journal storage."""
+JOURNAL = "study.journal"  # file of the study, in Optuna's journal storage
 BEST = "best.toml"
-EVOLUTION = "evolution.json"
-"""File of an evolution: what it is of, and what was tried."""
+EVOLUTION = "evolution.json"  # file of an evolution: what it is of, and what was tried
 METHODS = ("tpe", "evolution")
 
 
@@ -287,8 +285,7 @@ def _studied(
 
 
 def _evolved(
-    name: str, folder: Path, trials: int, seed: int, judged_by: tuple[int, ...],
-    watch: Callable[[Tuned], None] | None,
+    name: str, folder: Path, trials: int, seed: int, judged_by: tuple[int, ...], watch: Callable[[Tuned], None] | None
 ) -> Tuned:
     """Search by differential evolution; what was tried is kept, so that the same search goes on."""
     from scipy.optimize import Bounds, differential_evolution

@@ -22,20 +22,14 @@ COOLING = "Sato et al., explanation of the limit: the wire is less likely to be 
 STRENGTH = "tension against the hot wire's strength (derived)"
 PAGE = "docs/theory/emergence.md"
 
-PEAK_A, PULSE_US = 700.0, 1.4
-"""Triangular pulse of Sato's stable cutting, an upper bound: 0.49 mC."""
-LEAST_PEAK_A, MOST_PEAK_A = 600.0, 940.0
-"""Peak currents of Sato's 67 conditions."""
-STABLE_HZ = 60e3
-"""Discharges per second in Sato's stable cutting of 80 mm."""
+PEAK_A, PULSE_US = 700.0, 1.4  # triangular pulse of Sato's stable cutting, an upper bound: 0.49 mC
+LEAST_PEAK_A, MOST_PEAK_A = 600.0, 940.0  # peak currents of Sato's 67 conditions
+STABLE_HZ = 60e3  # discharges per second in Sato's stable cutting of 80 mm
 PAUSE_US, BREAKING_PAUSE_US = 8.0, 6.0
 """Pause of that stable cutting, and the pause at which the wire broke in all four trials (his table 2)."""
-LONGEST_PERIOD_US = 60.0
-"""Pulse and pause the search begins with: a third of any limit found (ours)."""
-HOLD_S = 0.3
-"""Time at each step, several times the wire's thermal time constant of some 20 ms (ours)."""
-APPROACH_S = 2.0
-"""Time the feed is given to find its level first (ours)."""
+LONGEST_PERIOD_US = 60.0  # pulse and pause the search begins with: a third of any limit found (ours)
+HOLD_S = 0.3  # time at each step, several times the wire's thermal time constant of some 20 ms (ours)
+APPROACH_S = 2.0  # time the feed is given to find its level first (ours)
 
 
 def sato_rig(
@@ -89,8 +83,7 @@ def _limits(machine: Machine, seeds: Sequence[int]) -> list[float]:
     return [break_limit_A(machine, seed) for seed in seeds]
 
 
-STABLE_MM = 80.0
-"""Height of Sato's stable cutting."""
+STABLE_MM = 80.0  # height of Sato's stable cutting
 HANGS_ON: Mapping[str, Mapping[str, float]] = {
     "critical heat flux 9e4 W/m2 sqrt(v s/m) per kelvin": {"base.cooling.critical_stream": 9e4},
     "6 mm of water behind the wire": {"base.dielectric.wake_mm": 6.0},
@@ -136,10 +129,8 @@ def _mori_breaks(seed: int) -> bool:
     return cut_straight(mori_rig(), controller, seed, settle_s=0.5, seconds=2.0).broken
 
 
-THIN_MM, MIDDLE_MM, THICK_MM = 20.0, 60.0, 100.0
-"""Heights of Sato's trials."""
-OFF_MM = 2.0
-"""Distance by which Sato took one nozzle off the piece."""
+THIN_MM, MIDDLE_MM, THICK_MM = 20.0, 60.0, 100.0  # heights of Sato's trials
+OFF_MM = 2.0  # distance by which Sato took one nozzle off the piece
 
 
 def limits(seeds: Sequence[int]) -> list[Row]:

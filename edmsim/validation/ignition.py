@@ -35,8 +35,7 @@ LAW_GAPS_UM = (8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0)
 """Gaps of the published table within the range it can be trusted for."""
 REGIME_GAPS_UM = (7.0, 8.0, 9.0, 10.0, 11.0, 13.0)
 MIXTURE_GAPS_UM = (7.0, 9.0, 11.0, 13.0, 20.0, 30.0)
-DRAWS = 2000
-"""Delays per gap and seed (ours: four seeds know a median to 3 %)."""
+DRAWS = 2000  # delays per gap and seed (ours: four seeds know a median to 3 %)
 SHORT_BRANCH_US = 10.0
 """What is not of the long branch is over by then: five times the short branch's scale (prior 1..3 us)."""
 STILL_WATER = {"base.dielectric.flushing_pressure_Pa": 1e-6}
@@ -163,10 +162,8 @@ def _mixture_row(gap_um: float, delays: Array, gaps_um: Array) -> Row:
 
 # --- thesis figure 2-9 ---
 
-FLOW_PULSES_WINDOWS = 8
-"""Windows per seed and point: 2040 pulses."""
-THESIS_ON_US, THESIS_V = 50.0, 300.0
-"""On-time and open voltage of figure 2-9."""
+FLOW_PULSES_WINDOWS = 8  # windows per seed and point: 2040 pulses
+THESIS_ON_US, THESIS_V = 50.0, 300.0  # on-time and open voltage of figure 2-9
 
 
 def pressure_Pa(machine: Machine, speed_m_s: float) -> float:

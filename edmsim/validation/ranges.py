@@ -13,8 +13,7 @@ from edmsim.validation.cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
 from edmsim.validation.lag import LAG
 from edmsim.validation.rows import LEVEL, Check, Row
 
-MACHINES_PER_SEED = 3
-"""Machines drawn (ours: with eight seeds two dozen, of which the outermost bound the interval)."""
+MACHINES_PER_SEED = 3  # machines drawn (ours: with eight seeds two dozen, of which the outermost bound the interval)
 PAGE = "docs/theory/emergence.md#ranges"
 
 

@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy.stats import t as student
 
-LEVEL = 0.95
-"""Level of every interval in the table."""
+LEVEL = 0.95  # level of every interval in the table
 
 Kind = Literal["judged", "calibration", "context"]
 """Whether a row counts: only a judged one does. See `Row.calibration` and `Row.context`."""

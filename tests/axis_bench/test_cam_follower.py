@@ -42,7 +42,7 @@ def start(rig, index, points=HAT, at=0.0, **values):
 
 @pytest.mark.parametrize(
     ("values", "place"), [({}, 2.5), ({"gain": 2.0}, 5.0), ({"shift": 1.0}, 3.5), ({"phase": 5.0}, 0.0),
-                          ({"gain": 2.0, "shift": 1.0}, 6.0)],
+                          ({"gain": 2.0, "shift": 1.0}, 6.0), ({"phase": -1000.0}, 2.5)],
 )  # fmt: skip
 def test_the_follower_is_between_the_points(values, place):
     # E-20, E-7, E-A8
@@ -52,21 +52,16 @@ def test_the_follower_is_between_the_points(values, place):
     assert place_mm(rig, Y) == pytest.approx(place, abs=0.002)
 
 
-@pytest.mark.parametrize(("master", "place"), [(25.0, 2.5), (-5.0, 2.5), (-15.0, 2.5), (40.0, 0.0)])
-def test_a_table_repeats_both_ways(master, place):
+@pytest.mark.parametrize(
+    ("points", "master", "place"),
+    [(HAT, 25.0, 2.5), (HAT, -5.0, 2.5), (HAT, -15.0, 2.5), (HAT, 40.0, 0.0), ((*HAT, (1000.0, 0.0)), 25.0, 0.0)],
+)
+def test_a_table_repeats_both_ways_unless_a_point_lies_beyond_the_travel(points, master, place):
     # E-21, E-37
     rig = rig_of()
-    start(rig, 0)
+    start(rig, 0, points)
     go(rig, X, master, 100.0)
     assert place_mm(rig, Y) == pytest.approx(place, abs=0.002)
-
-
-def test_a_point_beyond_the_travel_defeats_repetition():
-    # E-21, E-37
-    rig = rig_of()
-    start(rig, 0, (*HAT, (1000.0, 0.0)))
-    go(rig, X, 25.0, 100.0)
-    assert place_mm(rig, Y) == pytest.approx(0.0, abs=0.002)
 
 
 @pytest.mark.slow
@@ -147,6 +142,13 @@ def test_the_start_is_approached_by_the_computed_position():
     go(rig, X, 5.0)
     table(rig, 0, HAT)
     assert read(rig, 0, Function.ERROR) == 0
+    unprepared = rig_of()
+    go(unprepared, X, 5.0)
+    table(unprepared, 0, HAT)
+    watch(unprepared)
+    run(unprepared, 0)
+    settle(unprepared)
+    assert jumps(unprepared.traces(), Y) == pytest.approx(2.5)  # without the approach, by the difference
     go(rig, Y, read(rig, 0, Function.TARGET_POSITION))
     watch(rig)
     run(rig, 0)
@@ -156,17 +158,6 @@ def test_the_start_is_approached_by_the_computed_position():
     assert answer.status is CallStatus.BUSY == 2
     go(rig, X, 15.0)
     assert place_mm(rig, Y) == pytest.approx(2.5, abs=0.002)
-
-
-def test_without_the_approach_the_follower_jumps_by_the_difference():
-    # E-44
-    rig = rig_of()
-    go(rig, X, 5.0)
-    table(rig, 0, HAT)
-    watch(rig)
-    run(rig, 0)
-    settle(rig)
-    assert jumps(rig.traces(), Y) == pytest.approx(2.5)
 
 
 def test_the_master_is_its_setpoint_or_its_actual_value():
@@ -249,13 +240,6 @@ def test_running_one_table_ends_the_others_of_its_follower():
     run(rig, 0)
     settle(rig)
     assert jumps(rig.traces(), Y) == pytest.approx(1.0)
-
-
-def test_a_phase_past_the_table_comes_round():
-    # E-7, E-21
-    rig = rig_of()
-    start(rig, 0, at=5.0, phase=-1000.0)
-    assert place_mm(rig, Y) == pytest.approx(2.5, abs=0.002)
 
 
 def test_followers_do_what_was_computed_beforehand():

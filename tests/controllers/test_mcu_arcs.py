@@ -86,6 +86,14 @@ def test_an_arc_half_way_round_and_a_full_circle():
     assert shapely.LinearRing(full).is_ccw
 
 
+def test_a_circle_of_4_um_is_walked_point_by_point():
+    """Golden vector: the radius at which the faster axis is a tie."""
+    x = [4, 3, 2, 0, -2, -3, -4, -3, -2, 0, 2, 3, 4]
+    y = [0, 2, 4, 4, 3, 2, 0, -2, -4, -4, -3, -2, 0]
+    start = CENTRE[0] + 4, CENTRE[1]
+    assert (arc_points(start, CENTRE, start, False) - CENTRE).T.tolist() == [x, y]
+
+
 def test_few_points_do_for_a_large_circle():
     length, (x, y) = chord_walk(32_767, 0), (32_767, 0)
     assert length == 181

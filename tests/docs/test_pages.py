@@ -131,10 +131,12 @@ def _run(words: list[str], place: str, allowed: set[int], capfd: Captured) -> st
     return out + err
 
 
-def test_every_block_is_of_a_kind_that_is_run() -> None:
+def test_every_block_is_of_a_kind_that_is_run_and_can_be_compiled() -> None:
     for page in PAGES:
         for block in blocks(page):
             assert block.kind in {"python", "sh", "output", *ELSEWHERE} or block.file is not None, block.place
+            if block.kind == "python":
+                compile(block.text, block.place, "exec")
 
 
 def test_every_command_is_run_or_left_out_for_a_reason() -> None:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from dataclasses import fields
 
 import gymnasium
 import numpy as np
 import pytest
 
-from edmsim.cli import app as cli
 from edmsim.controllers import FeedCommand, FeedController, from_text, make
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.envs import pass_laws
@@ -36,6 +34,8 @@ from edmsim.evaluation.episode import HELD_BACK, Episode, Result
 from edmsim.evaluation.lines import ORACLE_GAPS_UM, lines_of
 from edmsim.evaluation.table import as_json, render, shown
 from edmsim.learning import hyperparameters
+
+from ..conftest import Run
 
 GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v2", "edmsim/Corner-v2", "edmsim/Contour-v2"
 
@@ -263,28 +263,20 @@ def test_what_cannot_be_compared_is_refused(env_id, controllers, seeds, resoluti
     assert words in str(refused.value)
 
 
-def edmsim(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, arguments)])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    return left.value.code if isinstance(left.value.code, int) else 0
-
-
 @pytest.mark.slow
-def test_the_command_prints_json(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_json(edmsim: Run) -> None:
     slow = "fixed:feed_um_s=20,offset_um=0"  # its own comma parts no controllers
-    status = edmsim(monkeypatch, "evaluate", GAP_FEED, "--controllers", f"{slow},counts", "--seeds", 2,
-                    "--resolution", "fast", "--json")  # fmt: skip
-    assert status == 0
-    (found,) = json.loads(capsys.readouterr().out)
+    words = ("--controllers", f"{slow},counts", "--seeds", 2, "--resolution", "fast", "--json")
+    shown = edmsim("evaluate", GAP_FEED, *words)
+    assert shown.status == 0
+    (found,) = json.loads(shown.out)
     assert found["env_id"] == GAP_FEED
     assert set(found["controllers"]) == {"fixed", slow, "counts", "oracle"}
     assert found["controllers"][slow]["error_um"]["value"] is None
     assert len(found["cuts"]) == 8
 
 
-def test_the_command_refuses_before_it_begins(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert edmsim(monkeypatch, "evaluate", GAP_FEED, "--controllers", "pid") == 2
-    assert capsys.readouterr().err.startswith("edmsim: there is no feed controller 'pid'")
+def test_the_command_refuses_before_it_begins(edmsim: Run) -> None:
+    shown = edmsim("evaluate", GAP_FEED, "--controllers", "pid")
+    assert shown.status == 2
+    assert shown.err.startswith("edmsim: there is no feed controller 'pid'")

@@ -97,6 +97,7 @@ def test_without_a_normalisation_it_sees_what_is_shown(wrap, network, tmp_path):
     assert most_apart(model, vec_env, export_sb3(model, vec_env, tmp_path / "policy.json")) < 2e-6
 
 
+@pytest.mark.slow
 def test_the_sub_environments_may_be_single_environments_of_stable_baselines3(tmp_path):
     vec_env = VecNormalize(make_vec_env("edmsim/Trim-v1", 2, env_kwargs={"decision_s": None, "wave_um": (5.0, 6.0)}))
     model = learner("sac", vec_env, steps=16)
@@ -143,7 +144,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
         def forward(self, observations):
             return super().forward(observations) / 2
 
-    refused(new("ppo", bare, features_extractor_class=Halved), bare, "the observations that Halved returns")
+    refused(new("ppo", bare, features_extractor_class=Halved), bare, "that Halved returns: use MlpPolicy")
     broken = new("ppo", bare)
     broken.policy.action_net.bias.data[:] = float("nan")
     refused(broken, bare, "not finite")

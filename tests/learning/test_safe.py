@@ -30,7 +30,7 @@ def test_the_machines_are_none_of_a_comparison():
 
 
 @pytest.mark.parametrize(("worse", "left"), [(True, "start"), (False, "trained")])
-def test_a_refused_policy_stands_beside_its_start(tmp_path, monkeypatch, worse, left):
+def test_a_refused_policy_is_saved_next_to_its_start(tmp_path, monkeypatch, worse, left):
     shipped = policy_file.locate("GapFeed-ppo")
     trained = tmp_path / "policy.json"
     policy = policy_file.load("GapFeed-ppo")

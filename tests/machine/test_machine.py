@@ -9,9 +9,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, cast, get_args
 
+import numpy as np
 import pytest
 
 import edmsim
+from edmsim.controllers import make
+from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import Kind, available
@@ -20,6 +23,7 @@ from edmsim.machine.setting import (
     least_period_us,
     mean_current_A,
 )
+from edmsim.program.path import plan_path
 from tests.machine.test_choices import refusal
 
 LABORATORY = ("iso-pulse", "iso-energetic", "ignition-pulse")
@@ -279,17 +283,15 @@ def test_the_production_preset_has_the_pulses_of_a_modern_rough_cut() -> None:
 def test_a_table_of_400_mm_is_cut_with_the_planner_exact_only(tmp_path: Path) -> None:
     file = tmp_path / "far.ngc"
     file.write_text("G21 G90\nG0 X0.0 Y0.0\nG1 X300.0\nM2\n")
-    options: dict[str, Any] = {"machine": "production-400", "generator": "production", "height_mm": 5.0}
-    result = edmsim.cut(
-        file, **options, planner="exact", offset="none", resolution="fast", max_time_s=1.0,
-        controller="fixed:feed_um_s=100",
-    )  # fmt: skip
-    way = result.path.contours[0].points_um
-    assert way[-1, 0] - way[0, 0] == 300_000
-    assert result.report["outcome"] == "time-limit"
-    assert result.windows.num_rows > 0
+    machine = Machine.load("production-400", generator="production", height_mm=5.0)
+    table_um = machine.base.table.travel_mm.value * 1e3
+    path = plan_path(file, "none", auto_offset_mm=machine.auto_offset_mm, table_um=table_um)
+    cut = Simulation(machine, path, make("fixed", feed_um_s=100.0), planner="exact", resolution="fast")
+    assert np.ptp(path.contours[0].points_um[:, 0]) == 300_000
+    cut.step()
+    assert cut.plant.pulses == 255
     with pytest.raises(InputError, match="a table of 400 mm is too large: 16 bits count"):
-        edmsim.cut(file, **options)
+        edmsim.cut(file, machine="production-400", generator="production", height_mm=5.0)
 
 
 # --- materials and wires of today: what is not published says so and has a range ---

@@ -151,6 +151,7 @@ def test_a_cell_that_fails_or_warns_is_noticed(execute: ModuleType, kernel: Any,
         execute.run(notebook, kernel)
 
 
+@pytest.mark.slow
 def test_a_smaller_picture_has_no_other_colours(execute: ModuleType) -> None:
     ramp = np.linspace(0, 255, 256, dtype=np.uint8)
     picture = np.stack(np.broadcast_arrays(ramp, ramp[:, None], ramp[::-1, None]), axis=-1)  # far more than 256

@@ -14,7 +14,7 @@ from edmsim.recording import (
     Closeups,
     ErrorMap,
     Frames,
-    Quality,
+    Report,
     Scene,
     SceneCorner,
     Totals,
@@ -22,6 +22,7 @@ from edmsim.recording import (
     build_report,
     polylines,
 )
+from edmsim.recording.report import Corner, Kerf, Origin, ProfileErrors, Surface
 
 N_WINDOWS = 3000
 N_SLICES = 9
@@ -165,28 +166,16 @@ def cut() -> SimpleNamespace:
         removed_mm3=205.0,
         vibration_um_rms=0.8,
     )
-    quality = Quality(
-        kerf_mean_um=308.0,
-        kerf_min_um=301.0,
-        kerf_max_um=314.0,
-        profile_max_um=10.2,
-        profile_rms_um=2.1,
-        profile_p95_um=4.0,
-        corners=corners,
-        ra_um=1.9,
-    )
+    part = Report(
+        origin_mm=Origin(20.0, 20.0), kerf_um=Kerf(308.0, 301.0, 314.0),
+        profile_error_um=ProfileErrors(10.2, 2.1, 4.0),
+        corners=[Corner(c.x_mm - 20.0, c.y_mm - 20.0, c.x_mm, c.y_mm, c.turn_deg, c.error_um) for c in corners],
+        surface=Surface(1.9),
+    )  # fmt: skip
     report = build_report(
-        outcome="finished",
-        reason=None,
-        windows=arrow,
-        totals=totals,
-        quality=quality,
-        notices=["made up"],
-        seed=7,
-        settings={"program": "rectangle.ngc", "controller": "counts"},
-        version="0.0.0",
-        origin_mm=(20.0, 20.0),
-    )
+        part, arrow, totals, outcome="finished", reason=None, notices=["made up"], seed=7,
+        settings={"program": "rectangle.ngc", "controller": "counts"}, version="0.0.0",
+    )  # fmt: skip
     return SimpleNamespace(
         table=table,
         windows=arrow,
@@ -195,7 +184,7 @@ def cut() -> SimpleNamespace:
         machine=Machine.load(height_mm=20.0),
         scene=scene,
         totals=totals,
-        quality=quality,
+        part=part,
         report=report,
     )
 

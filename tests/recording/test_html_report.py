@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from edmsim import InputError
-from edmsim.job.remake import remake
+from edmsim.job.result import remake
 from edmsim.recording import Scene, read_scene, write_scene
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.html_report import page
@@ -84,10 +84,10 @@ def test_the_page_holds_table_settings_and_notices(written: Page, small_cut: Sim
 
 
 def test_what_a_report_says_is_text_not_markup(cut: SimpleNamespace) -> None:
-    report = cut.report | {
-        "reason": "the <b>wire</b> broke", "outcome": "wire-break", "notices": ['feed "F<2>" & more'],
-        "settings": {"program": "a<script>.ngc", "max_time_s": None, "heights": []},
-    }  # fmt: skip
+    report = dataclasses.replace(
+        cut.report, reason="the <b>wire</b> broke", outcome="wire-break", notices=['feed "F<2>" & more'],
+        settings={"program": "a<script>.ngc", "max_time_s": None, "heights": []},
+    )  # fmt: skip
     text = page(report, "a<script>.ngc", b"", [], ["not drawn: <i>"])
     shown = Page(text)
     assert "<script" not in text
@@ -162,7 +162,7 @@ def test_figures_are_written_as_files(folder: Path) -> None:
     [
         (lambda f: (f / "report.json").unlink(), "report.json: no such file"),
         (lambda f: (f / "report.json").write_text("{"), "report.json: not the report of a cut"),
-        (lambda f: (f / "report.json").write_text('{"settings": {}}'), "without kerf_section: cut again"),
+        (lambda f: (f / "report.json").write_text('{"settings": {}}'), "without outcome: cut again"),
         (lambda f: (f / "windows.parquet").write_bytes(b"PAR1"), "windows.parquet: not a Parquet file"),
         (lambda f: (f / "part.npz").unlink(), "part.npz: no such file"),
         (lambda f: (f / "part.npz").write_bytes((f / "part.npz").read_bytes()[:500]), "part.npz: damaged"),

@@ -123,8 +123,8 @@ def test_the_figure_has_a_second_voltage(equalised) -> None:
 def test_the_report_says_what_is_left_and_what_it_takes(equalised, cut: SimpleNamespace) -> None:
     totals = replace(cut.totals, equalising_J=2.5)
     report = build_report(
-        outcome="finished", reason=None, windows=equalised.table, totals=totals, quality=cut.quality, notices=(),
-        seed=1, settings={}, version="0", origin_mm=(0.0, 0.0),
+        cut.part, equalised.table, totals, outcome="finished", reason=None, notices=(), seed=1, settings={},
+        version="0",
     )  # fmt: skip
     assert report["equalising"]["net_voltage_V"] == pytest.approx(0.0, abs=1e-9)
     assert report["equalising"]["power_W"] == pytest.approx(column(equalised.table, "equalising_W").mean())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +19,7 @@ def changed(cut: SimpleNamespace, name: str, values: np.ndarray) -> pa.Table:
 
 
 def events_of(cut: SimpleNamespace, windows: pa.Table, **report: object) -> list[tuple[int, str, str]]:
-    return [tuple(event) for event in events(windows, cut.scene, cut.report | report)]
+    return [tuple(event) for event in events(windows, cut.scene, replace(cut.report, **report))]
 
 
 def test_begin_corners_and_end(cut: SimpleNamespace) -> None:

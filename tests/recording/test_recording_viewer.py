@@ -39,6 +39,7 @@ def test_missing_folder_and_missing_recording(tmp_path: Path) -> None:
         viewer.find_recording(tmp_path)
 
 
+@pytest.mark.slow
 def test_whole_recording_is_found(folder: Path) -> None:
     assert viewer.find_recording(folder) == folder / "cut.rrd"
 

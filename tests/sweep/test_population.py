@@ -5,16 +5,16 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from edmsim.cli import app as cli
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters
 from edmsim.sweep.population import train_population
+
+from ..conftest import Run
 
 ENV = "edmsim/GapFeed-v2"
 
@@ -31,16 +31,10 @@ def test_what_cannot_be_bred_is_refused(options: dict[str, Any], named: str, tmp
     assert not (tmp_path / "new").exists()
 
 
-def test_the_command_refuses_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["edmsim", "tune", "population", ENV, "--out", str(tmp_path / "new"), "--learners", "2"]
-    monkeypatch.setattr(sys, "argv", words)
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    err = capsys.readouterr().err
-    assert (left.value.code, len(err.splitlines())) == (2, 1)
-    assert "a population of 2 has no best quarter: give 4 or more" in err
+def test_the_command_refuses_in_one_line(edmsim: Run, tmp_path: Path) -> None:
+    refused = edmsim("tune", "population", ENV, "--out", tmp_path / "new", "--learners", "2")
+    assert (refused.status, len(refused.err.splitlines())) == (2, 1)
+    assert "a population of 2 has no best quarter: give 4 or more" in refused.err
 
 
 @pytest.mark.slow

@@ -100,6 +100,7 @@ def test_a_lost_node_loses_nothing(
     assert len(set(there["id"].to_pylist())) == 20
 
 
+@pytest.mark.slow
 def test_without_a_cluster_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     from edmsim.sweep.engine import Cluster
 

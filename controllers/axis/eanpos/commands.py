@@ -9,15 +9,7 @@ from __future__ import annotations
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.controllers.axis.eanpos.homing import give_up, preset
-from edmsim.controllers.axis.eanpos.moves import (
-    catch_up,
-    check_resolution,
-    jog,
-    place,
-    shift,
-    start,
-    warn,
-)
+from edmsim.controllers.axis.eanpos.moves import catch_up, check_resolution, jog, place, shift, start, warn
 from edmsim.controllers.axis.eanpos.profile import brake, break_off
 from edmsim.controllers.axis.eanpos.registers import Reals, Words
 

@@ -38,9 +38,7 @@ def arc_points(start_um: Point, centre_um: Point, end_um: Point, clockwise: bool
         raise InputError(f"the arc starts on its centre {centre_um} um: it has no radius")
     turn = -1 if clockwise else 1
     # a clockwise arc is a counter-clockwise one seen from below
-    first, last = (
-        (point[0] - centre_um[0], turn * (point[1] - centre_um[1])) for point in (start_um, end_um)
-    )
+    first, last = ((point[0] - centre_um[0], turn * (point[1] - centre_um[1])) for point in (start_um, end_um))
     _check_radii(first, last)
     points = [first, *_corners(first, last)]
     placed = [(centre_um[0] + x, centre_um[1] + turn * y) for x, y in points]

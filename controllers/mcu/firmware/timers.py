@@ -34,9 +34,7 @@ _MOST_HERTZ = 4_000_000_000
 def timer_clock_hz(speed_unit_nm_s: float, step_um: float = STEP_UM) -> Fraction:
     """Clock (row T-75) at which one unit is one step per 65 536 ticks (row T-74): 43008/5 Hz at 262.5 nm/s."""
     if not speed_unit_nm_s > 0:
-        raise InputError(
-            f"the speed unit must be above 0 nm/s (the controller has 262.5), not {speed_unit_nm_s}"
-        )
+        raise InputError(f"the speed unit must be above 0 nm/s (the controller has 262.5), not {speed_unit_nm_s}")
     # Both are decimal numbers such as 252.6; their binary fractions would give a clock of absurd terms.
     unit, step = (Fraction(number).limit_denominator(1000) for number in (speed_unit_nm_s, step_um))
     hertz = TIMER_COUNT * unit / (step * 1000)

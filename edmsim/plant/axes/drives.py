@@ -42,7 +42,6 @@ class AxisDrive(Protocol):
     @property
     def sample(self) -> SampleFunction | None:
         """The compiled sample; None for a stepper."""
-        ...
 
 
 class Drives:
@@ -181,9 +180,7 @@ class Drives:
         there = [k for k in self._looped if abs(places_um[k]) < NOWHERE_UM]
         state["axis_um"][0, there] = places_um[there]
 
-    def follow(
-        self, state: NDArray[np.void], events: NDArray[np.int64], until_ns: int, step_um: float
-    ) -> None:
+    def follow(self, state: NDArray[np.void], events: NDArray[np.int64], until_ns: int, step_um: float) -> None:
         """Let the axes take events without the wire, each at its time, and go on to a time."""
         if self.axes.errs:
             indicate(state)

@@ -104,9 +104,7 @@ def _carve_ray(
 
 
 @compiled
-def carve(
-    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float
-) -> float:
+def carve(a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float) -> float:
     """Carve what lies on the rays from the field; returns the volume in um3 that found no metal.
 
     `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees. What

@@ -73,8 +73,7 @@ class Stock:
         in_x = (x + radius >= x0_um) & (x - radius <= x1_um)
         return np.asarray(self._holes[in_x & (y + radius >= y0_um) & (y - radius <= y1_um)])
 
-    def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
-                 ) -> NDArray[np.float64]:
+    def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float) -> NDArray[np.float64]:
         """Share of metal (0..1) in the square cells of side `cell_um` centred at ``x_um[:, None], y_um``.
 
         In the lowest slice, that is: its metal no step takes away. Exact for the rectangle; at a hole's edge
@@ -127,9 +126,7 @@ class KerfField:
         If a step of the stock falls within a slice.
     """
 
-    def __init__(
-        self, n_slices: int, stock: Stock, cell_um: float = 4.0, extent_um: float | None = None
-    ) -> None:
+    def __init__(self, n_slices: int, stock: Stock, cell_um: float = 4.0, extent_um: float | None = None) -> None:
         extent_um = max(stock.rectangle_um[2:]) if extent_um is None else extent_um
         self.n_slices = n_slices
         self.stock = stock

@@ -15,8 +15,7 @@ from edmsim.program.dialects.skd2 import SKD2
 from edmsim.program.dialects.sodick import SODICK
 
 DIALECTS = {
-    dialect.name: dialect
-    for dialect in (SODICK, MITSUBISHI, SKD2, CHARMILLES, FANUC, LINUXCNC, FREECAD, ISO)
+    dialect.name: dialect for dialect in (SODICK, MITSUBISHI, SKD2, CHARMILLES, FANUC, LINUXCNC, FREECAD, ISO)
 }  # fmt: skip
 """By name, in the order in which they are looked for in a program."""
 AUTO = "auto"

@@ -13,8 +13,7 @@ from edmsim.recording.scene import Scene, round_number
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-PLAYED_S = 60.0
-"""How long playing the whole cut back takes at the speed the recording opens with."""
+PLAYED_S = 60.0  # how long playing the whole cut back takes at the speed the recording opens with
 
 
 class Series(NamedTuple):
@@ -45,8 +44,7 @@ class Sizes(NamedTuple):
     y0_mm: float
     x1_mm: float
     y1_mm: float
-    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are
-    # drawn
+    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are drawn
     deflection_factor: float
     error_factor: float
     end_s: float  # machine time at the end
@@ -65,10 +63,8 @@ PROCESS: tuple[Plot, ...] = (
         "pulses",
         "pulses, %",
         (
-            Series("spark", "spark", CLASS_COLOURS["spark"]),
-            Series("open", "open", CLASS_COLOURS["open"]),
-            Series("short", "short", CLASS_COLOURS["short"]),
-            Series("arc", "arc", CLASS_COLOURS["arc"]),
+            Series("spark", "spark", CLASS_COLOURS["spark"]), Series("open", "open", CLASS_COLOURS["open"]),
+            Series("short", "short", CLASS_COLOURS["short"]), Series("arc", "arc", CLASS_COLOURS["arc"]),
         ),
     ),
     Plot("feed", "feed, µm/s", (Series("feed_um_s", "feed", palette.SKY),)),
@@ -232,9 +228,7 @@ def gap_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial2DView:
 
     reach = sizes.wire_diameter_um / 2 + 130.0
     return rrb.Spatial2DView(
-        origin=f"{prefix}/top",
-        name=name,
-        background=rrb.Background(color=palette.rgb(palette.INK)),
+        origin=f"{prefix}/top", name=name, background=rrb.Background(color=palette.rgb(palette.INK)),
         visual_bounds=rrb.VisualBounds2D(x_range=(-reach, reach), y_range=(-reach, reach)),
     )
 
@@ -245,9 +239,7 @@ def scope_view(prefix: str, name: str) -> rrb.Spatial2DView:
 
     high = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
     return rrb.Spatial2DView(
-        origin=f"{prefix}/scope",
-        name=name,
-        background=rrb.Background(color=palette.rgb(palette.INK)),
+        origin=f"{prefix}/scope", name=name, background=rrb.Background(color=palette.rgb(palette.INK)),
         visual_bounds=rrb.VisualBounds2D(x_range=(-26.0, SCOPE_WIDTH + 10.0), y_range=(-6.0, high + 20.0)),
     )
 

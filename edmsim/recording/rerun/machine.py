@@ -30,15 +30,11 @@ if TYPE_CHECKING:
     import rerun as rr
 
 
-KERF_FRAMES = 300
-"""Most steps in which the kerf grows."""
-KERF_STEP_UM = 50.0
-"""It grows by no less than this at a time: less would not be seen."""
-KERF_POINTS = 600
-"""Most points of its edge; a longer one is drawn more coarsely."""
+KERF_FRAMES = 300  # most steps in which the kerf grows
+KERF_STEP_UM = 50.0  # it grows by no less than this at a time: less would not be seen
+KERF_POINTS = 600  # most points of its edge; a longer one is drawn more coarsely
 _FINEST_MM = 0.004
-_SIDES = 24
-"""Sides of a drawn cylinder."""
+_SIDES = 24  # sides of a drawn cylinder
 
 
 class Mesh(NamedTuple):
@@ -228,8 +224,7 @@ def _solid(faces: Sequence[tuple[BaseGeometry, float]], low_mm: float = 0.0, hig
 BASE, CROSS, TABLE = "base", "cross", "table"
 """What a body of the machine goes with: nothing, the x carriage, the y carriage with the workpiece."""
 _CARRIED = {"x_carriage": CROSS, "y_rotor": CROSS, "y_carriage": TABLE}
-_PLATE = "workpiece"
-"""The drawn workpiece, in whose place the recording draws the one that is cut."""
+_PLATE = "workpiece"  # the drawn workpiece, in whose place the recording draws the one that is cut
 
 
 class Bodies(NamedTuple):
@@ -272,8 +267,7 @@ def bodies_of(model: mujoco.MjModel, lower_guide_mm: float) -> Bodies:
     )
 
 
-STEEL = (142, 152, 172, 140)
-"""Colour of the workpiece; a little of what is in the kerf shines through."""
+STEEL = (142, 152, 172, 140)  # colour of the workpiece; a little of what is in the kerf shines through
 _PLACES = {BASE: "world/base", CROSS: "world/cross/carriage", TABLE: "world/table/carriage"}
 
 
@@ -416,9 +410,7 @@ def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, NDArray[np.float64]]:
     triangles = triangles[known.reshape(-1)[triangles].all(axis=1)]
     normals = np.tile(np.column_stack([outward, np.zeros(len(outward))]), (len(heights), 1))
     mean_um = float(error[known].mean()) if known.any() else 0.0
-    mesh = Mesh(
-        np.concatenate(rows).astype(np.float32), normals.astype(np.float32), triangles.astype(np.uint32)
-    )
+    mesh = Mesh(np.concatenate(rows).astype(np.float32), normals.astype(np.float32), triangles.astype(np.uint32))
     return mesh, filled_um.reshape(-1) - mean_um
 
 
@@ -438,11 +430,7 @@ def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> Non
     log_points(recording, "world/table/starts", starts, ["start"] * len(starts), palette.GREEN)
     if scene.stop_mm is not None:
         log_points(
-            recording,
-            "world/table/stop",
-            [(*scene.stop_mm, scene.height_mm)],
-            ["stopped here"],
-            palette.VERMILION,
+            recording, "world/table/stop", [(*scene.stop_mm, scene.height_mm)], ["stopped here"], palette.VERMILION
         )
     guides = [(0.0, 0.0, z_mm) for z_mm in scene.guides_z_mm]
     recording.log(
@@ -500,9 +488,7 @@ def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: Shapes,
         "world/deflection", indexes(shapes.t_s, shapes.path_um), rr.Arrows3D.columns(vectors=vectors)
     )
     recording.log(
-        "world/axis",
-        rr.Points3D(origin, colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0)),
-        static=True,
+        "world/axis", rr.Points3D(origin, colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0)), static=True
     )
 
 

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.blueprint import Plot, Series
 
-RETURN, COST = "return", "cost"
-"""Where what was earned and what it cost stand in a recording."""
-TOTAL = "total"
-"""Curve of their sums from the beginning on."""
+RETURN, COST = "return", "cost"  # where what was earned and what it cost stand in a recording
+TOTAL = "total"  # curve of their sums from the beginning on
 _COLOURS = (
     palette.SKY, palette.ORANGE, palette.GREEN, palette.VERMILION, palette.PURPLE, palette.MUTED, palette.BLUE,
     palette.GAS,

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import pytest
 
-from edmsim.cli import app as cli
 from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.controllers.mcu.firmware.memory_map import CIADR, TERMINAL_IN
 
@@ -108,15 +103,12 @@ def test_an_arc_of_the_program_that_is_none_stops_it_before_anything_moves(opera
 
 
 @pytest.mark.slow
-def test_a_whole_job_in_a_pipe(host):
-    command = [sys.executable, "-m", "edmsim", "console", "1982", "--resolution", "fast"]
-    done = subprocess.run(
-        [*command, "--height", "5", "--host", str(host(PROGRAM))], input="HELP\nLOAD\nRUN\nWAIT\nSTATUS\nBYE\n",
-        capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "100"},
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "READY   X 32540 Y 32520 um" in done.stdout
-    assert "\r" not in done.stdout
+def test_a_whole_job_in_a_pipe(host, piped):
+    options = "--resolution", "fast", "--height", "5", "--host", str(host(PROGRAM))
+    done = piped(b"HELP\nLOAD\nRUN\nWAIT\nSTATUS\nBYE\n", "console", "1982", *options)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"READY   X 32540 Y 32520 um" in done.stdout
+    assert b"\r" not in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -131,15 +123,11 @@ def test_a_whole_job_in_a_pipe(host):
         (["--resolution", "coarse"], "unknown resolution 'coarse'"),
     ],
 )
-def test_bad_options_are_one_line_and_status_2(options, reason, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["edmsim", "console", "1982", *options])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    printed = capsys.readouterr()
-    assert left.value.code == 2
-    assert reason in printed.err
-    assert len(printed.err.splitlines()) == 1
-    assert printed.out == ""
+def test_bad_options_are_one_line_and_status_2(options, reason, piped):
+    done = piped(b"", "console", "1982", *options)
+    out, err = done.text
+    assert (done.returncode, out, len(err.splitlines())) == (2, "", 1)
+    assert reason in err
 
 
 @pytest.mark.slow

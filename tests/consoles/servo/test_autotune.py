@@ -10,7 +10,6 @@ import pytest
 from PIL import Image
 
 from edmsim.axis_bench import AxisBench
-from edmsim.cli import app as cli
 from edmsim.consoles.servo.autotune import STEP_COUNTS, AxisResponse, Oscillation, Tuning, autotune, oscillation_of
 from edmsim.consoles.servo.operator import AxisTrace, ModuleOperator, UhuOperator
 from edmsim.controllers.axis import CHIPS, tuned
@@ -117,22 +116,18 @@ def test_the_figures_of_an_answer():
 
 
 @pytest.mark.slow
-def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path: Path, monkeypatch, capsys):
+def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path: Path, monkeypatch, piped):
     def found(drive, motor, tell):
         tell("told as it goes")
         assert motor.tobytes() == axis_row("table").tobytes()
         return tuning(drive, "table")
 
     monkeypatch.setattr("edmsim.consoles.servo.autotune.autotune", found)
-    words = ["edmsim", "tune", "drive", "servo-module", "--axis", "table", "--out", str(tmp_path / "steps.png")]
-    monkeypatch.setattr("sys.argv", words)
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    assert not left.value.code
-    printed = capsys.readouterr()
-    assert printed.out.splitlines() == list(tuning("servo-module", "table").lines)
-    assert "told as it goes" in printed.err
-    assert "as delivered: overshoot" in printed.err
+    done = piped(b"", "tune", "drive", "servo-module", "--axis", "table", "--out", tmp_path / "steps.png")
+    assert done.returncode == 0
+    assert done.text[0].splitlines() == list(tuning("servo-module", "table").lines)
+    assert "told as it goes" in done.text[1]
+    assert "as delivered: overshoot" in done.text[1]
     picture = np.asarray(Image.open(tmp_path / "steps.png").convert("RGB")).reshape(-1, 3)
     assert len(np.unique(picture, axis=0)) > 10
 

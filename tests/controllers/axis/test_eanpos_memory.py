@@ -12,7 +12,7 @@ from edmsim.controllers import axis
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.errors import InputError
-from tests.controllers.axis.eanpos_bench import Positioner
+from tests.controllers.axis.eanpos_bench import Positioner, moving
 
 RETENTIVE = [
     "measure", "pulse", "maxpos", "minpos", "prspos", "maxvel", "prsvel", "sprsvel", "toll", "maxfollerr", "rampmode",
@@ -57,8 +57,7 @@ def test_what_outlasts_the_power():  # Q-56, Q-16, Q-38, Q-A18
 
 def test_what_moves_while_the_power_is_off_is_lost():
     p = Positioner()
-    p.move()
-    p.run(1.0)
+    p.move(run_s=1.0)
     place, count = p.true_um, p["posit"]
     p.bench.rail("x", 0.0)
     p.push()
@@ -191,16 +190,14 @@ def test_one_drive_for_two_axes():  # Q-48, Q-79
     p = shared()
     y = p.bench.drive("y")
     p.do("REGON")
-    p.move()
-    p.run(1.0)
+    p.move(run_s=1.0)
     assert p["posit"] == pytest.approx(2000, abs=2)
     assert y.parameters["posit"] == 0
     assert p.bench.axis("y")["place_um"] == 0.0
     p.do("REGOFF")
     p.bench.share_output("xy", "y")
     p.do("REGON", axis="y")
-    p.do("START", axis="y")
-    p.run(4.0)
+    p.do("START", axis="y", run_s=4.0)
     assert y.parameters["posit"] == pytest.approx(2000, abs=2)
     assert p.true_um == pytest.approx(2000, abs=2)
     p.bench.torque("x", 0.5)
@@ -237,8 +234,7 @@ def test_commissioned_it_follows_steps_and_stops_the_machine_when_it_is_lost():
     bench.steps("x", 500, rate_Hz=1000.0)
     bench.run(1.0)
     assert device.record["lines"][0] & FAULT
-    assert device.states["st_emrg"]
-    assert device.output_V == 0.0
+    assert (device.states["st_emrg"], device.output_V) == (True, 0.0)
 
 
 def test_it_is_named_with_parameters_that_differ():
@@ -256,8 +252,7 @@ def test_prspos_waits_for_rest_and_the_end_of_a_search():  # Q-25: minpos to max
     p["prspos"] = 4000
     assert (p["prspos"], p.warning) == (4000, 0)
     for begin, end in (("START", "STOP"), ("PRESET", "STOP")):
-        p.do(begin)
-        p.run(0.1)
+        p.do(begin, run_s=0.1)
         p["prspos"] = -4000
         assert (p["prspos"], p.warning, p["wrnvalue"]) == (4000, 2, at.PRSPOS)
         p.do(end, "RSWRN")
@@ -270,9 +265,7 @@ def test_prspos_waits_for_rest_and_the_end_of_a_search():  # Q-25: minpos to max
 
 
 def test_speeds_go_up_to_maxvel_which_waits_for_rest():  # 0 to 999999 at 10 V, st_still = 1
-    p = Positioner(maxvel=100000, setvel=50000)
-    p.do("START")
-    p.run(0.1)
+    p = moving(0.1, maxvel=100000, setvel=50000)
     p["maxvel"] = 200000
     assert (p["maxvel"], p.warning, p["wrnvalue"]) == (100000, 2, at.MAXVEL)
     p.do("STOP", "RSWRN")

@@ -11,6 +11,7 @@ from edmsim.axis_bench import AxisBench
 from edmsim.controllers import axis
 
 from .module_bench import NO_TRIP, get, locked, on_bench, preset, say, status, words
+from .uhu_bench import stepped
 
 
 @pytest.mark.parametrize(("typed", "answer"), [
@@ -114,8 +115,7 @@ def test_position_and_setpoint_are_two_words_each(position, shown):  # M-12, M-1
 def test_the_position_passes_the_end_of_its_register_without_a_jump(edge):  # M-12, M-35
     bench = on_bench()
     preset(bench, edge)
-    say(bench, "+20" if edge > 0 else "-20")
-    bench.run(0.3)
+    say(bench, "+20" if edge > 0 else "-20", run_s=0.3)
     assert abs(get(bench, "GE")) < 10
     assert words(bench, "GP") * edge < 0
     assert words(bench, "GT") == (edge + (20 if edge > 0 else -20) + 2**31) % 2**32 - 2**31
@@ -124,11 +124,9 @@ def test_the_position_passes_the_end_of_its_register_without_a_jump(edge):  # M-
 def test_error_output_and_duty_are_shown_as_printed():  # M-14, M-16, M-17
     bench = locked(on_bench(proportional_gain=384), -8)
     assert say(bench, "GE") == "Error: -8"
-    say(bench, "+16")
-    bench.run(0.01)
+    say(bench, "+16", run_s=0.01)
     assert say(bench, "GO") == "PID Output: 12"
-    say(bench, "O178")
-    bench.run(0.01)
+    say(bench, "O178", run_s=0.01)
     assert say(bench, "GO") == "PID Output: 12"
     assert say(bench, "GD") == "PWM Dutycyle: 1214"
 
@@ -211,8 +209,7 @@ def test_each_source_is_what_its_g_command_shows(source, letters):  # M-30
 def test_velocities_of_motor_and_command_are_recorded():  # M-30, M-11
     for source in (32, 64):
         bench = on_bench(step_multiplier=9, integral_gain=10, error_limit=NO_TRIP)
-        bench.steps("x", -3000, 1e9 / 665_600, 20_000.0)
-        bench.run(0.5)
+        stepped(bench, -3000, 1e9 / 665_600, 20_000.0, run_s=0.5)
         shown = get(bench, "GV")
         say(bench, f"Z{24 + source}")
         values = dumped(bench, 0.4)
@@ -223,8 +220,7 @@ def test_velocities_of_motor_and_command_are_recorded():  # M-30, M-11
 @pytest.mark.parametrize("move", [30, -30])
 def test_trigger_0_waits_for_a_commanded_move_either_way(move):  # M-30, M-61, M-A17
     bench = on_bench()
-    say(bench, "Z0")
-    bench.run(0.3)
+    say(bench, "Z0", run_s=0.3)
     assert status(bench) & {7, 8} == {7}
     bench.send(f"{move:+d}\r".encode(), axis="x")
     bench.run(0.01)
@@ -240,8 +236,7 @@ def test_trigger_8_waits_for_the_direction_to_change():  # M-30
     bench = on_bench()
     say(bench, "+10")
     say(bench, "Z72")
-    say(bench, "+10")
-    bench.run(0.1)
+    say(bench, "+10", run_s=0.1)
     assert status(bench) & {7, 8} == {7}
     say(bench, "-10")
     assert dumped(bench, 0.3) == [-10] + 127 * [0]
@@ -263,8 +258,7 @@ def test_a_fault_pauses_the_recording_and_reset_resumes_it():  # M-32, M-45
 
 def test_z_before_reset_aborts_a_paused_recording():  # M-32
     bench = on_bench()
-    say(bench, "Z26")
-    bench.run(0.1)
+    say(bench, "Z26", run_s=0.1)
     say(bench, "Q")
     say(bench, "Z")
     say(bench, "R")

@@ -10,6 +10,7 @@ from edmsim.controllers.axis import ServoModule
 from edmsim.controllers.axis.drive import axis_row
 
 from .module_bench import NO_TRIP, get, locked, on_bench, say, status, words
+from .uhu_bench import stepped
 
 
 def wired(**stored):
@@ -20,8 +21,7 @@ def wired(**stored):
 
 def tripped(bench):
     locked(bench, 70)
-    say(bench, "+10")
-    bench.run(0.01)
+    say(bench, "+10", run_s=0.01)
     return bench
 
 
@@ -32,8 +32,7 @@ def pull(bench):
 
 
 def stop(bench):
-    say(bench, "Q")
-    bench.run(0.01)
+    say(bench, "Q", run_s=0.01)
     return bench
 
 
@@ -60,8 +59,7 @@ def test_without_its_encoder_the_axis_trips_on_its_first_move(wires):  # M-1, M-
     bench = on_bench()
     for wire in wires:
         bench.unplug("x", wire)
-    bench.steps("x", 200, 2000.0)
-    bench.run(0.3)
+    stepped(bench, 200, 2000.0, run_s=0.3)
     assert {0, 1} <= status(bench)
 
 
@@ -71,8 +69,7 @@ def test_swapped_phases_run_away_to_the_trip_unless_the_law_turns_them():  # M-1
         bench.swap_phases("x")
         bench.run(0.02)
         bench.received("x")
-        say(bench, "+20")
-        bench.run(0.5)
+        say(bench, "+20", run_s=0.5)
         assert (1 in status(bench)) == tripped_
 
 
@@ -102,8 +99,7 @@ def test_a_low_fault_input_stops_the_loop_and_leaves_the_output():  # M-44, M-A1
     bench.pull_fault_net(False)
     bench.run(0.05)
     assert not bench.pins("x").enabled  # latched
-    say(bench, "R")
-    bench.run(0.01)
+    say(bench, "R", run_s=0.01)
     assert bench.pins("x").enabled
 
 
@@ -121,8 +117,7 @@ def test_quit_frees_the_motor_and_says_no_fault():  # M-23, M-41
     bench.run(0.3)
     before = words(bench, "GP")
     say(bench, "O0")
-    say(bench, "R")
-    bench.run(0.1)
+    say(bench, "R", run_s=0.1)
     assert bench.pins("x").enabled
     assert abs(words(bench, "GP") - before) <= 2  # no jump: the motor's place is the setpoint
     assert abs(words(bench, "GT") - before) <= 1
@@ -132,8 +127,7 @@ def test_without_power_the_motor_freewheels():  # M-42
     run_out = {}
     for name in ("freewheel", "shorted"):
         bench = on_bench(proportional_gain=0, derivative_gain=0, velocity_feed_forward=2600, error_limit=NO_TRIP)
-        bench.steps("x", 20_000, 40_000.0, 200_000.0)
-        bench.run(0.3)
+        stepped(bench, 20_000, 40_000.0, 200_000.0, run_s=0.3)
         if name == "freewheel":
             stop(bench)
         else:  # duty 50 % and enabled: the bridge shorts the winding
@@ -151,8 +145,7 @@ def test_reset_clears_flags_and_peak_and_starts_from_where_the_motor_is():  # M-
     bench = tripped(wired(proportional_gain=5000))
     assert {0, 1, 10} <= status(bench)
     assert say(bench, "?").split("\r\n")[-1] == "Peak Error: 80"
-    say(bench, "R")
-    bench.run(0.01)
+    say(bench, "R", run_s=0.01)
     assert status(bench) & {0, 1, 2, 10, 14, 15} == set()
     assert say(bench, "?").split("\r\n")[-1] == "Peak Error: 0"
     assert get(bench, "GE") == 0
@@ -178,8 +171,7 @@ def test_a_move_while_off_is_answered_and_discarded_by_reset():  # M-A21
     bench.run(0.1)
     assert (words(bench, "GP"), words(bench, "GT")) == (before, before + 500)
     assert status(bench) & {0, 1, 2} == {0}
-    say(bench, "R")
-    bench.run(0.1)
+    say(bench, "R", run_s=0.1)
     assert (words(bench, "GP"), words(bench, "GT")) == (before, before)
 
 
@@ -218,8 +210,7 @@ def test_no_watchdog_stops_a_module_whose_loop_stands():  # M-A22
     bench.changes("x")
     bench.stall("x", 0.5)
     bench.run(0.4)
-    bench.steps("x", 20, 1000.0)
-    bench.run(0.4)
+    stepped(bench, 20, 1000.0, run_s=0.4)
     assert bench.pins("x").enabled
     assert status(bench) & {0, 1, 2} == set()
     assert words(bench, "GP") == pytest.approx(20, abs=1)

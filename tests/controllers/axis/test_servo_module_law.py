@@ -12,6 +12,7 @@ from edmsim.controllers.axis.servo_module import law as servo_module_law
 from edmsim.controllers.axis.servo_module import registers as at
 
 from .module_bench import NO_TRIP, get, locked, on_bench, say, status
+from .uhu_bench import stepped
 
 P_ONLY = {"derivative_gain": 0, "error_limit": NO_TRIP}
 
@@ -32,8 +33,7 @@ def test_the_clamp_holds_behind_the_offset():  # M-40, M-23
     bench = locked(on_bench(clamp=400, output_offset=500, **P_ONLY), 1000)
     bench.run(0.01)
     assert get(bench, "GD") == 1424
-    say(bench, "Q")
-    bench.run(0.01)
+    say(bench, "Q", run_s=0.01)
     assert get(bench, "GD") == 1424
     say(bench, "O-25")
     say(bench, "R")
@@ -69,8 +69,7 @@ def test_antidither_scales_the_gains_up_to_and_with_its_region(scale, inside):  
     bench = locked(on_bench(antidither_region=5, antidither_scale=scale, proportional_gain=512, **P_ONLY), 5)
     bench.run(0.01)
     assert get(bench, "GO") == inside
-    say(bench, "+1")
-    bench.run(0.01)
+    say(bench, "+1", run_s=0.01)
     assert get(bench, "GO") == 12
 
 
@@ -94,8 +93,7 @@ def test_the_feed_forwards_know_no_antidither():  # M-20, M-37
     for scale in (0, 256):
         bench = locked(on_bench(antidither_scale=scale, step_multiplier=9, **settings, **P_ONLY))
         bench.trace = True
-        bench.steps("x", 100, 1e9 / 665_600)
-        bench.run(0.06)
+        stepped(bench, 100, 1e9 / 665_600, run_s=0.06)
         assert bench.samples("x")["command"].max() * 1024 == 20
 
 
@@ -115,8 +113,7 @@ def test_the_integral_is_held_within_the_clamp():
     bench = locked(on_bench(proportional_gain=0, integral_gain=65535, clamp=300, **P_ONLY), 1000)
     bench.run(0.2)
     assert get(bench, "GO") == 300
-    say(bench, "-1001")
-    bench.run(0.01)
+    say(bench, "-1001", run_s=0.01)
     assert get(bench, "GO") < 300
 
 
@@ -125,8 +122,7 @@ def test_the_limit_itself_does_not_trip_and_one_count_more_does(limit):  # M-9
     bench = locked(on_bench(error_limit=limit), limit)
     bench.run(0.05)
     assert status(bench) & {0, 1} == set()
-    say(bench, "+1")
-    bench.run(0.01)
+    say(bench, "+1", run_s=0.01)
     assert status(bench) >= {0, 1}
     for great, trips in ((32767, True), (32768, False), (65535, False)):  # above 32767 nothing does
         bench = locked(on_bench(error_limit=great), 32768, 32767)
@@ -157,8 +153,7 @@ def test_saturation_is_remembered_until_a_reset():  # M-55, M-18
     bench = locked(on_bench(proportional_gain=5000, **P_ONLY), 500)
     bench.run(0.01)
     assert 10 in status(bench)
-    say(bench, "-500")
-    bench.run(0.01)
+    say(bench, "-500", run_s=0.01)
     assert get(bench, "GE") == 0
     assert 10 in status(bench)
     say(bench, "R")
@@ -168,8 +163,7 @@ def test_saturation_is_remembered_until_a_reset():  # M-55, M-18
 def test_the_direction_bit_follows_the_command():  # M-55
     bench = on_bench(error_limit=NO_TRIP)
     for move, negative in ((-5, True), (5, False), (-1, True)):
-        say(bench, f"{move:+d}")
-        bench.run(0.05)
+        say(bench, f"{move:+d}", run_s=0.05)
         assert (11 in status(bench)) == negative
     say(bench, "R")
     assert 11 in status(bench)
@@ -180,8 +174,7 @@ def test_the_limit_is_raised_for_the_cycle_of_a_fast_step():  # M-10, M-A17
     for scale in (0, 256):
         bench = locked(on_bench(error_limit=10, error_scale=scale, step_multiplier=67))
         bench.trace = True
-        bench.steps("x", 1, 1000.0)
-        bench.run(0.02)
+        stepped(bench, 1, 1000.0, run_s=0.02)
         rows = bench.samples("x")
         moved = np.flatnonzero(np.diff(rows["setpoint"]))[0]
         off = np.flatnonzero(rows["pins"] & 2)[0]
@@ -224,8 +217,7 @@ def test_a_cycle_adds_proportional_integral_and_derivative():
     made = cycles(reg, (100, 0), (100, 4), (101, 4), (103, 3))
     # errors 0, 4, 3, 0: 3 e, 2 times their sum, 5 times their change
     assert [output for *_, output in made] == [0, 12 + 8 + 20, 9 + 14 - 5, 0 + 14 - 15]
-    assert reg[at.PEAK] == 4
-    assert reg[at.VELOCITY] == 2
+    assert (reg[at.PEAK], reg[at.VELOCITY]) == (4, 2)
     assert reg[at.DUTY] == 1024 - 1
 
 

@@ -17,7 +17,7 @@ from edmsim.controllers.axis.uhu.registers import LATCHED, TARGET
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 
-from .uhu_bench import BAD_BANNER, BANNER, HELP, SAMPLE_SET, ask, count, delivered, register, tuned
+from .uhu_bench import BAD_BANNER, BANNER, HELP, SAMPLE_SET, ask, count, delivered, register, stepped, tuned
 
 
 def test_the_start_up_text_comes_at_power_up() -> None:  # U-8, GU-1, GU-2
@@ -95,8 +95,7 @@ def test_the_counter_of_the_help_shows_the_position_whatever_state_the_drive_is_
     assert bench.talk(b"counter\r") == b"counter\r\n(C)ounter    0\r\n>"
     ask(bench, "X5000")
     for way, place in ((300, 300), (-1000, -700)):
-        ask(bench, f"G{way}")
-        bench.run(1.0)
+        ask(bench, f"G{way}", run_s=1.0)
         shown = int(ask(bench, "COUNTER").removeprefix("(C)ounter"))
         assert shown == pytest.approx(place, abs=2)
         assert shown == count(bench) == bench.drive("x").position
@@ -262,6 +261,5 @@ def test_a_closed_terminal_stops_nothing() -> None:  # U-53
     bench = tuned()
     bench.open_terminal(False)
     bench.send(b"A\r", axis="x")
-    bench.steps("x", 400, 4000.0)
-    bench.run(0.5)
+    stepped(bench, 400, 4000.0, run_s=0.5)
     assert abs(count(bench) - 400) <= 2
