@@ -6,10 +6,9 @@ import math
 from dataclasses import fields, replace
 from typing import NamedTuple
 
-from edmsim.cosim.passes import PassSetup
+from edmsim.cosim.passes import PassSetup, Sums
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
-from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
 from edmsim.job.cut import planned

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.cosim.passes import Sums
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.cosim.sums import Sums
 from edmsim.envs.part_cut import Choice, PartCut, Step
 from edmsim.envs.part_task import ACTIONS, ENTRIES, LEFT_UM, TERMS, Part
 from edmsim.envs.task import EnvArguments

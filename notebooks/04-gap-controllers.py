@@ -175,7 +175,7 @@ figure.tight_layout()
 # ## The plane of short and open
 #
 # The controller of 1982 looks at these two shares only. Each window is a point, with its share of open pulses to
-# the right and that of short pulses upwards. The other pulses are sparks, so that a cut in the lower left corner
+# the right and that of short pulses upwards. The other pulses are sparks: a cut in the lower left corner
 # would waste no pulse.
 
 # %%

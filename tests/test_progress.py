@@ -9,7 +9,7 @@ import pytest
 
 from edmsim import progress
 from edmsim.cosim.simulation import Progress
-from edmsim.job.progress import CutProgress
+from edmsim.job.cut import CutProgress
 from edmsim.progress import ShownProgress, in_notebook
 
 

@@ -61,7 +61,8 @@ These environments have other references:
 - ThinWire: 0 is the fastest constant setting that broke no wire of 24 training machines, 1 is the best of six
   periods for each machine.
 - MaxRate: 0 is `fixed-period`, 1 is `heat-oracle`, which sets the period by the wire's true temperature.
-- MaxRateShift: 0 is `heat-flux`, the best law of MaxRate, 1 is `heat-oracle`.
+- MaxRateShift: 0 is `heat-flux`, the best law of MaxRate, 1 is `adaptive-hold`, a law
+  without privileged knowledge.
 - ThinWireShift: 0 is the constant of ThinWire, 1 is `climb`, its best law; some wires break before they boil, so
   the true temperature is not a bound.
 - Part: 0 is the technology, 1 is `corrected`, a law without privileged knowledge; errors and Ra are of the
@@ -115,10 +116,10 @@ def headroom(comparisons: Sequence[Comparison]) -> list[str]:
 
 
 def _best_law(comparison: Comparison) -> str | None:
-    """Return the classic controller of the best score, apart from the lines."""
-    lines = lines_of(comparison.env_id)
-    ends = lines.blind, lines.reference
-    return next((name for name in ranked(comparison) if name not in ends and not _is_policy(name)), None)
+    """Return the classic controller of the best score, apart from the constant and from those that see the truth."""
+    blind = lines_of(comparison.env_id).blind
+    honest = (name for name in ranked(comparison) if "oracle" not in name and not _is_policy(name))
+    return next((name for name in honest if name != blind), None)
 
 
 def verdicts(comparison: Comparison) -> list[str]:
@@ -126,12 +127,13 @@ def verdicts(comparison: Comparison) -> list[str]:
     figures, best = comparison.figures, _best_law(comparison)
     if best is None:
         return []
-    score = figures[best]["score"]
-    text = f"The best classic controller, `{best}`, scores {shown('score', score)}."
-    if score.high - score.low > 1.0:
+    score, reference = figures[best]["score"], lines_of(comparison.env_id).reference
+    does = "is the reference" if best == reference else f"scores {shown('score', score)}"
+    text = f"The best classic controller, `{best}`, {does}."
+    if best == reference:
+        pass
+    elif score.high - score.low > 1.0:
         text += " These are too few cuts for such different machines."
-    elif score.value >= NEARLY_ALL and best.startswith("adaptive-hold"):
-        text += " It learns the limit of the machine, and reaches the reference."
     elif score.value >= NEARLY_ALL and lines_of(comparison.env_id) is not USUAL:
         text += " So a constant setting reaches the reference, which chooses among constants and longer pauses."
     elif score.value >= NEARLY_ALL:

@@ -138,7 +138,7 @@ def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProf
     found = {}
     for resolution in PROFILED:
         watch(f"compile {resolution} with marks")
-        fire, part = marked(fire_windows, *named[resolution], parts=names)
+        fire, part = marked(fire_windows, *named[resolution][:3], parts=names)
         watch(f"profile {resolution}")
         found[resolution] = _profile(Plant(Machine.load(), seed=0, resolution=resolution), fire, part)
     return found

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.calibration.comparison import CalibrationProgress, StretchComparison
+from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
 from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
 from edmsim.calibration.set_up import start_of
-from edmsim.calibration.simulate import settle_um
 from edmsim.errors import InputError
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.machine.ranges import choose, share_of, value_at, with_values

@@ -151,9 +151,7 @@ def _chosen(there: Sequence[str], needed: Sequence[str], optional: Sequence[str]
     return chosen
 
 
-def _column(
-    name: str, place: int, rows: list[tuple[int, list[str]]], has_decimal_comma: bool, file: Path
-) -> Array:
+def _column(name: str, place: int, rows: list[tuple[int, list[str]]], has_decimal_comma: bool, file: Path) -> Array:
     found = np.empty(len(rows))
     for k, (number, row) in enumerate(rows):
         text = row[place].strip()

@@ -20,12 +20,10 @@ from edmsim.cli.gap import gap
 from edmsim.cli.learn import dataset, train
 from edmsim.cli.options import Command
 from edmsim.cli.playback import report, view
-from edmsim.cli.positioner import positioner
-from edmsim.cli.servo import servo
 from edmsim.cli.studies import calibrate, validate
 from edmsim.cli.sweep import SHORT_FORM
 from edmsim.cli.technology import technology
-from edmsim.cli.terminal import terminal
+from edmsim.cli.terminal import positioner, servo, terminal
 from edmsim.cli.warm_up import warm_up
 from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
 

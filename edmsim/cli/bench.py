@@ -95,7 +95,7 @@ def _compared(revision: str, count: int, watch: Callable[[str], None]) -> _Resul
 def _profiled(figure: Path | None, watch: Callable[[str], None]) -> _Result:
     from edmsim.bench.profile import as_numbers, draw, profile, render
     from edmsim.files import make_writable, replacing
-    from edmsim.job.remake import FORMATS
+    from edmsim.job.result import FORMATS
 
     if figure is not None:
         if figure.suffix.removeprefix(".") not in FORMATS:

@@ -29,8 +29,8 @@ def cut(
     from edmsim.cosim.stops import WORDS, StopCause
     from edmsim.files import make_writable
     from edmsim.job.checkpoint import NAME
+    from edmsim.job.cut import CutProgress
     from edmsim.job.cut import cut as run_cut
-    from edmsim.job.progress import CutProgress
     from edmsim.progress import ShownProgress
 
     folder = Path(options.pop("out", default_folder(program)))

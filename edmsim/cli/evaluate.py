@@ -58,11 +58,10 @@ def evaluate(
     from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.evaluation import leaderboard as boards
-    from edmsim.evaluation import page as pages
     from edmsim.evaluation.compare import check, evaluate, usual
     from edmsim.evaluation.compare import env_ids as all_ids
     from edmsim.evaluation.episode import episodes
-    from edmsim.evaluation.table import as_json, render
+    from edmsim.evaluation.table import as_json, render, write_page
     from edmsim.files import make_writable
     from edmsim.progress import ShownProgress
 
@@ -93,7 +92,7 @@ def evaluate(
         for name in policy or ():
             scores[name] = _measured(name, seeds, resolution, write_card, bar.show)
     if page is not None:
-        pages.write(page, found)
+        write_page(page, found)
     if json:
         sys.stdout.write(as_json(found, moved, scores) + "\n")
         return
@@ -108,9 +107,7 @@ def _elsewhere(env_id: str, controllers: list[str], seeds: int | None, watch: An
     return transfer(env_id, controllers, USUAL_CUTS if seeds is None else seeds, watch=watch)
 
 
-def _measured(
-    policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any
-) -> list[Score]:
+def _measured(policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any) -> list[Score]:
     from edmsim.learning import policy_file
     from edmsim.learning.score import RESOLUTIONS, measure, write_card
 

@@ -29,7 +29,7 @@ def table(
     from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
     from edmsim.errors import InputError
     from edmsim.files import make_writable, replacing
-    from edmsim.job.remake import FORMATS
+    from edmsim.job.result import FORMATS
     from edmsim.job.settings import CutSettings
     from edmsim.measure.report import as_json, headline, render
     from edmsim.measure.table import measure_table
@@ -69,7 +69,7 @@ def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
     """Measure the heights of the wire guides by a test cut."""
     from json import dumps
 
-    from edmsim.job.progress import CutProgress
+    from edmsim.job.cut import CutProgress
     from edmsim.job.settings import CutSettings
     from edmsim.measure.guides import measure_guides
     from edmsim.progress import ShownProgress

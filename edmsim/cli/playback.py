@@ -43,7 +43,7 @@ def report(
 
     Without options it writes report.html, with options only the files they name.
     """
-    from edmsim.job.remake import remake
+    from edmsim.job.result import remake
     from edmsim.recording import find_recording, take_screenshots
     from edmsim.recording.contour_file import write_contour
     from edmsim.recording.cut_folder import read_cut

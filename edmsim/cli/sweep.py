@@ -16,9 +16,7 @@ if TYPE_CHECKING:
     from edmsim.sweep.run import SweepProgress
     from edmsim.sweep.specification import Specification
 
-Ray = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")
-]
+Ray = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")]
 ProcessCount = Annotated[
     int | None, typer.Option("--processes", help="Processes on this computer; default: one per processor.")
 ]
@@ -64,9 +62,7 @@ def run(
                     bar.show("looked at before the first run", done, total)
 
             slow_s = time.monotonic() + 2.0
-            last = sweep(
-                specification, out, engine=engine, retry_failed=retry_failed, watch=watch, checking=checking
-            )
+            last = sweep(specification, out, engine=engine, retry_failed=retry_failed, watch=watch, checking=checking)
     except KeyboardInterrupt:
         say("interrupted; run the same command to make the missing runs")
         raise typer.Exit(INTERRUPTED) from None

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import secrets
 from collections.abc import Callable, Iterator
@@ -125,9 +126,12 @@ class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
 
 
 class _WholeLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
-    """A function with its parts, in machine code."""
+    """A function with its parts, in machine code, which are optimised together, and not each before as well."""
 
     add_linking_library = _link_with_parts
+
+    def _optimize_functions(self, _module: Any) -> None:
+        pass
 
 
 class _PartCompiler(compiler.Compiler):  # type: ignore[misc]
@@ -143,6 +147,27 @@ class _WholeCompiler(compiler.Compiler):  # type: ignore[misc]
         self.state.library.enable_object_caching()
 
 
+def _by_type(self: Any, arguments: Any, named: Any) -> Any:
+    """Resolve a call without regard to constants: numba would translate a function once more for each of them."""
+    plain = tuple(types.unliteral(argument) for argument in arguments)
+    return _resolve(self, plain, {name: types.unliteral(kind) for name, kind in named.items()})
+
+
+_resolve = dispatcher._DispatcherBase.get_call_template
+
+
+@contextmanager
+def _garbage_left() -> Iterator[None]:
+    """Let the garbage collector wait: it takes a tenth of the time to compile, and finds little."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
 class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
     """A function that gets machine code of its own only when Python calls it, not when compiled code does.
 
@@ -154,11 +179,12 @@ class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
     """How many of these functions are being compiled, each because of the one before."""
     translated: set[tuple[Any, ...]]
     """Types for which there is no machine code."""
+    get_call_template = _by_type
 
     def compile(self, signature: Any) -> Any:
         """Compile for some types, or take what was kept."""
         kinds = tuple(sigutils.normalize_signature(signature)[0])
-        with _lock:
+        with _lock, _garbage_left():
             if self.targetoptions["fastmath"]:
                 with patch.object(CompiledFunction, "depth", 0):
                     return super().compile(signature)
@@ -208,21 +234,13 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
         compiled(f"{self.py_func.__module__}.{self.py_func.__qualname__}")
         return done
 
-    resolve = dispatcher._DispatcherBase.get_call_template
-
-    def resolve_by_type(self: Any, arguments: Any, named: Any) -> Any:
-        # numba translates a function once more for each constant that it is called with
-        plain = tuple(types.unliteral(argument) for argument in arguments)
-        named = {name: types.unliteral(kind) for name, kind in named.items()}
-        return resolve(self, plain, named)
-
     with (
         patch.object(codegen.CPUCodeLibrary, "finalize", finalize),
         patch.object(codegen.CPUCodeLibrary, "_optimize_functions", lambda *_: None),
         patch.object(codegen.JITCodeLibrary, "get_pointer_to_function", lambda *_: 0),
         patch.object(codegen.JITCPUCodegen, "set_env", lambda *_: None),
         patch.object(dispatcher._FunctionCompiler, "compile", translate_and_report),
-        patch.object(dispatcher._DispatcherBase, "get_call_template", resolve_by_type),
+        patch.object(dispatcher._DispatcherBase, "get_call_template", _by_type),
     ):
         yield
 

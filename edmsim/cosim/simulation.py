@@ -28,9 +28,8 @@ from edmsim.cosim.cycle import Cycle
 from edmsim.cosim.legs import Leg, ProgramPlace, legs_of
 from edmsim.cosim.motion import PlannerMotion
 from edmsim.cosim.observers import Observer
-from edmsim.cosim.passes import PassLog, PassSetup
+from edmsim.cosim.passes import PassLog, PassSetup, Sums
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
-from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import held_period_us
@@ -434,9 +433,7 @@ class Simulation:
             self.missed_windows,
         )
         self._cycle.motion = self._motion = self._begin_leg()
-        self.passes.begin_leg(
-            at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums
-        )
+        self.passes.begin_leg(at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums)
         return StopCause.RUNNING
 
     def _thread_at(self, point_um: NDArray[np.int64], lead_um: tuple[float, float]) -> float:

@@ -179,9 +179,7 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
         raise InputError(f"{seeds} seeds give no interval; it takes 2 or more")
 
 
-def figures_of(
-    results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
-) -> dict[str, Figure]:
+def figures_of(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]) -> dict[str, Figure]:
     """Return a controller's figures from its cuts and those of the reference and of the blind one, seed by seed."""
     # rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut;
     # the share of the oracle's rate is the mean rate over the oracle's mean rate; the score is the
@@ -211,9 +209,7 @@ def figures_of(
     }
 
 
-def scores(
-    results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
-) -> NDArray[np.float64]:
+def scores(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]) -> NDArray[np.float64]:
     """Return the score of every cut: 0 for what the blind one earns on the same machine, 1 for the reference."""
     # a machine on which the reference earns no more tells nothing, and is left out
     made, most, least = (np.array([r.total_return for r in of]) for of in (results, oracle, blind))

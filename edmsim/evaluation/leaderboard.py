@@ -12,6 +12,7 @@ from edmsim import __version__
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import Comparison
 from edmsim.evaluation.episode import Result
+from edmsim.evaluation.table import plain_number
 from edmsim.files import replacing
 
 FORMAT = "edmsim-leaderboard-1"
@@ -60,9 +61,7 @@ def _comparison(env_id: str, entry: dict[str, Any]) -> Comparison:
         return {key: math.nan if value is None else value for key, value in zip(columns, cut, strict=True)}
 
     results = {
-        name: [
-            Result(seed=seed, controller=name, **values(cut)) for seed, cut in zip(seeds, cuts, strict=True)
-        ]
+        name: [Result(seed=seed, controller=name, **values(cut)) for seed, cut in zip(seeds, cuts, strict=True)]
         for name, cuts in entry["controllers"].items()
     }
     return Comparison.of(env_id, entry["resolution"], seeds, results)
@@ -73,16 +72,12 @@ def _entry(comparison: Comparison) -> dict[str, Any]:
     left_out = ["seed", "controller"] + (["ra_um"] if all(math.isnan(cut.ra_um) for cut in cuts) else [])
     columns = [name for name in Result._fields if name not in left_out]
     rows = {
-        name: [[_number(getattr(cut, column)) for column in columns] for cut in cuts]
+        name: [[plain_number(getattr(cut, column)) for column in columns] for cut in cuts]
         for name, cuts in comparison.results.items()
     }
     return {
         "resolution": comparison.resolution, "seeds": list(comparison.seeds), "columns": columns, "controllers": rows,
     }
-
-
-def _number(value: Any) -> Any:
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _laid_out(document: dict[str, Any]) -> str:

@@ -1,10 +1,12 @@
-"""An evaluation as a table on the screen or in Markdown, and as JSON."""
+"""An evaluation as a table on the screen or in Markdown, as JSON, and as a page with figures."""
 
 from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +14,11 @@ import numpy as np
 from edmsim import __version__
 from edmsim.evaluation.compare import FIGURES, Comparison, Figure
 from edmsim.evaluation.lines import lines_of
+from edmsim.files import make_writable, replacing
+from edmsim.recording.figures.palette import BLUE, MUTED
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
     from rich.console import RenderableType
 
 WIDE = 170  # columns of a terminal from which on the table shows intervals
@@ -50,9 +55,7 @@ def ranked(comparison: Comparison, by: str = "score") -> list[str]:
 
 def columns(comparison: Comparison) -> list[str]:
     """Return the figures that the environment has."""
-    return [
-        name for name in FIGURES if any(not math.isnan(f[name].value) for f in comparison.figures.values())
-    ]
+    return [name for name in FIGURES if any(not math.isnan(f[name].value) for f in comparison.figures.values())]
 
 
 def render(comparison: Comparison, width: int) -> RenderableType:
@@ -115,7 +118,7 @@ def as_json(
 def _flat(row: Any) -> dict[str, Any]:
     """Return a row as plain data, its figures with their intervals."""
     return {
-        key: {k: _number(v) for k, v in vars(value).items()} if isinstance(value, Figure) else _number(value)
+        key: _ends(value) if isinstance(value, Figure) else plain_number(value)
         for key, value in row._asdict().items()
     }
 
@@ -127,17 +130,22 @@ def _plain(comparison: Comparison) -> dict[str, Any]:
         "seeds": list(comparison.seeds),
         "edmsim_version": __version__,
         "controllers": {
-            name: {key: {k: _number(v) for k, v in vars(figure).items()} for key, figure in figures.items()}
+            name: {key: _ends(figure) for key, figure in figures.items()}
             for name, figures in comparison.figures.items()
         },
         "cuts": [
-            {key: _number(value) for key, value in result._asdict().items()}
+            {key: plain_number(value) for key, value in result._asdict().items()}
             for results in comparison.results.values() for result in results
         ],
     }  # fmt: skip
 
 
-def _number(value: Any) -> Any:
+def _ends(figure: Figure) -> dict[str, Any]:
+    return {key: plain_number(value) for key, value in vars(figure).items()}
+
+
+def plain_number(value: Any) -> Any:
+    """Return None for NaN."""
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
@@ -155,3 +163,51 @@ def markdown_table(comparison: Comparison) -> list[str]:
         lines.append(f"| `{controller}` | " + " | ".join(cells) + " |")
     lines += ["", f"{len(comparison.seeds)} cuts each, resolution `{comparison.resolution}`."]
     return lines
+
+
+NAME_LETTERS = 48  # a controller of more letters is named without its parameters in a figure: the table has them
+
+
+def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
+    """Write the page, and the figures beside it as ``NAME-ENVIRONMENT.png``; see `draw`."""
+    make_writable(file.parent)
+    parts = ["# Controllers compared", ""]
+    for made in comparisons:
+        name = f"{file.stem}-{re.sub(r'[^0-9A-Za-z]+', '-', made.env_id.rpartition('/')[2])}.png"
+        with replacing(file.with_name(name)) as partial:
+            draw_returns(made).savefig(partial, format="png", dpi=110)
+        lines = lines_of(made.env_id)
+        parts += [
+            f"## {made.env_id}", "", f"![Return of every cut, and the mean of each controller]({name})", "",
+            "*Returns of the same machines under all controllers: a dot for each machine; the line is the mean with "
+            "its 95 % interval.*", "", *markdown_table(made), "",
+            f"Score: 0 is what `{lines.blind}` earns, 1 what `{lines.reference}` earns.", "",
+        ]  # fmt: skip
+    with replacing(file) as partial:
+        partial.write_text("\n".join(parts), encoding="utf-8")
+
+
+def draw_returns(made: Comparison) -> Drawing:
+    """Draw the returns of every controller, the best mean on top: a dot for a machine, the mean with its interval."""
+    # a machine has the same height within the row of each controller
+    # a machine has the same height within the row of each controller
+    from matplotlib.figure import Figure as Drawing
+
+    names = ranked(made, "total_return")
+    figure = Drawing(figsize=(7.2, 0.9 + 0.42 * len(names)), layout="constrained")
+    axes = figure.add_subplot()
+    within = np.linspace(0.28, -0.28, len(made.seeds))
+    for row, name in enumerate(reversed(names)):
+        returns = [cut.total_return for cut in made.results[name]]
+        mean = made.figures[name]["total_return"]
+        axes.plot(returns, row + within, ".", color=MUTED, ms=4)
+        axes.plot([mean.low, mean.high], [row, row], color=BLUE, lw=1.2)
+        axes.plot([mean.value, mean.value], [row - 0.3, row + 0.3], color=BLUE, lw=2.0)
+    axes.set_yticks(range(len(names)), [_short(name) for name in reversed(names)])
+    axes.set_xlabel("return of a cut")
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= NAME_LETTERS else f"{name.partition(':')[0]} ..."

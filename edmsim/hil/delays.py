@@ -1,4 +1,4 @@
-"""A table of ignition delays over gap and voltage, for circuit simulators: how long a switch for the gap waits."""
+"""A table of ignition delays over gap and voltage, for circuit simulators."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def delay_table(
 ) -> list[Delays]:
     """Draw delays of a set-up at gaps and voltages.
 
-    Every pulse is the first of a wire at rest in clean water, in a slot whose gap is the same all round; the height
-    is the machine's. In a cut, debris, gas and the wire's swing change what is drawn.
+    Every pulse is the first one of a wire at rest in clean water, in a slot with the same gap all round and the
+    machine's height. In a cut, debris, gas and the wire's vibration change the delays.
 
     Parameters
     ----------
@@ -56,12 +56,12 @@ def delay_table(
         Pulses of each.
     seed : int
     watch : callable, optional
-        Called with the number of rows made, and of all.
+        Called with the numbers of finished and of all rows.
 
     Raises
     ------
     InputError
-        If a voltage cannot be, or there is nothing to draw.
+        If a voltage cannot be used, or there is nothing to draw.
     """
     if draws < 1 or not gaps_um or not voltages_V:
         raise InputError("a table of delays needs gaps, voltages, and 1 or more pulses of each")

@@ -1,8 +1,8 @@
 """The bench in real time: a pseudo-terminal for the board's serial line, another for the axes.
 
-Lines are answered as soon as they come, between two frames, so an answer waits for a frame's computing at most. Who
-does not read loses what finds no room, and gets no more answers; who sends faster than lines are taken has to wait,
-as with a USB port. So nobody on the other side can hold up the gap.
+Lines are answered between two frames, so an answer waits for at most one frame's calculation. If the other side does
+not read, output that does not fit into the buffer is lost, and further lines are not answered. If it sends too fast,
+it has to wait, as with a USB port. So the other side cannot block the gap.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
+from edmsim.controllers.pulse_counters import percent_of_window
 from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
@@ -31,7 +32,6 @@ from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked
 from edmsim.job import checkpoint
 from edmsim.job.passes import with_passes
-from edmsim.job.progress import CutProgress
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, Running
 from edmsim.machine.files import own_mjcf_text
@@ -46,7 +46,7 @@ from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath, load_program, plan_path
 from edmsim.program.taper import GuideHeights
 from edmsim.progress import ShownProgress, in_notebook
-from edmsim.recording.report import outcome_text
+from edmsim.recording.report import duration_text, outcome_text
 
 _ENDING = {
     signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL,
@@ -396,3 +396,36 @@ class _Run:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
+
+
+_EVERY_S = 0.1  # between two looks at a cut: windows are shorter (ours)
+
+
+class CutProgress:
+    """What `edmsim.cut` calls back, as a bar."""
+
+    def __init__(self, bar: ShownProgress, name: str) -> None:
+        self._bar, self._name = bar, name
+        self._last: Progress | None = None
+        self._drawn_s = 0.0
+
+    def enter(self, phase: str) -> None:
+        """Name what is being done from now on, or how it ended."""
+        self._draw(phase, at_once=True)
+
+    def show(self, progress: Progress) -> None:
+        """Take in a window."""
+        self._last = progress
+        now = time.monotonic()
+        if now < self._drawn_s + _EVERY_S:
+            return
+        self._drawn_s = now
+        short, open_ = percent_of_window(progress.short), percent_of_window(progress.open)
+        self._draw(f"{progress.feed_um_s:.1f} um/s, short {short:.0f} %, open {open_:.0f} %")
+
+    def _draw(self, words: str, at_once: bool = False) -> None:
+        share, times = 0.0, ""
+        if (last := self._last) is not None:
+            share = min(1.0, last.path_um / last.total_um)
+            times = f"{duration_text(last.time_s)} simulated in {duration_text(last.wall_time_s)}, "
+        self._bar.show(self._name, share, 1.0, times + words, at_once)

@@ -14,7 +14,7 @@ from edmsim import __version__
 from edmsim.cosim.pulse_sample import PULSES, PulseSample, cutting_feed_um_s, sample_pulses
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import EdmsimError, InputError, one_of
-from edmsim.files import make_writable, together
+from edmsim.files import locked, make_writable, together
 from edmsim.job.inspection import inspect, totals
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine
@@ -23,7 +23,10 @@ from edmsim.plant.resolution import resolution as resolution_named
 from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
-from edmsim.recording.html_report import card
+from edmsim.recording.cut_folder import read_cut
+from edmsim.recording.figures.catalogue import pictures
+from edmsim.recording.figures.profile import profile_png
+from edmsim.recording.html_report import card, write_html
 from edmsim.recording.report import Report, build_report, cut_id, outcome_text, summary
 from edmsim.recording.scene import Scene
 from edmsim.recording.stores import Closeups, Frames
@@ -290,3 +293,29 @@ def result_of(
         simulation.path, simulation.plant.field, recorders.frames, replace(found.scene, cut=whose),
         recorders.closeups, simulation.machine,
     )  # fmt: skip
+
+
+FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
+
+
+def remake(
+    directory: str | Path, figures: str | Path | None, kind: str, leave_out: Callable[[str], None]
+) -> list[Path]:
+    """Write a folder's ``report.html`` again, or its figures as files of their own; returns the files written."""
+    if kind not in FORMATS:
+        raise InputError(f"figures cannot be written as '{kind}'; there are: {one_of(kind, FORMATS)}")
+    cut = read_cut(directory)
+    sample = sample_or_reason(cut.report, cut.windows)
+    target = Path(directory if figures is None else figures)
+    if figures is None:
+        with locked(target):
+            profile = profile_png(cut.scene, cut.windows, cut.report, cut.title)
+            write_html(*cut, sample, cut.title, profile, target / "report.html")
+        return [target / "report.html"]
+    make_writable(target)
+    written = []
+    for picture in pictures(*cut, sample, leave_out):
+        file = target / f"{picture.name}.{kind}"
+        picture.figure.savefig(file)
+        written.append(file)
+    return written

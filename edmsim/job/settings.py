@@ -278,9 +278,7 @@ class CutSettings(SetUpOptions, MachineOption):
         """Return the settings of the cut that a report is of, ``report.json`` or a `Report`."""
         settings = {**report["settings"], "seed": report["seed"]}
         offset_um = settings["offset_um"]  # None: the contours have those of their registers
-        settings |= {
-            "tension": settings["tension_N"], "offset": "auto" if offset_um is None else offset_um * 1e-3
-        }
+        settings |= {"tension": settings["tension_N"], "offset": "auto" if offset_um is None else offset_um * 1e-3}
         return cls(**{name: settings[name] for name in cls.model_fields if name in settings})
 
     @property

@@ -1,4 +1,4 @@
-"""From a policy of stable-baselines3 to plain arrays and a card (extra ``rl``)."""
+"""Export of a policy of stable-baselines3 to plain arrays and a card (extra ``rl``)."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ def export_sb3(model: Any, vec_env: Any, file: str | Path) -> Policy:
     model : learner of stable_baselines3 or sb3_contrib
         PPO, SAC, TQC, recurrent PPO, A2C, TRPO, TD3 or DDPG, with ``MlpPolicy`` (``MlpLstmPolicy``) and Tanh or ReLU.
     vec_env : VecEnv
-        What it learns on: `edmsim.envs.make_sb3_vec_env`, or a `DummyVecEnv` of environments of edmsim, in a
-        `VecNormalize` or none.
+        Its environments: `edmsim.envs.make_sb3_vec_env`, or a `DummyVecEnv` of environments of edmsim, with or
+        without a `VecNormalize`.
     file : path
-        ``NAME.json``; ``NAME.npz`` comes beside it.
+        ``NAME.json``; ``NAME.npz`` is written next to it.
 
     Returns
     -------
     Policy
-        As it is read from the files.
+        The policy as read from the files.
 
     Raises
     ------
     InputError
-        Another environment, wrapper or network than a policy file can describe.
+        If a policy file cannot describe the environment, wrapper or network.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""Imitation of a teacher, who may see what no machine shows, in the states that the learner comes to (extra ``rl``).
+"""Imitation of a teacher, which may know the true state, in the states visited by the learner (extra ``rl``).
 
-The learner cuts, and in every state the teacher says what it would do there; the policy's mean follows that. So it
-learns for its own states, not for the teacher's (DAgger, Ross et al., AISTATS 2011), and where the teacher knows more
-than the policy sees, it learns the mean of what the teacher does (Chen et al., CoRL 2019).
+The learner cuts; in every state the teacher gives the action it would take, and the policy's mean is fitted to it. So
+the policy learns for its own states, not for the teacher's (DAgger, Ross et al., AISTATS 2011). If the teacher knows
+more than the policy, the policy learns the mean of the teacher's actions (Chen et al., CoRL 2019).
 """
 
 from __future__ import annotations

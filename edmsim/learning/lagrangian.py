@@ -1,7 +1,7 @@
-"""Lagrangian PPO: the reward less a multiple of ``info["cost"]``, as much as keeps costs to a limit (extra ``rl``).
+"""Lagrangian PPO: the reward minus a multiple of ``info["cost"]`` that keeps the cost at a limit (extra ``rl``).
 
-The multiplier is what a mean cost beyond the limit makes it grow to, and shrinks again below the limit (Tessler,
-Mankowitz and Mannor, "Reward constrained policy optimization", ICLR 2019, arXiv:1805.11074).
+The multiplier grows while the mean cost is above the limit, and shrinks below it (Tessler, Mankowitz and Mannor,
+"Reward constrained policy optimization", ICLR 2019, arXiv:1805.11074).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A trained policy as a feed controller: it is shown, and asked for, what it would be in its environment."""
+"""A trained policy as a feed controller, with the observations and actions of its environment."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _ONLY = np.zeros(1, np.int64)
 
 
 class PolicyController(Snapshots):
-    """Commands what a trained policy would do in its environment.
+    """Runs a trained policy as in its environment.
 
-    Where the environment would end the episode for a short that stays, it raises the alarm.
+    If the environment would end the episode because a short lasts, it raises the alarm.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""A trained policy as two files: ``NAME.json`` says what it is, ``NAME.npz`` holds its network as plain arrays.
+"""A trained policy as two files: ``NAME.json``, its description, and ``NAME.npz``, its network as plain arrays.
 
-Neither holds code: reading one runs nothing that came with it.
+Neither has code, so reading a policy never runs code of its author.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class ObservedEntry(_Strict):
     name, meaning : str
         See `edmsim.envs.observation`.
     mean, variance : float
-        What it is normalised with.
+        Its normalisation.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Residual(_Strict):
     law : str
         See `edmsim.controllers.from_text`.
     range_um_s : float
-        What an action of 1 adds, um/s.
+        Change of the feed by an action of 1, um/s.
     """
 
     law: str
@@ -100,7 +100,7 @@ class Hold(_Strict):
     law : str
         `heat-flux`, with its parameters.
     low, high : float
-        Fluxes over the critical one that actions of -1 and 1 ask for; between them the logarithm is linear.
+        Fluxes, divided by the critical one, of actions -1 and 1; the logarithm is linear between them.
     """
 
     law: str
@@ -113,7 +113,7 @@ class Hold(_Strict):
 
 
 class Card(_Strict):
-    """What a policy is: the contents of ``NAME.json``.
+    """Description of a policy: the contents of ``NAME.json``.
 
     Attributes
     ----------
@@ -133,26 +133,26 @@ class Card(_Strict):
     activation : {"tanh", "relu"}
         Of the hidden layers.
     lstm : int, optional
-        Cells of an LSTM before the hidden layers; none where there is no number.
+        Cells of an LSTM before the hidden layers; by default no LSTM.
     residual : Residual, optional
-        The law that the first action is added to; none where the action is the environment's.
+        The law to which the first action is added; by default the action is the environment's.
     hold : Hold, optional
         The law whose flux the action sets, in place of the environment's actions; decisions are the environment's.
     output : {"clip", "tanh"}
-        What brings the outputs into -1..1.
+        Function that limits the outputs to -1..1.
     arrays_sha256 : str
-        Of ``NAME.npz``.
+        Hash of ``NAME.npz``.
     algorithm : str
     command : str
-        What made it.
+        The command of the training.
     trained_in : str, optional
-        The version it was trained in, where that is withdrawn since; none where it is `env_id`.
+        The version it was trained in, if it has been withdrawn since; by default `env_id`.
     seed : int or None
-        None where the learner had none.
+        None if the learner had none.
     steps : int
     versions : dict
     scores : list of dict
-        What it was measured at, beside a classic controller.
+        Its scores, with those of a classic controller.
     """
 
     format: Literal["edmsim-policy-1"]
@@ -214,7 +214,7 @@ class Policy:
     weights : tuple of float array (inputs, outputs)
     biases : tuple of float array (outputs,)
     lstm : Lstm or None
-        What comes before the layers; None where the policy has no memory.
+        The LSTM before the layers; None if the policy has none.
     """
 
     card: Card
@@ -268,7 +268,7 @@ class Policy:
 
 
 def meanings(family: EnvArguments) -> list[str]:
-    """Return what the entries of an environment's actions are."""
+    """Return the meanings of the entries of an environment's actions."""
     named = ACTION_MEANINGS if isinstance(family, Family) else _OF_PASSES
     return [named[name] for name in family.action_names]
 
@@ -284,7 +284,7 @@ def pack(weights: list[Floats], biases: list[Floats], lstm: Lstm | None = None) 
 
 
 def digest(packed: bytes) -> str:
-    """Return what `Card.arrays_sha256` must say."""
+    """Return the value for `Card.arrays_sha256`."""
     return hashlib.sha256(packed).hexdigest()
 
 

@@ -11,10 +11,9 @@ from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
 import numpy as np
-from pydantic import BaseModel
 
 from edmsim.errors import InputError
-from edmsim.machine.parts import Constant, SetUp
+from edmsim.machine.parts import Constant, Part, SetUp
 from edmsim.machine.setting import check
 
 _SetUp = TypeVar("_SetUp", bound=SetUp)
@@ -27,7 +26,12 @@ MOST_DRAWS = 100
 
 def uncertain(machine: SetUp) -> dict[str, Constant]:
     """Return the constants that have a range, by section and name; see `Machine.uncertain`."""
-    return {name: constant for name, constant in _constants(machine).items() if constant.range is not None}
+    return {
+        f"{section}.{name}": value
+        for section, part in _sections(machine).items()
+        for name, value in vars(part).items()
+        if isinstance(value, Constant) and value.range is not None
+    }
 
 
 def sample(machine: _SetUp, rng: np.random.Generator, only: Iterable[str] | None) -> _SetUp:
@@ -81,19 +85,10 @@ def choose(machine: SetUp, only: Iterable[str]) -> dict[str, Constant]:
     return {name: constant for name, constant in known.items() if name in names}
 
 
-def _sections(machine: SetUp) -> dict[str, BaseModel]:
+def _sections(machine: SetUp) -> dict[str, Part]:
     """Parts of a machine whose ranges are uncertainty, by the name of their table or kind of file."""
-    tables = {name: part for name, part in vars(machine.base).items() if isinstance(part, BaseModel)}
+    tables = {name: part for name, part in vars(machine.base).items() if isinstance(part, Part)}
     return {**tables, "wire": machine.wire, "material": machine.material}
-
-
-def _constants(machine: SetUp) -> dict[str, Constant]:
-    return {
-        f"{section}.{name}": value
-        for section, part in _sections(machine).items()
-        for name, value in vars(part).items()
-        if isinstance(value, Constant)
-    }
 
 
 def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
@@ -119,8 +114,12 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
 
 def with_values(machine: _SetUp, values: Mapping[str, float]) -> _SetUp:
     """Return the machine with other values of some constants, unchecked; sources and ranges stay."""
-    constants = _named(machine, values)
-    return with_constants(machine, {name: constants[name].at(value) for name, value in values.items()})
+    sections = {name: vars(part) for name, part in _sections(machine).items()}
+    changed: dict[str, dict[str, Constant]] = {}
+    for name, value in values.items():
+        section, _, key = name.partition(".")
+        changed.setdefault(section, {})[key] = sections[section][key].changed({"value": value})
+    return _with_changes(machine, changed)
 
 
 def values_of(machine: SetUp, names: Iterable[str]) -> dict[str, float]:
@@ -141,8 +140,13 @@ def with_constants(machine: _SetUp, constants: Mapping[str, Constant]) -> _SetUp
     for name, constant in constants.items():
         section, _, key = name.partition(".")
         changed.setdefault(section, {})[key] = constant
+    return _with_changes(machine, changed)
+
+
+def _with_changes(machine: _SetUp, changed: Mapping[str, Mapping[str, Constant]]) -> _SetUp:
+    """Return the machine with other constants, by section and key."""
     sections = _sections(machine)
-    parts = {section: sections[section].model_copy(update=new) for section, new in changed.items()}
-    base = machine.base.model_copy(update={k: v for k, v in parts.items() if k not in ("wire", "material")})
+    parts = {section: sections[section].changed(new) for section, new in changed.items()}
+    base = machine.base.changed({k: v for k, v in parts.items() if k not in ("wire", "material")})
     outside = {k: v for k, v in parts.items() if k in ("wire", "material")}
     return machine.model_copy(update={"base": base, **outside})

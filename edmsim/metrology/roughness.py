@@ -58,10 +58,9 @@ def roughness_um(crater_volume_um3: float, depth_ratio: float = CRATER_DEPTH_RAT
 @cache
 def ra_over_depth(seed: int = 0) -> float:
     """Ra of a surface of overlapping craters over the depth of one, by simulation: 0.30, within 1 % for any seed."""
-    # every crater is laid on the spot that stands highest, where a spark finds the narrowest gap. Its bowl
-    # sinks in until it has taken the crater's volume from what stands there, so deeper where others have been
-    # before. The mean over the simulation's later part is taken. Craters side by side on a flat surface would
-    # give 16/81, 0.20
+    # every crater is laid on the spot that stands highest, where a spark finds the narrowest gap. Its bowl sinks in
+    # until it has taken the crater's volume from what stands there, so deeper where others have been before. The mean
+    # over the simulation's later part is taken. Craters side by side on a flat surface would give 16/81, 0.20
     draw = np.random.default_rng(seed)
     height = 1e-3 * draw.random((CELLS, CELLS))
     radius = CELLS_PER_DIAMETER / 2
@@ -161,19 +160,15 @@ FEWEST_CELLS = 3.0  # diameter below which a crater is laid as if it were so wid
 
 
 def face_roughness_um(
-    crater_volumes_um3: Sequence[float],
-    taken_um: Sequence[float],
-    depth_ratio: float = CRATER_DEPTH_RATIO,
-    seed: int = 0,
+    crater_volumes_um3: Sequence[float], taken_um: Sequence[float], depth_ratio: float = CRATER_DEPTH_RATIO
 ) -> list[float]:
     """Return Ra in um after each of several passes; NaN from the first pass on of which nothing is known."""
-    # every crater is laid on the spot that stands highest, as in `ra_over_depth`. A fine pass that takes little
-    # takes the hills of the coarse one before and leaves its valleys; one that takes enough makes the face its
-    # own
+    # every crater is laid on the spot that stands highest, as in `ra_over_depth`. A fine pass that takes little takes
+    # the hills of the coarse one before and leaves its valleys; one that takes enough makes the face its own
     diameters_um = np.cbrt(6 * np.asarray(crater_volumes_um3, np.float64) / (np.pi * depth_ratio))
     if not len(diameters_um):
         return []
-    draw = np.random.default_rng(seed)
+    draw = np.random.default_rng(0)
     height, found = 1e-3 * draw.random((FACE_CELLS, FACE_CELLS)), []
     cell_um = float(np.nanmax(diameters_um)) / FACE_CELLS_PER_DIAMETER
     for number, (volume, diameter) in enumerate(zip(crater_volumes_um3, diameters_um, strict=True)):

@@ -69,8 +69,7 @@ class Chain:
 
     def without_short_elements(self) -> Self:
         """Return a ring without lines and arcs that lie within the tolerance: their ends are one point."""
-        # of many in a row, those stay whose ends are farther from the last point that stayed, as straight
-        # lines
+        # of many in a row, those stay whose ends are farther from the last point that stayed, as straight lines
         parts = self.parts()
         if not any(short for _, short in parts):
             return self

@@ -71,9 +71,8 @@ def first_loop(
     vertices: Sequence[complex], moves: Sequence[CutMove], first: int, last: int, join_mm: float
 ) -> tuple[int, int] | None:
     """Return the moves ``begin, end`` of the first loop, found through a grid of the join tolerance."""
-    # areas are differences of sums along the way. A place that is passed again, with nothing enclosed since, is
-    # noted once, so that a wire that goes back and forth a hundred thousand times is not compared with all of
-    # its past
+    # areas are differences of sums along the way. A place that is passed again, with nothing enclosed since, is noted
+    # once, so that a wire that goes back and forth a hundred thousand times is not compared with all of its past
     swept = _swept(vertices[first], moves[first:last])
     by_cell: dict[tuple[int, int], list[int]] = {}
     for k in range(first, last + 1):
@@ -123,9 +122,7 @@ def _split(run: Run, k: int, chord: int, at: complex) -> tuple[CutMove, CutMove]
     points, above = (vertices_of(run)[k], *move.points), (_upper_start(run, k), *move.upper)
     share = abs(at - points[chord]) / abs(points[chord + 1] - points[chord])
     there = above[chord] + share * (above[chord + 1] - above[chord])
-    return (
-        replace(parts[0], upper=(*move.upper[:chord], there)), replace(parts[1], upper=move.upper[chord:]),
-    )  # fmt: skip
+    return (replace(parts[0], upper=(*move.upper[:chord], there)), replace(parts[1], upper=move.upper[chord:]))
 
 
 def _upper_start(run: Run, k: int) -> complex:
@@ -257,9 +254,7 @@ def _overlap(run: Run, begin: int, end: int) -> int:
     return len(run.moves) - end
 
 
-def _refuse_more_than_a_lead_out(
-    run: Run, first: int, edge: tuple[int, int], lead_out: int, *, closed: bool
-) -> None:
+def _refuse_more_than_a_lead_out(run: Run, first: int, edge: tuple[int, int], lead_out: int, *, closed: bool) -> None:
     """Refuse moves after an edge that are a contour of their own, or go on with it where it only touched itself."""
     (begin, end), vertices = edge, vertices_of(run)
     before = range(first + 1, begin) if lead_out == end else range(0)

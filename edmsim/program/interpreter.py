@@ -184,9 +184,7 @@ def reading_of(motion: CuttingMotion, absolute: bool | None, rounding: Rounding)
     return Reading(motion, centre, notices=tuple(notices))
 
 
-def _reading_where_ends_meet(
-    motion: CuttingMotion, arc: Arc, absolute: bool | None, rounding: Rounding
-) -> Reading:
+def _reading_where_ends_meet(motion: CuttingMotion, arc: Arc, absolute: bool | None, rounding: Rounding) -> Reading:
     """Tell a full circle from an arc so short that it lies, with its radius, within what rounding explains."""
     stated = arc.absolute_stated
     meant = (absolute if stated is None else stated) if arc.absolute is not None else False

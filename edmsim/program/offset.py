@@ -262,9 +262,7 @@ def _runs(missed: NDArray[np.bool_], edge: NDArray[np.float64]) -> list[NDArray[
     return [*runs[1:-1], np.concatenate([runs[-1], runs[0]])] if goes_on else runs
 
 
-def _radius_mm(
-    edge: NDArray[np.float64], vertices: NDArray[np.intp], sharp: NDArray[np.bool_]
-) -> float | None:
+def _radius_mm(edge: NDArray[np.float64], vertices: NDArray[np.intp], sharp: NDArray[np.bool_]) -> float | None:
     """Return the inner radius of a run: 0 with one sharp corner, None with more; else that through three points."""
     corners = int(sharp[vertices].sum())
     if corners or len(vertices) < 3:

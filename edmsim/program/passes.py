@@ -281,8 +281,7 @@ def _link(before: _Leg, leg: _Leg) -> Stretch:
 
 def _short_mm(rough_mm: float, offset_mm: float) -> float:
     """Return how far before the end of the rough pass a trim has to end so that no metal is in front of it."""
-    # the rough pass ends in a round front, of which more stands beside the wire the nearer a pass is to the
-    # part
+    # the rough pass ends in a round front, of which more stands beside the wire the nearer a pass is to the part
     nearer = rough_mm - offset_mm
     return math.sqrt(max(2.0 * rough_mm * nearer - nearer**2, 0.0))
 
@@ -429,9 +428,7 @@ def on_grid(
     return tuple(passes)
 
 
-def _guided(
-    known_mm: NDArray[np.float64], way: Stretch, leads: int, before: CutPass | None, grid_um: int
-) -> Way:
+def _guided(known_mm: NDArray[np.float64], way: Stretch, leads: int, before: CutPass | None, grid_um: int) -> Way:
     """Put a way on the grid behind `leads` points that lead to it: vertical ones, or where the pass before ended."""
     if way.tilt is None:
         return Way(np.round(known_mm * 1000 / grid_um).astype(np.int64) * grid_um)

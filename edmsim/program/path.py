@@ -491,9 +491,7 @@ def _contour_of(
     before = lead.points if len(lead.points) else ways[0].points[:1]
     first = legs[0].outline
     waits = [(_lead_place(lead, first, i), s) for i, s in first.dwells if i < len(first.approach_mm)]
-    return replace(
-        contour, passes=on_grid(ways, before, grid_um, waits), continues=first.continues
-    )
+    return replace(contour, passes=on_grid(ways, before, grid_um, waits), continues=first.continues)
 
 
 def _as_first(program: Program, legs: list[OffsetOutline]) -> OffsetOutline:

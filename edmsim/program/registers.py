@@ -85,9 +85,7 @@ class Offset(NamedTuple):
 class OffsetRegisters:
     """The registers of a program while it is read; what the program itself says comes before those of a file."""
 
-    def __init__(
-        self, offsets: Mapping[str, float], defined: Collection[str], file: str, zero: bool = False
-    ) -> None:
+    def __init__(self, offsets: Mapping[str, float], defined: Collection[str], file: str, zero: bool = False) -> None:
         self._table = dict(offsets)
         self._zero = zero
         self._defined = frozenset(defined)

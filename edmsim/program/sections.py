@@ -31,8 +31,7 @@ class _Section:
 
 def passes_of(run: Run) -> list[Run]:
     """Split a run where compensation or offset changes: a run for each pass."""
-    # moves under an offset of 0 beside some under a greater one are approach and way out, as where they had
-    # none
+    # moves under an offset of 0 beside some under a greater one are approach and way out, as where they had none
     run = _without_zero_offsets(run)
     sections = _sections(run.moves)
     if len(sections) < 2:

@@ -69,8 +69,7 @@ class Ruled:
     upper_mm: Floats
     low_mm: float  # low_mm, high_mm: heights of these planes over the workpiece's lower face; unequal
     high_mm: float
-    # elements, line_numbers: for each of the ``n - 1`` chords the line or arc and the program's line it belongs
-    # to
+    # elements, line_numbers: for each of the ``n - 1`` chords the line or arc and the program's line it belongs to
     elements: tuple[int, ...]
     line_numbers: tuple[int, ...]
     vertices: tuple[int, ...]  # for each point of the outline the first of the points here that it became

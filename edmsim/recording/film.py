@@ -310,9 +310,7 @@ def _ffmpeg() -> Any:
     try:
         import imageio_ffmpeg
     except ImportError:
-        raise InputError(
-            "mp4 needs imageio-ffmpeg: pip install 'edmsim[video]'; a .gif needs nothing more"
-        ) from None
+        raise InputError("mp4 needs imageio-ffmpeg: pip install 'edmsim[video]'; a .gif needs nothing more") from None
     return imageio_ffmpeg
 
 

@@ -266,12 +266,12 @@ class Scene:
         return round_factor(self.known_errors(), 0.035 * max(x1 - x0, y1 - y0))
 
 
-def polylines(geometry: BaseGeometry | Sequence[BaseGeometry], tolerance_mm: float = 0.0005) -> Polylines:
-    """Return the lines of a geometry in mm, thinned within `tolerance_mm`; polygons give their rings."""
+def polylines(geometry: BaseGeometry | Sequence[BaseGeometry]) -> Polylines:
+    """Return the lines of a geometry in mm, thinned within half a um; polygons give their rings."""
     parts = shapely.get_parts(np.atleast_1d(np.asarray(geometry, dtype=object)))
     polygons = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     lines = np.concatenate([parts[~polygons], shapely.get_rings(parts[polygons])])
-    thin = shapely.simplify(lines, tolerance_mm)
+    thin = shapely.simplify(lines, 0.0005)
     return tuple(shapely.get_coordinates(line) for line in thin if not line.is_empty)
 
 
@@ -318,9 +318,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
             f"unreachable.{number}": edge.unreachable_um
             for number, edge in enumerate(scene.maps) if edge.unreachable_um is not None
         },
-        **{
-            f"face.{number}": edge.face_um for number, edge in enumerate(scene.maps) if edge.face_um is not None
-        },
+        **{f"face.{number}": edge.face_um for number, edge in enumerate(scene.maps) if edge.face_um is not None},
         "fields": np.frombuffer(json.dumps(document).encode(), np.uint8),
     }
     with replacing(file) as partial, partial.open("wb") as opened:

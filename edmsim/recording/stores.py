@@ -110,9 +110,7 @@ class Frames(ArraySnapshots, Observer):
         """See a window; it is kept if its turn has come."""
         if self._thinned.wants_next:
             x_um, y_um = plant.commanded_um
-            self.offer(
-                turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um(), plant.coverage()
-            )  # fmt: skip
+            self.offer(turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um(), plant.coverage())
         else:
             self._thinned.skip()
 

@@ -21,10 +21,9 @@ def traces(
     closeups: NDArray[np.void], count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return time, voltage and current of the last pulses of every close-up, each (n, count, 7 or 9) corners."""
-    # voltage is open until ignition, then burns; a pulse without ignition shows it for as long as it was
-    # waited, a short circuit none. An equalising pulse follows at once, of the other polarity; the last pulse
-    # shows none, as it ends before its pause. Where a close-up has fewer pulses, its first one is repeated in
-    # front
+    # voltage is open until ignition, then burns; a pulse without ignition shows it for as long as it was waited, a
+    # short circuit none. An equalising pulse follows at once, of the other polarity; the last pulse shows none, as it
+    # ends before its pause. Where a close-up has fewer pulses, its first one is repeated in front
     last = np.maximum(closeups["count"][:, None] - count + np.arange(count), 0)
     pulses = np.take_along_axis(closeups["pulses"], last, axis=1)
     start, delay, on = (pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us"))

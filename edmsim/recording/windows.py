@@ -118,9 +118,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("t_on_us", "us", "pulse on-time t_i set for the window"),
     Column("t_period_us", "us", "pulse period t_p set for the window"),
     Column("path_um", "um", "place along the wire path, from the first start hole"),
-    Column(
-        "error_um", "um", "profile error of the cut where the wire was; positive: metal left; NaN if none"
-    ),
+    Column("error_um", "um", "profile error of the cut where the wire was; positive: metal left; NaN if none"),
 )
 """Columns of ``windows.parquet``, in order."""
 
@@ -270,16 +268,16 @@ def column(table: pa.Table, name: str) -> NDArray[np.float64]:
     return np.asarray(table.column(name).to_numpy(), np.float64)
 
 
-def travel_direction(table: pa.Table, reach_um: float = 25.0) -> NDArray[np.float64]:
+def travel_direction(table: pa.Table) -> NDArray[np.float64]:
     """Return the direction of travel in every window, unit vectors (n, 2); zero where the wire has not moved."""
-    # the chord over `reach_um` of path on either side: steps of 1 um on two axes say nothing about direction
+    # the chord over 25 um of path on either side: steps of 1 um on two axes say nothing about direction
     # one by one; it never reaches over a pause, to another contour
     path = np.maximum.accumulate(column(table, "path_um"))
     place = np.column_stack([column(table, name) for name in ("x_um", "y_um")])
     chord = np.zeros((len(path), 2))
     for part in stretches(len(path), pause_rows(column(table, "t_s"))):
         s, at = path[part], place[part]
-        chord[part] = np.column_stack([np.interp(s + reach_um, s, x) - np.interp(s - reach_um, s, x) for x in at.T])
+        chord[part] = np.column_stack([np.interp(s + 25.0, s, x) - np.interp(s - 25.0, s, x) for x in at.T])
     length = np.hypot(chord[:, 0], chord[:, 1])
     return np.asarray(np.divide(chord, length[:, None], out=np.zeros_like(chord), where=length[:, None] > 0))
 

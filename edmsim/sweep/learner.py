@@ -57,9 +57,7 @@ class Learner(tune.Trainable):  # type: ignore[misc]
         for file in (*out.glob("policy.*"), out / WHOSE):
             shutil.move(file, self._last / file.name)
         parent, self._parent = self._parent, self._number
-        return {
-            "score": score, "windows": trained.model.num_timesteps, "learner": self._number, "parent": parent
-        }  # fmt: skip
+        return {"score": score, "windows": trained.model.num_timesteps, "learner": self._number, "parent": parent}
 
     def save_checkpoint(self, checkpoint_dir: str) -> None:
         """Hand over the last checkpoint, with the policy."""

@@ -20,9 +20,7 @@ from edmsim.evaluation.episode import Result, cut
 from edmsim.recording.report import CLOCKS, Report, kinds_of
 from edmsim.sweep.runs import SweepRun, digest
 
-FIGURES = {
-    kind.column: kind for kind in (*kinds_of(Report).values(), *kinds_of(Result).values()) if kind.column
-}
+FIGURES = {kind.column: kind for kind in (*kinds_of(Report).values(), *kinds_of(Result).values()) if kind.column}
 """Figures of a run, of a cut's report or an episode's result; null if not measured, or not of this kind of run."""
 
 
@@ -46,8 +44,7 @@ class Outcome(NamedTuple):
 
 def perform(run: SweepRun) -> Outcome:
     """Make a run; whatever goes wrong in it becomes its error, and no other run suffers."""
-    # a result depends on the run alone, not on computer, process, or what ran before; but for wall_time_s and
-    # host
+    # a result depends on the run alone, not on computer, process, or what ran before; but for wall_time_s and host
     started = time.monotonic()
     try:
         _same_files(run)

@@ -113,9 +113,7 @@ def train_population(
     return _result_of(best.metrics)
 
 
-def _plan(
-    name: str, algo: str, population: int, generations: int, steps: int | None, seed: int, seeds: int
-) -> Plan:
+def _plan(name: str, algo: str, population: int, generations: int, steps: int | None, seed: int, seeds: int) -> Plan:
     if population < LEAST_POPULATION:
         raise InputError(f"a population of {population} has no best quarter: give {LEAST_POPULATION} or more")
     if generations < 1:

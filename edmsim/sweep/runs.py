@@ -42,8 +42,7 @@ class SweepRun:
 
 def runs_of(specification: Specification) -> Iterator[SweepRun]:
     """Yield the runs one by one, so that a large sweep needs no memory for all; see `Specification`."""
-    # machines drawn and seeds vary fastest, so that what is compared with each other is cut at about the same
-    # time
+    # machines drawn and seeds vary fastest, so that what is compared with each other is cut at about the same time
     spec = specification
     for task, bounds in combinations(spec):
         settings = checked(task, bounds, bool(spec.program))

@@ -208,9 +208,7 @@ def _chance_does_as_well(
 ) -> bool:
     """Say whether a polynomial fits the same values in another order as well: it has terms enough for few points."""
     rng = np.random.default_rng(1)
-    return any(
-        _best(tables, offers, rng.permutation(values), folds)[0].error <= best.error for _ in range(SHUFFLES)
-    )
+    return any(_best(tables, offers, rng.permutation(values), folds)[0].error <= best.error for _ in range(SHUFFLES))
 
 
 def _functions(factor: Factor) -> Array:
@@ -323,9 +321,7 @@ class _Validated(NamedTuple):
     terms: int
 
 
-def _validate(
-    columns: Array, values: Array, folds: list[NDArray[np.bool_]], most: int = MOST_CHOSEN
-) -> _Validated:
+def _validate(columns: Array, values: Array, folds: list[NDArray[np.bool_]], most: int = MOST_CHOSEN) -> _Validated:
     most = min(most, columns.shape[1], min(int((~out).sum()) for out in folds) // 2)
     squares = np.zeros((most + 1, len(values)))
     for out in folds:

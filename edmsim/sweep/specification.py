@@ -151,9 +151,7 @@ class Specification(_Strict):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _refuse_in_one_line(
-        cls, value: Any, handler: ModelWrapValidatorHandler[Specification]
-    ) -> Specification:
+    def _refuse_in_one_line(cls, value: Any, handler: ModelWrapValidatorHandler[Specification]) -> Specification:
         try:
             return handler(value)
         except ValidationError as error:

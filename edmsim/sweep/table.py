@@ -162,9 +162,8 @@ RECORDINGS = "recordings"
 class Store:
     """Results of a sweep in a folder; only one process at a time adds to it."""
 
-    # a row is forced to the disk before `add` returns, so what was reported as done is never done again,
-    # whenever the process dies. Full parts go into the dataset; the journal is emptied after that, and rows in
-    # both count once
+    # a row is forced to the disk before `add` returns, so what was reported as done is never done again, whenever the
+    # process dies. Full parts go into the dataset; the journal is emptied after that, and rows in both count once
 
     def __init__(self, out: str | Path) -> None:
         self.folder = Path(out)

@@ -167,9 +167,7 @@ def accuracy(seeds: Sequence[int]) -> list[Row]:
             simulated=value, uncertainty=half, unit="um",
             note=PAGE + "#accuracy",
         ))  # fmt: skip
-    rough, trimmed = (
-        float(np.mean([abs(cut.corner_um) for cut in cuts[passes]])) for passes in (1, 3)
-    )
+    rough, trimmed = (float(np.mean([abs(cut.corner_um) for cut in cuts[passes]])) for passes in (1, 3))
     rows.append(Row.band(
         "passes", "error of an outer corner after three passes, over that after one", SHOP, low=0.0, high=1 / 3,
         published="below a third (asked for)", simulated=trimmed / rough, note=PAGE + "#outer-corners",

@@ -204,8 +204,7 @@ def test_input_lines_and_end_switches_reach_the_drive(machine):
     )
     plant.advance([(1_000_000, 4, 1), (2_000_000, 6, 1), (3_000_000, 4, 0)])
     reg = plant.drives["x"].record["reg"][0]
-    assert reg[2] == 0b100
-    assert reg[3] == 1
+    assert (reg[2], reg[3]) == (0b100, 1)
     with pytest.raises(InputError, match="axis 0 to 3"):
         plant.advance([(plant.time_ns, 4, 2)])
 

@@ -59,9 +59,13 @@ def bench_of(**changes):
     return AxisBench({"x": Puppet(axis_row("bench", **changes))})
 
 
-def command(bench, duty, axis="x"):
+def command(bench, duty, axis="x", run_s=0.0):
+    """Let the drive command a share of its supply, and run for some time."""
     bench.drive(axis).record["real"][0, COMMAND] = duty
+    bench.run(run_s)
 
 
-def put_out(bench, bits, axis="x"):
+def put_out(bench, bits, axis="x", run_s=0.0):
+    """Let the drive put out lines, and run for some time."""
     bench.drive(axis).record["reg"][0, LINES] = bits
+    bench.run(run_s)

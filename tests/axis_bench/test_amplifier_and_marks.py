@@ -24,8 +24,7 @@ def bench_of(axes="x", **changes):
 
 def speed_at(volts, **changes):
     bench = bench_of(**changes)
-    command(bench, volts / 10)
-    bench.run(0.5)
+    command(bench, volts / 10, run_s=0.5)
     return float(bench.axis()["speed_rad_s"])
 
 
@@ -52,8 +51,7 @@ def test_the_offset_drifts_as_it_warms_up():
 def test_at_0_V_the_axis_coasts_as_its_current_allows():
     def way(limit_A):
         bench = bench_of(limit_A=limit_A)
-        command(bench, 1.0)
-        bench.run(0.5)
+        command(bench, 1.0, run_s=0.5)
         command(bench, 0.0)
         begin = float(bench.axis()["place_um"])
         bench.run(0.5)
@@ -66,8 +64,7 @@ def test_at_0_V_the_axis_coasts_as_its_current_allows():
 def test_a_stalled_motor_takes_the_limit_and_grows_warm():
     bench = bench_of()
     bench.hold("x", True)
-    command(bench, 0.5)
-    bench.run(1.0)
+    command(bench, 0.5, run_s=1.0)
     assert bench.axis()["current_A"] == pytest.approx(10.0, rel=0.02)
     assert bench.axis()["winding_K"] > 1.0
     bench.hold("x", False)
@@ -78,8 +75,7 @@ def test_a_stalled_motor_takes_the_limit_and_grows_warm():
 def indexes(least_ns=0, **changes):
     bench = bench_of(index_um=100.0, index_phase_um=30.0, **changes)
     bench.drive().record["index_ns"] = least_ns
-    command(bench, 1.0)
-    bench.run(0.5)
+    command(bench, 1.0, run_s=0.5)
     return bench
 
 
@@ -108,8 +104,7 @@ def test_a_mark_too_short_for_the_input_is_missed():
     bench.unplug("x", "index")
     bench.run(0.01)
     assert bench.axis()["index_on"] == 0
-    command(bench, 1.0)
-    bench.run(0.5)
+    command(bench, 1.0, run_s=0.5)
     assert bench.axis()["indexes"] <= 1
 
 
@@ -146,8 +141,7 @@ def test_a_contact_bounces_and_what_is_shorter_than_the_filter_is_missed():
 
 def test_without_a_cam_the_input_stays_open_until_it_is_pressed():
     bench = bench_of()
-    command(bench, 1.0)
-    bench.run(0.2)
+    command(bench, 1.0, run_s=0.2)
     assert bench.axis()["home"] == 0
     bench.press_home("x", True)
     bench.run(0.01)
@@ -158,13 +152,11 @@ def test_a_shared_output_moves_who_is_connected():
     bench = bench_of("xy")
     bench.share_output("xy", "y")
     command(bench, 1.0, "x")
-    put_out(bench, HOLDS_OUTPUT, "y")
-    bench.run(0.3)
+    put_out(bench, HOLDS_OUTPUT, "y", run_s=0.3)
     assert bench.axis("x")["place_um"] == 0.0
     assert bench.axis("y")["place_um"] > 100.0
     alone = bench_of("xy")
-    command(alone, 1.0, "x")
-    alone.run(0.3)
+    command(alone, 1.0, "x", run_s=0.3)
     assert alone.axis("x")["place_um"] > 100.0
     assert alone.axis("y")["place_um"] == 0.0
 

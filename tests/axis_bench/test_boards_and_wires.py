@@ -47,8 +47,7 @@ def test_a_fault_stops_the_other_drive_through_the_net_and_not_without_its_diode
         bench.wire("x", fault_out=diode)
         bench.run(0.005)
         assert bench.pins("y").enabled
-        put_out(bench, FAULT | FREEWHEEL | FAULT_OUT, "x")
-        bench.run(0.002)
+        put_out(bench, FAULT | FREEWHEEL | FAULT_OUT, "x", run_s=0.002)
         assert bench.pins("x").fault_out_low
         assert bench.fault_net_low == diode
         assert bench.pins("y").enabled != diode
@@ -74,8 +73,7 @@ def test_outputs_take_effect_after_the_time_to_compute_and_the_duty_at_a_pulse_o
     bench.changes("x")
     bench.drive("x").record["reg"][0, DELAY] = 300_000
     put_out(bench, FREEWHEEL)
-    command(bench, 0.5)
-    bench.run(0.000305)
+    command(bench, 0.5, run_s=0.000305)
     assert bench.changes("x").tolist() == [(0, 2_300_000, FREEWHEEL)]
     assert bench.pins("x").duty == 0.5
     bench.run(0.00001)

@@ -38,11 +38,9 @@ def test_a_motor_runs_up_to_its_no_load_speed_with_its_time_constant():
 
 def run_out_s(how):
     bench = bench_of()
-    command(bench, 0.5)
-    bench.run(0.3)
+    command(bench, 0.5, run_s=0.3)
     if how == "freewheel":
-        put_out(bench, FREEWHEEL)
-        bench.run(0.005)
+        put_out(bench, FREEWHEEL, run_s=0.005)
         assert (bench.axis("x")["current_A"], bench.axis("x")["speed_rad_s"] > 10.0) == (0.0, True)
     command(bench, 0.0)
     began = bench.time_s
@@ -58,18 +56,15 @@ def test_a_bridge_that_is_off_lets_the_motor_run_out_and_one_at_half_duty_brakes
 def test_a_supply_sags_under_load_and_gives_no_more_than_its_limit():
     stiff = bench_of(supply_ohm=1e-3)
     stiff.hold("x", True)
-    command(stiff, 0.4)
-    stiff.run(0.05)
+    command(stiff, 0.4, run_s=0.05)
     assert stiff.axis("x")["current_A"] == pytest.approx(0.4 * 30.0 / 0.5, rel=1e-3)  # by its resistance
     assert stiff.axis("x")["speed_rad_s"] == 0.0
     bench = bench_of(supply_ohm=0.5, supply_A=5.0)
     bench.hold("x", True)
-    command(bench, 0.3)
-    bench.run(0.1)
+    command(bench, 0.3, run_s=0.1)
     drawn_A = 0.3 * bench.axis("x")["current_A"]
     assert bench.axis("x")["link_V"] == pytest.approx(30.0 - 0.5 * drawn_A, rel=0.01)
-    command(bench, 0.9)
-    bench.run(0.2)
+    command(bench, 0.9, run_s=0.2)
     assert 0.9 * bench.axis("x")["current_A"] == pytest.approx(5.0, rel=0.01)
     bench.supply("x", 0.0)
     bench.run(0.5)
@@ -79,16 +74,13 @@ def test_a_supply_sags_under_load_and_gives_no_more_than_its_limit():
 def test_too_much_current_and_heat_are_reported_as_damage():
     bench = AxisBench({"x": Puppet(axis_row("low-impedance"))})
     bench.hold("x", True)
-    command(bench, 0.1)
-    bench.run(0.1)
+    command(bench, 0.1, run_s=0.1)
     assert bench.axis("x")["damage"] == 0
-    command(bench, 0.74)
-    bench.run(0.1)
+    command(bench, 0.74, run_s=0.1)
     assert bench.axis("x")["damage"] & BRIDGE_DAMAGED
     warm = bench_of(winding_J_K=1.0)
     warm.hold("x", True)
-    command(warm, 0.5)
-    warm.run(2.0)
+    command(warm, 0.5, run_s=2.0)
     assert warm.axis("x")["damage"] & WINDING_DAMAGED
 
 
@@ -114,8 +106,7 @@ def test_backlash_is_lost_at_a_reversal():
 
 def test_a_hanging_load_pulls_an_axis_down():
     bench = bench_of(load_N=-400.0)
-    put_out(bench, FREEWHEEL)
-    bench.run(0.3)
+    put_out(bench, FREEWHEEL, run_s=0.3)
     assert bench.axis("x")["place_um"] < -1000.0
 
 
@@ -210,12 +201,10 @@ def test_a_pulse_shorter_than_the_input_needs_is_missed(width_s, edges):
 def test_edges_faster_than_the_input_are_overruns(rate_Hz, keeps):
     bench = AxisBench({"x": Puppet(axis_row("fast"))})
     bench.drive("x").record["count_rate_Hz"] = rate_Hz
-    command(bench, 0.7)
-    bench.run(0.5)
+    command(bench, 0.7, run_s=0.5)
     row = bench.axis("x")
     assert row["speed_rad_s"] * bench.motor("x")["counts_per_rad"] > 1e6
-    assert (row["illegal"] == 0) == keeps
-    assert (row["missed"] == 0) == keeps
+    assert (row["illegal"] == 0, row["missed"] == 0) == (keeps, keeps)
 
 
 NOISE = {"spike_rate_Hz": 500.0, "spike_s": 20e-6}
@@ -262,8 +251,7 @@ def test_spikes_come_at_their_rate_and_those_the_input_is_too_slow_for_are_misse
     for rate_Hz, passes in ((1e6, math.exp(-0.05)), (50e3, math.exp(-1.0))):
         bench = noisy(Puppet(axis_row("bench")))
         bench.drive("x").record["count_rate_Hz"] = rate_Hz
-        put_out(bench, FREEWHEEL)
-        bench.run(10.0)
+        put_out(bench, FREEWHEEL, run_s=10.0)
         row = bench.axis("x")
         assert row["edges"] / 2 + row["illegal"] / 2 == pytest.approx(5_000 * passes, rel=0.06)
         assert row["illegal"] / row["edges"] == pytest.approx(0.5, rel=0.1)

@@ -7,7 +7,6 @@ import itertools
 import json
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
 from rich.console import Console
@@ -34,9 +33,9 @@ class Turning:
 
 @pytest.mark.slow
 def test_shares_add_up_to_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    def unmarked(_: object, *shape: Any, parts: tuple[tuple[str, ...], ...]) -> tuple[object, Turning]:
+    def unmarked(_: object, *shape: int, parts: tuple[tuple[str, ...], ...]) -> tuple[object, Turning]:
         assert parts[0] == ("edmsim.plant.gap.pulse_outcome.sum_rays",)
-        return window_function(*shape), Turning()
+        return window_function(*shape, False), Turning()
 
     for name, value in (("marked", unmarked), ("LOOKS", 100), ("ROUNDS", 5), ("SETTLE_WINDOWS", profile.BATCH)):
         monkeypatch.setattr(profile, name, value)

@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.calibration import Fit, Log, calibrate
+from edmsim.calibration.comparison import simulate
 from edmsim.calibration.fit import FittedConstant, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
 from edmsim.calibration.set_up import machine_of
-from edmsim.calibration.simulate import simulate
 from edmsim.cli import app as cli
 from edmsim.cli.console import INTERRUPTED
 from edmsim.cosim.straight import Traverse
@@ -42,7 +42,7 @@ def short() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("edmsim.calibration.fit.MOST_STRETCHES", 2)
         patch.setattr("edmsim.calibration.comparison.NOISE_CUTS", 8)
-        patch.setattr("edmsim.calibration.simulate.WHOLLY_SETTLED_DIAMETERS", 1.3)
+        patch.setattr("edmsim.calibration.comparison.WHOLLY_SETTLED_DIAMETERS", 1.3)
         yield
 
 
@@ -109,34 +109,28 @@ def test_a_log_that_tells_nothing_is_refused(known: SimpleNamespace) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
-def test_the_command_tells_and_writes_what_was_fitted(
-    known: SimpleNamespace, log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """What it tells is what the fit of these settings gave."""
-    fits: list[Fit] = []
+def test_the_command_prints_and_writes_what_was_fitted(
+    known: SimpleNamespace, recovered: Fit, log_file: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """It fits with the settings of the command line, and prints what that gave; here the fit above."""
 
     def fitted(log: Log, machine: edmsim.Machine, only: list[str], **options: Any) -> Fit:
         assert (list(only), options["seed"], len(log)) == (["material.removal_mm3_J"], 5, 990)
         assert machine == known.machine
-        fits.append(calibrate(log, machine, only, **options))
-        return fits[-1]
+        return recovered
 
     monkeypatch.setattr("edmsim.calibration.calibrate", fitted)
     out = log_file.parent / "fitted.toml"
     options = ("--out", out, "--height", "10", "--fit", "material.removal_mm3_J", "--json")
     assert run(monkeypatch, log_file, *options, "--seed", "5") == 0
     document = json.loads(capsys.readouterr().out)
-    (constant,) = document["constants"]
-    assert constant["name"] == "material.removal_mm3_J"
-    low, high = constant["interval"]
-    assert low < constant["value"] < high
+    as_lists = [c._asdict() | {"interval": [*c.interval], "range": [*c.range]} for c in recovered.constants]
+    assert document["constants"] == as_lists
+    assert document["misfit"] == recovered.misfit
+    assert [list(row["model"].values()) for row in document["stretches"]] == recovered.simulated.tolist()
     assert document["files"] == {"machine": str(out), "material": str(out.with_name("fitted-material.toml"))}
     edmsim.Machine.load(str(out), material=document["files"]["material"])
-    (again,) = fits
-    assert [c._asdict() | {"interval": [*c.interval], "range": [*c.range]} for c in again.constants] == [constant]
-    assert again.misfit == document["misfit"]
-    assert [list(row["model"].values()) for row in document["stretches"]] == again.simulated.tolist()
 
 
 def test_the_logged_machine_has_the_logs_statistics(known: SimpleNamespace) -> None:
@@ -154,7 +148,7 @@ def test_a_cut_settles_for_as_long_as_its_log_did_but_not_for_ever(
     known: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settled_um, run = [], Traverse.run
-    monkeypatch.setattr("edmsim.calibration.simulate.WHOLLY_SETTLED_DIAMETERS", 5.0)
+    monkeypatch.setattr("edmsim.calibration.comparison.WHOLLY_SETTLED_DIAMETERS", 5.0)
 
     def briefly(traverse: Traverse, seconds: float) -> list[PulseWindow]:
         settled_um.append(22.0 * seconds)

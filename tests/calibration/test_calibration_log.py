@@ -13,11 +13,11 @@ import pytest
 
 import edmsim
 from edmsim.calibration import Log, read_log
+from edmsim.calibration.comparison import settle_um
 from edmsim.calibration.fit import spread
 from edmsim.calibration.log import BATCH_WINDOWS, COLUMNS, STRETCH_WINDOWS, Stretch, statistics, stretches
 from edmsim.calibration.output import causes
 from edmsim.calibration.ratios import NEEDED
-from edmsim.calibration.simulate import settle_um
 from edmsim.errors import InputError
 from edmsim.hil import Rig
 from edmsim.hil.ratio_log import RatioLog

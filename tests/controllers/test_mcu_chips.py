@@ -343,8 +343,7 @@ def test_switches_are_one_interrupt_and_act_by_themselves():  # T-46, T-47
         switches.trip(X_END)
         assert len(rises) == 1  # the ORed line is up already
         switches.release()
-        assert switches.steppers_supplied
-        assert switches.generator_allowed
+        assert (switches.steppers_supplied, switches.generator_allowed) == (True, True)
     with pytest.raises(InputError, match="no switch 'door'"):
         switches.trip("door")
 

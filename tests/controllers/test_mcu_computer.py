@@ -146,8 +146,7 @@ def test_the_emergency_comes_before_a_step_that_is_due():  # T-45
     computer.store(at.XVELOC, 127)
     computer.board.switches.trip(WIRE_BREAK)
     computer.serve()
-    assert computer.state == "emergency"
-    assert computer.position == START
+    assert (computer.state, computer.position) == ("emergency", START)
 
 
 @given(st.integers(-40, 40), st.integers(-40, 40), st.integers(1, 127))

@@ -203,8 +203,7 @@ def test_a_switch_opened_at_the_board_stops_the_cut(planner, switch):  # T-46, T
     board.switches.trip(switch)
     place = sim.plant.commanded_um
     sim.step()
-    assert sim.plant.commanded_um == place
-    assert sim.outcome == "emergency-stop"
+    assert (sim.plant.commanded_um, sim.outcome) == (place, "emergency-stop")
     x, y = sim.controller.computer.position
     assert sim.reason == (
         f"the controller's emergency routine ({switch}) stopped the machine at x {x / 1e3:.3f} y {y / 1e3:.3f} mm"

@@ -19,7 +19,7 @@ from edmsim.errors import InputError
 from edmsim.evaluation.technology import straight_path
 from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import metal_at
-from edmsim.metrology.loose import loose_pieces
+from edmsim.metrology.passes import loose_pieces
 from edmsim.metrology.roughness import face_roughness_um, roughness_um
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 

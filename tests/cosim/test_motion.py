@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from edmsim import Machine, Plant
 from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.protocols import FeedCommand, Step
 from edmsim.cosim.motion import EvenSteps, PlannerMotion
+from edmsim.cosim.passes import Sums
 from edmsim.cosim.straight import Traverse, cut_straight
 from edmsim.validation.setups import FRAIL, altered, in_a_hole
 
@@ -70,10 +72,14 @@ def test_a_straight_cut_ends_when_the_wire_breaks() -> None:
     assert frail.time_ns < 1e9
 
 
-def test_the_charge_of_a_straight_cut_is_its_current_over_its_time_but_for_shorts() -> None:
+def test_charge_and_vibration_of_a_straight_cut_are_those_of_its_windows() -> None:
     cut = cut_straight(Machine.load(height_mm=5.0), 15.0, seed=1, settle_s=3.0, seconds=1.5)
     clean = [window for window in cut.windows if not window.short and window.spark]
     share = sum(window.energy_J for window in clean) / cut.energy
+    sums = Sums()
+    for window in cut.windows:
+        sums.add(window, None)
+    assert 0.0 < math.sqrt(sums.vibration2_pulses / sums.pulses) == pytest.approx(cut.vibration_um)
     measured_C = sum(window.mean_current_A * window.duration_ns * 1e-9 for window in clean)
     assert share > 0.3
     assert cut.charge * share == pytest.approx(measured_C, rel=1e-6)

@@ -10,8 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from edmsim.cli import app as cli
-from edmsim.cosim.passes import PassRecord
-from edmsim.cosim.sums import Sums
+from edmsim.cosim.passes import PassRecord, Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology
 from edmsim.evaluation.technology import TARGETS, Cut, Job, Search, technology_text

@@ -29,6 +29,14 @@ from edmsim.machine.setting import (
 OwnFile = Callable[..., str]
 
 
+def refusal(**choices: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        Machine.load(**choices)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
 def test_without_a_choice_the_files_hold() -> None:
     machine = Machine.load(generator="iso-energetic")
     generator, base = machine.generator, machine.base
@@ -175,11 +183,3 @@ def test_a_constant_that_cannot_be_is_refused_in_one_line(constants: Any, named:
         CutSettings(constants=constants).load_machine()
     assert named in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-def refusal(**choices: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        Machine.load(**choices)
-    text = str(caught.value)
-    assert "\n" not in text
-    return text

@@ -84,6 +84,23 @@ def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it(
     assert whole(2.0) == 2.0 / 3 + 1.0
 
 
+def test_a_part_is_translated_once_for_all_the_constants_that_it_is_called_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache, "folder", tmp_path)
+
+    @exactly_compiled
+    def part(x: int) -> int:
+        return x // 3
+
+    @exactly_compiled
+    def whole(x: int) -> int:
+        return part(7) + part(x) + part(2)
+
+    assert whole(9) == 2 + 3 + 0
+    assert cast(Any, part).translated == {(types.int64,)}
+
+
 def test_no_other_file_uses_them() -> None:
     """`numba.core`, `numba.np` and names with an underscore are numba's own."""
     private = re.compile(r"(?:from|import) numba\.(?:core|np|misc|typed)|numba\._|\._(?:cache|compiler)\b")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from edmsim import InputError
-from edmsim.job.remake import remake
+from edmsim.job.result import remake
 from edmsim.recording import Scene, read_scene, write_scene
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.html_report import page

@@ -236,17 +236,16 @@ def fire_window(
     p: Propagators,
     scratch: Scratch,
     axes: Axes,
-    link: FullLink,
-    full: bool,
+    link: FullLink | None,
     events: NDArray[np.int64],
     log: NDArray[np.void],
     count: int,
 ) -> int:
     """Fire `count` pulses; stop early if the wire breaks or an axis has to. Steps happen at their own times.
 
-    The pulses are written to `log` if that has room for them, or none at all if it is empty. With `full`,
-    MuJoCo moves wire and table through `link`, otherwise the modes move by `p`. Returns how the window ended (`FINE`
-    and its neighbours in `state`).
+    The pulses are written to `log` if that has room for them, or none at all if it is empty. With a `link`, MuJoCo
+    moves wire and table through it, otherwise the modes move by `p`; numba leaves out what the other would need.
+    Returns how the window ended (`FINE` and its neighbours in `state`).
     """
     if state[0].broken != 0:
         return BROKEN
@@ -313,7 +312,7 @@ def fire_window(
         project(a, sums, load)
         if axes.errs != 0:
             indicate(state)
-        if full:
+        if link is not None:
             next_event = move_full(
                 state, a, c, axes, link, p, t, load, films, film, resistance, open_scale, burn_scale,
                 delay, delay + burn, period_ns, at, kick_x, kick_y, events, next_event,

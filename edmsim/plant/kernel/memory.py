@@ -130,11 +130,24 @@ def window_function(slices: int, rays: int, coordinates: int, full: bool) -> Cal
     It takes the address of rows of `CALL` numbers and how many rows there are: one window for one plant each. One
     plant and a thousand run the same machine code, so that a plant's bits do not depend on its company.
     """
-    return specialised(fire_windows, slices, rays, coordinates, full)
+    return specialised(fire_full_windows if full else fire_windows, slices, rays, coordinates)
 
 
-def fire_windows(calls: int, count: int, slices: int, rays: int, coordinates: int, full: int) -> None:
-    """Fire a window for each of some plants; compiled only (see `window_function`)."""
+@compiled
+def _no_link(_at: Any, _lengths: tuple[int, ...]) -> None:
+    """Stand for the link to MuJoCo where the modes move."""
+    return
+
+
+@compiled
+def _full_link(at: Any, lengths: tuple[int, ...]) -> FullLink:
+    """Link to MuJoCo by its record in the table."""
+    return _link_of(at.link, lengths)
+
+
+@compiled
+def _fire(calls: int, count: int, slices: int, rays: int, coordinates: int, link: Callable[..., Any]) -> None:
+    """Fire a window for each of some plants, through the link that a function finds."""
     rows = _rows(calls, (count, CALL))
     for k in range(count):
         at = _table(rows[k, 0], (1,))[0]
@@ -145,6 +158,15 @@ def fire_windows(calls: int, count: int, slices: int, rays: int, coordinates: in
             _constants(at.constants, (1,))[0], _law_of(at.law, lengths), _heat(at.heat, (1,))[0],
             _bubble(at.bubble, (1,))[0], _gas_of(at.gas, lengths), _timing(at.timing, (1,))[0],
             _propagators_of(at.propagators, lengths), _scratch_of(at.scratch, lengths),
-            _axes_of(at.axes, lengths), _link_of(at.link, lengths), full != 0,
-            _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses, rows[k, 3],
+            _axes_of(at.axes, lengths), link(at, lengths), _rows(rows[k, 1], (rows[k, 2], 3)), own.pulses, rows[k, 3],
         )  # fmt: skip
+
+
+def fire_windows(calls: int, count: int, slices: int, rays: int, coordinates: int) -> None:
+    """Fire a window for each of some plants whose modes move; compiled only (see `window_function`)."""
+    _fire(calls, count, slices, rays, coordinates, _no_link)
+
+
+def fire_full_windows(calls: int, count: int, slices: int, rays: int, coordinates: int) -> None:
+    """Fire a window for each of some plants that MuJoCo moves: what a cut without it need not wait for."""
+    _fire(calls, count, slices, rays, coordinates, _full_link)

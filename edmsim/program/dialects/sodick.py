@@ -12,9 +12,7 @@ SODICK = Dialect(
         ("T", 90): "cut off", ("T", 91): "thread", ("M", 199): "end",
     },
     condition="C",
-    columns=(
-        "ON", "OFF", "IP", "HRP", "MAO", "SV", "V", "SF", "C", "PIK", "CTRL", "WK", "WT", "WS", "WP",
-    ),
+    columns=("ON", "OFF", "IP", "HRP", "MAO", "SV", "V", "SF", "C", "PIK", "CTRL", "WK", "WT", "WS", "WP"),
     angle="A",
     upper="colon",
     planes=True,

@@ -79,9 +79,7 @@ def _draw_wires(axes: Axes, below: np.ndarray, above: np.ndarray) -> None:
     axes.add_collection(wires)
 
 
-def _draw_ways(
-    axes: Axes, path: CutPath, contour: WireContour, face: tuple[str, str], labelled: bool
-) -> None:
+def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, face: tuple[str, str], labelled: bool) -> None:
     """Draw the wire's centre on a face, of every pass in its colour; a tab's passes are dashed."""
     where, colour = face
     if not contour.passes:

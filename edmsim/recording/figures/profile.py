@@ -231,9 +231,7 @@ def _frame_map(axes: Axes, scene: Scene, shown_mm: Box) -> None:
     # Half the width shown: whatever needs more room, so that a millimetre is as long on both axes.
     half = max((x1 - x0) / 2 + margin, ((y1 - y0) / 2 + margin) * box.width / box.height)
     axes.set_xlim((x0 + x1) / 2 - half, (x0 + x1) / 2 + half)
-    axes.set_ylim(
-        (y0 + y1) / 2 - half * box.height / box.width, (y0 + y1) / 2 + half * box.height / box.width
-    )
+    axes.set_ylim((y0 + y1) / 2 - half * box.height / box.width, (y0 + y1) / 2 + half * box.height / box.width)
     axes.set_aspect("equal", adjustable="box")
     axes.autoscale(enable=False)
     x, y = scene.axis_labels()
@@ -249,26 +247,20 @@ def _draw_metal(axes: Axes, scene: Scene) -> None:
     from matplotlib.path import Path as MplPath
 
     x0, y0, x1, y1 = scene.stock_mm
-    axes.add_patch(
-        Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
-    )
+    axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0))
     edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
     # What lies between the closed edges is the kerf: even-odd, so that the part inside stays metal.
     kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
     bored = scene.bored()
     for polygon in [*shapely.get_parts(kerf), *shapely.get_parts(bored)]:
         rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
-        axes.add_patch(
-            PathPatch(MplPath.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1)
-        )
+        axes.add_patch(PathPatch(MplPath.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1))
     rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(bored)]
     axes.add_collection(_lines(rims, color=MUTED, linewidth=0.6, zorder=2), autolim=False)
     lines = _lines(edges, color="#3d4852", linewidth=0.7, zorder=3)
     lines.set_label(f"cut edge, {scene.middle_mm():.3g} mm high" if scene.terraces else "cut edge, mid height")
     axes.add_collection(lines, autolim=False)
-    nominal = _lines(
-        [m.nominal_mm for m in scene.maps], color=INK, linewidth=0.7, linestyle=(0, (5, 3)), zorder=4
-    )
+    nominal = _lines([m.nominal_mm for m in scene.maps], color=INK, linewidth=0.7, linestyle=(0, (5, 3)), zorder=4)
     nominal.set_label("nominal edge")
     axes.add_collection(nominal, autolim=False)
     for face, (colour, name) in enumerate(((BLUE, "edge below"), (VERMILION, "edge above"))):

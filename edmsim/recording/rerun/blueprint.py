@@ -44,8 +44,7 @@ class Sizes(NamedTuple):
     y0_mm: float
     x1_mm: float
     y1_mm: float
-    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are
-    # drawn
+    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are drawn
     deflection_factor: float
     error_factor: float
     end_s: float  # machine time at the end

@@ -166,9 +166,7 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
     recording.log(
         "top/metal", rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[WALL_UM]), static=True
     )
-    recording.send_columns(
-        "top/metal", when, rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1))
-    )
+    recording.send_columns("top/metal", when, rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1)))
 
 
 # --- the oscilloscope ---------------------------------------------------------------------------------------
@@ -219,9 +217,7 @@ def _log_scales(recording: rr.RecordingStream, span_us: float, spans: Sequence[t
         x = value * SCOPE_WIDTH / max(span_us, 1e-9)
         marks.append((x, low + 6.0, f"{value:g} µs"))
         lines.append([(x, 0.0), (x, low)])
-    recording.log(
-        "scope/grid", rr.LineStrips2D(lines, colors=[(52, 60, 70)], radii=on_screen(0.5)), static=True
-    )
+    recording.log("scope/grid", rr.LineStrips2D(lines, colors=[(52, 60, 70)], radii=on_screen(0.5)), static=True)
     places, labels = [(x, y) for x, y, _ in marks], [text for *_, text in marks]
     recording.log(
         "scope/scale",
@@ -286,9 +282,7 @@ def log_bubbles(
     )  # fmt: skip
     recording.log("world/gas", look, static=True)
     columns = rr.Ellipsoids3D.columns(half_sizes=np.repeat(radius_mm[:, None], 3, axis=1), centers=centre[shown])
-    recording.send_columns(
-        "world/gas", indexes(shapes.t_s, shapes.path_um), columns.partition(shown.sum(axis=1))
-    )  # fmt: skip
+    recording.send_columns("world/gas", indexes(shapes.t_s, shapes.path_um), columns.partition(shown.sum(axis=1)))
 
 
 def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArray[np.void]) -> None:

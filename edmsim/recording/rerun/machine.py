@@ -410,9 +410,7 @@ def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, NDArray[np.float64]]:
     triangles = triangles[known.reshape(-1)[triangles].all(axis=1)]
     normals = np.tile(np.column_stack([outward, np.zeros(len(outward))]), (len(heights), 1))
     mean_um = float(error[known].mean()) if known.any() else 0.0
-    mesh = Mesh(
-        np.concatenate(rows).astype(np.float32), normals.astype(np.float32), triangles.astype(np.uint32)
-    )
+    mesh = Mesh(np.concatenate(rows).astype(np.float32), normals.astype(np.float32), triangles.astype(np.uint32))
     return mesh, filled_um.reshape(-1) - mean_um
 
 

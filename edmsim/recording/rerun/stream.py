@@ -58,9 +58,7 @@ def indexes(t_s: NDArray[np.float64], path_um: NDArray[np.float64]) -> list[rr.T
     """Return both timelines of rows."""
     import rerun as rr
 
-    return [
-        rr.TimeColumn(TIME, duration=t_s), rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64))
-    ]
+    return [rr.TimeColumn(TIME, duration=t_s), rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64))]
 
 
 def turned(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -78,14 +76,12 @@ def at_height(lines: Iterable[NDArray[np.float64]], z_mm: float) -> list[NDArray
     return [np.column_stack([line, np.full(len(line), z_mm)]) for line in lines]
 
 
-def log_lines(
-    recording: rr.RecordingStream, entity: str, strips: list[NDArray[np.float64]], colour: str, points: float = 0.8
-) -> None:
+def log_lines(recording: rr.RecordingStream, entity: str, strips: list[NDArray[np.float64]], colour: str) -> None:
     """Log lines in space that stay."""
     import rerun as rr
 
     if strips:
-        lines = rr.LineStrips3D(strips, colors=[palette.rgb(colour)], radii=on_screen(points))
+        lines = rr.LineStrips3D(strips, colors=[palette.rgb(colour)], radii=on_screen(0.8))
         recording.log(entity, lines, static=True)
 
 

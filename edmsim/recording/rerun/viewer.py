@@ -301,9 +301,7 @@ def _headless(recording: Path) -> Iterator[ViewerClient]:
 
     port = free_port(0)
     command = [*RERUN, str(recording.resolve()), "--headless", "--bind", HERE, "--port", str(port)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    )
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         yield _connected(process, ViewerClient, f"rerun+http://{HERE}:{port}/proxy")
     finally:

@@ -103,9 +103,7 @@ def _threadings(t_s: NDArray[np.float64], place: NDArray[np.float64]) -> list[Ev
 def _settings(windows: pa.Table) -> list[Event]:
     on, period = column(windows, "t_on_us"), column(windows, "t_period_us")
     changed = np.flatnonzero((np.diff(on) != 0) | (np.diff(period) != 0)) + 1
-    return _thinned(
-        [Event(int(i), "INFO", f"generator set to {on[i]:g} µs of {period[i]:g} µs") for i in changed]
-    )
+    return _thinned([Event(int(i), "INFO", f"generator set to {on[i]:g} µs of {period[i]:g} µs") for i in changed])
 
 
 def _passes(t_s: NDArray[np.float64], passes: Sequence[PassFigures]) -> list[Event]:

@@ -33,8 +33,7 @@ LINES = st.one_of(
 def test_whatever_is_typed_the_session_ends_and_the_machine_is_safe(lines):
     rig = Rig(MACHINE, seed=1, resolution="fast")
     assert run_script(rig, *lines).status in (0, 2, 3)
-    assert not rig.board.generator_on
-    assert not rig.moving
+    assert (rig.board.generator_on, rig.moving) == (False, False)
     assert rig.computer.pulse_codes == (0, 0)
     if not any(move in line.upper() for line in lines for move in MOVES):
         assert rig.place_um == (32_500.0, 32_500.0)
@@ -59,6 +58,5 @@ def test_whatever_the_monitor_alters_in_a_cut_the_session_ends_and_the_machine_i
     cut = ["TI 30 TP 100", "NEW 32540 32500", "START", "WAIT 1"] if cutting else []
     typed = ["G 0400", *cut, "MON", *lines, "G", "WAIT 1", "STATUS", "LIST", "START", "WAIT 1", "STOP", "BYE"]
     assert run_script(rig, *typed, monitor=True, tapes=Path("/nonexistent")).status in (0, 2, 3)
-    assert not rig.board.generator_on
-    assert not rig.moving
+    assert (rig.board.generator_on, rig.moving) == (False, False)
     assert rig.computer.pulse_codes == (0, 0)

@@ -41,8 +41,7 @@ def test_a_straight_cut_reaches_its_end_and_removes_metal(operate):
     session = operate(SET, "NEW 32600 32500", "START", "WAIT", "STATUS")
     assert "READY   X 32600 Y 32500 um" in session.lines
     assert session.rig.plant.removed_mm3 > 0.0
-    assert not session.rig.board.generator_on
-    assert session.status == 0
+    assert (session.rig.board.generator_on, session.status) == (False, 0)
 
 
 def test_an_arc_is_cut_about_its_centre(operate, rig):

@@ -188,8 +188,7 @@ def test_couplers_keep_the_sparks_out_of_the_control(machine):
         for _ in cutting(rig, 30, 100, 60):
             pass
     assert [rig.in_emergency for rig in rigs] == [False, True]
-    assert rigs[0].computer.position[0] == 32_560
-    assert rigs[1].cause == UNKNOWN_CAUSE
+    assert (rigs[0].computer.position[0], rigs[1].cause) == (32_560, UNKNOWN_CAUSE)
 
 
 # T-85: a spare output halves the wire's tension, and the wire bows twice as far

@@ -55,8 +55,7 @@ def test_emergency_stops_without_a_ramp_and_locks_the_axis_until_resume():
     place = p.true_um
     assert (p["st_loopon"], p["st_emrg"]) == (1, 0)
     p.run(1.0)
-    assert p.true_um == pytest.approx(place, abs=1.0)
-    assert p["st_still"]
+    assert (p.true_um, p["st_still"]) == (pytest.approx(place, abs=1.0), True)
     assert refused(p, "RESUME")
     p.do("START")
     p.until("st_still")
@@ -101,8 +100,7 @@ def test_speeds_are_no_condition_but_without_one_the_axis_waits_under_way():  # 
             assert not refused(Positioner(**changes), command)
     for command in ("START", "MANFW"):
         p = Positioner(setvel=0)
-        p.do(command)
-        p.run(2.0)
+        p.do(command, run_s=2.0)
         assert (p["st_still"], p.true_um) == (0, 0.0)
         p["setvel"] = 50000
         p.run(1.5)
@@ -132,8 +130,7 @@ def test_loopon_neither_stops_nor_jumps():  # Q-13, Q-62
     p.do("LOOPON")
     assert abs(p["follerr"]) <= 30
     assert not p["st_still"]
-    p.until("st_still")
-    p.run(1.0)
+    p.until("st_still", run_s=1.0)
     assert p["posit"] == pytest.approx(2000, abs=1)
     p.do("LOOPOFF")
     p.slip(2000)  # pushed by 500 Um
@@ -141,8 +138,7 @@ def test_loopon_neither_stops_nor_jumps():  # Q-13, Q-62
     assert (p["follerr"], p.device.output_V) == (0, 0.0)
     jog = Positioner(maxpos=1000, pgain=50)  # a jog keeps its limit
     jog.do("LOOPOFF")
-    jog.do("MANFW")
-    jog.run(0.5)
+    jog.do("MANFW", run_s=0.5)
     jog.slip(-200)
     jog.do("LOOPON")
     jog.until("st_still")
@@ -157,10 +153,8 @@ def test_cntlock_loses_what_the_axis_moves_and_cntrev_turns_later_counts_about()
     moved = p.true_um
     assert moved > 100.0
     assert (p["posit"], p["st_cntlock"]) == (0, 1)
-    p.do("CNTUNLOCK")
-    p.run(0.1)
-    assert p["posit"] == 0
-    assert p.true_um == pytest.approx(moved)
+    p.do("CNTUNLOCK", run_s=0.1)
+    assert (p["posit"], p.true_um) == (0, pytest.approx(moved))
     p.do("CNTLOCK", "CNTUNLOCK")
     assert not p["st_cntlock"]
     for command, place in ((None, 100), ("CNTREV", 0), ("CNTDIR", 100)):
@@ -177,8 +171,7 @@ def test_a_wrong_sign_runs_away_until_cntrev():  # Q-16, Q-A14
     p.bench.swap_phases("x")
     p.do("START")
     p.until("st_foller")
-    p.do("EMRG")
-    p.run(0.5)
+    p.do("EMRG", run_s=0.5)
     p.do("CNTREV", "RESUME")
     p["posit"] = 0
     p.run(1.0)
@@ -279,8 +272,7 @@ def test_delcnt_in_motion_unless_it_would_turn_about_or_could_not_end_at_its_tar
     before = p["posit"]
     assert not refused(p, "DELCNT")
     assert p["posit"] < before
-    p.until("st_still")
-    p.run(5.0)
+    p.until("st_still", run_s=5.0)
     assert p.true_um == pytest.approx(2500, abs=6)
     for at_s, delta in ((2.6, -10), (0.25, 1700)):  # slowing down; 269 um left, and 178 + 208 still needed
         q = Positioner(ramptype=1)

@@ -26,10 +26,8 @@ def at_cam(low=500.0, high=5000.0, *, cam=None, **changes):
 def homed(p, limit_s=60.0):
     """Home, and return the true place of the axis where its count is 0."""
     p.do("PRESET")
-    assert p["st_prson"]
-    assert not p["st_prsok"]
-    p.until("st_prson", False, limit_s)
-    p.run(1.0)
+    assert (p["st_prson"], p["st_prsok"]) == (True, False)
+    p.until("st_prson", False, limit_s, run_s=1.0)
     return p.true_um - p["posit"]
 
 
@@ -65,12 +63,9 @@ def test_mode_0_step_by_step():  # Q-17, Q-50, Q-A12, Q-A33, 4.4
     times = [row[0] for row in observed]
     want = [0.0, 0.2, 1.6, 1.8, 1.9, 2.05, 2.15, 2.22, 2.291]
     assert times == pytest.approx(want, abs=0.012)
-    assert p["st_prsok"]
-    assert p["setpos"] == 40
-    assert p["setvel"] == 10000
+    assert (p["st_prsok"], p["setpos"], p["setvel"]) == (True, 40, 10000)
     p.run(1.0)
-    assert p["posit"] == pytest.approx(40, abs=1)
-    assert p.true_um == pytest.approx(500, abs=2)
+    assert (p["posit"], p.true_um) == (pytest.approx(40, abs=1), pytest.approx(500, abs=2))
 
 
 @pytest.mark.parametrize("speed", [10000, 40000])
@@ -143,12 +138,9 @@ def test_home_needs_its_inputs():  # Q-76, Q-A36
 
 def test_an_axis_on_the_cam_leaves_it_slowly():  # Q-53
     p = at_cam(-100.0, 5000.0)
-    p.do("PRESET")
-    p.run(0.3)
-    assert p["st_movdir"]
-    assert p.theory[1] == pytest.approx(SLOW)
-    p.until("st_prson", False)
-    p.run(1.0)
+    p.do("PRESET", run_s=0.3)
+    assert (p["st_movdir"], p.theory[1]) == (True, pytest.approx(SLOW))
+    p.until("st_prson", False, run_s=1.0)
     assert p.true_um == pytest.approx(-100.0, abs=2.0)
 
 
@@ -164,51 +156,39 @@ def test_a_stuck_switch_ends_a_bounded_search(low, high):
     p = at_cam(low, high, settings={"home_limit": 1000})
     p.do("PRESET")
     p.until("st_error")
-    assert p.error == 1
-    assert not p["st_prson"]
+    assert (p.error, p["st_prson"]) == (1, False)
     p.until("st_still")
     free = at_cam(low, high)  # the manual knows no bound
-    free.do("PRESET")
-    free.run(12.0)
+    free.do("PRESET", run_s=12.0)
     assert free["st_prson"]
     assert abs(free.true_um) > 1800
 
 
 def test_a_second_preset_turns_about():  # Q-17, Q-A28
     p = at_cam(-800.0, -300.0)
-    p.do("PRESET")
-    p.run(0.5)
-    p.do("PRESET")
-    p.run(0.5)
-    assert p["st_prson"]
-    assert p["st_movdir"]
-    p.until("st_prson", False)
-    p.run(1.0)
+    p.do("PRESET", run_s=0.5)
+    p.do("PRESET", run_s=0.5)
+    assert (p["st_prson"], p["st_movdir"]) == (True, True)
+    p.until("st_prson", False, run_s=1.0)
     assert p.true_um == pytest.approx(-300.0, abs=2.0)
     strict = at_cam(settings={"single_homing": 1})
+    strict.do("PRESET", run_s=0.5)
     strict.do("PRESET")
-    strict.run(0.5)
-    strict.do("PRESET")
-    assert strict.warning == 1
-    assert not strict["st_movdir"]
+    assert (strict.warning, strict["st_movdir"]) == (1, False)
 
 
 def test_stop_ends_the_search():  # Q-A28
     p = at_cam()
-    p.do("PRESET")
-    p.run(0.5)
+    p.do("PRESET", run_s=0.5)
     p.do("STOP")
-    assert not p["st_prson"]
-    assert not p["st_prsok"]
-    p.until("st_still")
-    p.run(1.0)
+    assert (p["st_prson"], p["st_prsok"]) == (False, False)
+    p.until("st_still", run_s=1.0)
     assert p["st_still"]
 
 
 def test_a_locked_count_is_not_loaded():  # Q-15, Q-78
     p = at_cam()
-    p.do("PRESET")
-    p.run(0.5)
+    p.do("PRESET", run_s=0.5)
     p.do("CNTLOCK")
     p.do("LOOPOFF")
     p.until("st_prson", False)
@@ -219,15 +199,13 @@ def test_a_locked_count_is_not_loaded():  # Q-15, Q-78
 def test_mode_2_loads_at_the_edge_and_holds():  # Q-52, Q-A27
     p = at_cam(300.0, 700.0, prsmode=2, prspos=5000, setpos=200)
     p.do("PRESET")
-    assert not p["st_prson"]
-    assert p["st_still"]
+    assert (p["st_prson"], p["st_still"]) == (False, True)
     p.do("LOOPOFF")
     p.move()
     assert not p["st_prsok"]
     p["setpos"] = 500
     p.do("START")
-    p.until("st_prsok")
-    p.run(0.1)
+    p.until("st_prsok", run_s=0.1)
     assert p["posit"] == 5000
     moved = p.true_um
     p.run(0.2)
@@ -241,8 +219,7 @@ def test_mode_2_ignores_a_switch_that_was_closed_at_power_up():  # Q-52
     p.bench.power_cycle("x")
     p.do("INIT", "LOOPON")
     p.move()
-    assert p["posit"] == pytest.approx(150, abs=3)
-    assert not p["st_prsok"]
+    assert (p["posit"], p["st_prsok"]) == (pytest.approx(150, abs=3), False)
     p["setpos"] = 400
     p.move()
     assert not p["st_prsok"]

@@ -57,8 +57,7 @@ def test_what_outlasts_the_power():  # Q-56, Q-16, Q-38, Q-A18
 
 def test_what_moves_while_the_power_is_off_is_lost():
     p = Positioner()
-    p.move()
-    p.run(1.0)
+    p.move(run_s=1.0)
     place, count = p.true_um, p["posit"]
     p.bench.rail("x", 0.0)
     p.push()
@@ -191,16 +190,14 @@ def test_one_drive_for_two_axes():  # Q-48, Q-79
     p = shared()
     y = p.bench.drive("y")
     p.do("REGON")
-    p.move()
-    p.run(1.0)
+    p.move(run_s=1.0)
     assert p["posit"] == pytest.approx(2000, abs=2)
     assert y.parameters["posit"] == 0
     assert p.bench.axis("y")["place_um"] == 0.0
     p.do("REGOFF")
     p.bench.share_output("xy", "y")
     p.do("REGON", axis="y")
-    p.do("START", axis="y")
-    p.run(4.0)
+    p.do("START", axis="y", run_s=4.0)
     assert y.parameters["posit"] == pytest.approx(2000, abs=2)
     assert p.true_um == pytest.approx(2000, abs=2)
     p.bench.torque("x", 0.5)
@@ -237,8 +234,7 @@ def test_commissioned_it_follows_steps_and_stops_the_machine_when_it_is_lost():
     bench.steps("x", 500, rate_Hz=1000.0)
     bench.run(1.0)
     assert device.record["lines"][0] & FAULT
-    assert device.states["st_emrg"]
-    assert device.output_V == 0.0
+    assert (device.states["st_emrg"], device.output_V) == (True, 0.0)
 
 
 def test_it_is_named_with_parameters_that_differ():
@@ -256,8 +252,7 @@ def test_prspos_waits_for_rest_and_the_end_of_a_search():  # Q-25: minpos to max
     p["prspos"] = 4000
     assert (p["prspos"], p.warning) == (4000, 0)
     for begin, end in (("START", "STOP"), ("PRESET", "STOP")):
-        p.do(begin)
-        p.run(0.1)
+        p.do(begin, run_s=0.1)
         p["prspos"] = -4000
         assert (p["prspos"], p.warning, p["wrnvalue"]) == (4000, 2, at.PRSPOS)
         p.do(end, "RSWRN")

@@ -68,8 +68,7 @@ def test_ramptype_1_reduces_jerk_at_the_table():  # Q-31, Q-40
     def jolts(kind):
         p = Positioner(ramptype=kind, tcamp_ms=1, setpos=400, friction_Nm=0.0, stiction_Nm=0.0)
         p.bench.trace = True
-        p.do("START")
-        p.run(2.0)
+        p.do("START", run_s=2.0)
         return np.abs(np.diff(p.bench.samples()["speed_rad_s"], 2)).max()
 
     assert jolts(1) < 0.5 * jolts(0)
@@ -93,8 +92,7 @@ def test_a_new_speed_is_taken_in_motion(speed, total_s):  # Q-42
     assert p["st_dec"] == (speed < 50000)
     p.until("st_still")
     assert p.since_s == seconds(p, total_s)
-    assert p.theory[0] == 2000.0
-    assert p.warning == 0
+    assert (p.theory[0], p.warning) == (2000.0, 0)
 
 
 def test_no_new_speed_is_taken_while_it_slows_down():  # Q-42, Q-A22
@@ -158,15 +156,12 @@ def test_stop_takes_the_ramp_in_use(at_s, changes, place, total_s):
     p.do("STOP")
     p.until("st_still")
     assert p.since_s == seconds(p, total_s)
-    assert p.theory[0] == pytest.approx(place, abs=1.0)
-    assert p["st_loopon"]
-    assert not p["st_toll"]
+    assert (p.theory[0], p["st_loopon"], p["st_toll"]) == (pytest.approx(place, abs=1.0), True, False)
 
 
 def test_stopt_is_for_placements_only():
     p = Positioner(tcamp_ms=1, ramptype=1)
-    p.do("MANFW")
-    p.run(0.249)
+    p.do("MANFW", run_s=0.249)
     p.do("STOP")
     began = p.bench.time_s
     p.until("st_still")
@@ -182,16 +177,13 @@ def test_ramp_times_change_in_motion():  # Q-64, Q-29
     late["taccdec"] = 999  # no longer possible: stored, not executed
     late.until("st_still")
     assert late.since_s == seconds(late, 2.9)
-    assert late["taccdec"] == 999
-    assert late.theory[0] == 2000.0
+    assert (late["taccdec"], late.theory[0]) == (999, 2000.0)
 
 
 def test_posit_rewritten_in_motion_lengthens_the_way():
     p = at_1_s("posit", -380)
-    p.until("st_still")
-    p.run(5.0)
-    assert p["posit"] == pytest.approx(2000, abs=1)
-    assert p.true_um == pytest.approx(3000, abs=6)
+    p.until("st_still", run_s=5.0)
+    assert (p["posit"], p.true_um) == (pytest.approx(2000, abs=1), pytest.approx(3000, abs=6))
     p = at_1_s("posit", 1900)  # the axis could not stop at 2000 any more (Q-A24)
     assert p.warning == 2
     assert p["posit"] < 700
@@ -205,8 +197,7 @@ def test_the_way_back_waits_for_tinvt():  # Q-32
     began = p.bench.time_s
     for _ in range(123):
         p.sample()
-        assert p.theory[1] == 0.0
-        assert not p["st_still"]
+        assert (p.theory[1], p["st_still"]) == (0.0, False)
         assert not p.on & {"st_acc", "st_dec", "st_vconst"}
     p.until("st_still")
     assert p.bench.time_s - began == seconds(p, 0.5 + 2 * math.sqrt(200 / TOP))

@@ -11,6 +11,7 @@ from edmsim.axis_bench import AxisBench
 from edmsim.controllers import axis
 
 from .module_bench import NO_TRIP, get, locked, on_bench, preset, say, status, words
+from .uhu_bench import stepped
 
 
 @pytest.mark.parametrize(("typed", "answer"), [
@@ -208,8 +209,7 @@ def test_each_source_is_what_its_g_command_shows(source, letters):  # M-30
 def test_velocities_of_motor_and_command_are_recorded():  # M-30, M-11
     for source in (32, 64):
         bench = on_bench(step_multiplier=9, integral_gain=10, error_limit=NO_TRIP)
-        bench.steps("x", -3000, 1e9 / 665_600, 20_000.0)
-        bench.run(0.5)
+        stepped(bench, -3000, 1e9 / 665_600, 20_000.0, run_s=0.5)
         shown = get(bench, "GV")
         say(bench, f"Z{24 + source}")
         values = dumped(bench, 0.4)

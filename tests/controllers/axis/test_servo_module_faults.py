@@ -10,6 +10,7 @@ from edmsim.controllers.axis import ServoModule
 from edmsim.controllers.axis.drive import axis_row
 
 from .module_bench import NO_TRIP, get, locked, on_bench, say, status, words
+from .uhu_bench import stepped
 
 
 def wired(**stored):
@@ -58,8 +59,7 @@ def test_without_its_encoder_the_axis_trips_on_its_first_move(wires):  # M-1, M-
     bench = on_bench()
     for wire in wires:
         bench.unplug("x", wire)
-    bench.steps("x", 200, 2000.0)
-    bench.run(0.3)
+    stepped(bench, 200, 2000.0, run_s=0.3)
     assert {0, 1} <= status(bench)
 
 
@@ -127,8 +127,7 @@ def test_without_power_the_motor_freewheels():  # M-42
     run_out = {}
     for name in ("freewheel", "shorted"):
         bench = on_bench(proportional_gain=0, derivative_gain=0, velocity_feed_forward=2600, error_limit=NO_TRIP)
-        bench.steps("x", 20_000, 40_000.0, 200_000.0)
-        bench.run(0.3)
+        stepped(bench, 20_000, 40_000.0, 200_000.0, run_s=0.3)
         if name == "freewheel":
             stop(bench)
         else:  # duty 50 % and enabled: the bridge shorts the winding
@@ -211,8 +210,7 @@ def test_no_watchdog_stops_a_module_whose_loop_stands():  # M-A22
     bench.changes("x")
     bench.stall("x", 0.5)
     bench.run(0.4)
-    bench.steps("x", 20, 1000.0)
-    bench.run(0.4)
+    stepped(bench, 20, 1000.0, run_s=0.4)
     assert bench.pins("x").enabled
     assert status(bench) & {0, 1, 2} == set()
     assert words(bench, "GP") == pytest.approx(20, abs=1)

@@ -12,6 +12,7 @@ from edmsim.controllers.axis.servo_module import law as servo_module_law
 from edmsim.controllers.axis.servo_module import registers as at
 
 from .module_bench import NO_TRIP, get, locked, on_bench, say, status
+from .uhu_bench import stepped
 
 P_ONLY = {"derivative_gain": 0, "error_limit": NO_TRIP}
 
@@ -92,8 +93,7 @@ def test_the_feed_forwards_know_no_antidither():  # M-20, M-37
     for scale in (0, 256):
         bench = locked(on_bench(antidither_scale=scale, step_multiplier=9, **settings, **P_ONLY))
         bench.trace = True
-        bench.steps("x", 100, 1e9 / 665_600)
-        bench.run(0.06)
+        stepped(bench, 100, 1e9 / 665_600, run_s=0.06)
         assert bench.samples("x")["command"].max() * 1024 == 20
 
 
@@ -174,8 +174,7 @@ def test_the_limit_is_raised_for_the_cycle_of_a_fast_step():  # M-10, M-A17
     for scale in (0, 256):
         bench = locked(on_bench(error_limit=10, error_scale=scale, step_multiplier=67))
         bench.trace = True
-        bench.steps("x", 1, 1000.0)
-        bench.run(0.02)
+        stepped(bench, 1, 1000.0, run_s=0.02)
         rows = bench.samples("x")
         moved = np.flatnonzero(np.diff(rows["setpoint"]))[0]
         off = np.flatnonzero(rows["pins"] & 2)[0]
@@ -218,8 +217,7 @@ def test_a_cycle_adds_proportional_integral_and_derivative():
     made = cycles(reg, (100, 0), (100, 4), (101, 4), (103, 3))
     # errors 0, 4, 3, 0: 3 e, 2 times their sum, 5 times their change
     assert [output for *_, output in made] == [0, 12 + 8 + 20, 9 + 14 - 5, 0 + 14 - 15]
-    assert reg[at.PEAK] == 4
-    assert reg[at.VELOCITY] == 2
+    assert (reg[at.PEAK], reg[at.VELOCITY]) == (4, 2)
     assert reg[at.DUTY] == 1024 - 1
 
 

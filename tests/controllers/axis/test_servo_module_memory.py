@@ -11,6 +11,7 @@ from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.servo_module import registers as at
 
 from .module_bench import on_bench, say, status, words
+from .uhu_bench import stepped
 
 
 def restarted(bench):
@@ -36,8 +37,7 @@ def test_what_was_saved_is_there_after_power_up():  # M-25, M-45, M-5, M-A3
 
 def test_a_save_is_refused_while_the_motor_is_commanded_to_move():  # M-25, M-A16
     bench = on_bench(step_multiplier=9)
-    bench.steps("x", 600, 2000.0, 50_000.0)
-    bench.run(0.1)
+    stepped(bench, 600, 2000.0, 50_000.0, run_s=0.1)
     assert say(bench, "S") == "Motor moving, not saved"
     bench.run(0.25)
     assert say(bench, "S") == "Motor moving, not saved"  # less than 100 ms ago

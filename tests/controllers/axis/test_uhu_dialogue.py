@@ -17,7 +17,7 @@ from edmsim.controllers.axis.uhu.registers import LATCHED, TARGET
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 
-from .uhu_bench import BAD_BANNER, BANNER, HELP, SAMPLE_SET, ask, count, delivered, register, tuned
+from .uhu_bench import BAD_BANNER, BANNER, HELP, SAMPLE_SET, ask, count, delivered, register, stepped, tuned
 
 
 def test_the_start_up_text_comes_at_power_up() -> None:  # U-8, GU-1, GU-2
@@ -261,6 +261,5 @@ def test_a_closed_terminal_stops_nothing() -> None:  # U-53
     bench = tuned()
     bench.open_terminal(False)
     bench.send(b"A\r", axis="x")
-    bench.steps("x", 400, 4000.0)
-    bench.run(0.5)
+    stepped(bench, 400, 4000.0, run_s=0.5)
     assert abs(count(bench) - 400) <= 2

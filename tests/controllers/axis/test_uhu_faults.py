@@ -10,7 +10,20 @@ from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.controllers.axis.uhu.registers import ERROR_INPUT, INTEGRAL, LATCHED, TARGET, TRACKING, WATCHDOG
 
-from .uhu_bench import BANNER, SAMPLE_SET, ask, bench_with, count, error, register, start_stream, traced, tuned
+from .uhu_bench import (
+    BANNER,
+    SAMPLE_SET,
+    ask,
+    bench_with,
+    count,
+    error,
+    moved,
+    register,
+    start_stream,
+    stepped,
+    traced,
+    tuned,
+)
 
 
 def test_start_up_is_in_order_and_without_a_jerk() -> None:  # U-38, U-51
@@ -30,8 +43,7 @@ def test_start_up_is_in_order_and_without_a_jerk() -> None:  # U-38, U-51
 
 def test_a_hard_reset_of_a_moved_axis_does_not_jerk() -> None:  # U-32, U-39, U-A25
     bench = tuned()
-    bench.steps("x", 500, 2000.0, 20_000.0)
-    bench.run(0.5)
+    stepped(bench, 500, 2000.0, 20_000.0, run_s=0.5)
     bench.talk(b"+\r")
     samples = traced(bench, 0.2)
     assert np.ptp(samples["count"]) <= 1
@@ -98,8 +110,7 @@ def test_a_tracking_trip_says_nothing_and_r_starts_where_the_axis_is() -> None: 
     bench = tuned(error_limit=100)
     bench.hold("x", True)
     bench.received("x")
-    bench.drive("x").go(150)
-    bench.run(0.1)
+    moved(bench, 150, run_s=0.1)
     assert register(bench, LATCHED) == TRACKING
     assert bench.received("x") == b""
     bench.hold("x", False)
@@ -154,8 +165,7 @@ def test_without_its_encoder_s_two_phases_the_axis_trips_at_the_first_move(wrong
         bench.unplug("x", "B")
     bench.run(0.1)
     assert bench.pins("x").enabled
-    bench.steps("x", 300, 2000.0)
-    bench.run(0.5)
+    stepped(bench, 300, 2000.0, run_s=0.5)
     assert register(bench, LATCHED) == TRACKING
 
 
@@ -180,11 +190,9 @@ def test_without_motor_supply_the_dialogue_works_and_steps_trip() -> None:  # U-
     bench.supply("x", 0.0)
     bench.axis("x")["link_V"] = 0.0  # its capacitor is empty, too
     assert "(E)rror      100" in ask(bench, "#")
-    bench.steps("x", 99, 1000.0)
-    bench.run(0.3)
+    stepped(bench, 99, 1000.0, run_s=0.3)
     assert bench.pins("x").enabled
-    bench.steps("x", 1, 1000.0)
-    bench.run(0.1)
+    stepped(bench, 1, 1000.0, run_s=0.1)
     assert register(bench, LATCHED) == TRACKING
 
 
@@ -193,8 +201,7 @@ def test_too_much_torque_for_the_motor_is_damage() -> None:  # U-63
     for limit in (50, 120, 255):
         bench = tuned("low-impedance", torque_limit=limit, error_limit=30_000)
         bench.hold("x", True)
-        bench.drive("x").go(5000)
-        bench.run(0.2)
+        moved(bench, 5000, run_s=0.2)
         peaks.append(float(bench.axis("x")["peak_A"]))
         damage.append(int(bench.axis("x")["damage"]))
     assert peaks == sorted(peaks)

@@ -12,7 +12,7 @@ from edmsim.controllers.axis.uhu.registers import LATCHED, REFERENCE, SPEED_DIVI
 from edmsim.controllers.axis.uhu.registers import O as OVERRUNS
 from edmsim.errors import InputError
 
-from .uhu_bench import ask, bench_with, count, error, register, start_stream, traced, tuned
+from .uhu_bench import ask, bench_with, count, error, moved, register, start_stream, stepped, traced, tuned
 
 P_ONLY = {"integral_gain": 0, "speed_gain": 0, "acceleration_gain": 0, "output_filter": 65535, "error_limit": 30000}
 """One gain at a time, and hardly any smoothing."""
@@ -71,8 +71,7 @@ def test_an_error_of_one_count_grows_the_output_by_i_over_256_and_is_removed() -
     grown = np.diff(control[[10, 410]])[0]
     assert grown == pytest.approx(400 * 64 / 256, abs=1.1)
     bench = tuned()
-    bench.drive("x").go(1)
-    bench.run(1.0)
+    moved(bench, 1, run_s=1.0)
     assert error(bench) == 0
 
 
@@ -86,8 +85,7 @@ def test_integration_stops_at_the_torque_limit() -> None:  # U-A32
 
 def steady_error(rate_Hz: float = 2000.0, **parameters: int) -> float:
     bench = tuned(**{**P_ONLY, "output_filter": 100, "proportional_gain": 1000, **parameters})
-    bench.steps("x", int(rate_Hz), rate_Hz, 20_000.0)
-    bench.run(0.5)
+    stepped(bench, int(rate_Hz), rate_Hz, 20_000.0, run_s=0.5)
     samples = traced(bench, 0.3)
     return float(np.mean(samples["setpoint"] - samples["count"]))
 
@@ -147,16 +145,13 @@ def test_the_higher_n_the_sharper() -> None:  # U-20, U-A7, U-A28
 def test_the_output_goes_off_when_the_error_reaches_e(sign: int) -> None:  # U-21, U-30, U-40
     bench = tuned(error_limit=200, torque_limit=10)
     bench.hold("x", True)
-    bench.drive("x").go(199 * sign)
-    bench.run(0.5)
+    moved(bench, 199 * sign, run_s=0.5)
     pins = bench.pins("x")
     assert (pins.enabled, pins.error_led, pins.fault_out_low, pins.led) == (True, False, False, True)
-    bench.drive("x").go(sign)
-    bench.run(0.01)
+    moved(bench, sign, run_s=0.01)
     pins = bench.pins("x")
     assert (pins.enabled, pins.error_led, pins.fault_out_low, pins.led) == (False, True, True, False)
-    bench.drive("x").go(-150 * sign)
-    bench.run(0.5)
+    moved(bench, -150 * sign, run_s=0.5)
     assert not bench.pins("x").enabled  # latched
 
 
@@ -164,13 +159,11 @@ def test_the_output_goes_off_when_the_error_reaches_e(sign: int) -> None:  # U-2
 def test_a_step_moves_m_plus_one_counts(multiplier: int) -> None:  # U-22
     bench = tuned(step_multiplier=multiplier)
     bench.steps("x", 50, 200.0)
-    bench.steps("x", -20, 200.0)
-    bench.run(1.0)
+    stepped(bench, -20, 200.0, run_s=1.0)
     assert register(bench, TARGET) == 30 * (multiplier + 1)
     assert abs(error(bench)) <= 1
     ask(bench, "M2")  # counts for new steps only
-    bench.steps("x", 10, 1000.0)
-    bench.run(0.3)
+    stepped(bench, 10, 1000.0, run_s=0.3)
     assert register(bench, TARGET) == 30 * (multiplier + 1) + 30
 
 
@@ -178,8 +171,7 @@ def test_e_not_above_m_plus_one_trips_at_the_first_step() -> None:  # U-68
     for limit, stays in ((21, False), (22, True)):
         bench = tuned(step_multiplier=20, error_limit=limit)
         bench.hold("x", True)
-        bench.steps("x", 1, 100.0)
-        bench.run(0.05)
+        stepped(bench, 1, 100.0, run_s=0.05)
         assert (register(bench, LATCHED) == 0) == stays
 
 
@@ -207,8 +199,7 @@ def test_g_moves_at_the_speed_of_x() -> None:  # U-18, U-30
 def test_x_below_the_step_rate_trips() -> None:  # U-18, U-A10, U-A29
     for limit, trips in ((16, True), (5000, False)):
         bench = tuned(speed_limit=limit, error_limit=500)
-        bench.steps("x", 4000, 4000.0, 20_000.0)
-        bench.run(1.2)
+        stepped(bench, 4000, 4000.0, 20_000.0, run_s=1.2)
         assert (register(bench, LATCHED) == TRACKING) == trips
 
 
@@ -246,8 +237,7 @@ def test_a_false_transition_counts_in_o_and_moves_nothing() -> None:  # U-24, U-
 
 def test_faster_edges_than_the_input_takes_are_overruns() -> None:  # U-A30
     bench = tuned("fast", **{**FAST, "speed_limit": 65535, "error_limit": 65535, "proportional_gain": 500})
-    bench.steps("x", 400_000, 400_000.0, 4_000_000.0)
-    bench.run(0.6)
+    stepped(bench, 400_000, 400_000.0, 4_000_000.0, run_s=0.6)
     assert register(bench, OVERRUNS) > 0
 
 
@@ -273,8 +263,7 @@ def test_the_stream_is_63_for_no_error_and_limited() -> None:  # U-35, U-36, U-A
     bench.hold("x", True)
     start_stream(bench)
     for counts, byte in zip((0, 1, -1, -63, -64, 64, 65, -999), b"\xbf\xc0\xbe\x80\x80\xff\xff\x80", strict=True):
-        bench.drive("x").go(counts - error(bench))
-        bench.run(0.02)
+        moved(bench, counts - error(bench), run_s=0.02)
         bench.received("x")
         bench.run(0.02)
         assert set(bench.received("x")) == {byte}
@@ -285,8 +274,7 @@ def test_the_stream_goes_on_in_a_fault_until_a_reset() -> None:  # U-31, U-32, U
     for reset in (b"R\r", b"+\r"):
         bench.hold("x", True)
         start_stream(bench)
-        bench.drive("x").go(30)
-        bench.run(0.05)
+        moved(bench, 30, run_s=0.05)
         assert not bench.pins("x").enabled
         bench.received("x")
         bench.run(0.05)
@@ -328,8 +316,7 @@ START = {  # "pretty safe" starting values
 
 def oscillation(bench: AxisBench, counts: int = 40) -> float:
     """Jerk the axis by a move, and return how many counts it still swings half a second later."""
-    bench.drive("x").go(counts)
-    bench.run(0.5)
+    moved(bench, counts, run_s=0.5)
     return float(np.ptp(traced(bench, 0.2)["count"]))
 
 
@@ -362,8 +349,7 @@ def test_a_senseless_set_is_stored_and_activated() -> None:  # U-47
     assert ask(bench, "P20000") == "OK"
     assert ask(bench, "S0") == "OK"
     bench.talk(b"+\r")
-    bench.drive("x").go(20)
-    bench.run(1.0)
+    moved(bench, 20, run_s=1.0)
     assert register(bench, LATCHED) != 0
 
 
@@ -376,8 +362,7 @@ def test_play_before_the_encoder_cannot_be_tuned_away() -> None:  # U-59
 
 def test_the_bridge_needs_more_than_the_motor_s_voltage() -> None:  # U-49, U-A20
     bench = tuned(**{**START, "error_limit": 65535, "speed_limit": 65535})
-    bench.drive("x").go(32_000)
-    bench.run(0.3)
+    moved(bench, 32_000, run_s=0.3)
     motor = bench.motor("x")
     samples = traced(bench, 0.05)
     back_emf_V = float(np.mean(samples["speed_rad_s"])) * float(motor["torque_Nm_A"])

@@ -63,6 +63,18 @@ def ask(bench: AxisBench, text: str, axis: str = "x", run_s: float = 0.0) -> str
     return said.removeprefix(text).removesuffix(">").strip("\r\n")
 
 
+def stepped(bench: AxisBench, *steps: float, run_s: float) -> None:
+    """Step x: how many, at which rate (Hz) and acceleration (Hz/s), and run for some time."""
+    bench.steps("x", int(steps[0]), *steps[1:])
+    bench.run(run_s)
+
+
+def moved(bench: AxisBench, counts: int, run_s: float) -> None:
+    """Let x go some counts, and run for some time."""
+    bench.drive("x").go(counts)
+    bench.run(run_s)
+
+
 def count(bench: AxisBench, axis: str = "x") -> int:
     """Where the chip says the axis is."""
     return register(bench, POSITION, axis)
