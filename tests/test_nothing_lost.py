@@ -20,7 +20,8 @@ import pytest
 import edmsim
 from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked, together
-from edmsim.job import checkpoint, remake
+from edmsim.job import checkpoint
+from edmsim.job.result import remake
 from edmsim.recording import cut_folder, scene
 
 Cut = Callable[..., edmsim.CutResult]
@@ -105,7 +106,7 @@ def test_one_cut_at_a_time_works_in_a_folder(cut_small: Cut, tmp_path: Path) -> 
         cut_small(out=tmp_path, **SHORT)
     cut_small(out=tmp_path, max_time_s=0.1)
     with locked(tmp_path), pytest.raises(InputError, match="another edmsim is at work"):
-        remake.remake(tmp_path, None, "pdf", print)
+        remake(tmp_path, None, "pdf", print)
     assert names(tmp_path) == FILES
 
 
@@ -162,7 +163,7 @@ def test_a_folder_of_two_cuts_is_refused(cut_small: Cut, tmp_path: Path) -> None
         shutil.copytree(tmp_path / "1", mixed)
         shutil.copy(tmp_path / "2" / file, mixed)
         with pytest.raises(InputError, match="are not of one cut: cut again") as caught:
-            remake.remake(mixed, None, "pdf", print)
+            remake(mixed, None, "pdf", print)
         assert caught.value.file == str(mixed)
 
 
