@@ -161,8 +161,8 @@ def main() -> None:
     machines = f"{len(cuts)} machines, each judged by a network that learned from others"
     rows += [
         "", f"{machines}; a wire broke by its heat on {with_break}. The other {len(found) - len(certain)} of "
-        f"{len(found)} constants are not recovered for certain: the interval of R2 reaches 0 at every time. In the "
-        f"last row the median of the later breaks is said, on the {count} machines that have some.",
+        f"{len(found)} constants are not identified: the interval of R2 reaches 0 at every time. The last row is "
+        f"the prediction of the median of the later breaks, on the {count} machines with several.",
     ]  # fmt: skip
     page = DOCS / "training.md"
     text = page.read_text(encoding="utf-8")
