@@ -1,6 +1,6 @@
 """Adapt to a machine: a student with memory learns what heat flux to hold, from a teacher who knows the machine.
 
-python examples/learning/adapt.py --machines 100 --out out/adapt
+python examples/learning/adapt.py --machines 32 --shifts 30 --seed 1 --out out/adapt
 edmsim evaluate edmsim/MaxRateShift-v0 --controllers policy:out/adapt/policy.json,adaptive-hold --seeds 12
 
 What wires bear differs from machine to machine by a factor of ten, and no machine shows it. The law `heat-flux` cuts;
@@ -15,6 +15,10 @@ every second the student says what flux the law holds. Three steps:
    privileged knowledge alike).
 
 The first step takes nearly all the time, is interrupted at will and goes on. Needs the extra `rl` (torch).
+
+Run once by the first command, in some 170 s of a processor: 4.0 % less than who knows the limit, and 5.1 wires in a
+shift of the model; on twelve held-back machines 98 % (94 to 105) of what `adaptive-hold` earns, with 52 lost wires
+where that loses 34 (`python docs/make/adapted.py`).
 """
 
 from __future__ import annotations
