@@ -41,6 +41,8 @@ SEEDS = {"Contour": 6, "ThinWireShift": 6}
 LEAST_GAIN = 1.2
 """Return of a law that knows more, over that of the best honest one, from which on a task is worth learning on
 (ours)."""
+OF_MACHINE = {"MaxRateShift": {1_000_008: ("adaptive-hold:limit_share=0.6,limit_spread=0.1",)}}
+"""Laws that begin with what was found out of a machine in a shift before: of the one that lost most wires."""
 RULE = "|---" * 5 + "|"
 SERVO = "set-point:open_target_share="
 GAP = f"{SERVO}0.05"
@@ -122,7 +124,7 @@ TASKS = {
     ),
     **{
         shift: Candidates((OF_TASK[shift].blind,), OF_TASK[shift].compared, (), (),
-                          (OF_TASK[shift].blind, OF_TASK[shift].reference))
+                          (OF_TASK[shift].blind, OF_TASK[shift].reference), OF_MACHINE.get(shift, {}))
         for shift in SHIFTS
     },
 }  # fmt: skip
