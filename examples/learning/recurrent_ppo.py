@@ -2,9 +2,9 @@
 
 python examples/learning/recurrent_ppo.py --seed 1 --out recurrent.csv
 
-With ``history=1`` an observation tells of the last window only; what machine it is, and whether shorts become more,
-an LSTM (Hochreiter and Schmidhuber 1997) has to remember. The task is that of ppo.py, and so is the table that is
-written. Needs the extra `rl`.
+With ``history=1`` an observation has only the last window; an LSTM (Hochreiter and Schmidhuber 1997) must remember
+properties of the machine and trends, such as more shorts. Task and output table are those of ppo.py. Needs the extra
+`rl`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=20_480, help="decisions, all sub-environments together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     arguments = parser.parse_args()
-    torch.set_num_threads(1)  # networks this small only wait for further threads
+    torch.set_num_threads(1)  # more threads do not help such small networks
     vec_env = make_sb3_vec_env(
         "edmsim/GapFeed-v2", NUM_ENVS, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0, history=1,
     )

@@ -14,8 +14,8 @@ from edmsim import Machine, Plant
 from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.protocols import FeedCommand, Step
 from edmsim.cosim.motion import EvenSteps, PlannerMotion
+from edmsim.cosim.passes import Sums
 from edmsim.cosim.straight import Traverse, cut_straight
-from edmsim.cosim.sums import Sums
 from edmsim.validation.setups import FRAIL, altered, in_a_hole
 
 

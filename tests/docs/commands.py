@@ -151,7 +151,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     from edmsim import validation
     from edmsim.bench import figures as bench
     from edmsim.bench import pairs, profile, serial
-    from edmsim.calibration import comparison, fit, simulate
+    from edmsim.calibration import comparison, fit
     from edmsim.envs.episode import Task
     from edmsim.hil import delays
     from edmsim.recording.rerun import viewer
@@ -176,7 +176,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(comparison, "NOISE_CUTS", 8)
     patch.setattr(fit, "MOST_STRETCHES", 2)
     patch.setattr(fit, "MOST_ROUNDS", 1)
-    patch.setattr(simulate, "WHOLLY_SETTLED_DIAMETERS", simulate.SETTLED_DIAMETERS)
+    patch.setattr(comparison, "WHOLLY_SETTLED_DIAMETERS", comparison.SETTLED_DIAMETERS)
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
     if find_spec("stable_baselines3"):

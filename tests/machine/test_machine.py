@@ -220,6 +220,20 @@ def test_open_voltage_must_exceed_the_burning_voltage(own_file: OwnFile) -> None
     assert "21 V is not above the burning voltage" in refusal(generator=file)
 
 
+@pytest.mark.parametrize(
+    ("b", "c", "loads"),
+    [("-3.69", "14.05", True), ("-3.69", "7.0", False), ("3.69", "7.0", True), ("0.0", "0.01", True)],
+)
+def test_the_median_delay_must_be_above_zero_at_every_gap(own_file: OwnFile, b: str, c: str, loads: bool) -> None:
+    """With a of 0.48 and b below zero, c must be above b^2 / 4 a, 7.09; with another b every gap has one anyway."""
+    changes = ("b_us_um = { value = -3.69,", f"b_us_um = {{ value = {b},"), ("14.05, source", f"{c}, source")
+    file = own_file("machines", "agiecut-dem15", *changes)
+    if loads:
+        assert Machine.load(file).base.gap.median_c_us.value == float(c)
+    else:
+        assert "must be above zero at every gap g: raise median_c_us" in refusal(name=file)
+
+
 def test_with_changes_one_thing_and_checks_it() -> None:
     machine = Machine.load()
     thicker = machine.with_(height_mm=40)
