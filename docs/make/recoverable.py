@@ -173,17 +173,18 @@ def main() -> None:
 
 def draw(shares: dict[str, list[float]], moments: list[str]) -> None:
     """Draw what is recovered, the limit above all."""
-    figure, axes = plt.subplots(figsize=(6.4, 0.7 + 0.32 * len(shares)))
+    figure, axes = plt.subplots(figsize=(6.4, 1.2 + 0.35 * len(shares)))
     places = np.arange(len(shares))[::-1]
     for k, moment in enumerate(moments):
         color = BLUE if moment == "first break" else MUTED
         fill = color if k >= len(moments) - 2 else "none"
-        values = np.maximum([row[k] for row in shares.values()], -0.2)
+        values = np.maximum([row[k] for row in shares.values()], -0.2)  # what is worse stands at the edge
         look = {"edgecolors": color, "facecolors": fill, "zorder": 3}
         axes.scatter(values, places, 18 + 14 * k, label=f"after {moment}", **look)
     axes.set_yticks(places, list(shares), fontsize=8)
     axes.axvline(0, color="0.6", lw=0.8)
-    axes.set_xlim(-0.22, 1.0)
+    axes.set_xlim(-0.25, 1.0)
+    axes.set_ylim(-0.6, len(shares) - 0.4)
     axes.set_xlabel("share of the variance between machines that is recovered, R2")
     axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), ncols=len(moments))
     axes.spines[["top", "right"]].set_visible(False)
