@@ -4,6 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
+# what a hundred processes import is compiled to bytecode once
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: cut test compiled lint type fast notebooks clean
 
 cut: $(VENV)/.installed

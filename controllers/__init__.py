@@ -1,7 +1,7 @@
 """Everything that commands the machine; feed controllers by name.
 
-A controller knows the process only through what a machine would let it see: counts, mean voltage, current and
-ignition delay, and the position counters.
+A controller observes only what a real machine measures: counts, mean voltage, current and ignition delay, and the
+position counters.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _CONTROLLERS: dict[str, _Kind] = {
 
 
 SAME_LAW = {McuController.name: CountsController.name}
-"""Controllers that decide as another one does, bit for bit: comparing both would tell nothing."""
+"""Controllers that command exactly the same feeds as another one: comparisons leave them out."""
 OF_A_TASK = tuple(
     kind.name
     for kind in (
@@ -66,7 +66,7 @@ OF_A_TASK = tuple(
         HeatFluxController, HeatOracleController, TrimController, ClimbingHoldController, AdaptiveHoldController,
     )
 )
-"""Controllers whose constants belong to one task: compared where that task names them."""
+"""Controllers whose constants are for one task: compared only in that task."""
 
 
 def names() -> tuple[str, ...]:
@@ -75,12 +75,12 @@ def names() -> tuple[str, ...]:
 
 
 def choices(*, cutting: bool = False) -> tuple[str, ...]:
-    """What `from_text` takes, as messages and help list it.
+    """Return the choices of `from_text`, for messages and help.
 
     Parameters
     ----------
     cutting : bool
-        Whether only what a machine could have, which ``edmsim cut`` takes.
+        Whether to list only the controllers of ``edmsim cut``, without those that read the true state.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def choices(*, cutting: bool = False) -> tuple[str, ...]:
 
 @cache
 def found_gains(name: str) -> dict[str, float]:
-    """Gains that a search found for a controller or its law, ``models/gains/NAME.toml``; none if it found none."""
+    """Return the gains found by a search for a controller or its law, ``models/gains/NAME.toml``; may be empty."""
     file = resources.files("edmsim.models") / "gains" / f"{SAME_LAW.get(name, name)}.toml"
     if not file.is_file():
         return {}
@@ -108,8 +108,7 @@ def make(name: str, **parameters: float) -> FeedController:
     name : str
         One of `names`.
     **parameters : float
-        Its constants by name; those left out are what the search of gains found (`found_gains`), or else
-        their defaults.
+        Its constants by name; others have the values of `found_gains`, or else their defaults.
 
     Raises
     ------
@@ -134,16 +133,16 @@ def make(name: str, **parameters: float) -> FeedController:
 
 
 def from_text(text: str, *, cutting: bool = False) -> FeedController:
-    """Make a feed controller as it is named on the command line.
+    """Make a feed controller from its text on the command line.
 
     Parameters
     ----------
     text : str
-        A name, with parameters if wanted, ``fixed:feed_um_s=20,...``; a trained policy, ``policy:`` and its file,
-        or its name under ``models/policies``; or a class in an own Python file, which is run, with parameters if
-        wanted: ``FILE.py:CLASS:name=number,...``.
+        A name, optionally with parameters: ``fixed:feed_um_s=20,...``; a trained policy: ``policy:`` and its file or
+        its name under ``models/policies``; or a class in your own Python file, which is run, optionally with
+        parameters: ``FILE.py:CLASS:name=number,...``.
     cutting : bool
-        Whether for a cut: where the name is unknown, only what a cut takes is listed.
+        Whether the message for an unknown name lists only the controllers of ``edmsim cut``.
 
     Raises
     ------

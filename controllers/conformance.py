@@ -23,8 +23,7 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 
-WINDOW_S = 0.0255
-"""255 pulses of the standard setting."""
+WINDOW_S = 0.0255  # 255 pulses of the standard setting
 WINDOWS = 300
 _PATH_UM = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 400.0]])
 """A path with a corner, for controllers that ask for one."""

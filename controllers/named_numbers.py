@@ -6,20 +6,7 @@ from edmsim.errors import InputError
 
 
 def named_numbers(text: str, what: str) -> dict[str, float]:
-    """Read ``name=number,...``.
-
-    Parameters
-    ----------
-    text : str
-        Empty for none.
-    what : str
-        Whose numbers they are, for a message.
-
-    Raises
-    ------
-    InputError
-        A pair does not read so.
-    """
+    """Read ``name=number,...``, empty for none; `what` says in a message whose numbers they are."""
     found = {}
     for pair in filter(None, text.split(",")):
         key, equals, value = pair.partition("=")
@@ -33,13 +20,7 @@ def named_numbers(text: str, what: str) -> dict[str, float]:
 
 
 def listed(text: str) -> list[str]:
-    """Split a list at its commas, but for those between the numbers of a controller.
-
-    Examples
-    --------
-    >>> listed("counts, set-point:before_um=20,behind_um=100,fixed")
-    ['counts', 'set-point:before_um=20,behind_um=100', 'fixed']
-    """
+    """Split a list at its commas, but for those between the numbers of a controller: ``a:x=1,y=2,b`` is two."""
     pieces: list[str] = []
     for piece in text.split(","):
         if pieces and "=" in piece and ":" not in piece:

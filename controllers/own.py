@@ -11,18 +11,11 @@ from edmsim.errors import InputError
 from edmsim.numeric import real
 from edmsim.user_code import UserObject, run
 
-NEEDED = ("name", "reset", "update", "snapshot", "restore")
-"""What a feed controller must offer."""
+NEEDED = ("name", "reset", "update", "snapshot", "restore")  # what a feed controller must offer
 
 
 def from_file(own: UserObject, parameters: dict[str, float]) -> FeedController:
-    """Make a controller of a class in a user's file.
-
-    Raises
-    ------
-    InputError
-        The file cannot be run, has no such class, or the class is not a feed controller or refuses a parameter.
-    """
+    """Make a controller of a class in a user's file."""
     kinds = {
         name: kind for name, kind in vars(run(own.file)).items()
         if inspect.isclass(kind) and not lacking(kind) and not inspect.isabstract(kind)
@@ -42,13 +35,7 @@ def from_file(own: UserObject, parameters: dict[str, float]) -> FeedController:
 
 
 def check_is_controller(candidate: object) -> FeedController:
-    """Return what was given if it can be a feed controller.
-
-    Raises
-    ------
-    InputError
-        It is a class, or lacks something that every feed controller has.
-    """
+    """Return what was given if it can be a feed controller; `InputError` for a class, or what lacks something."""
     if inspect.isclass(candidate):
         raise InputError(f"{candidate.__name__} is a class: give an object of it, {candidate.__name__}()")
     missing = lacking(candidate)

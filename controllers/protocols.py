@@ -1,4 +1,4 @@
-"""What a feed controller sees, what it commands, and what it must offer."""
+"""What a feed controller observes, what it commands, and which methods it needs."""
 
 from __future__ import annotations
 
@@ -15,30 +15,19 @@ from edmsim.numeric import keep_plain, real
 
 SIGNED = "offset_um", "pull_N_m"
 """Parameters of controllers that may be negative: to the right of the path, and a wire that lags."""
-ControllerState = dict[str, Any]
-"""A controller's snapshot, fit for JSON."""
+ControllerState = dict[str, Any]  # a controller's snapshot, fit for JSON
 
 
 class Step(NamedTuple):
-    """One rising edge on STEP: one motor step of table travel (rows T-16, T-17).
+    """One rising edge on STEP: one motor step of table travel (rows T-16, T-17)."""
 
-    Attributes
-    ----------
-    time_ns : int
-        When, in ns from the start of the run.
-    axis : int
-        0 for x, 1 for y.
-    direction : int
-        +1 or -1.
-    """
-
-    time_ns: int
-    axis: int
-    direction: int
+    time_ns: int  # from the start of the run
+    axis: int  # 0 for x, 1 for y
+    direction: int  # +1 or -1
 
 
 class GapWindow(Protocol):
-    """What happened in the gap in one window of pulses, also what no real machine shows; see `PulseWindow`."""
+    """True state of the gap in one window of pulses, beyond what a real machine measures; see `PulseWindow`."""
 
     @property
     def duration_ns(self) -> int:
@@ -82,7 +71,7 @@ class GapWindow(Protocol):
 
 
 class WindowObservation(NamedTuple):
-    """One window of 255 pulses as a real machine would let its controller see it.
+    """One window of 255 pulses as a real machine's controller can observe it.
 
     Attributes
     ----------
@@ -93,17 +82,17 @@ class WindowObservation(NamedTuple):
     short, open : int
         Pulses without removal, 0..255 together.
     mean_voltage_V : float
-        Gap voltage of the working pulses averaged over the window, as a sensor that looks at those alone shows it:
-        equalising pulses, which hold the mean of both at 0 V, would hide the gap's state.
+        Gap voltage averaged over the window, of the working pulses only: equalising pulses, which hold the mean of
+        both at 0 V, would hide the gap's state.
     mean_current_A : float
         Gap current averaged over the window.
     mean_delay_us : float
         Ignition delay averaged over the pulses that ignited, in us.
     feed_um_s : float
-        Feed that was commanded for the window in um/s.
+        Feed commanded for the window in um/s.
     path_um : float
-        Length travelled along the path by the position counters at the end of the window, in um, over all legs of
-        the program (see `KnowsSetup.set_up`).
+        Path length at the end of the window by the position counters, in um, over all legs of the program (see
+        `KnowsSetup.set_up`).
     fifths : tuple of 5 int
         Ignitions in each fifth of the workpiece's (greatest) height, from below, as the currents of the two contacts
         locate them: see `edmsim.plant.window.PulseWindow`.
@@ -122,7 +111,7 @@ class WindowObservation(NamedTuple):
 
     @classmethod
     def of(cls, window: GapWindow, time_ns: int, feed_um_s: float, path_um: float) -> WindowObservation:
-        """Return what a machine shows of a window: every observation is made here.
+        """Return the observation of a window; every observation is made here.
 
         Parameters
         ----------
@@ -130,7 +119,7 @@ class WindowObservation(NamedTuple):
         time_ns : int
             Machine time at its end.
         feed_um_s, path_um : float
-            As the attributes say.
+            See the attributes.
         """
         return cls(
             time_ns * 1e-9, window.duration_ns * 1e-9, window.short, window.open, window.mean_voltage_V,
@@ -139,23 +128,23 @@ class WindowObservation(NamedTuple):
 
 
 class FeedCommand(NamedTuple):
-    """What a controller wants for the next window.
+    """A controller's command for the next window.
 
     Attributes
     ----------
     feed_um_s : float
-        Speed along the path in um/s; negative runs back along it.
+        Speed along the path in um/s; negative to run backwards.
     alarm : str or None
-        Why the machine must stop, or None.
+        Reason to stop the machine, or None.
     t_on_us, t_period_us : float or None
-        Setting wanted of the generator from the next window on; None leaves it as it is. A setting the
-        generator refuses changes nothing.
+        Generator setting from the next window on; None keeps the present one. A setting that the generator refuses
+        has no effect.
     latency_s : float
-        When the new feed counts, after the window's end in s: a processor takes time. Until then the machine runs
-        at the feed it had.
+        Calculation time of the controller: the machine runs at the old feed for this time after the window's end, in
+        s.
     offset_um : float
-        How far beside the path the guides are to go, to its left; negative to its right. They go there by one motor
-        step per axis and window.
+        Offset of the guides from the path, positive to its left, negative to its right. They move by one motor step
+        per axis and window.
     """
 
     feed_um_s: float
@@ -167,7 +156,7 @@ class FeedCommand(NamedTuple):
 
 
 class FeedController(Protocol):
-    """Decides the feed, window by window."""
+    """Sets the feed, window by window."""
 
     name: ClassVar[str]
 
@@ -177,88 +166,78 @@ class FeedController(Protocol):
         Parameters
         ----------
         max_feed_um_s : float
-            Largest feed the machine can run, in um/s, either way.
+            Largest feed of the machine in um/s, in both directions.
 
         Returns
         -------
         FeedCommand
-            For the first window, of which nothing has been seen yet.
+            For the first window.
 
         Raises
         ------
         InputError
-            If a parameter asks for more than the machine can run.
+            If a parameter is above the machine's largest feed.
         """
 
     def update(self, window: WindowObservation) -> FeedCommand:
-        """Feed for the next window, after what the last one showed."""
+        """Return the command for the next window from the observation of the last one."""
 
     def snapshot(self) -> ControllerState:
-        """Everything that changes while cutting."""
+        """Save the state: everything that changes while cutting."""
 
     def restore(self, state: ControllerState) -> None:
-        """Continue exactly where `snapshot` was taken."""
+        """Load a saved state: resume exactly where `snapshot` was taken."""
 
 
 @runtime_checkable
 class SeesTruth(Protocol):
-    """A controller that looks at what no machine shows: a bound to compare with, not one to cut with."""
+    """A controller that reads the true state of the gap: a bound for comparisons, not for real machines."""
 
     def see(self, truth: GapWindow) -> None:
-        """Take in what happened in the gap; called after every window, before `FeedController.update`."""
+        """Read the true state of the gap; called after every window, before `FeedController.update`."""
 
 
 @runtime_checkable
 class KnowsSetup(Protocol):
-    """A controller that takes in the set-up: what an operator reads from the dials and the drawing."""
+    """A controller that uses the set-up: what an operator reads from the dials and the drawing."""
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the set-up and the next leg; called before every `FeedController.reset`.
+        """Read the set-up and the next leg's points, (n, 2) in um; called before every `FeedController.reset`.
 
-        Parameters
-        ----------
-        machine : Machine
-            With the generator's setting with which every leg begins.
-        points_um : float64 array (n, 2)
-            Corners of the leg in um.
-        start_um : float
-            Length of path at the leg's first point: `WindowObservation.path_um` counts over all legs, so a place of
-            the leg that lies ``s`` behind its first point is reached at ``path_um == start_um + s``.
+        `WindowObservation.path_um` counts over all legs: a place ``s`` after the leg's first point is reached at
+        ``path_um == start_um + s``. The generator of `machine` has the setting at the beginning of every leg.
         """
 
 
 def tell(controller: object, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-    """Tell a controller the set-up and the next leg if it wants to know them; see `KnowsSetup.set_up`."""
+    """Give a controller the set-up and the next leg if it has `KnowsSetup.set_up`."""
     if isinstance(controller, KnowsSetup):
         controller.set_up(machine, np.asarray(points_um, np.float64), start_um)
 
 
 @runtime_checkable
 class MissesWindows(Protocol):
-    """A controller that may be too late for counts."""
+    """A controller that may read counts too late."""
 
     @property
     def missed_windows(self) -> int:
-        """Windows not read in time since the leg began (row T-44)."""
+        """Windows not read in time since the beginning of the leg (row T-44)."""
 
 
 @runtime_checkable
 class SeesBreaks(Protocol):
-    """A controller that goes on after a break, where an episode has more wires than one."""
+    """A controller that continues after a break, in episodes with more than one wire."""
 
     def wire_lost(self) -> FeedCommand:
-        """Return the command for the first window of the next wire, which hangs where the last one broke.
-
-        Controllers without this method are reset instead.
-        """
+        """Return the command for the first window of the next wire; controllers without this method are reset."""
 
 
 @runtime_checkable
 class DrivesSteps(Protocol):
-    """A controller with lines to the motors: a planner's steps go through it."""
+    """A controller with lines to the motors: a planner's steps pass through it."""
 
     def drive(self, steps: list[Step]) -> list[Step]:
-        """Make a planner's steps, in order of time; return those that the motors made."""
+        """Make a planner's steps, in order of time; return the steps that the motors made."""
 
 
 @runtime_checkable
@@ -267,14 +246,14 @@ class HasSwitches(Protocol):
 
     @property
     def emergency(self) -> str | None:
-        """What its emergency routine did, for the report; None while it has not run since the leg began."""
+        """Message of its emergency routine for the report; None if it has not run since the beginning of the leg."""
 
     def open_switch(self, name: str) -> None:
-        """Take in that a switch of the machine opened: a name of `edmsim.controllers.mcu.chips.switches.NAMES`."""
+        """Open a switch of the machine: a name of `edmsim.controllers.mcu.chips.switches.NAMES`."""
 
 
 def check_parameters(controller: Any) -> None:
-    """Refuse what is not a finite number, a negative one but of `SIGNED`, or a ``*_share`` above 1."""
+    """Refuse values that are not finite numbers, negative ones except `SIGNED`, and a ``*_share`` above 1."""
     keep_plain(controller)
     for parameter in fields(controller):
         name, value = parameter.name, real(getattr(controller, parameter.name))
@@ -287,7 +266,7 @@ def check_parameters(controller: Any) -> None:
 
 
 def check_command(controller: str, command: object) -> FeedCommand:
-    """Return what a controller answered; refuse what is not a command, and a feed or offset that is not finite."""
+    """Return a controller's command; refuse one that is no `FeedCommand` or is not finite."""
     if not isinstance(command, FeedCommand):
         raise InputError(f"the {controller} controller answered {command!r}: it must return a FeedCommand")
     if not math.isfinite(command.feed_um_s):
@@ -298,7 +277,7 @@ def check_command(controller: str, command: object) -> FeedCommand:
 
 
 def check_feed(controller: str, name: str, feed_um_s: float, max_feed_um_s: float) -> None:
-    """Refuse a feed beyond what the machine can run."""
+    """Refuse a feed above the machine's largest."""
     if feed_um_s > max_feed_um_s:
         raise InputError(
             f"{name} of the {controller} controller is {feed_um_s} um/s, "

@@ -21,13 +21,7 @@ def percent_of_window(pulses: float) -> float:
 
 
 class PulseCounts(NamedTuple):
-    """What one cycle of 255 pulses held.
-
-    Attributes
-    ----------
-    short, open : int
-        Pulses without removal, 0..255 together (row T-41).
-    """
+    """Pulses without removal of one cycle of 255, 0..255 together (row T-41)."""
 
     short: int
     open: int
@@ -39,15 +33,7 @@ class PulseCounts(NamedTuple):
 
 
 class PulseCounters(Snapshots, ABC):
-    """The three counters and what happens at 255 pulses; who takes the result over is a subclass's matter.
-
-    Attributes
-    ----------
-    pulses, short, open : int
-        The three counters of the present cycle.
-    missed : int
-        Cycles lost because the one before had not been read (row T-44).
-    """
+    """The three counters of a cycle; `missed` counts results that nobody had read before the next (row T-44)."""
 
     STATE: ClassVar[tuple[str, ...]] = ("pulses", "short", "open", "missed")
 
@@ -63,22 +49,9 @@ class PulseCounters(Snapshots, ABC):
         """Give a result to the latches."""
 
     def clock(self, sc: bool, op: bool) -> None:
-        """Count one pulse on the edge of SYNC.
-
-        Parameters
-        ----------
-        sc, op : bool
-            The analyser's lines; neither set is an erosion.
-
-        Raises
-        ------
-        InputError
-            If both are set: a pulse has exactly one class (row T-38).
-        """
+        """Count one pulse on the edge of SYNC by the analyser's lines, of which one at most is set (row T-38)."""
         if sc and op:
-            raise InputError(
-                "a pulse cannot be short and open at once: set SC or OP, or neither for an erosion"
-            )
+            raise InputError("a pulse cannot be short and open at once: set SC or OP, or neither for an erosion")
         self.pulses += 1
         self.short += bool(sc)
         self.open += bool(op)
@@ -86,22 +59,9 @@ class PulseCounters(Snapshots, ABC):
             self._strobe()
 
     def count_window(self, short: int, open: int) -> None:
-        """Count a whole cycle of 255 pulses at once.
-
-        Parameters
-        ----------
-        short, open : int
-            Short and open pulses among them.
-
-        Raises
-        ------
-        InputError
-            If a cycle has begun, or the counts are negative or more than 255 together.
-        """
+        """Count a whole cycle of 255 pulses at once, before which none has begun."""
         if self.pulses:
-            raise InputError(
-                f"a whole cycle can only be counted from its start, not after {self.pulses} pulses"
-            )
+            raise InputError(f"a whole cycle can only be counted from its start, not after {self.pulses} pulses")
         if short < 0 or open < 0 or short + open > WINDOW_PULSES:
             raise InputError(f"{short} short and {open} open pulses do not fit in a cycle of {WINDOW_PULSES}")
         self.short, self.open = short, open
@@ -121,13 +81,7 @@ class PulseCounters(Snapshots, ABC):
 
 
 class PulseAnalyser(PulseCounters):
-    """The counters and the 8255's two input latches (mode 1). The result is polled (row T-43).
-
-    Attributes
-    ----------
-    buffer_full : bool
-        IBFA and IBFB, which always go together: a result waits to be read.
-    """
+    """The counters and the 8255's two input latches (mode 1). The result is polled (row T-43)."""
 
     STATE: ClassVar[tuple[str, ...]] = ("buffer_full", "_latch")
 

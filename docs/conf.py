@@ -14,6 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pydantic import BaseModel
 from pygments.lexers.special import TextLexer
 from sphinx.util.nodes import make_refnode
@@ -32,6 +33,9 @@ ARRAY = re.compile(r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\],
 """How an array's type reads when it is spelt out."""
 COLON = "\N{PROPORTION} "
 """Stands for a colon while napoleon looks."""
+
+FIELD = re.compile(r' +\("(\w+)", "(\w+)"(?:, \w+)?\),(?:  # (.*))?')
+"""A field of a record, as it is declared in a line."""
 
 project = "edmsim"
 copyright = "the authors of edmsim, MIT licence"
@@ -186,6 +190,20 @@ def show_colons(_: Sphinx, __: str, ___: str, ____: object, _____: object, lines
     lines[:1] = [line.replace(COLON, ": ") for line in lines[:1]]
 
 
+def show_fields(_: Sphinx, __: str, name: str, subject: object, ___: object, lines: list[str]) -> None:
+    """Describe a record's fields as comments behind and above them do, where it is declared."""
+    if not isinstance(subject, np.dtype) or subject.names is None:
+        return
+    module, _, record = name.rpartition(".")
+    source = inspect.getsource(import_module(module)).partition(f"\n{record} = np.dtype(")[2].partition("\n)\n")[0]
+    for line in source.splitlines():
+        if found := FIELD.match(line):
+            what = f"{found[2]}, {subject[found[1]].shape[0]} of them" if subject[found[1]].shape else found[2]
+            lines += ["", f"``{found[1]}`` : {what}", *([f"    {found[3]}"] if found[3] else [])]
+        elif found := re.match(r" +# (.*)", line):
+            lines += ["", f"*{found[1][:1].upper()}{found[1][1:]}*"]
+
+
 def known_name(
     app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: TextElement
 ) -> Element | None:
@@ -240,5 +258,6 @@ def setup(app: Sphinx) -> None:
     app.connect("autodoc-process-signature", sign)
     app.connect("autodoc-process-docstring", keep_colons, priority=400)  # napoleon's own is 500
     app.connect("autodoc-process-docstring", show_colons, priority=600)
+    app.connect("autodoc-process-docstring", show_fields, priority=700)
     app.connect("missing-reference", known_name)
     app.connect("html-page-context", keep_options)

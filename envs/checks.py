@@ -14,13 +14,7 @@ from edmsim.machine.machine import Machine
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return actions as an array of their space's shape.
-
-    Raises
-    ------
-    InvalidAction
-        Another shape, what is not a number, NaN or infinity. What is beyond -1..1 is not refused but clipped.
-    """
+    """Return actions as an array of their space's shape, all numbers; beyond -1..1 they are clipped later."""
     try:
         array = np.asarray(actions, np.float32)
     except (TypeError, ValueError):
@@ -33,13 +27,7 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
 
 
 def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
-    """Return the options of a reset.
-
-    Raises
-    ------
-    InputError
-        An unknown option, or one of another kind.
-    """
+    """Return the options of a reset, all of them known."""
     found = dict(options or {})
     for name in found:
         if name not in known:

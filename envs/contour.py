@@ -71,25 +71,25 @@ class ContourEnv(EdmEnv):
 
     Description
     -----------
-    The wire cuts the contours of a G-code program or a drawing one after another; between two of them a fresh wire
-    is threaded. Distance from the path costs.
+    The wire cuts the contours of a G-code program or a drawing one after another; between two contours a new wire is
+    threaded. Distance from the path costs.
 
     Starting state
     --------------
-    The wire is threaded in the start hole of the first contour. Nothing is drawn for the program.
+    The wire is in the start hole of the first contour. The program has no random draws.
 
     Versions
     --------
-    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; nothing is
-    earned while a wire settles; dials are shown and not drawn.
-    v2: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 and
-    v1 are withdrawn.
+    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
+    wire earns nothing; dials are observed and not drawn.
+    v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
+    withdrawn.
     """
 
     task = Contour
 
 
 class ContourVectorEnv(EdmVectorEnv):
-    """`ContourEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `ContourEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Contour

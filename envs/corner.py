@@ -77,39 +77,37 @@ class Corner(Family):
 
 @page
 class CornerEnv(EdmEnv):
-    """Two legs with a sharp turn between: cut it accurately, with a servo's target, pulse generator and path offset.
+    """Two legs with a sharp turn between them: cut accurately by servo target, pulse generator and path offset.
 
     Description
     -----------
-    Discharges and jets push a slack wire back, and the field pulls it ahead: on most machines it lags by some um.
-    Where the path turns, it leaves the path. Distance from the path costs within 100 um of the corner, and time
-    costs everywhere. Guides that go beside the path bring the wire back on it, if they know by how much it is bent;
-    and pauses there weaken the forces. More energy in a discharge makes a rougher face: beyond the bound it costs
-    more than it gains.
+    Discharges and jets push a slack wire back, and the electric field pulls it ahead. On most machines the wire lags
+    by some um, so it leaves the path where the path turns. Distance from the path costs within 100 um of the corner,
+    and time costs everywhere. An offset of the guides can bring the wire back to the path, and longer pauses weaken
+    the forces. More energy in a discharge makes a rougher face: beyond the bound it costs more than it gains.
 
     Action space
     ------------
-    They follow it round the corner: it is to the left of where the path leads.
+    They follow it round the corner: positive is to the left of the path's direction.
 
     Starting state
     --------------
-    The wire stands on the middle of the table, in a slot, 25 um off the metal. The turn is drawn uniformly from
-    ``turn_deg``, to the left or the right with the same probability.
+    The wire is in the middle of the table, in a slot, 25 um from the metal. The turn is drawn uniformly from
+    ``turn_deg``, to the left or the right with equal probability.
 
     Versions
     --------
-    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; nothing is
-    earned while a wire settles; dials are shown and not drawn; errors count near the corner, and energy beyond the
-    bound costs; a servo makes the feed; workpieces are higher, wires slacker, and an action leads the guides beside
-    the path.
-    v2: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 and
-    v1 are withdrawn.
+    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
+    wire earns nothing; dials are observed and not drawn; errors count near the corner, and energy beyond the bound
+    costs; a servo sets the feed; workpieces are higher, wires slacker, and an action offsets the guides.
+    v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
+    withdrawn.
     """
 
     task = Corner
 
 
 class CornerVectorEnv(EdmVectorEnv):
-    """`CornerEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `CornerEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Corner

@@ -21,20 +21,19 @@ LEVELS = (-1.0, -0.25, -0.05, 0.0, 0.05, 0.25, 1.0)
 class DiscreteFeed(
     gym.ActionWrapper[NDArray[np.float32], np.int64, NDArray[np.float32]], gym.utils.RecordConstructorArgs
 ):
-    """Let an action be the number of a level of the feed, or of its change.
+    """Make the action the number of a level of the feed, or of its change.
 
     Parameters
     ----------
     env : gymnasium.Env
         An environment of edmsim.
     levels : sequence of float
-        What action k stands for, -1..1. Further actions, those on the generator, stay 0: its setting is as it was
-        at first.
+        Value of action k, -1..1. Further actions, those on the generator, are 0, which keeps its first setting.
 
     Raises
     ------
     InputError
-        If there are fewer than two levels, or one beyond -1..1.
+        If there are fewer than two levels, or one outside -1..1.
     """
 
     def __init__(self, env: gym.Env[Any, Any], levels: Sequence[float] = LEVELS) -> None:

@@ -18,8 +18,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import choose, values_of
 from edmsim.machine.setting import standoffs_mm
 
-DIALS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")
-"""Constants with a range that an operator sets."""
+DIALS = ("dielectric.flushing_pressure_Pa", "guides.wire_speed_m_s")  # constants with a range that an operator sets
 DRY = ("table.friction_N", "table.presliding_um", "table.backlash_um")
 """Constants of the table that count with ``mechanics="mujoco"`` only."""
 NOZZLES = ("dielectric.nozzle_mm", "dielectric.nozzle_flow_l_min")
@@ -28,20 +27,7 @@ _TIMES = ("table.rapid_um_s", "table.threading_s")
 
 
 def names_of(machine: Machine, randomise: Sequence[str] | None, mechanics: str) -> tuple[str, ...]:
-    """Return the constants of a machine that an episode draws.
-
-    Parameters
-    ----------
-    machine : Machine
-    randomise : sequence of str or None
-        Sections and names; empty for all that are drawn by themselves, None for none.
-    mechanics : {"modal", "mujoco"}
-
-    Raises
-    ------
-    InputError
-        An unknown name, or one that has no effect with these mechanics.
-    """
+    """Return the constants that an episode draws: those named, or, for no names, all drawn by themselves."""
     if randomise is None:
         return ()
     without = _TIMES + (() if mechanics == "mujoco" else DRY) + (() if any(standoffs_mm(machine)) else NOZZLES)
@@ -60,21 +46,7 @@ def draw_machine(
     rng: np.random.Generator, bases: Sequence[Machine], ranges: Mapping[str, Range | None], names: Sequence[str],
     drawn: dict[str, float | str],
 ) -> Machine:
-    """Draw a machine.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Same state, same machine.
-    bases : sequence of Machine
-        One for every material.
-    ranges : mapping
-        Ranges of the operator's choices, drawn uniformly, by name; None for those of the machine.
-    names : sequence of str
-        Constants to draw within their ranges (see `Machine.sample`).
-    drawn : dict
-        What was drawn of these is added by name.
-    """
+    """Draw a machine of one of `bases`, with choices within ranges (None: the machine's own); `drawn` tells them."""
     machine = bases[int(rng.integers(len(bases)))]
     bounds = {name: ends_of(name, value) for name, value in ranges.items() if value is not None}
     values = {name: float(rng.uniform(*ends)) for name, ends in bounds.items()}

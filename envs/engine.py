@@ -1,6 +1,6 @@
-"""What runs an environment's episodes: lanes that step window by window, or parts that step pass by pass.
+"""What runs an environment's episodes: sub-environments that step window by window, or parts that step pass by pass.
 
-Parts are loaded where they are made: what cuts programs takes longer to load than lanes.
+Parts are loaded where they are made: what cuts programs takes longer to load than sub-environments.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.envs.batch import Batch
-from edmsim.envs.lanes import Lanes
 from edmsim.envs.render import Renderer
+from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError
 
@@ -33,20 +33,20 @@ def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
     return Parts(family, count, threads)
 
 
-def lanes_of(engine: Engine) -> Lanes:
-    """Return the lanes that step window by window; raises `InputError` where there are none."""
+def sub_envs_of(engine: Engine) -> SubEnvs:
+    """Return the sub-environments that step window by window; raises `InputError` where there are none."""
     if isinstance(engine, Batch):
-        return engine.lanes
+        return engine.sub_envs
     raise InputError(
         "Part is decided on pass by pass: no feed controller can look on, and no recorder; edmsim cut --passes "
         "records the same part"
     )
 
 
-def picture_of(engine: Engine, renderer: Renderer, lane: int) -> NDArray[np.uint8]:
-    """Return a lane's picture, uint8 (480, 640, 3)."""
+def picture_of(engine: Engine, renderer: Renderer, index: int) -> NDArray[np.uint8]:
+    """Return a sub-environment's picture, uint8 (480, 640, 3)."""
     if isinstance(engine, Batch):
-        return renderer.picture(engine, lane)
+        return renderer.picture(engine, index)
     from edmsim.envs.part_picture import picture
 
-    return picture(engine.lane(lane))
+    return picture(engine.episode(index))

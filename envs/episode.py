@@ -1,4 +1,4 @@
-"""One episode of an environment without Gymnasium around it, for controllers that speak of feeds and settings."""
+"""One episode of an environment without Gymnasium, for controllers that command feeds and settings."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 from edmsim.controllers import WindowObservation
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.checks import checked_options
-from edmsim.envs.lanes import Lanes
 from edmsim.envs.registry import make_family
 from edmsim.envs.reward import TERMS, StepRewards
 from edmsim.envs.scenario import Scenario
+from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -25,32 +25,32 @@ from edmsim.plant.window import PulseWindow
 if TYPE_CHECKING:
     from edmsim.envs.recorder import EpisodeRecorder
 
-_LANE = np.zeros(1, np.int64)
+_ONLY = np.zeros(1, np.int64)
 
 
 class StepResult(NamedTuple):
-    """What a window brought.
+    """Result of a window.
 
     Attributes
     ----------
     seen : WindowObservation
-        What the machine shows its controller.
+        Observation for the controller.
     truth : PulseWindow
-        What happened, also what no real machine sees.
+        True state of the gap, beyond what a real machine measures.
     progress_um : float
-        How much more of the path is cut (see `path_follower.LANE`).
+        Length of path cut in the window (see `path_follower.SUB_ENV`).
     area_mm2 : float
-        The same times the local height.
+        This length times the local height.
     error_um : float
-        Distance of the wire's true place from the path.
+        Distance of the wire's true position from the path.
     near : bool
-        Whether the error counts there: near corners only with ``near_corner_um``.
+        Whether the error counts: with ``near_corner_um`` only near corners.
     cause : StopCause
-        Why the episode ended; `StopCause.RUNNING` if it did not.
+        Reason for the episode's end; `StopCause.RUNNING` if it has not ended.
     refused : str or None
-        Why the generator refused the setting asked for.
+        Reason why the generator refused the setting.
     reward, cost : float
-        The environment's of the window.
+        The environment's reward and cost for the window.
     late : bool
         Whether the episode's time is over.
     """
@@ -79,7 +79,7 @@ class StepResult(NamedTuple):
 
     @property
     def limit(self) -> str | None:
-        """Another reason for which the machine stopped, as an environment's ``info`` says it."""
+        """Another reason for the stop, as in an environment's ``info``."""
         ended = self.over and not (self.done or self.broken)
         return WORDS[self.cause].info if ended else None
 
@@ -90,20 +90,20 @@ class StepResult(NamedTuple):
 
 
 class Task:
-    """One episode at a time of an environment's family, the same bits as the environment's.
+    """Run one episode at a time of an environment, bit for bit the same as with Gymnasium's API.
 
     Parameters
     ----------
     name : str or type
-        ``"GapFeed"`` or ``"edmsim/GapFeed-v2"``, and so on; or an own family.
+        ``"GapFeed"`` or ``"edmsim/GapFeed-v2"``, and so on; or your own family.
     **options
-        Arguments of the environment (see `Family`); those of action, decision and observation have no effect: a
-        controller decides window by window, and sees what the machine shows.
+        Arguments of the environment (see `Family`). Those of action, decision and observation have no effect: a
+        controller commands window by window, from a `WindowObservation`.
 
     Raises
     ------
     InputError
-        An unknown name, or a value that cannot be used.
+        If a name is unknown or a value cannot be used.
 
     Examples
     --------
@@ -118,25 +118,25 @@ class Task:
     def __init__(self, name: str | type[Family], **options: Any) -> None:
         self.family = make_family(name, **options)
         self.max_feed_um_s = self.family.greatest_feed_um_s
-        self._lanes = Lanes(self.family, 1)
+        self._sub_envs = SubEnvs(self.family, 1)
         family = self.family
         self._account = StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, 1)
         self._random = np.random.Generator(np.random.PCG64())
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> WindowObservation:
-        """Begin an episode: that of the environment reset with this seed and these options.
+        """Begin the episode of an environment reset with this seed and these options.
 
         Returns
         -------
         WindowObservation
-            Of no pulses; nothing has been seen yet.
+            An empty one, without pulses.
         """
         from gymnasium.utils import seeding
 
         checked = checked_options(options, ("machine",))
         if seed is not None:
             self._random = seeding.np_random(whole_from("seed", seed, 0))[0]
-        self._lanes.begin(0, self.family.draw(self._random, checked.get("machine")))
+        self._sub_envs.begin(0, self.family.draw(self._random, checked.get("machine")))
         return WindowObservation(0.0, 0.0, 0, 0, 0.0, 0.0, math.nan, 0.0, 0.0)
 
     @property
@@ -148,40 +148,40 @@ class Task:
         InputError
             Before the first `reset`.
         """
-        scenario = self._lanes.scenarios[0]
+        scenario = self._sub_envs.scenarios[0]
         if scenario is None:
             raise InputError("the task has no episode yet: call reset() first")
         return scenario
 
     @property
     def wires_lost(self) -> int:
-        """How many wires broke in the present episode."""
-        return int(self._lanes.rows[0]["wires_lost"])
+        """Number of lost wires in the present episode."""
+        return int(self._sub_envs.rows[0]["wires_lost"])
 
     @property
     def machine(self) -> Machine:
         """The set-up, with the generator's setting in force."""
-        return self._lanes.fleet.plants[0].machine
+        return self._sub_envs.fleet.plants[0].machine
 
     @property
     def plant(self) -> Plant:
-        """The plant, with the metal that is left; a controller must not see it."""
-        return self._lanes.fleet.plants[0]
+        """The plant with the remaining metal; a controller must not read it."""
+        return self._sub_envs.fleet.plants[0]
 
     @property
     def total_um(self) -> float:
         """Length of the whole path."""
-        return float(self._lanes.rows[0]["total_um"])
+        return float(self._sub_envs.rows[0]["total_um"])
 
     @property
     def path_um(self) -> float:
-        """Length of path behind the wire."""
-        return float(self._lanes.path_um[0])
+        """Path length the wire has travelled."""
+        return float(self._sub_envs.path_um[0])
 
     @property
     def leg(self) -> tuple[int, float]:
         """Number of the leg the wire is on, from 0, and the length of the legs before it."""
-        return self._lanes.leg[0], float(self._lanes.rows[0]["before_um"])
+        return self._sub_envs.leg[0], float(self._sub_envs.rows[0]["before_um"])
 
     @property
     def reward_terms(self) -> dict[str, float]:
@@ -192,7 +192,7 @@ class Task:
         """Return a recorder of the episode that has just begun; actions are the commands."""
         from edmsim.envs.recorder import EpisodeRecorder
 
-        return EpisodeRecorder(self._lanes, 0, ("feed_um_s", "t_on_us", "t_period_us", "offset_um"))
+        return EpisodeRecorder(self._sub_envs, 0, ("feed_um_s", "t_on_us", "t_period_us", "offset_um"))
 
     def advance(
         self, feed_um_s: float, t_on_us: float | None = None, t_period_us: float | None = None, offset_um: float = 0.0
@@ -202,44 +202,44 @@ class Task:
         Parameters
         ----------
         feed_um_s : float
-            Speed along the path, negative backwards; held to `max_feed_um_s` either way.
+            Speed along the path, negative backwards; clamped to `max_feed_um_s` in both directions.
         t_on_us, t_period_us : float, optional
-            New setting of the generator, rounded to the knobs' detents; what is refused is not done.
+            New setting of the generator, rounded to the knobs' detents; a refused setting has no effect.
         offset_um : float
-            How far the guides go to the left of the path.
+            Offset of the guides to the left of the path.
 
         Raises
         ------
         InputError
-            A feed, setting or offset that is no finite number; before `reset`, or after the episode's end.
+            If a feed, setting or offset is no finite number, before `reset`, or after the episode's end.
         """
         self.scenario  # noqa: B018 - refuses to go on before the first reset
-        lanes = self._lanes
-        cause = StopCause(lanes.rows[0]["cause"])
+        sub_envs = self._sub_envs
+        cause = StopCause(sub_envs.rows[0]["cause"])
         if cause is not StopCause.RUNNING:
             raise InputError(f"the episode has ended ({WORDS[cause].info}): call reset() first")
         feed_um_s, offset_um = finite("feed_um_s", feed_um_s), finite("offset_um", offset_um)
         t_on_us = None if t_on_us is None else finite("t_on_us", t_on_us)
         t_period_us = None if t_period_us is None else finite("t_period_us", t_period_us)
-        lanes.refused[0] = None
+        sub_envs.refused[0] = None
         if t_on_us is not None or t_period_us is not None:
-            now = lanes.fleet.plants[0].machine
+            now = sub_envs.fleet.plants[0].machine
             on, period = (old if new is None else new
                           for new, old in ((t_on_us, now.t_on_us), (t_period_us, now.t_period_us)))
-            lanes.set_generator(0, on, period)
+            sub_envs.set_generator(0, on, period)
         feed = min(max(feed_um_s, -self.max_feed_um_s), self.max_feed_um_s)
-        lanes.rows[0]["offset_um"] = offset_um
-        lanes.advance(_LANE, np.array([feed]))
+        sub_envs.rows[0]["offset_um"] = offset_um
+        sub_envs.advance(_ONLY, np.array([feed]))
         return self._result()
 
     def _result(self) -> StepResult:
-        lanes, plant = self._lanes, self._lanes.fleet.plants[0]
+        sub_envs, plant = self._sub_envs, self._sub_envs.fleet.plants[0]
         window = plant.window()
-        row = lanes.rows[0]
+        row = sub_envs.rows[0]
         self._account.begin()
-        self._account.add(_LANE, lanes.rows, lanes.counted_um, lanes.fleet.windows)
+        self._account.add(_ONLY, sub_envs.rows, sub_envs.counted_um, sub_envs.fleet.windows)
         return StepResult(
-            lanes.observation(0), window, float(row["progress_um"]), float(row["area_mm2"]), float(row["error_um"]),
-            bool(lanes.near[0]), StopCause(row["cause"]), lanes.refused[0],
-            float(self._account.total[0]), float(self._account.cost[0]), bool(lanes.out_of_time[0]),
+            sub_envs.observation(0), window, float(row["progress_um"]), float(row["area_mm2"]),
+            float(row["error_um"]), bool(sub_envs.near[0]), StopCause(row["cause"]), sub_envs.refused[0],
+            float(self._account.total[0]), float(self._account.cost[0]), bool(sub_envs.out_of_time[0]),
         )

@@ -56,27 +56,27 @@ class GapFeedEnv(EdmEnv):
 
     Description
     -----------
-    The wire cuts straight on from a begun slot. An action sets how fast it advances in the next window of 255
-    pulses, 25.5 ms at the standard setting. Too slow, and pulses find no metal (open); too fast, and the wire
-    touches it (short), bends, and in the end breaks or is stopped. The cut is longer than the time: the return
-    grows with the cutting rate.
+    The wire cuts straight ahead from the end of a slot. An action sets its feed in the next window of 255 pulses,
+    25.5 ms at the standard setting. If the feed is too low, pulses find no metal (open). If it is too high, the wire
+    touches the metal (short), bends, and finally breaks or is stopped. The path is longer than an episode, so the
+    return grows with the cutting rate.
 
     Starting state
     --------------
-    The wire stands on the middle of the table, in a slot, 25 um off the metal.
+    The wire is in the middle of the table, in a slot, 25 um from the metal.
 
     Versions
     --------
-    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; nothing is
-    earned while a wire settles; dials are shown and not drawn.
-    v2: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 and
-    v1 are withdrawn.
+    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
+    wire earns nothing; dials are observed and not drawn.
+    v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
+    withdrawn.
     """
 
     task = GapFeed
 
 
 class GapFeedVectorEnv(EdmVectorEnv):
-    """`GapFeedEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `GapFeedEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = GapFeed

@@ -17,10 +17,8 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 from edmsim.plant.workpiece.height_steps import LowerRegion
 
-LEAST_SHARE = 0.2
-"""Least height of a band that may be asked for, as a share of the greatest (ours)."""
-_MARGIN_UM = 2e3
-"""How far a band reaches beside and beyond the path (ours: well beyond what the wire erodes)."""
+LEAST_SHARE = 0.2  # least height of a band that may be asked for, as a share of the greatest (ours)
+_MARGIN_UM = 2e3  # how far a band reaches beside and beyond the path (ours: well beyond what the wire erodes)
 
 
 @shows_arguments
@@ -72,32 +70,32 @@ class HeightStepEnv(EdmEnv):
 
     Description
     -----------
-    As `GapFeedEnv`, but the workpiece has bands of different heights across the path. Where the height falls, the
-    same pulses heat a shorter piece of wire: a feed that was right breaks it. Heights are not shown; they have to
-    be found in what the pulses show.
+    This is `GapFeedEnv` with a workpiece that has bands of different heights across the path. Where the height
+    falls, the same pulses heat a shorter piece of wire, and a feed that was right before can break it. Heights are
+    not observed: a controller must infer them from the pulses.
 
     Observation space
     -----------------
-    Local heights below the greatest are not shown.
+    Local heights below the greatest are not observed.
 
     Starting state
     --------------
-    The wire stands on the middle of the table, in a slot, 25 um off the metal. The first band has the greatest
-    height; the length of each band is drawn uniformly from ``band_mm``, the height of each further one uniformly
-    from ``low_share`` to 1 times the greatest.
+    The wire is in the middle of the table, in a slot, 25 um from the metal. The first band has the greatest height.
+    The length of each band is drawn uniformly from ``band_mm``, the height of each further band uniformly from
+    ``low_share`` to 1 times the greatest.
 
     Versions
     --------
-    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; nothing is
-    earned while a wire settles; dials are shown and not drawn.
-    v2: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 and
-    v1 are withdrawn.
+    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
+    wire earns nothing; dials are observed and not drawn.
+    v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
+    withdrawn.
     """
 
     task = HeightStep
 
 
 class HeightStepVectorEnv(EdmVectorEnv):
-    """`HeightStepEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `HeightStepEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = HeightStep

@@ -16,8 +16,7 @@ KNOBS = {
 }
 """Knobs there are, and what an action turns; each by a power of 2 within `Family.setting_octaves`. Of period and duty
 factor there can be one: the other follows."""
-MOST_OCTAVES = 4.0
-"""Greatest reach of the knobs either way that may be asked for (ours)."""
+MOST_OCTAVES = 4.0  # greatest reach of the knobs either way that may be asked for (ours)
 Detents = tuple[float, float]
 
 

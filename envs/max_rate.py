@@ -90,44 +90,44 @@ class MaxRate(HeightStep):
 
 @page
 class MaxRateEnv(EdmEnv):
-    """The fastest straight cut on a production machine, whose wire breaks where it grows too hot.
+    """The fastest straight cut on a production machine, whose wire breaks where it becomes too hot.
 
     Description
     -----------
-    As `HeightStepEnv`, on a machine of today's class: a wire of 0.3 mm, pulses of 700 A and 1.4 us, a workpiece of
-    30 to 80 mm with bands of a quarter of that and more. A servo feeds; actions set what it holds, and the period.
-    The shorter the period, the more is cut, until water boils dry on the wire's hottest place: steam covers it, and
-    it breaks within some 20 ms, which costs the machine 20 s. How short it may be depends on what nobody knows of
-    the machine, and on how much of the height takes part: in a low band the same pulses heat a shorter piece of
-    wire. Where the pulses ignite is seen: the current of each comes from both guides and divides as the wire's
-    resistances do. The discharges' energy stays, as it decides on the surface.
+    This is `HeightStepEnv` on a modern machine: a wire of 0.3 mm, pulses of 700 A and 1.4 us, a workpiece of 30 to
+    80 mm with bands of a quarter of that or more. Actions set the target of the servo and the pulse period. A
+    shorter period cuts more, until the water on the wire's hottest place boils: steam covers it, and the wire breaks
+    within some 20 ms, which costs the machine 20 s. The shortest possible period depends on unknown constants of the
+    machine and on the local height: in a low band the same pulses heat a shorter piece of wire. The places of
+    discharges are observed, as the current of a discharge comes from both guides in the ratio of the wire's
+    resistances. The energy of discharges is fixed, as it determines the surface.
 
     Action space
     ------------
-    The period is that of a pulse that ignites at once: others take as much longer as they wait.
+    The period is that of a pulse that ignites at once; the period of others is longer by their ignition delay.
 
     Observation space
     -----------------
-    Local heights below the greatest are not shown.
+    Local heights below the greatest are not observed.
 
     Starting state
     --------------
-    The wire stands on the middle of the table, in a slot, 25 um off the metal. The first band has the greatest
-    height; the length of each band is drawn uniformly from ``band_mm``, the height of each further one uniformly
-    from ``low_share`` to 1 times the greatest. The pressure of each nozzle is drawn as height and tension are,
-    uniformly; all are shown, as an operator has set them. Of the machine's constants the share of heat that enters
-    the wire, convection, critical heat flux in still water and in a stream, film boiling and removal are drawn within
-    15 % of the files' values: so much a shop knows of its machine (ours).
+    The wire is in the middle of the table, in a slot, 25 um from the metal. The first band has the greatest height.
+    The length of each band is drawn uniformly from ``band_mm``, the height of each further band uniformly from
+    ``low_share`` to 1 times the greatest. Height, tension and the pressure of each nozzle are drawn uniformly and
+    observed, as an operator knows them. The share of heat that enters the wire, convection, critical heat flux in
+    still water and in a stream, film boiling and removal are drawn within 15 % of the files' values, our assumption
+    of what a shop knows of its machine.
 
     Versions
     --------
-    v1: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 is withdrawn.
+    v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.
     """
 
     task = MaxRate
 
 
 class MaxRateVectorEnv(EdmVectorEnv):
-    """`MaxRateEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `MaxRateEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = MaxRate

@@ -25,25 +25,17 @@ Floats = NDArray[np.float64]
 
 
 class Entry(NamedTuple):
-    """One entry of the observation.
-
-    Attributes
-    ----------
-    name : str
-    low, high : float
-        What it is clipped to.
-    quantity, divisor : str
-        What it is, and by what it is divided.
-    value : callable, optional
-        Returns it of a `Machine` if it is a dial, of the `Known` (n,) if it stands behind the dials. Those of a step
-        have theirs in `show`.
-    """
+    """One entry of the observation."""
 
     name: str
+    # what it is clipped to
     low: float
     high: float
+    # what it is, and by what it is divided
     quantity: str
     divisor: str
+    # returns it of a `Machine` if it is a dial, of the `Known` (n,) if it stands behind the dials. Those of a step
+    # have theirs in `show`
     value: Callable[..., Any] | None = None
 
     @property
@@ -85,26 +77,15 @@ DIALS = (
 
 @dataclass
 class Known:
-    """What is known behind the dials, of n episodes.
-
-    Attributes
-    ----------
-    rows : (n,) `path_follower.LANE`
-    corner_um, corner_deg : (n, most)
-        Length of path up to each corner, infinite for the filling, and its turn.
-    age_s : (n,)
-        Time of cutting with the present wire.
-    broke_at : (n,)
-        Longest period per on-time at which a wire broke; 0 where none did.
-    offset_um, wires, episode_s
-        Arguments of the environment.
-    """
+    """What is known behind the dials, of n episodes."""
 
     rows: NDArray[np.void]
+    # (n, most): length of path up to each corner, infinite for the filling, and its turn
     corner_um: Floats
     corner_deg: Floats
-    age_s: Floats
-    broke_at: Floats
+    age_s: Floats  # (n,): time of cutting with the present wire
+    broke_at: Floats  # (n,): longest period per on-time at which a wire broke; 0 where none did
+    # arguments of the environment
     offset_um: float | None
     wires: int
     episode_s: float | None
@@ -122,14 +103,13 @@ class Known:
         return self._nearest(np.where(way_um <= 0, -way_um, np.inf))
 
     def _nearest(self, ways_um: Floats) -> tuple[Floats, Floats]:
-        lane, k = np.arange(len(ways_um)), ways_um.argmin(axis=1)
-        way_um = ways_um[lane, k]
-        return np.minimum(way_um / LOOK_UM, 1.0), np.where(way_um <= LOOK_UM, self.corner_deg[lane, k] / 180.0, 0.0)
+        index, k = np.arange(len(ways_um)), ways_um.argmin(axis=1)
+        way_um = ways_um[index, k]
+        return np.minimum(way_um / LOOK_UM, 1.0), np.where(way_um <= LOOK_UM, self.corner_deg[index, k] / 180.0, 0.0)
 
 
 CORNERS = (
-    Entry("corner_ahead", 0.0, 1.0, "path to the next corner, mm; 1 if none is nearer", "1 mm",
-          lambda k: k.ahead[0]),
+    Entry("corner_ahead", 0.0, 1.0, "path to the next corner, mm; 1 if none is nearer", "1 mm", lambda k: k.ahead[0]),
     Entry("corner_turn", -1.0, 1.0, "its turn, left positive; 0 if none is within 1 mm", "180 degrees",
           lambda k: k.ahead[1]),
     Entry("corner_behind", 0.0, 1.0, "path from the last corner, mm; 1 if none is nearer", "1 mm",
@@ -153,8 +133,7 @@ WIRES = (
           lambda k: np.log2(np.maximum(k.broke_at, 1.0)) / 10.0),
 )  # fmt: skip
 """Entries behind all others, where an operator remembers the wires of the episode."""
-WIRE_AGE_S = 60.0
-"""Age of a wire at which its entry is 1 (ours: the time to thread one)."""
+WIRE_AGE_S = 60.0  # age of a wire at which its entry is 1 (ours: the time to thread one)
 LOOK_UM = 1000.0
 """How far along the path corners are shown (ours: well beyond the wire's lag and the distance to slow down in)."""
 
@@ -221,21 +200,11 @@ SCALE = np.dtype(
 
 @exactly_compiled
 def gather(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], shown: NDArray[np.void]
+    indices: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void], shown: NDArray[np.void]
 ) -> None:
-    """Add the last window of some lanes to what their step showed.
-
-    Parameters
-    ----------
-    lanes : (m,)
-        Lanes that had a window; of the other arguments, row i belongs to lane i.
-    rows : (n,) `path_follower.LANE`
-    windows : (n,) `edmsim.plant.kernel.state.WINDOW`
-    shown : (n,) `SHOWN`
-        Added to.
-    """
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    """Add the last window of some sub-environments (m,) to what their step showed."""
+    for j in range(indices.shape[0]):
+        i = indices[j]
         w = windows[i]
         shown[i].short += w.counts[SHORT]
         shown[i].open += w.counts[OPEN]
@@ -255,24 +224,12 @@ def gather(
 
 @exactly_compiled
 def show(
-    lanes: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void], max_feed_um_s: float,
+    indices: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void], max_feed_um_s: float,
     history: NDArray[np.float32],
 ) -> None:
-    """Put what some lanes' steps showed before what the steps before did, and forget the oldest.
-
-    Parameters
-    ----------
-    lanes : (m,)
-        Lanes that had a step; of the other arguments, row i belongs to lane i.
-    shown : (n,) `SHOWN`
-    scales : (n,) `SCALE`
-        ``draws`` is counted up where there is noise.
-    max_feed_um_s : float
-    history : (n, steps, entries of a step)
-        Written.
-    """
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    """Put what the steps of some sub-environments (m,) showed before what the steps before did; forget the oldest."""
+    for j in range(indices.shape[0]):
+        i = indices[j]
         s, scale = shown[i], scales[i]
         pulses, duration_us = s.short + s.open + s.ignited, s.duration_ns * 1e-3
         for age in range(history.shape[1] - 1, 0, -1):
@@ -301,7 +258,7 @@ def show(
 
 @exactly_compiled
 def _measured(scales: NDArray[np.void], i: int, value: float) -> float:
-    """Return what a lane's sensor and its converter make of a value."""
+    """Return what a sub-environment's sensor and its converter make of a value."""
     if scales[i].noise_share > 0.0:
         value += scales[i].noise_share * normal(uniform(scales[i].key, scales[i].draws))
         scales[i].draws += np.uint64(1)

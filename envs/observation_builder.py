@@ -27,20 +27,7 @@ from edmsim.snapshots import Snapshots
 
 
 class ObservationBuilder(Snapshots):
-    """Builds the observations of n episodes, window by window.
-
-    Parameters
-    ----------
-    family : Family
-    count : int
-    sensors : Sensors
-        How the analogue quantities are measured.
-
-    Attributes
-    ----------
-    sums : (n,) `SHOWN`
-        What the windows of the present step showed.
-    """
+    """Builds the observations of n episodes, window by window."""
 
     STATE = ("sums", "_history", "_scales", "_threaded_ns", "_broke_at")
 
@@ -49,13 +36,14 @@ class ObservationBuilder(Snapshots):
         width = len(of_a_step(family.locates_discharges))
         self._history = np.zeros((count, family.history + sensors.delay_steps, width), np.float32)
         self._dials = np.zeros((count, len(DIALS)), np.float32)
+        # (n,) `SHOWN`: what the windows of the present step showed
         self.sums: NDArray[np.void] = np.zeros(count, SHOWN)
         self._scales: NDArray[np.void] = np.zeros(count, SCALE)
         self._threaded_ns = np.zeros(count, np.int64)
         self._broke_at = np.zeros(count)
 
     def begin(self, i: int, row: np.void, machine: Machine, noise_key: np.uint64 | int = 0) -> None:
-        """Begin an episode on a machine; `row` is its `path_follower.LANE`."""
+        """Begin an episode on a machine; `row` is its `path_follower.SUB_ENV`."""
         self._history[i] = 0.0
         self.sums[i] = np.zeros((), SHOWN)
         self._dials[i] = values_of(DIALS, machine, 1)[0]
@@ -86,16 +74,14 @@ class ObservationBuilder(Snapshots):
         self.sums[active] = np.zeros((), SHOWN)
 
     def add(self, active: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
-        """Add a window of some episodes; `rows` are all `path_follower.LANE`, `windows` `kernel.state.WINDOW`."""
+        """Add a window of some episodes; `rows` are all `path_follower.SUB_ENV`, `windows` `kernel.state.WINDOW`."""
         gather(active, rows, windows, self.sums)
 
     def end_step(self, active: NDArray[np.int64]) -> None:
         """Put the steps of some episodes before those that came earlier."""
         show(active, self.sums, self._scales, self.family.max_feed_um_s, self._history)
 
-    def observations(
-        self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats
-    ) -> NDArray[np.float32]:
+    def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
         """Return all observations, (n, entries), in a fresh array; corners as `Known` has them."""
         parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._dials]
         family = self.family

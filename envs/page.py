@@ -24,17 +24,16 @@ from edmsim.envs import observation, reward
 from edmsim.envs.arguments import arguments_of
 from edmsim.envs.batch import action_space_of, observation_space_of
 from edmsim.envs.knobs import KNOBS
-from edmsim.envs.lanes import STRETCH_UM
 from edmsim.envs.path_follower import SETTLING_NS, SHORTED_S, SHORTED_SHARE
+from edmsim.envs.sub_envs import STRETCH_UM
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.discharge import PLACE_SD_UM
 
 _Class = TypeVar("_Class", bound=type)
 
-WIDTH = 114
-"""Characters of a line: those of a docstring in a class, without its indent."""
-TARGET = "share of open less short pulses that a servo holds"
+WIDTH = 114  # characters of a line: those of a docstring in a class, without its indent
+TARGET = "target of the servo: share of open less short pulses"
 FIRST = {
     "change": ("change of the feed along the path", "``max_change_um_s``"),
     "speed": ("feed along the path", "``max_feed_um_s``"),
@@ -54,11 +53,11 @@ VALUES = {
 }  # fmt: skip
 """Terms of the reward in the symbols of `symbols`."""
 ENDS = {
-    StopCause.FINISHED: "the path's end is reached",
+    StopCause.FINISHED: "the end of the path is reached",
     StopCause.WIRE_BREAK: "the last wire breaks",
     StopCause.LIMIT_SWITCH: "an end switch of the table opens",
-    StopCause.PERSISTENT_SHORT: f"{SHORTED_S:g} s of windows with {SHORTED_SHARE * 100:g} % shorts and more",
-    StopCause.OUT_OF_RANGE: "the wire is pushed further than the plant's model holds for",
+    StopCause.PERSISTENT_SHORT: f"{SHORTED_S:g} s of windows with {SHORTED_SHARE * 100:g} % shorts or more",
+    StopCause.OUT_OF_RANGE: "the wire leaves the range of the model",
 }
 """What terminates an episode."""
 
@@ -169,19 +168,19 @@ def actions(family: Family, particular: str) -> str:
         f"``Box(-1, 1, {space.shape}, float32)``.",
         table(("Index", "Name", "Range", "Meaning", "Unit of 1"), rows),
         paragraph(
-            "Entry 0 is ``servo_target_share[0]`` at -1 and ``servo_target_share[1]`` at 1; the servo makes the feed "
+            "Entry 0 is ``servo_target_share[0]`` at -1 and ``servo_target_share[1]`` at 1; the servo sets the feed "
             "window by window." if family.action == "servo" else "",
             f'With ``action="{one}"`` entry 0 {DOES[one]}; with ``action="{other}"`` it {DOES[other]}.',
-            "A negative feed runs back along the path, never beyond its start.",
+            "A negative feed runs back along the path, but not beyond its start.",
             "An action holds for ``decision_s``." if family.decision_s is not None else "",
             "Actions beyond the range are clipped; NaN raises `InvalidAction`.",
         ),
         paragraph(
-            f"On-time and period are rounded to {on_us:g} us and {period_us:g} us. A period that the generator "
-            "refuses (above its mean current, or no pause) is not set: the shortest it accepts for that on-time is, "
-            'and ``info["refused"]`` has the reason.' if family.knobs else "",
-            f"The guides go to the offset by one motor step of {family.base.base.table.step_um.value:g} um per axis "
-            "and window." if family.offset_um is not None else "",
+            f"On-time and period are rounded to {on_us:g} us and {period_us:g} us. If the generator refuses a period "
+            "(above its mean current, or no pause), the shortest one that it accepts for that on-time is set, and "
+            '``info["refused"]`` has the reason.' if family.knobs else "",
+            f"The guides move to the offset by one motor step of {family.base.base.table.step_um.value:g} um per "
+            "axis and window." if family.offset_um is not None else "",
             particular,
         ),
     )  # fmt: skip
@@ -198,23 +197,23 @@ def observations(family: Family, particular: str) -> str:
         return f"Entries {at[entries[0].name]} to {at[entries[-1].name]}"
 
     return parts(
-        f"``Box({observation_space_of(family).shape}, float32)``: what a machine can measure and its operator knows, "
-        "clipped to its range.",
+        f"``Box({observation_space_of(family).shape}, float32)``: what a machine can measure and its operator knows. "
+        "Every entry is clipped to its range.",
         table(("Index", "Name", "Range", "Quantity", "Divided by"), (
             (str(k), entry.name, limits(entry.low, entry.high), entry.quantity, entry.divisor)
             for k, entry in enumerate(listed) if not of_last <= k < of_steps
         )),
         paragraph(
             f"Entries 0 to {of_last - 1} are of the last step; {of_last} to {of_steps - 1} are the same of the "
-            f"{family.history - 1} steps before, the latest first, 0 where no window has been fired. With another "
-            "``history`` there are more or fewer of them.",
+            f"{family.history - 1} steps before, the latest first, and 0 before the first window. ``history`` sets "
+            "the number of steps.",
             f"{span(observation.DIALS)} are the operator's dials.",
             "Fifths are of the greatest height, and a discharge is located with an error of "
             f"{PLACE_SD_UM * 1e-3:g} mm (standard deviation)." if family.locates_discharges else "",
-            f"{span(observation.CORNERS)} know the program: a corner is a turn of {CORNER_DEG:g} degrees or more."
+            f"{span(observation.CORNERS)} come from the program; a corner turns by {CORNER_DEG:g} degrees or more."
             if family.knows_corners else "",
-            f"Entry {at['offset']} is the last action's." if "offset" in at else "",
-            f"{span(observation.WIRES)} are what the operator remembers of the wires; the last is 0 where none broke."
+            f"Entry {at['offset']} is that of the last action." if "offset" in at else "",
+            f"{span(observation.WIRES)} are the history of the wires; the last is 0 before the first break."
             if family.knows_wires else "",
             particular,
         ),
@@ -223,14 +222,14 @@ def observations(family: Family, particular: str) -> str:
 
 def symbols(family: Family) -> list[tuple[str, str]]:
     """Return what the symbols in the reward's terms are."""
-    error = "distance of the wire's true place from the path, um"
+    error = "distance of the wire's true position from the path, um"
     if family.finishes_wall:
         error = (
-            "distance of the finished wall from where it is to be, um, root mean square\n"
-            f"over the height and {STRETCH_UM:g} um of its length; 0 before there is any"
+            "distance of the finished wall from its target, um, root mean square over\n"
+            f"the height and {STRETCH_UM:g} um of its length; 0 before there is any"
         )
     elif family.near_corner_um is not None:
-        error += "; 0 where no corner is\nwithin ``near_corner_um`` of path"
+        error += "; 0 if no corner is\nwithin ``near_corner_um`` of path"
     threading_s = family.base.base.table.threading_s.value
     return [
         ("P", f"area cut in the step / {reward.REFERENCE_MM2:g} mm2, which is {reward.REFERENCE_MM2_MIN:g} mm2/min "
@@ -238,10 +237,10 @@ def symbols(family: Family) -> list[tuple[str, str]]:
         ("T", f"duration of the step / {REFERENCE}, the window of 255 pulses of 100 us"),
         ("s, o", "shares of short and of open pulses"),
         ("e", error),
-        ("g", "energy of a discharge beyond ``energy_bound_mJ``, in parts of it, else 0"),
+        ("g", "excess of a discharge's energy over ``energy_bound_mJ``, divided by it; else 0"),
         ("B", "wires that broke in the step, 0 or 1"),
         ("L", "1 in the step in which another limit ends the episode, else 0"),
-        ("D", "1 in the step in which the path's end is reached, else 0"),
+        ("D", "1 in the step in which the end of the path is reached, else 0"),
         ("H", f"time to thread another wire / {REFERENCE}: {threading_s / reward.REFERENCE_S:,.0f} for "
               f"{threading_s:g} s"),
     ]  # fmt: skip
@@ -259,15 +258,15 @@ def rewards(family: Family, particular: str) -> str:
             (f.name, f"``{VALUES[f.name]}``", f"{getattr(weights, f.name):g}") for f in fields(weights)
         )),
         paragraph(
-            "Area is length of path times local height. It counts from the wire's true place, weighted by the share "
-            "of pulses that ignite. Nothing is gained by pushing a bent wire into a short, by going back and forth, "
-            "or by cutting air. "
-            f"The first {SETTLING_NS * 1e-9:g} s do not count, as the field then pulls a fresh wire towards the "
-            f"metal. A lost wire costs what {lost_mm2_min:g} mm2/min would cut while another is threaded.",
-            '``info["cost"]`` is 1 for a lost wire or an end by a limit, and a second\'s worth for every second '
-            "beyond a bound.",
-            "The error e is of the table's true place and the mean deflection, over height and window; the kerf's "
-            "edge, which also carries changes of the side gap, takes too long to measure at every step."
+            "Area is length of path times local height. The length follows the wire's true position, weighted by the "
+            "share of pulses that ignite. So pushing a bent wire into a short, moving back and forth, or cutting air "
+            "earns nothing. "
+            f"The first {SETTLING_NS * 1e-9:g} s of a wire do not count, as the field then pulls it towards the "
+            f"metal. A lost wire costs the area that {lost_mm2_min:g} mm2/min would cut while another is threaded.",
+            '``info["cost"]`` is 1 for a lost wire or an end by a limit, and grows by 1 for every second beyond a '
+            "bound.",
+            "The error e is that of the table's true position plus the wire's mean deflection over height and "
+            "window. It leaves out changes of the side gap, as it takes too long to measure the kerf's edge."
             if weights.profile > 0.0 and not family.finishes_wall else "",
             particular,
         ),
@@ -286,9 +285,10 @@ def start(family: Family, particular: str) -> str:
         particular,
         f"The generator has the machine's setting, {base.t_on_us:g} us in {base.t_period_us:g} us."
         if family.knobs else "",
-        "Machine, height, tension and material are drawn as the arguments say, and the plant's seed.",
+        "Machine, height, tension and material are drawn from the ranges in the arguments, and so is the "
+        "plant's seed.",
         feed[family.action],
-        '``info["drawn"]`` has what was drawn.',
+        '``info["drawn"]`` has the drawn values.',
     )  # fmt: skip
 
 
@@ -297,8 +297,8 @@ def ends(family: Family) -> str:
     causes = "; ".join(f"{when} (``{WORDS[cause].info}``)" for cause, when in ENDS.items())
     return parts(
         paragraph(
-            "A wire that breaks is replaced by a fresh one where it broke, with the servo begun again and the "
-            f"generator as it was set up; there are {family.wires} in all (``wires``)."
+            "A broken wire is replaced where it broke; the servo starts again, and the generator returns to its "
+            f"first setting. There are {family.wires} wires in all (``wires``)."
         ) if family.wires > 1 else "",
         paragraph(f'Terminated, with the reason in ``info["cause"]``: {causes}.'),
         paragraph(

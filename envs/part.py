@@ -11,20 +11,20 @@ from edmsim.envs.vector import EdmVectorEnv
 
 @page_by(written)
 class PartEnv(EdmEnv):
-    """A whole part, cut rough and trimmed: decide on every pass, for time, error and Ra.
+    """A whole part, cut rough and trimmed: decide on every pass, to save time, error and roughness.
 
     Description
     -----------
-    A shop cuts a contour rough and trims it, to and fro on the same kerf, with settings from a technology: the same
-    for every machine. Machines differ, and so does what a pass leaves on the wall. Here every pass is decided on
-    once, when it is known what the one before left: its set-point, pause, on-time and offset, against those of the
-    technology. The cut is that of ``edmsim cut --passes``: with actions of 0 it is that cut bit for bit, if tension
-    and constants are not drawn.
+    A shop cuts a contour rough and then trims it in the same kerf, with settings from a technology that is the same
+    for every machine. But machines differ, and so does the metal that a pass leaves. Here an action decides on one
+    pass, after the wall of the pass before was measured: it changes set-point, pause, on-time and offset relative to
+    the technology. With actions of 0 the cut equals ``edmsim cut --passes`` bit for bit, if tension and constants
+    are not drawn.
 
     Starting state
     --------------
-    The wire is threaded in the start hole. Height, tension and constants of the machine are drawn uniformly within
-    their ranges, and the plant's seed; nothing is drawn for the program.
+    The wire is in the start hole. Height, tension and constants of the machine are drawn uniformly within their
+    ranges, and so is the plant's seed; the program has no random draws.
 
     Versions
     --------
@@ -35,6 +35,6 @@ class PartEnv(EdmEnv):
 
 
 class PartVectorEnv(EdmVectorEnv):
-    """`PartEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `PartEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Part

@@ -6,10 +6,9 @@ import math
 from dataclasses import fields, replace
 from typing import NamedTuple
 
-from edmsim.cosim.passes import PassSetup
+from edmsim.cosim.passes import PassSetup, Sums
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
-from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
 from edmsim.job.cut import planned
@@ -28,87 +27,26 @@ from edmsim.program.path import CutPath
 
 
 class Choice(NamedTuple):
-    """What is decided of a pass, against the technology's; these are its own constants.
+    """What is decided of a pass, against the technology's; these are its own constants."""
 
-    Attributes
-    ----------
-    set_point : float
-        Factor of the rough pass' share of open pulses, of a trim's feed.
-    pause : float
-        Factor of the pause between two pulses.
-    on_time : float
-        Factor of the on-time.
-    offset_um : float
-        Added to the offset.
-    """
-
-    set_point: float = 1.0
-    pause: float = 1.0
-    on_time: float = 1.0
-    offset_um: float = 0.0
+    set_point: float = 1.0  # factor of the rough pass' share of open pulses, of a trim's feed
+    pause: float = 1.0  # factor of the pause between two pulses
+    on_time: float = 1.0  # factor of the on-time
+    offset_um: float = 0.0  # added to the offset
 
 
 class Step(NamedTuple):
-    """What a step did: a pass, or the part of one up to a broken wire or behind it.
+    """What a step did: a pass, or the part of one up to a broken wire or behind it."""
 
-    Attributes
-    ----------
-    sums : Sums
-        Pulses and energy.
-    seconds : float
-        Of cutting: the time for threading is not in it.
-    travel_um : float
-        Length of path.
-    face_mm2 : float
-        Of the part's face, cut by the rough pass; the trims cut it again, and that does not count.
-    broke : bool
-        Whether it ended by a broken wire.
-    """
-
-    sums: Sums
-    seconds: float
-    travel_um: float
-    face_mm2: float
-    broke: bool
+    sums: Sums  # pulses and energy
+    seconds: float  # of cutting: the time for threading is not in it
+    travel_um: float  # length of path
+    face_mm2: float  # of the part's face, cut by the rough pass; the trims cut it again, and that does not count
+    broke: bool  # whether it ended by a broken wire
 
 
 class PartCut:
-    """One part under way.
-
-    Parameters
-    ----------
-    program : Program
-        Of one contour.
-    settings : CutSettings
-        With `passes`, and the constants that were drawn.
-    tension_share : float
-        Of the technology's tensions.
-    stops_after : int, optional
-        Pass behind which the part is done: the last one, with the tab, by default.
-
-    Attributes
-    ----------
-    table : PassTable
-        What the technology says, at these tensions.
-    simulation : Simulation or None
-        None before the first step.
-    number : int
-        Of the pass that is decided on next.
-    setting : PassSetting
-        The last one that was in force.
-    offset_um : float
-        Of the last pass.
-    cause : StopCause
-        Why the cut ended; running while it has not.
-    wires_lost : int
-    refused : str
-        Why the last choice was not made as it was asked for; empty where it was.
-
-    Raises
-    ------
-    InputError
-        As `edmsim.cut`; or a program with another number of contours.
-    """
+    """One part under way: a program of one contour, with `passes` and drawn constants, up to `stops_after`."""
 
     def __init__(
         self, program: Program, settings: CutSettings, tension_share: float, stops_after: int | None = None
@@ -121,9 +59,10 @@ class PartCut:
             raise InputError(f"the program has {len(found.path.contours)} contours: a part has one", program.source)
         rows = [_tightened(one, tension_share) for one in found.table.settings]
         self.table: PassTable = found.table._replace(settings=tuple(rows))
-        self.simulation: Simulation | None = None
-        self.number, self.wires_lost = 1, 0
-        self.setting, self.offset_um = rows[0], found.table.offsets_mm[0] * 1e3
+        self.simulation: Simulation | None = None  # None before the first step
+        self.number, self.wires_lost = 1, 0  # of the pass decided on next
+        self.setting, self.offset_um = rows[0], found.table.offsets_mm[0] * 1e3  # of the last pass, as its offset
+        # why the last choice was not made as asked for; empty where it was
         self.cause, self.refused = StopCause.RUNNING, ""
         self._settings, self._technology = found.settings, found.technology
         self._path, self._stops_after = found.path, stops_after or len(rows)
@@ -326,7 +265,7 @@ class PartCut:
         """Return Ra of the face behind the last pass of the profile; by its craters where it has no wall."""
         assert self.simulation is not None
         figures = [one for one in pass_figures(self.simulation) if one.piece == "profile"]
-        if math.isfinite(figures[-1].ra_um):
+        if figures[-1].ra_um is not None:
             return figures[-1].ra_um
         sums = next(one.sums for one in self.simulation.passes.records[::-1] if one.piece == "profile")
         flatness = self._setups[0].machine.base.discharge.crater_flatness.value

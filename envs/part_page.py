@@ -13,17 +13,17 @@ ENDS = {
     StopCause.FINISHED: "the part is cut",
     StopCause.WIRE_BREAK: "the last wire breaks",
     StopCause.LIMIT_SWITCH: "an end switch of the table opens",
-    StopCause.PERSISTENT_SHORT: "the feed of a pass reports a short that stays",
-    StopCause.OUT_OF_RANGE: "the wire is pushed further than the plant's model holds for",
+    StopCause.PERSISTENT_SHORT: "the feed of a pass reports a persistent short",
+    StopCause.OUT_OF_RANGE: "the wire leaves the range of the model",
 }
 """What terminates an episode."""
 _VALUES = {"time": "-w T / 1 min", "error": "-w e / 1 um", "roughness": "-w Ra / 1 um",
            "wire_break": "-w B H / 1 min", "limit": "-w L"}  # fmt: skip
 _SYMBOLS = (
-    ("T", "time of cutting in the step; that for threading is not in it"),
-    ("e", "error of the finished part, um: root mean square of the distance from the drawing\nto the wall, all "
-          "along the contour, corners too, and over the height"),
-    ("Ra", "roughness of its face, um, as a cut's report has it"),
+    ("T", "time of cutting in the step, without threading"),
+    ("e", "error of the finished part, um: root mean square of the distance from the drawing\nto the wall, over the "
+          "whole contour with its corners and over the height"),
+    ("Ra", "roughness of its face, um, as in the report of a cut"),
     ("B, H", "wires that broke in the step, 0 or 1; time to thread another"),
     ("L", "1 in the step in which the last wire breaks or a limit ends the episode, else 0"),
 )  # fmt: skip
@@ -50,17 +50,17 @@ def _actions(family: Part) -> str:
         (str(k), name, limits(-1, 1), meaning, unit) for k, (name, (meaning, unit)) in enumerate(ACTIONS.items())
     )
     return parts(
-        f"``Box(-1, 1, {space.shape}, float32)``: a pass' settings against the technology's; 0 is what that has.",
+        f"``Box(-1, 1, {space.shape}, float32)``: the settings of a pass relative to the technology, which is 0.",
         table(("Index", "Name", "Range", "Meaning", "Unit of 1"), rows),
         paragraph(
             "Actions beyond the range are clipped; NaN raises `InvalidAction`. A step is a pass. The passes of the "
-            "tab belong to the last step, with the settings and offsets that the profile's passes had. Where a wire "
-            "breaks, the step ends, and the next action is for the rest of the pass: set-point, pause and on-time "
-            "count, and the offset stays.",
+            "tab belong to the last step and repeat the settings and offsets of the profile's passes. If a wire "
+            "breaks, the step ends, and the next action applies to the rest of the pass: to set-point, pause and "
+            "on-time, but not to the offset.",
         ),
         paragraph(
-            "The offset is rounded to 1 um, and is at most that of the pass before: a trim runs nearer to the part. "
-            "A setting that the generator refuses is replaced by the technology's pause, then by its pulses, and "
+            "The offset is rounded to 1 um and clamped to that of the pass before: a trim runs nearer to the part. "
+            "If the generator refuses a setting, the technology's pause replaces it, or else its pulses, and "
             '``info["refused"]`` has the reason.',
         ),
     )
@@ -72,12 +72,12 @@ def _observations(family: Part) -> str:
     )
     return parts(
         f"``Box({observation_space_of(family).shape}, float32)``: what a machine and a gauge can measure and an "
-        "operator knows, clipped to its range.",
+        "operator knows. Every entry is clipped to its range.",
         table(("Index", "Name", "Range", "Quantity", "Divided by"), rows),
         paragraph(
-            "The entries up to the last action's are of the last step, 0 before the first. The wall that a pass of "
-            "the profile left is gauged when it is over, on straight stretches 0.4 mm off corners and ends, with an "
-            "error of ``gauge_um``; what it is to leave follows from the technology's offsets.",
+            "The entries up to the last action's are of the last step, and 0 before the first. After a pass of the "
+            "profile its wall is measured on straight stretches 0.4 mm from corners and ends, with an error of "
+            "``gauge_um``. The target for the metal left follows from the technology's offsets.",
         ),
     )
 
@@ -91,7 +91,7 @@ def _rewards(family: Part) -> str:
         "and",
         table(("Term", "Value", "Weight"), rows),
         paragraph(
-            "Error and roughness are paid in the step that finishes the part. "
+            "Error and roughness cost in the step that finishes the part. "
             '``info["cost"]`` is 1 for a lost wire and for an end by a limit.',
         ),
     )
@@ -101,12 +101,11 @@ def _ends(family: Part) -> str:
     causes = "; ".join(f"{when} (``{WORDS[cause].info}``)" for cause, when in ENDS.items())
     return parts(
         paragraph(
-            "A wire that breaks is replaced by a fresh one where it broke; there are "
-            f"{family.wires} in all (``wires``)."
+            f"A broken wire is replaced where it broke; there are {family.wires} wires in all (``wires``)."
         ),
         paragraph(f'Terminated, with the reason in ``info["cause"]``: {causes}.'),
         paragraph(
-            f"Truncated after {family.episode_s:g} s of cutting (``episode_s``), also within a pass; "
+            f"Truncated after {family.episode_s:g} s of cutting (``episode_s``), even within a pass; "
             '``info["dt_s"]`` is the machine time of a step.'
         ),
     )

@@ -16,15 +16,15 @@ from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
 
 if TYPE_CHECKING:
     from edmsim.envs.part_cut import PartCut
-    from edmsim.envs.parts import Lane
+    from edmsim.envs.parts import PartEpisode
 
 BELOW = 120
 """Height of what is below the drawing: the passes, and the strip of the last step."""
 
 
-def picture(lane: Lane) -> NDArray[np.uint8]:
+def picture(episode: PartEpisode) -> NDArray[np.uint8]:
     """Return the picture of a part, uint8 (480, 640, 3)."""
-    return np.vstack([_drawing(lane.cut), _passes(lane), _last_step(lane)])
+    return np.vstack([_drawing(episode.cut), _passes(episode), _last_step(episode)])
 
 
 def _drawing(cut: PartCut) -> NDArray[np.uint8]:
@@ -78,11 +78,11 @@ def _scene(cut: PartCut) -> tuple[Scene, NDArray[np.float64]]:
     return scene, np.asarray(place_mm, np.float64)
 
 
-def _passes(lane: Lane) -> NDArray[np.uint8]:
+def _passes(episode: PartEpisode) -> NDArray[np.uint8]:
     """Draw what every pass so far left beyond what it was to leave."""
     from edmsim.recording.figures.palette import BLUE, INK, MUTED
 
-    cut, figure = lane.cut, canvas(BELOW - STRIP)
+    cut, figure = episode.cut, canvas(BELOW - STRIP)
     walls = [cut.wall(number) for number in range(1, cut.passes + 1)]
     left = [math.nan if wall is None else wall.mean_um - cut.target_um(k) for k, wall in enumerate(walls, 1)]
     figure.text(0.02, 0.5, "metal left, less\nwhat is wanted, \u00b5m", fontsize=8, color=MUTED, va="center")
@@ -104,15 +104,15 @@ def _named(number: int, left_um: float) -> str:
     return f"pass {number}" + (f": {left_um:+.1f}".replace("-", "\u2212") if math.isfinite(left_um) else "")
 
 
-def _last_step(lane: Lane) -> NDArray[np.uint8]:
+def _last_step(episode: PartEpisode) -> NDArray[np.uint8]:
     """Draw what the last step did: pass, time, offset, reward, what became of the pulses."""
-    sums, cut = lane.step.sums, lane.cut
+    sums, cut = episode.step.sums, episode.cut
     facts = [f"{cut.time_s:.0f} s"]
     if sums.pulses:
-        facts += [f"pass {lane.number}: {lane.step.seconds:.0f} s", f"offset {cut.offset_um:.0f} \u00b5m"]
-        facts += ["the wire broke"] if lane.step.broke else []
-        facts += [f"error {lane.error_um:.2f} \u00b5m", f"Ra {lane.ra_um:.2f} \u00b5m"] if cut.over else []
-        facts.append(f"reward {float(lane.terms.sum()):+.2f}")
+        facts += [f"pass {episode.number}: {episode.step.seconds:.0f} s", f"offset {cut.offset_um:.0f} \u00b5m"]
+        facts += ["the wire broke"] if episode.step.broke else []
+        facts += [f"error {episode.error_um:.2f} \u00b5m", f"Ra {episode.ra_um:.2f} \u00b5m"] if cut.over else []
+        facts.append(f"reward {float(episode.terms.sum()):+.2f}")
     else:
         facts.append("no pulse yet")
     return strip(facts, {name: getattr(sums, name) for name in ("spark", "arc", "short", "open")})

@@ -1,4 +1,4 @@
-"""Part: what a part is cut with, drawn and paid for; what is decided on of every pass, and what is shown of it."""
+"""Part: machine, draws and reward of a part; actions and observations of every pass."""
 
 from __future__ import annotations
 
@@ -68,15 +68,15 @@ class PartWeights:
     Attributes
     ----------
     time : float
-        Of a minute of cutting.
+        Cost of a minute of cutting.
     error : float
-        Of a um of the finished part's error, root mean square over its contour and height.
+        Cost per um of the finished part's error, root mean square over its contour and height.
     roughness : float
-        Of a um of Ra of its face.
+        Cost per um of Ra of its face.
     wire_break : float
-        Of a minute for threading another wire.
+        Cost of a minute of threading.
     limit : float
-        Of a part that is not finished: its last wire broke, or a limit ended it.
+        Cost of an unfinished part: its last wire broke, or a limit ended it.
     """
 
     time: float = 1.0
@@ -95,7 +95,7 @@ class PartWeights:
 @shows_arguments
 @dataclass(frozen=True, kw_only=True)
 class Part(EnvArguments):
-    """A part and how it is cut, drawn and paid for; its fields are the environment's arguments.
+    """Machine, draws and reward of a part; the fields are the environment's arguments.
 
     Parameters
     ----------
@@ -108,11 +108,11 @@ class Part(EnvArguments):
 
     Notes
     -----
-    Of `only_pass`: a reset cuts the passes before it as the technology has them, which takes as long as cutting them
-    in steps. The episode is that pass, and its error that of its wall.
+    `only_pass`: a reset cuts the earlier passes with the technology's values, which takes as long as cutting them in
+    steps. The episode is that pass; the error is that of its wall.
 
-    Of `randomise`: sections or constants of `Machine.sample`; ``()`` draws all that have a published range and an
-    effect and are no dial of the operator (see `draws`).
+    `randomise`: sections or constants of `Machine.sample`; ``()`` draws all constants that have a published range
+    and an effect and are no dial of the operator (see `draws`).
     """
 
     resolution: str = argument("fast", "", "of the plant: fast, default, fine")
@@ -197,7 +197,7 @@ class Part(EnvArguments):
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """What each entry of an action is called."""
+        """Names of the entries of an action."""
         return tuple(ACTIONS)
 
     def entries(self) -> list[Entry]:
@@ -212,7 +212,7 @@ class Part(EnvArguments):
         rng : numpy.random.Generator
             Same state, same settings.
         drawn : dict
-            What is drawn is added by name.
+            The drawn values are added by name.
         """
         for name in ("height_mm", "tension_share"):
             drawn[name] = float(rng.uniform(*ends_of(name, getattr(self, name))))

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim.cosim.passes import Sums
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.cosim.sums import Sums
 from edmsim.envs.part_cut import Choice, PartCut, Step
 from edmsim.envs.part_task import ACTIONS, ENTRIES, LEFT_UM, TERMS, Part
 from edmsim.envs.task import EnvArguments
@@ -30,41 +30,23 @@ NO_STEP = Step(Sums(), 0.0, 0.0, 0.0, False)
 
 
 @dataclass
-class Lane:
-    """An episode, and what its last step did.
-
-    Attributes
-    ----------
-    cut : PartCut
-    random : numpy.random.Generator
-        Of what is drawn during the episode: the gauge's errors.
-    tension_share : float
-    step : Step
-    action : (4,)
-    number : int
-        Of the pass that was cut.
-    left_um : float
-        What the gauge says of the metal left, less what is wanted; NaN where nothing was measured.
-    terms : (len(TERMS),)
-        Of the reward.
-    wires : int
-        There are in all.
-    cost, error_um, ra_um : float
-        The last two of the whole part, NaN before its end.
-    """
+class PartEpisode:
+    """An episode, and what its last step did."""
 
     cut: PartCut
-    random: np.random.Generator
+    random: np.random.Generator  # of what is drawn during the episode: the gauge's errors
     tension_share: float
     step: Step = NO_STEP
     action: Floats = field(default_factory=lambda: np.zeros(len(ACTIONS)))
-    number: int = 0
+    number: int = 0  # of the pass that was cut
+    # what the gauge says of the metal left, less what is wanted; NaN where nothing was measured
     left_um: float = math.nan
-    terms: Floats = field(default_factory=lambda: np.zeros(len(TERMS)))
+    terms: Floats = field(default_factory=lambda: np.zeros(len(TERMS)))  # of the reward
+    # the last two of the whole part, NaN before its end
     cost: float = 0.0
     error_um: float = math.nan
     ra_um: float = math.nan
-    wires: int = 1
+    wires: int = 1  # of the episode
 
     @property
     def ended(self) -> bool:
@@ -78,24 +60,11 @@ class Lane:
 
 
 class Parts:
-    """Parts of one environment side by side; what `Batch` is to lanes.
-
-    Parameters
-    ----------
-    family : Part
-    count : int
-    threads : int
-        Parts that are cut at the same time. They change no bit.
-
-    Attributes
-    ----------
-    lanes : list of Lane or None
-        The present episodes; None before the first of a lane.
-    """
+    """Parts of one environment side by side, `threads` at the same time; what `Batch` is to sub-environments."""
 
     def __init__(self, family: Part, count: int, threads: int = 1) -> None:
         self.family = family
-        self.lanes: list[Lane | None] = [None] * count
+        self.episodes: list[PartEpisode | None] = [None] * count
         self._threads = min(threads, count)
         self._pool: ThreadPoolExecutor | None = None
 
@@ -107,7 +76,7 @@ class Parts:
     # --- beginning ---
 
     def begin(
-        self, lane: int, rng: np.random.Generator, machine: Machine | None, *, anew: bool
+        self, index: int, rng: np.random.Generator, machine: Machine | None, *, anew: bool
     ) -> dict[str, Any]:
         """Begin an episode; of one pass only, the passes before it are cut now. Returns the info of the reset."""
         if machine is not None:
@@ -120,12 +89,12 @@ class Parts:
             drawn: dict[str, float | str] = {}
             cut = self._drawn(rng, drawn)
             gauge = np.random.default_rng(int(rng.integers(2**62)))
-            one = Lane(cut, gauge, float(drawn["tension_share"]), wires=family.wires)
+            one = PartEpisode(cut, gauge, float(drawn["tension_share"]), wires=family.wires)
             if self._prepared(one):
                 break
         else:
             raise InputError(f"none of {MOST_DRAWS} machines came to pass {family.only_pass}: draw fewer constants")
-        self.lanes[lane] = one
+        self.episodes[index] = one
         return {"drawn": drawn, "plant_seed": cut.seed, "total_um": cut.total_um}
 
     def _drawn(self, rng: np.random.Generator, drawn: dict[str, float | str]) -> PartCut:
@@ -143,7 +112,7 @@ class Parts:
         assert refused is not None
         raise refused
 
-    def _prepared(self, one: Lane) -> bool:
+    def _prepared(self, one: PartEpisode) -> bool:
         """Cut the passes before the one that is the episode, as the technology has them; say if they were cut."""
         cut, only = one.cut, self.family.only_pass
         while only is not None and cut.number < only:
@@ -157,14 +126,14 @@ class Parts:
 
     def clear(self) -> None:
         """Forget what the last step earned and cost."""
-        for one in self.lanes:
+        for one in self.episodes:
             if one is not None:
                 one.terms, one.cost = np.zeros(len(TERMS)), 0.0
 
     def step(self, active: NDArray[np.int64], actions: NDArray[np.float32]) -> Floats:
-        """Cut a pass in the active lanes, or the rest of one."""
+        """Cut a pass in the active sub-environments, or the rest of one."""
         self.clear()
-        jobs = [(self.lane(int(k)), np.clip(actions[k].astype(np.float64), -1.0, 1.0)) for k in active]
+        jobs = [(self.episode(int(k)), np.clip(actions[k].astype(np.float64), -1.0, 1.0)) for k in active]
         if self._threads > 1 and len(jobs) > 1:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(self._threads)
@@ -173,21 +142,21 @@ class Parts:
         else:
             for job in jobs:
                 self._step_one(*job)
-        terms = np.array([np.zeros(len(TERMS)) if one is None else one.terms for one in self.lanes])
+        terms = np.array([np.zeros(len(TERMS)) if one is None else one.terms for one in self.episodes])
         chosen = [TERMS.index(name) for name in self.family.objectives]
         return np.asarray(terms[:, chosen] if chosen else terms.sum(axis=1))
 
-    def lane(self, lane: int) -> Lane:
-        """Return the present episode of a lane."""
-        one = self.lanes[lane]
+    def episode(self, index: int) -> PartEpisode:
+        """Return the present episode of a sub-environment."""
+        one = self.episodes[index]
         assert one is not None
         return one
 
-    def _step_one(self, one: Lane, action: Floats) -> None:
+    def _step_one(self, one: PartEpisode, action: Floats) -> None:
         self._cut(one, action)
         self._pay(one)
 
-    def _cut(self, one: Lane, action: Floats) -> None:
+    def _cut(self, one: PartEpisode, action: Floats) -> None:
         """Cut a pass, and gauge its wall."""
         family, cut = self.family, one.cut
         one.number, one.action, one.left_um = cut.number, action, math.nan
@@ -200,7 +169,7 @@ class Parts:
             error_um = family.gauge_um * float(one.random.standard_normal())
             one.left_um = wall.mean_um - cut.target_um(one.number) + error_um
 
-    def _pay(self, one: Lane) -> None:
+    def _pay(self, one: PartEpisode) -> None:
         """Work out what a step earned and cost."""
         cut, weights = one.cut, self.family.reward_weights
         one.terms[TERMS.index("time")] = -weights.time * one.step.seconds / 60.0
@@ -219,22 +188,22 @@ class Parts:
     @property
     def ended(self) -> NDArray[np.bool_]:
         """Which episodes (n,) have terminated."""
-        return np.array([one is not None and one.ended for one in self.lanes])
+        return np.array([one is not None and one.ended for one in self.episodes])
 
     @property
     def out_of_time(self) -> NDArray[np.bool_]:
-        """Which lanes (n,) have cut for as long as an episode lasts."""
-        return np.array([one is not None and one.cut.cutting_s >= self.family.episode_s for one in self.lanes])
+        """Which sub-environments (n,) have cut for as long as an episode lasts."""
+        return np.array([one is not None and one.cut.cutting_s >= self.family.episode_s for one in self.episodes])
 
     # --- what is shown ---
 
     def observations(self) -> NDArray[np.float32]:
-        """Return every lane's observation, in a fresh array; 0 where no episode has begun."""
-        rows = [np.zeros(len(ENTRIES)) if one is None else self._observation(one) for one in self.lanes]
+        """Return every sub-environment's observation, in a fresh array; 0 where no episode has begun."""
+        rows = [np.zeros(len(ENTRIES)) if one is None else self._observation(one) for one in self.episodes]
         low, high = (np.array([getattr(entry, end) for entry in ENTRIES]) for end in ("low", "high"))
         return np.asarray(np.clip(np.array(rows), low, high), np.float32)
 
-    def _observation(self, one: Lane) -> list[float]:
+    def _observation(self, one: PartEpisode) -> list[float]:
         cut, step, family = one.cut, one.step, self.family
         sums, measured = step.sums, [0.0] * 8
         if step.seconds > 0.0 and sums.pulses:
@@ -253,10 +222,10 @@ class Parts:
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Return what `info` tells at every step, in fresh arrays; -1 where an error or Ra is not known."""
-        rows = [self._info(self.lane(k)) for k in range(len(self.lanes))]
+        rows = [self._info(self.episode(k)) for k in range(len(self.episodes))]
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
-    def _info(self, one: Lane) -> dict[str, Any]:
+    def _info(self, one: PartEpisode) -> dict[str, Any]:
         cut, sums = one.cut, one.step.sums
         known = {"error_um": one.error_um, "ra_um": one.ra_um}
         wall = None if one.step.broke else cut.wall(one.number)
@@ -272,13 +241,13 @@ class Parts:
 
     def reward_terms(self) -> dict[str, Floats]:
         """Return the terms of the last rewards by name, in fresh arrays (n,)."""
-        rows = np.array([np.zeros(len(TERMS)) if one is None else one.terms for one in self.lanes])
+        rows = np.array([np.zeros(len(TERMS)) if one is None else one.terms for one in self.episodes])
         return {name: rows[:, k].copy() for k, name in enumerate(TERMS)}
 
     def words(self) -> dict[str, NDArray[Any]]:
         """Return the texts of `info` (n,): why the episode ended, what the generator refused; empty where nothing."""
-        words = {name: np.full(len(self.lanes), "", object) for name in ("cause", "refused")}
-        for k, one in enumerate(self.lanes):
+        words = {name: np.full(len(self.episodes), "", object) for name in ("cause", "refused")}
+        for k, one in enumerate(self.episodes):
             if one is not None:
                 words["cause"][k] = WORDS[one.cut.cause].info if one.ended else ""
                 words["refused"][k] = one.cut.refused

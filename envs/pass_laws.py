@@ -56,31 +56,18 @@ class Corrected(Constant):
     fast if few pulses of the pass before shorted. Pauses: every wire that breaks lengthens them for the rest of the
     pass, and of the same pass along the tab. The numbers are ours: fits to some of the training machines
     (`edmsim.evaluation.lines`).
-
-    Parameters
-    ----------
-    fast : float
-        Set-point of a fast trim.
-    short_share : float
-        Share of shorts from which on it is not fast.
-    gain, bias_um : float
-        What a pass is expected to leave beyond what it is to leave: gain times that of the pass before, and bias.
-    last_gain, last_bias_um : float
-        The same of the last pass.
-    calm : float
-        Added to the pause for every wire that broke in the pass.
-    offset_um : float
-        Reach of an offset's action, as the environment has it.
     """
 
-    fast: float = 0.7
-    short_share: float = 0.05
+    fast: float = 0.7  # set-point of a fast trim
+    short_share: float = 0.05  # share of shorts from which on it is not fast
+    # what a pass is expected to leave beyond what it is to leave: gain times that of the pass before, and bias
     gain: float = 1.0
     bias_um: float = -4.0
+    # the same of the last pass
     last_gain: float = 0.6
     last_bias_um: float = 2.5
-    calm: float = 0.5
-    offset_um: float = 20.0
+    calm: float = 0.5  # added to the pause for every wire that broke in the pass
+    offset_um: float = 20.0  # reach of an offset's action, as the environment has it
 
     _number: int = 0
     _moved_um: float = 0.0
@@ -122,13 +109,6 @@ def names() -> tuple[str, ...]:
 def from_text(text: str) -> PassLaw:
     """Make a law as it is named on the command line: with numbers, ``corrected:gain=0.4``; or ``policy:FILE``.
 
-    Raises
-    ------
-    InputError
-        There is no such law, it has no such number, or the policy cannot be used.
-
-    Examples
-    --------
     >>> from_text("constant:pause=-0.5").act(np.zeros(len(ENTRIES)))
     array([ 0. , -0.5,  0. ,  0. ])
     """

@@ -1,6 +1,6 @@
-"""Lanes along their paths, compiled: steps by the lanes' planners, and where each wire has come, no Python per lane.
+"""Sub-environments along their paths, compiled: steps by their planners, and where each wire has come.
 
-Nothing here knows the plant; lanes do not touch each other, so that their order and number do not matter.
+Nothing here knows the plant; sub-environments do not touch each other, so that their order and number do not matter.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from edmsim.cosim.stops import StopCause, judge, switches_open
 
 _SEARCH_UM = 300.0
 """How far along the path, either way, the nearest place of it is looked for (ours: deflections stay below)."""
-SHORTED_SHARE = 0.9
-"""Share of short pulses from which on a window counts as shorted (ours)."""
+SHORTED_SHARE = 0.9  # share of short pulses from which on a window counts as shorted (ours)
 SHORTED_S = 2.0
 """Time of nothing but shorted windows after which the machine stops (ours: a retract at 10 um/s has led 20 um away by
 then, more than a gap)."""
@@ -35,7 +34,7 @@ RUNNING, DONE, WIRE_BREAK, OUT_OF_RANGE = (
 )
 """Why an episode ended, if it did, as numbers for compiled code."""
 
-LANE = np.dtype(
+SUB_ENV = np.dtype(
     [
         ("units", "i8"),  # feed in the planner's units, negative backwards
         ("units_before", "i8"),  # feed until the new one counts
@@ -53,7 +52,7 @@ LANE = np.dtype(
         ("table_um", "f8"),  # the table's travel
         ("feed_um_s", "f8"),  # feed commanded
         ("offset_um", "f8"),  # of the guides, to the left of the path
-        ("path_um", "f8"),  # length of the leg behind the lane by its planner
+        ("path_um", "f8"),  # length of the leg behind the sub-environment by its planner
         ("travel_um", "f8"),  # of the last window, along the path
         ("reached_um", "f8"),  # length of the leg up to where the wire really is: metal bends it and holds it back
         # the length of the leg that was cut follows the wire by the share of pulses that ignite, so that a wire
@@ -74,29 +73,17 @@ LANE = np.dtype(
         ("threading_s", "f8"),  # what a lost wire costs the machine
     ]
 )
-"""Numbers of one lane."""
+"""Numbers of one sub-environment."""
 
 
 @exactly_compiled
 def take_feeds(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], feeds_um_s: NDArray[np.float64], limit_um_s: float,
+    indices: NDArray[np.int64], rows: NDArray[np.void], feeds_um_s: NDArray[np.float64], limit_um_s: float,
     unit_nm_s: float, counts: bool,
 ) -> None:
-    """Command feeds in the planners' units of `unit_nm_s`, clamped to the limit either way.
-
-    Parameters
-    ----------
-    lanes : (m,)
-        Lanes that move; of the other arguments, row i belongs to lane i.
-    rows : (n,) `LANE`
-        ``units`` and ``feed_um_s`` are written.
-    feeds_um_s : (n,)
-        Negative backwards.
-    counts : bool
-        Whether the lane shows the feed it counts; it shows it as it was given if not.
-    """
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    """Command feeds, negative backwards, in the planners' units; with `counts` a feed is shown as it is counted."""
+    for j in range(indices.shape[0]):
+        i = indices[j]
         units = np.rint(min(max(feeds_um_s[i], -limit_um_s), limit_um_s) * 1e3 / unit_nm_s)
         rows[i].units_before = rows[i].units
         rows[i].units = int(units)
@@ -122,35 +109,17 @@ def _run(
 
 @exactly_compiled
 def plan(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], ahead: NDArray[np.void],
+    indices: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], ahead: NDArray[np.void],
     points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64], states: NDArray[np.void],
     out: NDArray[np.int64],
 ) -> int:
-    """Plan every lane's motor steps for the longest window there can be; the planners themselves stay.
+    """Plan motor steps (n, room, 3) for the longest window there can be; the planners themselves stay, `ahead` runs.
 
-    Parameters
-    ----------
-    lanes : (m,)
-        Lanes that move; of the other arguments, row i belongs to lane i.
-    rows : (n,) `LANE`
-        ``steps`` is written.
-    planners, ahead : (n,), (1,) `edmsim.controllers.planner.record.PLANNER`
-        The planners, and room for one that runs ahead.
-    points, along, lengths : (n, most, 2), (n, most), (n, most)
-        Paths of the planners (see `Course`).
-    states : (n,) `edmsim.plant.kernel.state.STATE`
-        Time of the plants.
-    out : (n, room, 3)
-        Written: time in ns, axis and direction of each step.
-
-    Returns
-    -------
-    int
-        Most steps of a lane; if `out` has too little room for them, plan again with more.
+    Returns the most steps of a sub-environment; if `out` has too little room for them, plan again with more.
     """
     most = 0
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    for j in range(indices.shape[0]):
+        i = indices[j]
         ahead[0] = planners[i]
         now = states[i].time_ns
         made = _run(ahead[0], points[i], along[i], lengths[i], now, now + rows[i].longest_ns, rows[i], out[i])
@@ -161,20 +130,12 @@ def plan(
 
 @exactly_compiled
 def lead_sideways(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], points: NDArray[np.float64],
+    indices: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], points: NDArray[np.float64],
     along: NDArray[np.float64], states: NDArray[np.void], out: NDArray[np.int64],
 ) -> None:
-    """Put the steps that lead lanes beside their paths before those that are planned; see `next_steps`.
-
-    Parameters
-    ----------
-    lanes, rows, planners, points, along, states
-        As in `plan`; ``steps`` and ``beside`` are written.
-    out : (n, room, 3)
-        Of `plan`, with room for two steps more in each row.
-    """
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    """Put steps that lead sub-environments beside their paths before the planned ones; see `next_steps`."""
+    for j in range(indices.shape[0]):
+        i = indices[j]
         more = next_steps(
             points[i], along[i], planners[i].last_move, rows[i].path_um, rows[i].offset_um, rows[i].step_um,
             rows[i].beside,
@@ -204,7 +165,7 @@ def _look(
     rows: NDArray[np.void], i: int, start: int, last: int, points: NDArray[np.float64], along: NDArray[np.float64],
     x: float, y: float,
 ) -> None:
-    """Find the point of a lane's path that is nearest to its wire, looking near the lane's place."""
+    """Find the point of an environment's path that is nearest to its wire, looking near the environment's place."""
     here = rows[i].path_um
     k = segment_at(along, last, here, start)
     while k > 0 and along[k] > here - _SEARCH_UM:
@@ -230,30 +191,18 @@ def _height_mm(height_from: NDArray[np.float64], heights: NDArray[np.float64], p
 
 @exactly_compiled
 def follow(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], before: NDArray[np.void],
+    indices: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], before: NDArray[np.void],
     points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
     height_from: NDArray[np.float64], heights: NDArray[np.float64], states: NDArray[np.void],
     windows: NDArray[np.void], nowhere: NDArray[np.int64],
 ) -> None:
-    """Move every lane on by the window it has had: its place, where its wire is, and whether it has come to an end.
+    """Move every environment on by the window it has had: its place, where its wire is, whether it has ended.
 
-    Parameters
-    ----------
-    lanes, points, along, lengths
-        As in `plan`.
-    rows : (n,) `LANE`
-        Brought up to date; ``cause`` tells `DONE` at the end of a leg, and knows nothing of `OUT_OF_RANGE`.
-    planners, before : (n,), (1,)
-        The planners, which run on by the window, and room for one as it was.
-    height_from, heights : (n, most)
-        Lengths of path from which on the workpiece has another height, and these, in mm.
-    states, windows : (n,)
-        Of the plants, after the window.
-    nowhere : (0, 3)
-        Room for no steps: those of the window are made.
+    ``cause`` tells `DONE` at the end of a leg, and knows nothing of `OUT_OF_RANGE`. `before` is room for one planner
+    as it was, `nowhere` (0, 3) room for no steps: those of the window are made. `heights` hold from `height_from` on.
     """
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    for j in range(indices.shape[0]):
+        i = indices[j]
         before[0] = planners[i]
         now, planner = states[i].time_ns, planners[i]
         spent_ns = windows[i].duration_ns

@@ -18,23 +18,63 @@ from edmsim.recording.rerun.playback import RECORDING
 from edmsim.recording.rerun.viewer import LiveViewer, show
 
 
+class RecordedEpisodes:
+    """Every n-th episode in a folder of its own, perhaps shown as it ends; `hint` tells what is without a viewer."""
+
+    def __init__(self, folder: str | Path, every: int, hint: str | None) -> None:
+        self._every = whole_from("every", every, 1)
+        make_writable(Path(folder))
+        self.folders: list[Path] = []  # written so far
+        self.recorder: EpisodeRecorder | None = None  # of the episode under way, if it is recorded
+        self._folder = Path(folder)
+        self._viewer = None if hint is None else LiveViewer("the episodes", hint)
+
+    def is_due(self, episode: int) -> bool:
+        """Whether an episode is recorded."""
+        return episode % self._every == 0
+
+    def end(self, settings: dict[str, Any], outcome: str | None) -> None:
+        """Write the recording, if there is one, and watch no more."""
+        recorder, self.recorder = self.recorder, None
+        if recorder is None:
+            return
+        recorder.stop()
+        if len(recorder) == 0:
+            return
+        name, episode = settings["environment"], settings["episode"]
+        folder = self._folder / f"episode-{episode:06d}"
+        recorder.write(folder / RECORDING, f"{name}, episode {episode}", settings, outcome)
+        self.folders.append(folder)
+        if self._viewer is not None:
+            show(folder / RECORDING, self._viewer)
+
+    def close(self) -> None:
+        """Let the viewer go."""
+        if self._viewer is not None:
+            self._viewer.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs; the recording under way and the viewer stay with the original."""
+        return {**self.__dict__, "recorder": None, "_viewer": None}
+
+
 class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Record every n-th episode: wire, gap and kerf as of a cut, with actions, terms of the reward, costs and counts.
 
-    The first episode is recorded, then every `every`-th. Each has a folder ``episode-000000`` and so on with a
-    ``cut.rrd``, which `edmsim view` plays back. It is written at the episode's end; one that a reset or `close` ends
-    before says that it was running. No episode is changed by being recorded. Others are run as without the wrapper.
+    The first episode is recorded, then every `every`-th. Each has a folder, ``episode-000000`` and so on, with a file
+    ``cut.rrd`` for `edmsim view`, written at the episode's end. A recording that a reset or `close` ends early has
+    the result "running". Recording changes no episode.
 
     Parameters
     ----------
     env : gymnasium.Env
-        One of edmsim, with any wrappers around it; actions are recorded as this wrapper is given them.
+        An environment of edmsim, with any wrappers; the recorded actions are those given to this wrapper.
     folder : path
-        Is made if it is missing; recordings in it are replaced.
+        Created if it is missing; recordings in it are overwritten.
     every : int
         1 records all.
     live : bool
-        Whether each is shown in rerun's viewer as it ends.
+        Whether to show each in rerun's viewer when it ends.
 
     Attributes
     ----------
@@ -44,7 +84,7 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
     Raises
     ------
     InputError
-        Another environment, a folder that cannot be written to, or ``every`` below 1.
+        If the environment is not edmsim's, the folder cannot be written to, or ``every`` is below 1.
 
     Examples
     --------
@@ -57,43 +97,39 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         gym.Wrapper.__init__(self, env)
         if not isinstance(env.unwrapped, EdmEnv):
             raise InputError(f"RecordRerun records environments of edmsim, and this is {env.unwrapped!r}")
-        every = whole_from("every", every, 1)
-        make_writable(Path(folder))
-        self.recordings: list[Path] = []
+        hint = "without live they are recorded all the same" if live else None
+        self._recorded = RecordedEpisodes(folder, every, hint)
+        self.recordings: list[Path] = self._recorded.folders
         self._edm: EdmEnv = env.unwrapped
-        self._folder, self._every = Path(folder), every
         self._episode = -1
-        self._recorder: EpisodeRecorder | None = None
         self._made_with: dict[str, Any] = {}
-        self._viewer = LiveViewer("the episodes", "without live they are recorded all the same") if live else None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode, and its recording if its turn has come."""
-        self._end(WORDS[StopCause.RUNNING].report)
+        """Begin an episode, and its recording if it is an `every`-th one."""
+        self._recorded.end(self._made_with, WORDS[StopCause.RUNNING].report)
         observation, info = self.env.reset(seed=seed, options=options)
         self._episode += 1
-        if self._episode % self._every == 0:
-            self._recorder = self._edm.recorder(self._action_names())
+        if self._recorded.is_due(self._episode):
+            self._recorded.recorder = self._edm.recorder(self._action_names())
             spec = self._edm.spec
             self._made_with = {"environment": "own" if spec is None else spec.id, "episode": self._episode}
             self._made_with |= {} if seed is None else {"seed of the reset": seed}
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Run a step, and note it."""
+        """Run and record a step."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        if self._recorder is not None:
+        if (recorder := self._recorded.recorder) is not None:
             action_list = np.ravel(action).tolist()
-            self._recorder.step(action_list, info["reward_terms"], info["cost"], info["error_um"], info["area_mm2"])
+            recorder.step(action_list, info["reward_terms"], info["cost"], info["error_um"], info["area_mm2"])
             if terminated or truncated:
-                self._end(None)
+                self._recorded.end(self._made_with, None)
         return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
-        """Write what was recorded of an episode that still runs, and close the environment."""
-        self._end(WORDS[StopCause.RUNNING].report)
-        if self._viewer is not None:
-            self._viewer.close()
+        """Write the recording of a running episode, and close the environment."""
+        self._recorded.end(self._made_with, WORDS[StopCause.RUNNING].report)
+        self._recorded.close()
         self.env.close()
 
     def _action_names(self) -> list[str]:
@@ -102,22 +138,3 @@ class RecordRerun(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         return names if width == len(names) and space == self._edm.action_space else (
             [f"action_{k}" for k in range(width)]
         )
-
-    def _end(self, outcome: str | None) -> None:
-        """Write the recording, if there is one, and watch no more."""
-        recorder, self._recorder = self._recorder, None
-        if recorder is None:
-            return
-        recorder.stop()
-        if len(recorder) == 0:
-            return
-        folder = self._folder / f"episode-{self._episode:06d}"
-        name = self._made_with["environment"]
-        recorder.write(folder / RECORDING, f"{name}, episode {self._episode}", self._made_with, outcome)
-        self.recordings.append(folder)
-        if self._viewer is not None:
-            show(folder / RECORDING, self._viewer)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; the recording under way and the viewer stay with the original."""
-        return {**self.__dict__, "_recorder": None, "_viewer": None}

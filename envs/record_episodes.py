@@ -8,39 +8,34 @@ from typing import Any
 from numpy.typing import NDArray
 
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.recorder import EpisodeRecorder
+from edmsim.envs.record import RecordedEpisodes
 from edmsim.envs.reward import TERMS
 from edmsim.envs.sb3 import EdmVecEnv
 from edmsim.errors import InputError
-from edmsim.files import make_writable
-from edmsim.numeric import whole_from
-from edmsim.recording.rerun.playback import RECORDING
-from edmsim.recording.rerun.viewer import LiveViewer, show
 
 try:
     from stable_baselines3.common.callbacks import BaseCallback
 except ImportError as error:
     raise InputError("stable-baselines3 is not installed: pip install 'edmsim[rl]'") from error
 
-EVERY = 100
-"""Ours: with episodes of a thousand steps recording then takes some per mille of the time."""
+EVERY = 100  # ours: with episodes of a thousand steps recording then takes some per mille of the time
 
 
 # untyped where the extra is missing
 class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
-    """Record every n-th episode of the first lane; the training stays the same to the bit.
+    """Record every n-th episode of the first sub-environment; the training stays the same, bit for bit.
 
-    Folders and files are those of `RecordRerun`. What is recorded as actions is what the lane was given, at most 1
-    either way.
+    Folders and files are those of `RecordRerun`. The recorded actions are those of the sub-environment, clamped to
+    -1..1.
 
     Parameters
     ----------
     folder : path
-        Is made if it is missing; recordings in it are replaced.
+        Created if it is missing; recordings in it are overwritten.
     every : int
-        1 records all of the first lane's episodes.
+        1 records all of the first sub-environment's episodes.
     live : bool
-        Whether each is shown in rerun's viewer as it ends.
+        Whether to show each in rerun's viewer when it ends.
 
     Attributes
     ----------
@@ -50,7 +45,8 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
     Raises
     ------
     InputError
-        A folder that cannot be written to, or ``every`` below 1; when training begins, lanes that are not edmsim's.
+        If the folder cannot be written to or ``every`` is below 1; when training begins, if the sub-environments are
+        not edmsim's.
 
     Examples
     --------
@@ -60,31 +56,29 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
 
     def __init__(self, folder: str | Path, every: int = EVERY, live: bool = False) -> None:
         super().__init__()
-        make_writable(Path(folder))
-        self.recordings: list[Path] = []
-        self._folder, self._every = Path(folder), whole_from("every", every, 1)
-        self._viewer = LiveViewer("the episodes", f"recordings come into {folder} without --live") if live else None
+        hint = f"recordings come into {folder} without --live" if live else None
+        self._recorded = RecordedEpisodes(folder, every, hint)
+        self.recordings: list[Path] = self._recorded.folders
         self._episode = 0
         self._over = False
-        self._recorder: EpisodeRecorder | None = None
-        self._lanes: Any = None
+        self._envs: Any = None
 
     def _on_training_start(self) -> None:
-        lanes = self.training_env.unwrapped
-        if not isinstance(lanes, EdmVecEnv):
-            raise InputError("RecordEpisodes records lanes of edmsim.envs.make_sb3_vec_env only")
-        self._lanes = lanes.env
-        self._lanes.watch = self._see
+        vec_env = self.training_env.unwrapped
+        if not isinstance(vec_env, EdmVecEnv):
+            raise InputError("RecordEpisodes records sub-environments of edmsim.envs.make_sb3_vec_env only")
+        self._envs = vec_env.env
+        self._envs.watch = self._see
         self._begin()
 
     def _see(self, actions: NDArray[Any], infos: dict[str, Any], ended: NDArray[Any]) -> None:
-        """Note a step of the first lane, before its next episode begins."""
+        """Note a step of the first sub-environment, before its next episode begins."""
         self._over = bool(ended[0])
-        if self._recorder is None:
+        if self._recorded.recorder is None:
             return
         terms = {name: float(infos["reward_terms"][name][0]) for name in TERMS}
         figures = [float(infos[name][0]) for name in ("cost", "error_um", "area_mm2")]
-        self._recorder.step(actions[0].clip(-1.0, 1.0).tolist(), terms, *figures)
+        self._recorded.recorder.step(actions[0].clip(-1.0, 1.0).tolist(), terms, *figures)
         if self._over:
             self._end(None)
 
@@ -97,24 +91,14 @@ class RecordEpisodes(BaseCallback):  # type: ignore[misc, unused-ignore]
 
     def _on_training_end(self) -> None:
         self._end(WORDS[StopCause.RUNNING].report)
-        self._lanes.watch = None
-        if self._viewer is not None:
-            self._viewer.close()
+        self._envs.watch = None
+        self._recorded.close()
 
     def _begin(self) -> None:
-        if self._episode % self._every == 0:
-            self._recorder = self._lanes.recorder(0)
+        if self._recorded.is_due(self._episode):
+            self._recorded.recorder = self._envs.recorder(0)
 
     def _end(self, outcome: str | None) -> None:
-        recorder, self._recorder = self._recorder, None
-        if recorder is None:
-            return
-        recorder.stop()
-        if len(recorder) == 0:
-            return
-        folder, name = self._folder / f"episode-{self._episode:06d}", self._lanes.spec.id
-        settings = {"environment": name, "episode": self._episode, "windows trained with": self.num_timesteps}
-        recorder.write(folder / RECORDING, f"{name}, episode {self._episode}", settings, outcome)
-        self.recordings.append(folder)
-        if self._viewer is not None:
-            show(folder / RECORDING, self._viewer)
+        name, windows = self._envs.spec.id, self.num_timesteps
+        settings = {"environment": name, "episode": self._episode, "windows trained with": windows}
+        self._recorded.end(settings, outcome)

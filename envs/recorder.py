@@ -1,4 +1,4 @@
-"""An episode's recording: what a cut's recorders see of a lane, and what its steps commanded, earned and cost."""
+"""An episode's recording: what a cut's recorders see of it, and what its steps commanded, earned and cost."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.cosim.observers import Turn
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.path_follower import LANE, RUNNING
+from edmsim.envs.path_follower import RUNNING, SUB_ENV
 from edmsim.envs.reward import TERMS
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.window import read_window
@@ -21,7 +21,8 @@ from edmsim.recording.stores import PULSES, Closeups, Frames
 from edmsim.recording.windows import WindowTable
 
 if TYPE_CHECKING:
-    from edmsim.envs.lanes import Lanes
+    from edmsim.envs.sub_envs import SubEnvs
+    from edmsim.recording.report import Report
     from edmsim.recording.rerun.steps import Steps
     from edmsim.recording.scene import Scene
 
@@ -32,31 +33,22 @@ _in_order = itemgetter(*TERMS)
 
 
 class EpisodeRecorder:
-    """Records the episode that a lane has just begun; nothing it does changes the episode.
+    """Records the episode that a sub-environment has just begun, until `stop`, and changes nothing of it."""
 
-    Parameters
-    ----------
-    lanes : Lanes
-        Watched from now on, until `stop`.
-    lane : int
-    actions : sequence of str
-        What the entries of an action are called.
-    """
-
-    def __init__(self, lanes: Lanes, lane: int, actions: Sequence[str]) -> None:
-        plant = lanes.fleet.plants[lane]
+    def __init__(self, sub_envs: SubEnvs, index: int, actions: Sequence[str]) -> None:
+        plant = sub_envs.fleet.plants[index]
         size = plant.resolution
-        self._lanes, self._lane, self._actions = lanes, lane, list(actions)
+        self._sub_envs, self._index, self._actions = sub_envs, index, list(actions)
         self._windows: list[tuple[bytes, bytes, bytes]] = []
-        records = lanes.fleet.windows, lanes.rows, lanes.fleet.states
-        self._records = [array[lane : lane + 1].view(np.uint8) for array in records]
-        self._causes = lanes.rows["cause"]
-        self._closeups = Closeups(size.slices, size.rays, _scene_slice(lanes, lane))
+        records = sub_envs.fleet.windows, sub_envs.rows, sub_envs.fleet.states
+        self._records = [array[index : index + 1].view(np.uint8) for array in records]
+        self._causes = sub_envs.rows["cause"]
+        self._closeups = Closeups(size.slices, size.rays, _scene_slice(sub_envs, index))
         self._steps: list[tuple[float, ...]] = []
         self._rows: list[int] = []
         self._leg = -1
         self._closeups.begin(plant)
-        lanes.watchers[lane].append(self._window)
+        sub_envs.watchers[index].append(self._window)
 
     def __len__(self) -> int:
         """Return the number of windows recorded."""
@@ -64,19 +56,19 @@ class EpisodeRecorder:
 
     def stop(self) -> None:
         """Watch no more."""
-        watchers = self._lanes.watchers[self._lane]
-        if self._window in watchers:  # not in a copy's: see `Lanes.watchers`
+        watchers = self._sub_envs.watchers[self._index]
+        if self._window in watchers:  # not in a copy's: see `SubEnvs.watchers`
             watchers.remove(self._window)
 
     def _window(self) -> None:
-        """See a window of the lane."""
-        here, fleet, rows = self._lane, self._lanes.fleet, self._lanes.rows
-        leg, plant = self._lanes.leg[here], fleet.plants[here]
+        """See a window of the sub-environment."""
+        here, fleet, rows = self._index, self._sub_envs.fleet, self._sub_envs.rows
+        leg, plant = self._sub_envs.leg[here], fleet.plants[here]
         # as bytes: to read the records takes a tenth of a step, and can wait until the recording is written
         window, row, state = (record.tobytes() for record in self._records)
         self._windows.append((window, row, state))
         if self._leg != leg:
-            self._leg, scenario = leg, self._lanes.scenarios[here]
+            self._leg, scenario = leg, self._sub_envs.scenarios[here]
             assert scenario is not None
             self._closeups.leg(np.rint(scenario.legs_um[leg]).astype(np.int64), float(rows[here]["before_um"]))
         if len(self._windows) % EVERY == 1 or self._causes[here] != RUNNING:
@@ -86,7 +78,7 @@ class EpisodeRecorder:
     def _table(self) -> WindowTable:
         """Return the table of the windows, as of a cut."""
         table = WindowTable()
-        plant = self._lanes.fleet.plants[self._lane]
+        plant = self._sub_envs.fleet.plants[self._index]
         for window_bytes, row_bytes, state_bytes in self._windows:
             state = np.frombuffer(state_bytes, STATE)[0]
             commanded_um, following_um = state["commanded_um"][:2].tolist(), plant.following_error_in_um(state)
@@ -102,40 +94,19 @@ class EpisodeRecorder:
     def step(
         self, action: Sequence[float], terms: Mapping[str, float], cost: float, error_um: float, area_mm2: float
     ) -> None:
-        """Note a step that is just over.
-
-        Parameters
-        ----------
-        action : sequence of float
-            As it was given.
-        terms : mapping
-            Terms of the reward.
-        cost, error_um, area_mm2 : float
-            As in ``info``.
-        """
+        """Note a step that is just over; cost, error and area as in ``info``."""
         self._steps.append((*action, *_in_order(terms), cost, error_um, area_mm2))
         self._rows.append(len(self._windows) - 1)
 
     def write(self, file: Path, title: str, settings: Mapping[str, Any], outcome: str | None = None) -> None:
-        """Write the recording of the episode so far, before the lane begins another.
-
-        Parameters
-        ----------
-        file : path
-            Its folder is made if it is missing.
-        title : str
-        settings : mapping
-            What the episode was made with, for the text about the recording.
-        outcome : str, optional
-            One of `edmsim.cosim.stops.Words.report`; that of the lane if not given.
-        """
+        """Write the recording of the episode so far, before another begins; `settings` are for the text about it."""
         from edmsim.envs.scene import scene_of
         from edmsim.recording.rerun.write import write_recording
 
         file.parent.mkdir(parents=True, exist_ok=True)
-        scenario, plant = self._lanes.scenarios[self._lane], self._lanes.fleet.plants[self._lane]
+        scenario, plant = self._sub_envs.scenarios[self._index], self._sub_envs.fleet.plants[self._index]
         assert scenario is not None
-        scene, windows = scene_of(self._lanes, self._lane), self._table()
+        scene, windows = scene_of(self._sub_envs, self._index), self._table()
         values = windows.values()
         write_recording(
             file, scene, windows.to_arrow(), Frames(plant.resolution.slices), self._closeups, scenario.machine,
@@ -143,31 +114,32 @@ class EpisodeRecorder:
         )
 
     def _outcome(self) -> str:
-        cause = StopCause(int(self._lanes.rows[self._lane]["cause"]))
-        late = cause is StopCause.RUNNING and bool(self._lanes.out_of_time[self._lane])
+        cause = StopCause(int(self._sub_envs.rows[self._index]["cause"]))
+        late = cause is StopCause.RUNNING and bool(self._sub_envs.out_of_time[self._index])
         return WORDS[StopCause.TIME_LIMIT if late else cause].report
 
     def _report(
         self, settings: Mapping[str, Any], outcome: str, scene: Scene, values: NDArray[np.float64]
-    ) -> dict[str, Any]:
+    ) -> Report:
         """Return of a cut's report what its recording tells."""
         from edmsim import __version__
+        from edmsim.recording.report import ProfileErrors, Report
 
-        lane, scenario = self._lanes.rows[self._lane], self._lanes.scenarios[self._lane]
+        row, scenario = self._sub_envs.rows[self._index], self._sub_envs.scenarios[self._index]
         assert scenario is not None
-        cutting_s, known = float(lane["elapsed_ns"]) * 1e-9, scene.known_errors()
+        cutting_s, known = float(row["elapsed_ns"]) * 1e-9, scene.known_errors()
         area_mm2 = sum(step[-1] for step in self._steps)
-        return {
-            "outcome": outcome, "reason": None, "machining_time_s": float(values[-1, 0]) if len(values) else 0.0,
-            "path_length_mm": float(values[:, -1].max()) * 1e-3 if len(values) else 0.0,
-            "cutting_rate_mm2_min": 60.0 * area_mm2 / cutting_s if cutting_s else None,
-            "profile_error_um": {
-                "max": float(np.abs(known).max()) if len(known) else None,
-                "rms": float(np.sqrt(np.mean(known**2))) if len(known) else None,
-            },
-            "seed": scenario.plant_seed, "edmsim_version": __version__,
-            "settings": {**settings, **{f"drawn {name}": value for name, value in scenario.drawn.items()}},
-        }  # fmt: skip
+        return Report(
+            outcome=outcome, machining_time_s=float(values[-1, 0]) if len(values) else 0.0,
+            path_length_mm=float(values[:, -1].max()) * 1e-3 if len(values) else 0.0,
+            cutting_rate_mm2_min=60.0 * area_mm2 / cutting_s if cutting_s else None,
+            profile_error_um=ProfileErrors(
+                float(np.abs(known).max()) if len(known) else None,
+                float(np.sqrt(np.mean(known**2))) if len(known) else None,
+            ),
+            seed=scenario.plant_seed, edmsim_version=__version__,
+            settings={**settings, **{f"drawn {name}": value for name, value in scenario.drawn.items()}},
+        )  # fmt: skip
 
     def _steps_of(self, windows: NDArray[np.float64]) -> Steps:
         """Lay out what the steps commanded, earned and cost."""
@@ -194,16 +166,16 @@ class EpisodeRecorder:
 
 def _turn(window_bytes: bytes, row_bytes: bytes) -> tuple[Turn, tuple[float, float]]:
     """Return the turn that was kept of a window, and the generator's on-time and period in us."""
-    window, row = read_window(memoryview(window_bytes)), np.frombuffer(row_bytes, LANE)[0]
+    window, row = read_window(memoryview(window_bytes)), np.frombuffer(row_bytes, SUB_ENV)[0]
     on_us, period_us = row["setting_us"].tolist()
     path_um = float(row["before_um"] + row["path_um"])
     return Turn(window, window.start_ns + window.duration_ns, float(row["feed_um_s"]), path_um), (on_us, period_us)
 
 
-def _scene_slice(lanes: Lanes, lane: int) -> int:
+def _scene_slice(sub_envs: SubEnvs, index: int) -> int:
     """Return the slice at mid height of the lowest place, as `Scene.middle_slice`: it has metal everywhere."""
-    scenario = lanes.scenarios[lane]
+    scenario = sub_envs.scenarios[index]
     assert scenario is not None
-    machine, slices = scenario.machine, lanes.fleet.plants[lane].resolution.slices
+    machine, slices = scenario.machine, sub_envs.fleet.plants[index].resolution.slices
     lowest_mm = min([step.height_mm for step in scenario.stock.steps], default=machine.height_mm)
     return middle_slice(lowest_mm, machine.height_mm, slices)

@@ -1,4 +1,4 @@
-"""Pictures of a lane: the machine by MuJoCo where there is a GL backend, else the cut drawn as in ``profile.png``.
+"""Pictures of an environment: its machine by MuJoCo where there is a GL backend, else the cut as in ``profile.png``.
 
 Below either, a strip says what the last step did: feed, shares of pulses, reward.
 """
@@ -20,18 +20,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from edmsim.envs.batch import Batch
-    from edmsim.envs.lanes import Lanes
+    from edmsim.envs.sub_envs import SubEnvs
     from edmsim.plant.plant import Plant
     from edmsim.recording.scene import Scene
 
 RENDER_MODES = ("rgb_array", "human")
-RENDER_FPS = 39
-"""Pictures per second at the machine's own pace: a window of the standard setting takes 25.5 ms."""
+RENDER_FPS = 39  # pictures per second at the machine's own pace: a window of the standard setting takes 25.5 ms
 HEIGHT, WIDTH = 480, 640
-STRIP = 64
-"""Height of the strip below, part of the picture's."""
-SHOWN_DIAMETERS = 12
-"""Wire diameters across what is drawn of a longer cut."""
+STRIP = 64  # height of the strip below, part of the picture's
+SHOWN_DIAMETERS = 12  # wire diameters across what is drawn of a longer cut
 DPI = 80
 _SWITCHED_OFF = ("disable", "disabled", "off", "0", "false")
 """What MuJoCo takes MUJOCO_GL to mean when nothing is to be drawn."""
@@ -55,7 +52,7 @@ def has_gl() -> bool:
 
 
 class Renderer:
-    """Draws lanes, and shows what it drew; made cheaply, it loads nothing before the first picture."""
+    """Draws sub-environments, and shows what it drew; made cheaply, it loads nothing before the first picture."""
 
     def __init__(self) -> None:
         self._gl: mujoco.Renderer | None = None
@@ -63,17 +60,17 @@ class Renderer:
         self._of: Any = None
         self._drawn_only = False
 
-    def picture(self, batch: Batch, lane: int) -> NDArray[np.uint8]:
-        """Return a lane's picture, uint8 (480, 640, 3)."""
-        return np.vstack([self._view(batch.lanes, lane), _strip(batch, lane)])
+    def picture(self, batch: Batch, index: int) -> NDArray[np.uint8]:
+        """Return a sub-environment's picture, uint8 (480, 640, 3)."""
+        return np.vstack([self._view(batch.sub_envs, index), _strip(batch, index)])
 
-    def _view(self, lanes: Lanes, lane: int) -> NDArray[np.uint8]:
+    def _view(self, sub_envs: SubEnvs, index: int) -> NDArray[np.uint8]:
         if not self._drawn_only and has_gl():
             try:
-                return self._machine(lanes.fleet.plants[lane])
+                return self._machine(sub_envs.fleet.plants[index])
             except Exception:  # what a GL backend raises that is there in name only is nobody's to foresee
                 self._drawn_only = True
-        return _drawing(lanes, lane)
+        return _drawing(sub_envs, index)
 
     def _machine(self, plant: Plant) -> NDArray[np.uint8]:
         import mujoco
@@ -136,8 +133,8 @@ class Renderer:
         Renderer.__init__(self)
 
 
-def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
-    """Draw what was cut of a lane's workpiece, its path and its wire."""
+def _drawing(sub_envs: SubEnvs, index: int) -> NDArray[np.uint8]:
+    """Draw what was cut of a sub-environment's workpiece, its path and its wire."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle
 
@@ -145,15 +142,15 @@ def _drawing(lanes: Lanes, lane: int) -> NDArray[np.uint8]:
     from edmsim.recording.figures.palette import INK, VERMILION
     from edmsim.recording.figures.profile import draw_map
 
-    scene = path_scene(lanes, lane)
-    plant = lanes.fleet.plants[lane]
+    scene = path_scene(sub_envs, index)
+    plant = sub_envs.fleet.plants[index]
     figure = canvas(HEIGHT - STRIP)
     axes = figure.add_subplot(position=(0.12, 0.13, 0.84, 0.77))
     place = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
     draw_map(axes, scene, _around(place, scene))
     axes.add_patch(Circle(tuple(place), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
     handles, labels = axes.get_legend_handles_labels()
-    # what a lane has of a drawing is the path of its wire
+    # what a sub-environment has of a drawing is the path of its wire
     shown = ["path of the wire" if label == "nominal edge" else label for label in labels]
     axes.legend(
         [*handles, Line2D([], [], marker="o", linestyle="", color=VERMILION)], [*shown, "wire"],
@@ -173,17 +170,17 @@ def _around(place_mm: NDArray[np.float64], scene: Scene) -> tuple[float, float, 
     return max(x0, x - half_mm), max(y0, y - half_mm), min(x1, x + half_mm), min(y1, y + half_mm)
 
 
-def _strip(batch: Batch, lane: int) -> NDArray[np.uint8]:
-    """Draw what a lane's last step did: feed, what became of the pulses, reward, machine time."""
+def _strip(batch: Batch, index: int) -> NDArray[np.uint8]:
+    """Draw what a sub-environment's last step did: feed, what became of the pulses, reward, machine time."""
     from edmsim.recording.figures.palette import SHARE_COLOURS
 
     info = batch.infos()
-    counts = {name: int(info[name][lane]) for name in SHARE_COLOURS}
+    counts = {name: int(info[name][index]) for name in SHARE_COLOURS}
     pulses = sum(counts.values())
-    facts = [f"{float(info['time_s'][lane]):.2f} s", f"feed {float(info['feed_um_s'][lane]):.1f} µm/s"]
+    facts = [f"{float(info['time_s'][index]):.2f} s", f"feed {float(info['feed_um_s'][index]):.1f} µm/s"]
     if pulses:
         facts += [f"{name} {count}" for name, count in counts.items()]
-        facts.append(f"reward {float(batch.account.total[lane]):+.3f}")
+        facts.append(f"reward {float(batch.account.total[index]):+.3f}")
     else:
         facts.append("no pulse yet")
     return strip(facts, counts)

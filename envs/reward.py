@@ -12,44 +12,40 @@ from edmsim.envs.path_follower import DONE, RUNNING
 from edmsim.numeric import finite, keep_plain
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
-REFERENCE_MM2_MIN = 30.0
-"""Cutting rate that earns 1 per reference window (ours: about what the standard set-up cuts)."""
-REFERENCE_S = 0.0255
-"""The reference window: 255 pulses of 100 us, the standard setting."""
-REFERENCE_MM2 = REFERENCE_MM2_MIN / 60 * REFERENCE_S
-"""Area cut in a reference window at the reference rate."""
+REFERENCE_MM2_MIN = 30.0  # cutting rate that earns 1 per reference window (ours: about what the standard set-up cuts)
+REFERENCE_S = 0.0255  # the reference window: 255 pulses of 100 us, the standard setting
+REFERENCE_MM2 = REFERENCE_MM2_MIN / 60 * REFERENCE_S  # area cut in a reference window at the reference rate
 ERROR_UM = 10.0
 """Profile error that costs as much as the progress made with it earns, at equal weights (ours: what rounds a sharp
 corner at the standard setting)."""
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """Weights of the reward's terms, 0 or more. The reward is gains less costs.
+    """Weights of the reward's terms, 0 or more. The reward is gains minus costs.
 
     Attributes
     ----------
     progress : float
-        Gain per reference area (`REFERENCE_MM2`) that was cut. What is cut follows the wire by the share of pulses
-        that ignite (see `path_follower.LANE`): pushing against metal gains nothing, nor does going back and forth.
+        Gain per reference area (`REFERENCE_MM2`) cut. The cut length follows the wire by the share of pulses that
+        ignite (see `path_follower.SUB_ENV`): pushing against metal gains nothing, nor does moving back and forth.
     short : float
-        Cost of a reference window (`REFERENCE_S`) of nothing but shorts; a share of them costs that share. It goes by
-        machine time: a longer pulse period makes fewer windows, not cheaper ones.
+        Cost of a reference window (`REFERENCE_S`) full of shorts; in proportion for a smaller share. It is per
+        machine time, independent of the pulse period.
     open : float
-        The same of open pulses.
+        The same for open pulses.
     profile : float
-        Cost per reference area that was cut with the wire `ERROR_UM` from the path: it depends on the way, not on the
-        time spent there.
+        Cost per reference area cut with the wire `ERROR_UM` from the path, independent of the time it takes.
     roughness : float
-        Cost per reference area that was cut with discharges of twice the energy bound (`Family.energy_bound_mJ`);
-        in proportion to what is beyond the bound, and nothing within it.
+        Cost per reference area cut with discharges of twice the energy bound (`Family.energy_bound_mJ`), in
+        proportion to the excess over the bound.
     time : float
         Cost per reference window (`REFERENCE_S`) of machine time.
     wire_break, limit : float
-        Cost of a broken wire, and of an episode's end by a limit: what the machine loses at the reference rate
-        (`REFERENCE_MM2_MIN`) while another wire is threaded. 1 is right for a task whose machines cut at that rate, 2
-        for one at twice the rate.
+        Cost of a broken wire, and of an episode's end by a limit: the area that the machine cuts at the reference
+        rate (`REFERENCE_MM2_MIN`) in the time of threading. Use 1 for machines that cut at that rate, 2 for twice the
+        rate.
     done : float
-        Gain of reaching the path's end.
+        Gain for reaching the path's end.
     """
 
     progress: float = 1.0
@@ -73,33 +69,12 @@ class Weights:
         return np.array([getattr(self, f.name) for f in fields(self)], np.float64)
 
 
-TERMS = tuple(f.name for f in fields(Weights))
-"""Names of the reward's terms, in order: those of their weights."""
+TERMS = tuple(f.name for f in fields(Weights))  # names of the reward's terms, in order: those of their weights
 _PROGRESS, _SHORT, _OPEN, _PROFILE, _ROUGHNESS, _TIME, _WIRE_BREAK, _LIMIT, _DONE = range(len(TERMS))
 
 
 class StepRewards:
-    """What the lanes' steps earned and cost, window by window.
-
-    Parameters
-    ----------
-    weights : Weights
-    error_bound_um, energy_bound_mJ : float or None
-        Path error, and energy of a discharge, beyond which time costs.
-    count : int
-        Number of lanes.
-
-    Attributes
-    ----------
-    total : (n,)
-        Rewards.
-    terms : (len(TERMS), n)
-        Their terms.
-    cost : (n,)
-        A lost wire and an end by a limit count 1 each, and so does every second beyond a bound.
-    area_mm2 : (n,)
-        Area cut.
-    """
+    """Rewards and costs of the sub-environments' steps; time beyond a bound of path error or energy costs."""
 
     def __init__(
         self, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None, count: int
@@ -107,45 +82,36 @@ class StepRewards:
         self._weights = weights.array()
         self._bounds = np.array([np.inf if b is None else b for b in (error_bound_um, energy_bound_mJ)])
         self.total = np.zeros(count)
-        self.terms = np.zeros((len(TERMS), count))
+        self.terms = np.zeros((len(TERMS), count))  # (len(TERMS), n)
+        # (n,): a lost wire and an end by a limit count 1 each, and so does every second beyond a bound
         self.cost = np.zeros(count)
         self.area_mm2 = np.zeros(count)
 
     def begin(self) -> None:
-        """Begin a step of all lanes."""
+        """Begin a step of all sub-environments."""
         self.total[:] = 0.0
         self.terms[:] = 0.0
         self.cost[:] = 0.0
         self.area_mm2[:] = 0.0
 
     def add(
-        self, lanes: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64],
+        self, indices: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64],
         windows: NDArray[np.void],
     ) -> None:
-        """Add a window of some lanes (m,).
-
-        Parameters
-        ----------
-        lanes : (m,)
-            Of the other arguments, row i belongs to lane i.
-        rows : (n,) `path_follower.LANE`
-        error_um : (n,)
-            Path errors that count.
-        windows : (n,) `edmsim.plant.kernel.state.WINDOW`
-        """
-        self.area_mm2[lanes] += rows["area_mm2"][lanes]
-        _add(lanes, rows, error_um, windows, self._weights, self._bounds, self.terms, self.total, self.cost)
+        """Add a window of some sub-environments (m,), with the path errors (n,) that count."""
+        self.area_mm2[indices] += rows["area_mm2"][indices]
+        _add(indices, rows, error_um, windows, self._weights, self._bounds, self.terms, self.total, self.cost)
 
 
 @exactly_compiled
 def _add(
-    lanes: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64], windows: NDArray[np.void],
+    indices: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64], windows: NDArray[np.void],
     weights: NDArray[np.float64], bounds: NDArray[np.float64], terms: NDArray[np.float64],
     total: NDArray[np.float64], cost: NDArray[np.float64],
 ) -> None:
     """Add a window's terms, their sum and its cost."""
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    for j in range(indices.shape[0]):
+        i = indices[j]
         counts, cause = windows[i].counts, rows[i].cause
         pulses = counts[OPEN] + counts[SPARK] + counts[ARC] + counts[SHORT]
         passed = rows[i].area_mm2 / REFERENCE_MM2

@@ -1,4 +1,4 @@
-"""One episode before it begins: machine, stock, path, and what was drawn."""
+"""Initial state of an episode: machine, stock, path, and the drawn values."""
 
 from __future__ import annotations
 
@@ -20,25 +20,16 @@ Floats = NDArray[np.float64]
 
 
 class Drift(NamedTuple):
-    """What changes of a machine within an episode, evenly with machine time, and where no dial shows it.
+    """Changes of a machine within an episode, linear with machine time and not observed."""
 
-    Attributes
-    ----------
-    over_s, every_s : float
-        Time in which all of it happens, and from one step of it to the next.
-    conductivity_uS_cm : float
-        Of the water, in the end.
-    flushing_share : float
-        Of the nozzles' pressures, what is left at the workpiece in the end.
-    """
-
+    # time in which all of it happens, and from one step of it to the next
     over_s: float
     every_s: float
-    conductivity_uS_cm: float
-    flushing_share: float
+    conductivity_uS_cm: float  # of the water, in the end
+    flushing_share: float  # of the nozzles' pressures, what is left at the workpiece in the end
 
     def machine(self, machine: Machine, time_s: float) -> Machine:
-        """Return what a machine has become after a time."""
+        """Return the machine after a time."""
         share, water = min(time_s / self.over_s, 1.0), machine.base.dielectric.conductivity_uS_cm
         now = water.model_copy(update={"value": water.value + share * (self.conductivity_uS_cm - water.value)})
         left = 1.0 - share * (1.0 - self.flushing_share)
@@ -48,25 +39,25 @@ class Drift(NamedTuple):
 
 
 class Scenario(NamedTuple):
-    """One episode before it begins.
+    """Initial state of an episode.
 
     Attributes
     ----------
     machine : Machine
     stock : Stock
     legs_um : tuple of float64 arrays (k, 2)
-        The wire's path, piece by piece; a wire is threaded between two.
+        The wire's path, leg by leg; a wire is threaded between two legs.
     heights : (float64 array (m,), float64 array (m,))
-        Lengths of path in um from which on the height is another, the first 0, and those heights in mm.
+        Path lengths in um at which the height changes, the first 0, and the heights from there on in mm.
     plant_seed : int
     drawn : dict
-        What was drawn for it, by name, for `info`.
+        The drawn values by name, for `info`.
     contours : tuple of WireContour
-        The edges the part program draws, one for every leg; none where no program is cut.
+        The edges of the part program, one for every leg; empty without a program.
     wall : WallLine or None
-        The wall that the one leg, along +x, is to finish.
+        The wall to be finished by the only leg, along +x.
     drift : Drift or None
-        What changes of the machine in the course of the episode.
+        Changes of the machine during the episode.
     """
 
     machine: Machine

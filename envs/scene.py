@@ -1,4 +1,4 @@
-"""What is drawn of a lane's cut: its path or its drawing, the metal that is left, the error between them."""
+"""What is drawn of an environment's cut: its path or its drawing, the metal that is left, the error between them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from edmsim.metrology.profile import corners, profile_error
 from edmsim.recording.scene import ErrorMap, Polylines, Scene, SceneCorner, polylines
 
 if TYPE_CHECKING:
-    from edmsim.envs.lanes import Lanes
+    from edmsim.envs.sub_envs import SubEnvs
 
 
-def path_scene(lanes: Lanes, lane: int) -> Scene:
-    """Return a lane's cut quickly, for a picture at every step: the wire's path, and the edges at mid height."""
-    scenario, plant = lanes.scenarios[lane], lanes.fleet.plants[lane]
+def path_scene(sub_envs: SubEnvs, index: int) -> Scene:
+    """Return a cut quickly, for a picture at every step: the wire's path, and the edges at mid height."""
+    scenario, plant = sub_envs.scenarios[index], sub_envs.fleet.plants[index]
     assert scenario is not None
     machine, none = scenario.machine, np.zeros((0, 2))
     clearance = machine.base.guides.clearance_mm.value
@@ -38,14 +38,14 @@ def path_scene(lanes: Lanes, lane: int) -> Scene:
     return replace(scene, cut_edges_mm=tuple(edges))
 
 
-def scene_of(lanes: Lanes, lane: int) -> Scene:
-    """Return a lane's cut, measured: every slice's edges, and where a program is cut its drawing with the errors."""
-    scene = path_scene(lanes, lane)
-    scenario, plant = lanes.scenarios[lane], lanes.fleet.plants[lane]
+def scene_of(sub_envs: SubEnvs, index: int) -> Scene:
+    """Return a cut, measured: every slice's edges, and where a program is cut its drawing with the errors."""
+    scene = path_scene(sub_envs, index)
+    scenario, plant = sub_envs.scenarios[index], sub_envs.fleet.plants[index]
     assert scenario is not None
     field, (x_um, y_um) = plant.field, plant.commanded_um
     measured = [(contour, profile_error(field, contour)) for contour in scenario.contours]
-    finished = lanes.rows[lane]["cause"] == StopCause.FINISHED
+    finished = sub_envs.rows[index]["cause"] == StopCause.FINISHED
     return replace(
         scene,
         maps=tuple(ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um) for k, p in measured) or scene.maps,

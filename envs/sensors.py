@@ -1,4 +1,4 @@
-"""Sensors: what noise, converters and delay leave of what the gap shows."""
+"""Sensors: noise, converters and delay of the measurements."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from edmsim.numeric import keep_plain, whole_from
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """How the analogue quantities of a window are measured; the counts of pulses are digital, and exact.
+    """Errors of the analogue measurements of a window; the counts of pulses are digital and exact.
 
     Attributes
     ----------
     noise_share : float
-        Standard deviation of mean voltage, current and ignition delay, as a share of what each is divided by in the
-        observation (ours: a moving-coil meter or an early converter holds some 1 %).
+        Standard deviation of mean voltage, current and ignition delay, as a share of each one's divisor in the
+        observation (ours: a moving-coil meter or an early converter has about 1 %).
     bits : int
-        Of the converters whose full scale that is, 1 to 16: 8, as every word of the machine of 1982 has. 0 for
-        no steps.
+        Resolution of the converters, 1 to 16; full scale is the same divisor. 8 is the word of the 1982 machine, 0 is
+        without steps.
     delay_steps : int
-        Observations are as many steps old (none by default: the analyser of 1982 hands over its counts at the
-        window's end).
+        Age of observations in steps (0 by default: the 1982 analyser passes on its counts at the window's end).
     """
 
     noise_share: float = 0.01
@@ -43,5 +42,4 @@ class Sensors:
         return 1.0 / (2**self.bits - 1) if self.bits else 0.0
 
 
-EXACT = Sensors(noise_share=0.0, bits=0)
-"""Sensors that show what is."""
+EXACT = Sensors(noise_share=0.0, bits=0)  # sensors that show what is

@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 
-GAINS = (10.0, 30.0)
-"""Feed in um/s per unit of the error, and its growth in um/s per s: those of `counts`."""
+GAINS = (10.0, 30.0)  # feed in um/s per unit of the error, and its growth in um/s per s: those of `counts`
 TARGET_SHARE = (0.0, 0.3)
 """Shares of open pulses that actions of -1 and 1 ask for (ours: from a gap at its narrowest to a wide one)."""
 FILTER_S = 0.1
 SHORTED_SHARE, PATIENCE_S = 0.5, 0.15
 """From which share of short pulses on a window is shorted, and for how long before the wire retracts: as `counts`."""
-RETRACT_UM_S = 20.0
-"""Greatest speed backwards, as `counts` has it."""
+RETRACT_UM_S = 20.0  # greatest speed backwards, as `counts` has it
 INTEGRAL_SHARE = 0.5
 """What is left of the integral after a retract, as the classic servos have it (`controllers.feed.law`)."""
 
@@ -53,27 +51,12 @@ def target_of(action: Any, bounds: tuple[float, float]) -> Any:
 
 @exactly_compiled
 def respond(
-    lanes: NDArray[np.int64], servos: NDArray[np.void], short: NDArray[np.float64], open_: NDArray[np.float64],
+    indices: NDArray[np.int64], servos: NDArray[np.void], short: NDArray[np.float64], open_: NDArray[np.float64],
     duration_s: NDArray[np.float64], limit_um_s: float, proportional: float, integral: float,
 ) -> None:
-    """Let servos answer a window each.
-
-    Parameters
-    ----------
-    lanes : (m,)
-        Those that had a window; of the other arguments, row i belongs to lane i.
-    servos : (n,) `SERVO`
-        Brought up to date.
-    short, open_ : (n,)
-        Shares of the pulses.
-    duration_s : (n,)
-    limit_um_s : float
-        Greatest feed.
-    proportional, integral : float
-        See `GAINS`.
-    """
-    for j in range(lanes.shape[0]):
-        i = lanes[j]
+    """Let the servos of some sub-environments (m,) answer a window each, by shares of short and open pulses (n,)."""
+    for j in range(indices.shape[0]):
+        i = indices[j]
         error = open_[i] - short[i] - servos[i].target
         shorted = short[i] >= SHORTED_SHARE
         servos[i].shorted_s = servos[i].shorted_s + duration_s[i] if shorted else 0.0

@@ -1,4 +1,4 @@
-"""MaxRateShift and ThinWireShift: a shift on one machine, in which what is found out of it earns for the rest."""
+"""MaxRateShift and ThinWireShift: a shift on one machine, long enough to learn its limits and use them."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ from edmsim.machine.ranges import with_constants
 from edmsim.plant.workpiece.blanks import SLOT_UM
 
 TRAVEL_MM = 400.0
-"""Travel of the table: that of `production-400`, so that a shift's workpieces lie one behind the other."""
+"""Travel of the table, that of `production-400`: long enough for all workpieces of a shift."""
 DRIFT_EVERY_S = 60.0
 """Machine time between two steps of the drift (ours: each changes the water by a few per cent of its range)."""
 SHIFT_S, WIRES, LENGTH_MM, WORKPIECES_MM = 1200.0, 100, 390.0, (2.0, 8.0)
-"""Ours: long beside what it takes to know a machine; wires and length that no shift comes to the end of; workpieces
-of a minute or so each."""
+"""Ours: a shift much longer than the time to learn a machine's limits; more wires and length than a shift can use;
+workpieces of about a minute each."""
 AREA = Weights(short=0.0, open=0.0, wire_break=0.0)
-"""A wire costs its time, as the shift goes on by the clock."""
+"""A lost wire costs only its threading time, because the shift ends by the clock."""
 
 
 @shows_arguments
 @dataclass(frozen=True, kw_only=True)
 class Shift(HeightStep):
-    """Workpieces one behind the other on one machine, whose water changes.
+    """Workpieces in a row on one machine whose water changes.
 
     Parameters
     ----------
     {arguments}
     """
 
-    test_s: float = argument(60.0, "s", "of the shift, at its begin: a test cut, which earns nothing")
+    test_s: float = argument(60.0, "s", "of the test cut at the beginning of the shift, with a reward of 0")
     # ours: within the range of the machine's file, as the resin of the deioniser is used up
     conductivity_uS_cm: Range | None = argument(
-        (5.0, 20.0), "uS/cm", "of the water in the end, or (low, high); None: as at the begin"
+        (5.0, 20.0), "uS/cm", "of the water at the end, or (low, high); None: no change"
     )
     # ours: a worn nozzle, or a filter that fills, takes up to half
-    flushing_left: Range = argument((0.5, 1.0), "", "share of the pressures that reaches the workpiece in the end")
+    flushing_left: Range = argument((0.5, 1.0), "", "share of the pressures at the workpiece at the end")
 
     counts_threading: ClassVar[bool] = True
 
@@ -69,17 +69,17 @@ class Shift(HeightStep):
 
     @property
     def reach_mm(self) -> float:
-        """Greatest length of a cut, from one end of the table to the other."""
+        """Longest possible cut: the travel of the table."""
         return self.base.base.table.travel_mm.value - 2 * ROOM_MM - SLOT_UM * 1e-3
 
     def start_um(self, machine: Machine) -> tuple[float, float]:
-        """Return where the wire stands at first: at the table's low end of x."""
+        """Return the wire's first position: the table's low end of x."""
         return ROOM_MM * 1e3 + SLOT_UM, machine.base.table.centre_um[1]
 
     def draw_cut(
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
-        """Draw the workpieces, and what the machine's water will be."""
+        """Draw the workpieces and the drift of the machine's water."""
         scenario = super().draw_cut(rng, machine, seed, drawn)
         at_begin = machine.base.dielectric.conductivity_uS_cm.value
         ends = (at_begin, at_begin) if self.conductivity_uS_cm is None else ends_of("", self.conductivity_uS_cm)
@@ -90,7 +90,7 @@ class Shift(HeightStep):
 
 
 def on_a_large_table(machine: Machine) -> Machine:
-    """Return a machine with a table that takes a shift's workpieces."""
+    """Return a machine with a table for all workpieces of a shift."""
     travel = machine.base.table.travel_mm.model_copy(update={"value": TRAVEL_MM})
     return with_constants(machine, {"table.travel_mm": travel})
 
@@ -142,31 +142,30 @@ class ThinWireShift(ThinWire, Shift):
 
 @page
 class MaxRateShiftEnv(EdmEnv):
-    """A shift of 20 minutes on one production machine: what is found out of its wire earns for the rest.
+    """A shift of 20 minutes on one production machine: learn the limit of its wire, then cut near it.
 
     Description
     -----------
-    As `MaxRateEnv`, but for as long as one machine cuts in practice. Workpieces of 2 to 8 mm lie one behind the
-    other, each of its own height. The first minute is a test cut on scrap, which earns nothing: what a wire bears
-    can be tried there, and its result is in the entries about wires. A lost wire costs the 20 s of threading the
-    next, 1.7 % of the shift, and no other penalty: the shift ends by the clock. In its course the water's
-    conductivity changes, and nozzles and filter wear, which leaves less and less of the pressure that the gauge
-    shows.
+    This is `MaxRateEnv` for the time of a shift. Workpieces of 2 to 8 mm are cut in a row, each with its own height.
+    The first minute is a test cut on scrap with a reward of 0: there you can break a wire to find the limit, and the
+    observation has entries about lost wires. A lost wire costs the 20 s of threading the next one, 1.7 % of the
+    shift, and no other penalty: the shift ends by the clock. During the shift the water's conductivity changes, and
+    nozzles and filter wear: the pressure at the workpiece falls below the gauge's.
 
     Action space
     ------------
-    The period is that of a pulse that ignites at once: others take as much longer as they wait.
+    The period is that of a pulse that ignites at once; the period of others is longer by their ignition delay.
 
     Observation space
     -----------------
-    Local heights below the greatest are not shown, nor is what drifts.
+    Local heights below the greatest and the drifting quantities are not observed.
 
     Starting state
     --------------
-    The wire stands at the low end of a table of 400 mm, in a slot, 25 um off the metal. The first workpiece has the
+    The wire is at the low end of a table of 400 mm, in a slot, 25 um from the metal. The first workpiece has the
     greatest height; lengths are drawn uniformly from ``band_mm``, further heights from ``low_share`` to 1 times the
-    greatest. Machine, tension and pressures are drawn as in `MaxRateEnv`; and what conductivity and share of the
-    pressures are in the end, uniformly from ``conductivity_uS_cm`` and ``flushing_left``. Both change evenly with
+    greatest. Machine, tension and pressures are drawn as in `MaxRateEnv`. The final conductivity and the final share
+    of the pressures are drawn uniformly from ``conductivity_uS_cm`` and ``flushing_left``. Both change linearly with
     time, in steps of a minute.
 
     Versions
@@ -178,34 +177,34 @@ class MaxRateShiftEnv(EdmEnv):
 
 
 class MaxRateShiftVectorEnv(EdmVectorEnv):
-    """`MaxRateShiftEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `MaxRateShiftEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = MaxRateShift
 
 
 @page
 class ThinWireShiftEnv(EdmEnv):
-    """A shift of 20 minutes with a wire of 0.1 mm: find what this machine's wire bears, and cut with it.
+    """A shift of 20 minutes with a wire of 0.1 mm: learn the limit of this machine's wire, then cut near it.
 
     Description
     -----------
-    As `ThinWireEnv`, but for as long as one machine cuts in practice, and with discharges located as in `MaxRateEnv`.
-    Workpieces of 2 to 8 mm lie one behind the other, each of its own height. The first minute is a test cut on
-    scrap, which earns nothing: what a wire bears can be tried there, and its result is in the entries about wires. A
-    lost wire costs the 60 s of threading the next, 5 % of the shift, and no other penalty: the shift ends by the
-    clock. In its course the water's conductivity changes, and nozzles and filter wear, which leaves less and less of
-    the pressure that the gauge shows.
+    This is `ThinWireEnv` for the time of a shift, with discharges located as in `MaxRateEnv`. Workpieces of 2 to 8 mm
+    are cut in a row, each with its own height. The first minute is a test cut on scrap with a reward of 0: there you
+    can break a wire to find the limit, and the observation has entries about lost wires. A lost wire costs the 60 s
+    of threading the next one, 5 % of the shift, and no other penalty: the shift ends by the clock. During the shift
+    the water's conductivity changes, and nozzles and filter wear: the pressure at the workpiece falls below the
+    gauge's.
 
     Observation space
     -----------------
-    Local heights below the greatest are not shown, nor is what drifts.
+    Local heights below the greatest and the drifting quantities are not observed.
 
     Starting state
     --------------
-    The wire stands at the low end of a table of 400 mm, in a slot, 25 um off the metal. The first workpiece has the
+    The wire is at the low end of a table of 400 mm, in a slot, 25 um from the metal. The first workpiece has the
     greatest height; lengths are drawn uniformly from ``band_mm``, further heights from ``low_share`` to 1 times the
-    greatest. What conductivity and share of the pressures are in the end is drawn uniformly from
-    ``conductivity_uS_cm`` and ``flushing_left``. Both change evenly with time, in steps of a minute.
+    greatest. The final conductivity and the final share of the pressures are drawn uniformly from
+    ``conductivity_uS_cm`` and ``flushing_left``. Both change linearly with time, in steps of a minute.
 
     Versions
     --------
@@ -216,6 +215,6 @@ class ThinWireShiftEnv(EdmEnv):
 
 
 class ThinWireShiftVectorEnv(EdmVectorEnv):
-    """`ThinWireShiftEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `ThinWireShiftEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = ThinWireShift

@@ -1,4 +1,4 @@
-"""One environment: a vector of a single lane, as Gymnasium's `Env`."""
+"""One environment: a vector environment of one sub-environment with the API of Gymnasium's `Env`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from edmsim.envs.arguments import plain
 from edmsim.envs.batch import action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
-from edmsim.envs.engine import engine_of, lanes_of, picture_of
+from edmsim.envs.engine import engine_of, picture_of, sub_envs_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
 from edmsim.envs.task import EnvArguments
@@ -21,22 +21,22 @@ from edmsim.numeric import whole_from
 
 if TYPE_CHECKING:
     from edmsim.controllers import FeedController
-    from edmsim.envs.lane_law import LaneLaw
+    from edmsim.envs.attached_controller import AttachedController
     from edmsim.envs.recorder import EpisodeRecorder
 
-_LANE = np.zeros(1, np.int64)
+_ONLY = np.zeros(1, np.int64)
 
 
 class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """Cut metal: a step is a window of 255 pulses, as many as begin within `Family.decision_s`, or a pass.
+    """Cut metal. A step is a window of 255 pulses, all windows that begin within `Family.decision_s`, or a pass.
 
-    Use ``gymnasium.make("edmsim/GapFeed-v2", ...)``, which makes the subclass `GapFeedEnv`: its description, and that
-    of each of the others, has every entry of action, observation and reward.
+    Use ``gymnasium.make("edmsim/GapFeed-v2", ...)``, which makes the subclass `GapFeedEnv`. The subclasses describe
+    every entry of action, observation and reward.
 
     Parameters
     ----------
     task : str or type, optional
-        A `Family` or `Part`, its short name or the id of an environment; the class's own if not given.
+        A `Family` or `Part`, its short name or the id of an environment; by default that of the class.
     render_mode : {"rgb_array", "human"}, optional
     **options
         Its arguments, in the forms of `EnvArguments.of`.
@@ -46,14 +46,14 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     family : EnvArguments
         The arguments in force.
     reward_space : gymnasium.spaces.Box
-        Of the reward: as long as there are objectives, as MO-Gymnasium wants it.
+        Space of the reward, one entry per objective, as in MO-Gymnasium.
 
     Raises
     ------
     InputError
-        A value that cannot be used.
+        If a value cannot be used.
     TypeError
-        An unknown argument.
+        If an argument is unknown.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
@@ -84,9 +84,9 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Parameters
         ----------
         seed : int, optional
-            Same seed, same episodes from here on; without one, the draws go on.
+            The same seed gives the same episodes from here on; without a seed, the generator is not reset.
         options : dict, optional
-            ``{"machine": edmsim.Machine}`` cuts with that machine instead of one drawn.
+            ``{"machine": edmsim.Machine}`` cuts with that machine instead of a drawn one.
         """
         checked = checked_options(options, ("machine",))
         super().reset(seed=None if seed is None else whole_from("seed", seed, 0))
@@ -98,9 +98,7 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self.render()
         return self._batch.observations()[0], self._info()
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
         """Run a step: the windows until the next action.
 
         Returns
@@ -113,14 +111,14 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         gymnasium.error.ResetNeeded
             Before the first reset, or after the episode's end.
         gymnasium.error.InvalidAction
-            Another shape than the action space's, or NaN.
+            If an action has not the shape of the action space, or is NaN.
         """
         if not self._running:
             why = "the episode has ended" if self._started else "no episode has begun"
             raise ResetNeeded(f"{why}: call reset() before step()")
         batch = self._batch
         actions = checked_actions(action, self.action_space.shape or ())[None]
-        reward = batch.step(_LANE, actions)[0]
+        reward = batch.step(_ONLY, actions)[0]
         terminated = bool(batch.ended[0])
         truncated = not terminated and bool(batch.out_of_time[0])
         self._running = not (terminated or truncated)
@@ -137,11 +135,11 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         info |= {name: value[0] for name, value in batch.words().items()}
         return info | self._of_episode | {"drawn": dict(self._of_episode["drawn"])}
 
-    def lane_law(self, controller: FeedController) -> LaneLaw:
-        """Return a feed controller's place at this environment: see `LaneLaw`."""
-        from edmsim.envs.lane_law import LaneLaw
+    def attach_controller(self, controller: FeedController) -> AttachedController:
+        """Attach a feed controller to this environment: see `AttachedController`."""
+        from edmsim.envs.attached_controller import AttachedController
 
-        return LaneLaw(lanes_of(self._batch), 0, controller)
+        return AttachedController(sub_envs_of(self._batch), 0, controller)
 
     def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that has just begun; `RecordRerun` records with it.
@@ -153,21 +151,21 @@ class EdmEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         from edmsim.envs.recorder import EpisodeRecorder
 
-        return EpisodeRecorder(lanes_of(self._batch), 0, self.family.action_names if actions is None else actions)
+        return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
 
     def change(self, **options: Any) -> None:
-        """Let the next episodes have other arguments, for a curriculum.
+        """Change arguments for the next episodes, for a curriculum.
 
         Parameters
         ----------
         **options
-            Its arguments; those that make spaces or plants stay (see `EnvArguments.changed`).
+            Arguments to change; those that make spaces or plants cannot change (see `EnvArguments.changed`).
         """
         self.family = self.family.changed(**options)
         self._batch.change(self.family)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture (height, width, 3), or show it; None without a render mode.
+        """Return an image (height, width, 3), or show it; None without a render mode.
 
         Raises
         ------

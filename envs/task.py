@@ -44,12 +44,9 @@ MAX_FEED_UM_S = 100.0
 """Feed an action of 1 may ask for (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
 MOST_OFFSET_UM = 100.0
 """Greatest offset from the path that may be asked for (ours: well beyond what a wire is bent by)."""
-ROOM_MM = 2.5
-"""Length of table that a cut leaves free before the end switches (ours)."""
+ROOM_MM = 2.5  # length of table that a cut leaves free before the end switches (ours)
 ACTIONS = ("change", "speed", "servo")
-LASTING = (
-    "resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives",
-)  # fmt: skip
+LASTING = ("resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives")
 """Arguments that decide on spaces and plants: they stay as long as the environment does."""
 
 
@@ -78,19 +75,9 @@ class EnvArguments(ABC):
     def of(cls, **arguments: Any) -> Self:
         """Make it from arguments that may be written as JSON writes them.
 
-        Parameters
-        ----------
-        **arguments
-            Its fields. ``machine`` may be a name under ``models/machines``, the path of an own TOML file, a
-            mapping of arguments of `Machine.load`, or one that `plain` made of a machine; ``weights`` and ``sensors``
-            mappings, which replace those they name of the environment's own; tuples may be lists.
-
-        Raises
-        ------
-        InputError
-            An unknown entry of a mapping, or a value that cannot be used.
-        TypeError
-            An unknown argument.
+        ``machine`` may be a name under ``models/machines``, the path of an own TOML file, a mapping of arguments of
+        `Machine.load`, or one that `plain` made of a machine; ``weights`` and ``sensors`` mappings, which replace
+        those they name of the environment's own; tuples may be lists.
         """
         known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
         for name, value in arguments.items():
@@ -106,15 +93,7 @@ class EnvArguments(ABC):
         return cls(**arguments)
 
     def changed(self, **arguments: Any) -> Self:
-        """Return it with other arguments, in the forms of `of`.
-
-        Raises
-        ------
-        InputError
-            One of those that decide on spaces and plants: `lasting`.
-        TypeError
-            An unknown argument.
-        """
+        """Return it with other arguments, in the forms of `of`; those of spaces and plants (`lasting`) stay."""
         for name in arguments:
             if name in self.lasting:
                 raise InputError(f"{name} cannot change between episodes: make another environment with it")
@@ -125,12 +104,12 @@ class EnvArguments(ABC):
 @shows_arguments
 @dataclass(frozen=True, kw_only=True)
 class Family(EnvArguments):
-    """Episodes of one kind: limits, what is drawn, what actions mean; its fields are an environment's arguments.
+    """Episodes of one kind; its fields are the arguments of an environment.
 
-    A subclass says in `draw_cut` what is cut, and has `own_weights` and `own_machine`. `knows_corners` shows corners,
-    `locates_discharges` where pulses ignite, `knows_wires` what the wires did; with
-    `counts_threading` an episode lasts by the clock, with the time of threading; with `finishes_wall` errors are
-    those of `Scenario.wall`, and not of the wire's place. An id's defaults are its benchmark.
+    A subclass draws the cut in `draw_cut`, and has `own_weights` and `own_machine`. Its flags add entries to the
+    observation: `knows_corners` the next corners, `locates_discharges` the places of ignition, `knows_wires` the
+    history of the wires. With `counts_threading` the time of threading counts towards the episode's end; with
+    `finishes_wall` errors are those of `Scenario.wall`, not of the wire. The defaults of an id are its benchmark.
 
     Parameters
     ----------
@@ -143,32 +122,32 @@ class Family(EnvArguments):
 
     Notes
     -----
-    Of `planner`: ``exact`` takes any feed and any corner. The others take feeds in units of 262.5 nm/s, 127 of them
-    at most (33.3375 um/s), whatever ``max_feed_um_s`` is, and round corners to whole um or steps.
+    `planner`: ``exact`` allows any feed and any corner. The others have feeds in units of 262.5 nm/s, at most 127 of
+    them (33.3375 um/s), whatever ``max_feed_um_s`` is, and round corners to whole um or steps.
 
-    Of `machine`: what is drawn replaces its values, uniformly and per episode. ``randomise`` names sections or
-    constants of `Machine.sample`; ``()`` draws all that have a published range and an effect and are not set by the
-    operator (see `draws`). A reset with a seed always draws.
+    `machine`: drawn values override its own, uniformly and per episode. ``randomise`` names sections or constants of
+    `Machine.sample`; ``()`` draws all that have a published range and an effect and are not set by the operator (see
+    `draws`). A reset with a seed always draws.
 
-    Of `knobs`: see `knobs.KNOBS`; an action of 1 multiplies by 2 to the power of ``setting_octaves``.
+    `knobs`: see `knobs.KNOBS`; an action of 1 multiplies by 2 to the power of ``setting_octaves``.
 
-    Of `decision_s`: as many windows as begin within it are fired, one at the least.
+    `decision_s`: all windows that begin within it are fired, at least one.
 
-    Of `wires`: after a break the next one is threaded where the last one broke, until none is left.
+    `wires`: after a break the next wire is threaded where the last one broke, until the last wire breaks.
 
-    Of `cost_limit`: it is the sum of ``info["cost"]`` over an episode that a safe learner keeps to in the mean.
+    `cost_limit`: a safe learner keeps the mean sum of ``info["cost"]`` over an episode below it.
     """
 
     resolution: str = argument("fast", "", "of the plant: fast, default, fine")
-    mechanics: str = argument("modal", "", "modal, or mujoco: friction and backlash count")
-    planner: str = argument("exact", "", "makes motor steps; exact has no greatest feed")
+    mechanics: str = argument("modal", "", "modal, or mujoco with friction and backlash")
+    planner: str = argument("exact", "", "plans motor steps; exact has no greatest feed")
     machine: Machine | None = argument(None, "", "`Machine`, name, file, mapping; None: the task's own")
-    materials: Sequence[str] = argument((), "", "names, one is drawn; the machine's own if none")
-    # ours: sheet to die plate, and what wires of 0.25 mm bear
+    materials: Sequence[str] = argument((), "", "names to draw one from; ``()``: the machine's own")
+    # ours: sheet to die plate, and tensions that a wire of 0.25 mm is run at
     height_mm: Range | None = argument((4.0, 40.0), "mm", "greatest, or (low, high); None: the machine's")
     tension: Range | None = argument((8.0, 20.0), "N", "or (low, high); None: the machine's")
     randomise: Sequence[str] | None = argument((), "", "constants to draw; ``()`` for all, None for none")
-    machine_episodes: int = argument(1, "", "episodes a lane cuts with a drawn machine")
+    machine_episodes: int = argument(1, "", "episodes before another machine is drawn")
     action: Literal["change", "speed", "servo"] = argument(
         "change", "", "change of the feed, speed: the feed, servo: a target"
     )
@@ -177,28 +156,28 @@ class Family(EnvArguments):
     detents_us: tuple[float, float] = argument(
         (1.0, 5.0), "us", "steps of the knobs: on-time, period"  # ours: fine against what they change
     )
-    offset_um: float | None = argument(None, "um", "offset from the path of an action of 1; none if None")
-    decision_s: float | None = argument(None, "s", "machine time between actions; a window if None")
+    offset_um: float | None = argument(None, "um", "offset of an action of 1; None: no such action")
+    decision_s: float | None = argument(None, "s", "machine time between actions; None: a window")
     episode_s: float | None = argument(25.0, "s", "time of cutting that truncates an episode")
-    wires: int = argument(1, "", "wires before a break ends the episode")
+    wires: int = argument(1, "", "wires of an episode")
     max_feed_um_s: float = argument(MAX_FEED_UM_S, "um/s", "largest feed either way")
     max_change_um_s: float = argument(
         4.0, "um/s", "largest change of the feed per step"  # ours: ten windows to retract
     )
     start_feed_um_s: float = argument(5.0, "um/s", "feed before the first action")  # ours: below all rates
     servo_target_share: tuple[float, float] = argument(
-        servo.TARGET_SHARE, "", "a servo's open shares at actions of -1 and 1"
+        servo.TARGET_SHARE, "", "targets of the servo at actions of -1 and 1"
     )
     servo_gains: tuple[float, float] = argument(servo.GAINS, "", "um/s, and um/s per s, per unit of the error")
-    latency_s: float = argument(0.0, "s", "till a new feed counts, a window at most")
+    latency_s: float = argument(0.0, "s", "delay of a new feed, a window at most")
     sensors: Sensors | None = argument(None, "", "`Sensors` or a mapping: noise, steps, delay")
     history: int = argument(4, "steps", "steps in an observation")
-    weights: Weights | None = argument(None, "", "`Weights`, or a mapping of those that differ")
-    objectives: Sequence[str] = argument((), "", "terms that a vector reward has; a scalar if none")
-    near_corner_um: float | None = argument(None, "um", "path about a corner where errors count; all if None")
+    weights: Weights | None = argument(None, "", "`Weights`, or a mapping of weights to change")
+    objectives: Sequence[str] = argument((), "", "terms of a vector reward; ``()``: a scalar")
+    near_corner_um: float | None = argument(None, "um", "path near corners where errors count; None: all")
     error_bound_um: float | None = argument(None, "um", "path error beyond which time costs")
     energy_bound_mJ: float | None = argument(None, "mJ", "energy of a discharge beyond which it costs")
-    cost_limit: float = argument(0.1, "", "mean cost of an episode to keep to")  # ours: a break in ten cuts
+    cost_limit: float = argument(0.1, "", "limit of an episode's mean cost")  # ours: a break in ten cuts
 
     knows_corners: ClassVar[bool] = False
     locates_discharges: ClassVar[bool] = False
@@ -274,9 +253,7 @@ class Family(EnvArguments):
         if not self.materials:
             return (own,)
         loaded = [Machine.load(material=name) for name in self.materials]
-        changed = [
-            own.model_copy(update={"material": m.material, "material_name": m.material_name}) for m in loaded
-        ]
+        changed = [own.model_copy(update={"material": m.material, "material_name": m.material_name}) for m in loaded]
         for machine in changed:
             machine.check()
         return tuple(changed)

@@ -42,22 +42,22 @@ class ThinWire(GapFeed):
 
 @page
 class ThinWireEnv(EdmEnv):
-    """A straight cut with brass wire of 0.1 mm: find the power that this wire bears on this machine.
+    """A straight cut with brass wire of 0.1 mm: find the power that the wire survives on this machine.
 
     Description
     -----------
-    What breaks a thin wire is the heat it takes and loses, which no machine shows: the power that one machine bears
-    breaks the wire on another. A few wires may break in an episode, each for the time of threading the next, so that
-    the task is to find the setting for the machine at hand without paying too much for it: adaptation, for learners
-    with a memory. A servo makes the feed.
+    A thin wire breaks when it becomes too hot. Its heating and cooling cannot be observed, and the power that is safe
+    on one machine breaks the wire on another. A few wires may break in an episode, and each costs the time of
+    threading the next. The task is to find the setting for the machine at hand at a low cost: adaptation, for
+    learners with a memory. A servo sets the feed.
 
     Starting state
     --------------
-    The wire stands on the middle of the table, in a slot, 25 um off the metal.
+    The wire is in the middle of the table, in a slot, 25 um from the metal.
 
     Versions
     --------
-    v1: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it; pulses last 7 us in
+    v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it; pulses last 7 us in
     place of 10. v0 is withdrawn.
     """
 
@@ -65,6 +65,6 @@ class ThinWireEnv(EdmEnv):
 
 
 class ThinWireVectorEnv(EdmVectorEnv):
-    """`ThinWireEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `ThinWireEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = ThinWire

@@ -22,8 +22,7 @@ from edmsim.plant.workpiece.wall import WallLine
 
 GAP_UM = 28.0
 """Gap beside the wire for which the path is laid out (ours: what the standard set-up leaves at 100 um/s)."""
-ROOM_UM = 1.0
-"""Least gap that the highest ridge must leave at first (ours)."""
+ROOM_UM = 1.0  # least gap that the highest ridge must leave at first (ours)
 
 
 @shows_arguments
@@ -37,11 +36,9 @@ class Trim(GapFeed):
     """
 
     length_mm: float = argument(1.0, "mm", "length of the pass")
-    wave_um: tuple[float, float] = argument(
-        (4.0, 10.0), "um", "(low, high) of the waves' height, ridge to bottom"
-    )
+    wave_um: tuple[float, float] = argument((4.0, 10.0), "um", "(low, high) of the waves' height, ridge to bottom")
     wave_mm: tuple[float, float] = argument((0.2, 0.6), "mm", "(low, high) of their length")
-    allowance_um: tuple[float, float] = argument((4.0, 12.0), "um", "(low, high) of the metal that is to go")
+    allowance_um: tuple[float, float] = argument((4.0, 12.0), "um", "(low, high) of the metal to remove")
     height_mm: Range | None = (10.0, 40.0)
     action: Literal["change", "speed", "servo"] = "speed"
     knobs: Sequence[str] = ("on_time", "duty_factor")
@@ -92,42 +89,41 @@ class Trim(GapFeed):
 
 @page
 class TrimEnv(EdmEnv):
-    """A finishing pass along a wavy wall: make it straight, and leave it in its place.
+    """A finishing pass along a wavy wall: make it straight, at its target.
 
     Description
     -----------
-    A coarse cut left a wall with waves, and some um too much of it. The wire passes along it once more, with short
-    pulses, and takes that off. No front holds it back: it may go as fast as it will. The faster, the less is taken,
-    most of it from the ridges, and the wall stays wavy and too high; the slower, the deeper the pulses eat into it.
-    Where the wall ends depends on feed, power, what there was to take, and constants that nobody sees. Guides that go
-    nearer to the wall or farther off it move it with them. It is measured behind the wire, for the reward and not
-    for the observation: what is known of it is what its pulses show.
+    A rough cut left a wavy wall with some um of metal too much. The wire passes along it once more, with short
+    pulses, and removes this metal. No front limits the feed. A fast pass removes little, mostly from the ridges, and
+    leaves the wall wavy and too high; a slow pass removes too much. The final wall depends on feed, power, the metal
+    to remove, and constants that cannot be observed. An offset of the guides shifts the wall. The wall is measured
+    behind the wire for the reward only; the observation has its pulses.
 
     Action space
     ------------
-    Left is off the wall.
+    Left is away from the wall.
 
     Reward
     ------
-    The wall is measured 80 um behind the wire, where no more is taken from it: that of the last 100 um of the path
-    counts no more.
+    The wall is measured 80 um behind the wire, where no more metal is removed. So the wall of the last 100 um of the
+    path does not count.
 
     Starting state
     --------------
-    The wire stands on the middle of the table, beside the wall, which is to end 28 um from the wire's edge: so the
-    path is laid out. The metal to be taken off, from there to the middle of the waves, the height of the waves from
-    ridge to bottom, and their length are drawn uniformly from ``allowance_um``, ``wave_um`` and ``wave_mm``. The
-    waves are arcs with ridges between, as a row of wide holes leaves them.
+    The wire is in the middle of the table, at the side of the wall. The target of the wall is 28 um from the wire's
+    edge. The metal to remove, from the target to the middle of the waves, the height of the waves from ridge to
+    bottom, and their length are drawn uniformly from ``allowance_um``, ``wave_um`` and ``wave_mm``. The waves are
+    arcs with ridges between them, like the edge of a row of wide holes.
 
     Versions
     --------
-    v1: debris ignites the gap, jets bend the wire, and heat and gas go with the water behind it. v0 is withdrawn.
+    v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.
     """
 
     task = Trim
 
 
 class TrimVectorEnv(EdmVectorEnv):
-    """`TrimEnv`, many at once; arguments beside its own: those of `EdmVectorEnv`."""
+    """Vector environment of `TrimEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Trim

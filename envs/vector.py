@@ -1,4 +1,4 @@
-"""The native vector environment: every lane's plant in one compiled call, and its own truncation."""
+"""The native vector environment: the plants of all sub-environments run in one compiled call."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from edmsim.envs.arguments import plain
 from edmsim.envs.batch import action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.checks import checked_actions, checked_options
-from edmsim.envs.engine import engine_of, lanes_of, picture_of
-from edmsim.envs.lane_view import LaneView
+from edmsim.envs.engine import engine_of, picture_of, sub_envs_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
+from edmsim.envs.sub_env_view import SubEnvView
 from edmsim.envs.task import EnvArguments
 from edmsim.errors import InputError
 from edmsim.numeric import whole_from
@@ -28,45 +28,45 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from edmsim.controllers import FeedController
-    from edmsim.envs.lane_law import LaneLaw
+    from edmsim.envs.attached_controller import AttachedController
     from edmsim.envs.recorder import EpisodeRecorder
 
 Flags = NDArray[np.bool_]
 
 
 class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
-    """Many cuts at once; a step is a window of 255 pulses, as many as begin within `Family.decision_s`, or a pass.
+    """Many cuts at once. A step is a window of 255 pulses, all windows within `Family.decision_s`, or a pass.
 
-    Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``. Lane
-    i, reset with seed s, is bit for bit the single environment reset with seed s + i.
+    Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``.
+    Sub-environment i, reset with seed s, is bit for bit the single environment reset with seed s + i.
 
     Parameters
     ----------
     task : str or type, optional
-        A `Family` or `Part`, its short name or the id of an environment; the class's own if not given.
+        A `Family` or `Part`, its short name or the id of an environment; by default that of the class.
     num_envs : int
     max_episode_steps : int, optional
-        Steps after which an episode is truncated, beside its time; never, if not given.
+        Steps after which an episode is truncated, in addition to its time limit; by default none.
     render_mode : {"rgb_array", "human"}, optional
-        ``"human"`` shows lane 0.
+        ``"human"`` shows sub-environment 0.
     autoreset_mode : AutoresetMode
-        Gymnasium's three modes. With ``DISABLED``, reset what ended with ``options={"reset_mask": ...}``.
+        Gymnasium's three modes. With ``DISABLED``, reset ended episodes with ``options={"reset_mask": ...}``.
     threads : int, optional
-        Threads that share a step; as many as processors, if not given. They change no bit.
+        Threads that share a step; by default one per processor. Results do not depend on it.
     **options
         Its arguments, in the forms of `EnvArguments.of`.
 
     Attributes
     ----------
     watch : callable or None
-        Called after every step with actions, infos and which episodes ended, before another begins in any lane.
+        Called after every step with actions, infos and a mask of ended episodes, before new episodes begin.
 
     Raises
     ------
     InputError
-        A value that cannot be used.
+        If a value cannot be used.
     TypeError
-        An unknown argument.
+        If an argument is unknown.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
@@ -108,7 +108,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         self._started: Flags = np.zeros(num_envs, np.bool_)
         self._ended: Flags = np.zeros(num_envs, np.bool_)
         self._renderer = Renderer()
-        self._views = tuple(LaneView(self, lane) for lane in range(num_envs))
+        self._views = tuple(SubEnvView(self, index) for index in range(num_envs))
         self.watch: Callable[[NDArray[np.float32], dict[str, Any], Flags], None] | None = None
 
     def reset(
@@ -119,15 +119,15 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         Parameters
         ----------
         seed : int or sequence of int or None, optional
-            Lane i gets seed + i, or the sequence's i-th; where there is none, its draws go on.
+            Sub-environment i gets seed + i, or the sequence's i-th; without a seed, its generator is not reset.
         options : dict, optional
-            ``"reset_mask"``: bool array (num_envs,), the lanes to reset, all if not given. ``"machine"``: an
-            `edmsim.Machine` to cut with instead of one drawn.
+            ``"reset_mask"``: bool array (num_envs,), the sub-environments to reset, by default all. ``"machine"``: an
+            `edmsim.Machine` to cut with instead of a drawn one.
 
         Raises
         ------
         InputError
-            Seeds, a mask or options that cannot be used.
+            If seeds, mask or options cannot be used.
         """
         checked = checked_options(options, ("machine", "reset_mask"))
         seeds = self._seeds(seed)
@@ -135,9 +135,9 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         first = seeds[0]
         if first is not None:
             super().reset(seed=first)
-        for lane in np.flatnonzero(mask):
-            if seeds[lane] is not None:
-                self._views[lane].begin_draws(seeds[lane])
+        for index in np.flatnonzero(mask):
+            if seeds[index] is not None:
+                self._views[index].begin_draws(seeds[index])
         infos = self._begin(mask, checked.get("machine"), np.array([s is not None for s in seeds]))
         return self._batch.observations(), infos
 
@@ -146,7 +146,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             return [None] * self.num_envs
         if isinstance(seed, str) or not isinstance(seed, Sequence | np.ndarray) or getattr(seed, "ndim", 1) == 0:
             first = whole_from("seed", seed, 0)
-            return [first + lane for lane in range(self.num_envs)]
+            return [first + index for index in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise InputError(f"{len(seed)} seeds were given for {self.num_envs} environments: give one each")
         return [None if one is None else whole_from("seed", one, 0) for one in seed]
@@ -161,19 +161,17 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
     def _begin(self, mask: Flags, machine: Any = None, anew: Flags | None = None) -> dict[str, Any]:
         infos: dict[str, Any] = {}
-        for lane in np.flatnonzero(mask):
-            random, again = self._views[lane].np_random, anew is not None and bool(anew[lane])
-            info = self._batch.begin(int(lane), random, machine, anew=again)
-            infos = self._add_info(infos, info, int(lane))
+        for index in np.flatnonzero(mask):
+            random, again = self._views[index].np_random, anew is not None and bool(anew[index])
+            info = self._batch.begin(int(index), random, machine, anew=again)
+            infos = self._add_info(infos, info, int(index))
         self._elapsed[mask] = 0
         self._started[mask] = True
         self._ended[mask] = False
         return infos
 
-    def step(
-        self, actions: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], Any, Flags, Flags, dict[str, Any]]:
-        """Run a step in every lane.
+    def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, Flags, Flags, dict[str, Any]]:
+        """Run a step in every sub-environment.
 
         Returns
         -------
@@ -183,17 +181,17 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         Raises
         ------
         gymnasium.error.ResetNeeded
-            Before the first reset of a lane, or with ``DISABLED`` after its episode's end.
+            Before the first reset of a sub-environment, or with ``DISABLED`` after its episode's end.
         gymnasium.error.InvalidAction
-            Another shape than the action space's, or NaN.
+            If an action has not the shape of the action space, or is NaN.
         """
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before step()")
         actions = checked_actions(actions, self._action_shape)
         again = self._ended.copy()
         if again.any() and self.autoreset_mode is AutoresetMode.DISABLED:
-            lanes = np.flatnonzero(again).tolist()
-            raise ResetNeeded(f"the episodes of lanes {lanes} have ended: reset them with options['reset_mask']")
+            ended = np.flatnonzero(again).tolist()
+            raise ResetNeeded(f"sub-environments {ended} have ended: reset them with options['reset_mask']")
         active = np.flatnonzero(~again)
         reward = self._batch.step(active, actions)
         self._elapsed[active] += 1
@@ -223,39 +221,40 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         infos |= _masked(batch.words(), mask, None, everywhere)
         return infos
 
-    def lane_law(self, lane: int, controller: FeedController) -> LaneLaw:
-        """Return a feed controller's place at a lane: see `LaneLaw`."""
-        from edmsim.envs.lane_law import LaneLaw
+    def attach_controller(self, index: int, controller: FeedController) -> AttachedController:
+        """Attach a feed controller to a sub-environment: see `AttachedController`."""
+        from edmsim.envs.attached_controller import AttachedController
 
-        return LaneLaw(lanes_of(self._batch), lane, controller)
+        return AttachedController(sub_envs_of(self._batch), index, controller)
 
-    def recorder(self, lane: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
-        """Return a recorder of the episode that a lane has just begun; see `EdmEnv.recorder`."""
+    def recorder(self, index: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
+        """Return a recorder of the episode that a sub-environment has just begun; see `EdmEnv.recorder`."""
         from edmsim.envs.recorder import EpisodeRecorder
 
-        return EpisodeRecorder(lanes_of(self._batch), lane, self.family.action_names if actions is None else actions)
+        names = self.family.action_names if actions is None else actions
+        return EpisodeRecorder(sub_envs_of(self._batch), index, names)
 
     @property
-    def views(self) -> tuple[LaneView, ...]:
-        """The lanes as single environments."""
+    def views(self) -> tuple[SubEnvView, ...]:
+        """The sub-environments as single environments."""
         return self._views
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of every lane, or return an attribute of each, as Gymnasium's `SyncVectorEnv` does."""
+        """Call a method of every environment, or return an attribute of each, as Gymnasium's `SyncVectorEnv` does."""
         found = (getattr(view, name) for view in self._views)
         return tuple(value(*args, **kwargs) if callable(value) else value for value in found)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute of every lane: spaces, generator and so on are a single environment's."""
+        """Return an attribute of every sub-environment: spaces, generator and so on are a single environment's."""
         return tuple(getattr(view, name) for view in self._views)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every lane, of a list or tuple one each.
+        """Set an attribute of every sub-environment, of a list or tuple one each.
 
         Raises
         ------
         InputError
-            What all lanes share, or another number of values than lanes.
+            If the attribute is shared, or the number of values is wrong.
         """
         each = values if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(each) != self.num_envs:
@@ -264,7 +263,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
             view.take(name, value)
 
     def change(self, **options: Any) -> None:
-        """Let the next episodes of all lanes have other arguments, for a curriculum; see `EdmEnv.change`."""
+        """Change arguments for the next episodes of all sub-environments, for a curriculum; see `EdmEnv.change`."""
         self.family = self.family.changed(**options)
         self._batch.change(self.family)
 
@@ -282,8 +281,8 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         """Begin the next episodes in the same step; final_obs and final_info keep what the last ones showed."""
         last = self._batch.observations()
         final = np.full(self.num_envs, None, dtype=object)
-        for lane in np.flatnonzero(ended):
-            final[lane] = last[lane]
+        for index in np.flatnonzero(ended):
+            final[index] = last[index]
         final_info, infos = _only(infos, ended), _only(infos, ~ended)
         infos["final_obs"], infos["_final_obs"] = final, ended
         infos["final_info"], infos["_final_info"] = final_info, ended.copy()
@@ -291,20 +290,20 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         return infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return a picture of every lane, or show that of lane 0; None without a render mode."""
+        """Return an image of every sub-environment, or show that of sub-environment 0; None without a render mode."""
         if self.render_mode is None:
             gym.logger.warn("render() was called without a render_mode; give one to gymnasium.make_vec")
             return None
         if self.render_mode == "human":
             self._renderer.show(self.picture(0))
             return None
-        return tuple(self.picture(lane) for lane in range(self.num_envs))
+        return tuple(self.picture(index) for index in range(self.num_envs))
 
-    def picture(self, lane: int) -> NDArray[np.uint8]:
-        """Return a picture of a lane."""
+    def picture(self, index: int) -> NDArray[np.uint8]:
+        """Return an image of a sub-environment."""
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before render()")
-        return picture_of(self._batch, self._renderer, lane)
+        return picture_of(self._batch, self._renderer, index)
 
     def close_extras(self, **_: Any) -> None:
         """Shut down the threads and close the window."""
@@ -313,7 +312,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
 
 def _masked(values: dict[str, NDArray[Any]], mask: Flags, missing: Any, everywhere: bool) -> dict[str, Any]:
-    """Return infos, each with the lanes that have it; the others have what is `missing`."""
+    """Return infos, each with the sub-environments that have it; the others have what is `missing`."""
     infos: dict[str, Any] = {}
     for name, array in values.items():
         if not everywhere:
@@ -323,7 +322,7 @@ def _masked(values: dict[str, NDArray[Any]], mask: Flags, missing: Any, everywhe
 
 
 def _only(infos: dict[str, Any], mask: Flags) -> dict[str, Any]:
-    """Return infos of which only some lanes' values count; the arrays of values are shared."""
+    """Return infos of which only some sub-environments' values count; the arrays of values are shared."""
     masked: dict[str, Any] = {}
     for name, values in infos.items():
         if not name.startswith("_"):

@@ -1,6 +1,6 @@
 """Draw ``gear.dxf``: 12 teeth of module 0.5 mm with involute flanks, and a round bore.
 
-Run ``python examples/make_gear.py`` to write it anew beside this script.
+Run ``python examples/make_gear.py`` to write it again next to this script.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Draw ``square_to_round.dxf``: a punch that is square with round corners below and round above.
+"""Draw ``square_to_round.dxf``: a punch with a square lower contour with round corners and a round upper contour.
 
-Run ``python examples/make_square_to_round.py`` to write it anew beside this script.
+Run ``python examples/make_square_to_round.py`` to write it again next to this script.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def square(space: Any) -> None:
 
 
 def circle(space: Any) -> None:
-    """Draw a circle of eight arcs, which go with the sides and the corners of the square."""
+    """Draw a circle of eight arcs, one for each side and corner of the square."""
     of_side = 2 * math.degrees(math.atan((SIDE_MM / 2 - CORNER_MM) / (SIDE_MM / 2)))
     for quarters in range(4):
         start, end = 90 * quarters - 90 - of_side / 2, 90 * quarters - 90 + of_side / 2
@@ -42,7 +42,7 @@ def circle(space: Any) -> None:
 
 
 def main() -> None:
-    """Write the drawing beside this script."""
+    """Write the drawing next to this script."""
     document = ezdxf.new("R2010")
     document.units = 4  # mm
     for name in ("LOWER", "UPPER"):

@@ -11,11 +11,11 @@
 # %% [markdown]
 # # A first cut
 #
-# **Question.** What does one simulated cut say, and how far can it be trusted?
+# **Question.** What are the results of a simulated cut, and how far can you trust them?
 #
-# A punch of 10 x 6 mm is cut from 20 mm of tool steel, discharge by discharge, with the settings that hold when
-# nothing else is said: a brass wire of 0.25 mm, the feed law `counts`, the generator of a laboratory machine of
-# 1982. The same from a shell is `edmsim cut examples/punch.ngc --out out/punch`.
+# A punch of 10 x 6 mm is cut from 20 mm of tool steel, discharge by discharge, with the default settings: a brass
+# wire of 0.25 mm, the feed law `counts`, and the generator of a laboratory machine of 1982. In a shell the command
+# is `edmsim cut examples/punch.ngc --out out/punch`.
 
 # %%
 # %matplotlib inline
@@ -42,9 +42,8 @@ seed = 1  # the same seed gives the same cut, bit for bit
 # %% [markdown]
 # ## The program
 #
-# G-code as a wire-EDM machine reads it. `G41` offsets the wire to the left of the contour by its radius and the
-# side gap to be expected. The contour runs clockwise, so the part stays inside. Any other program or a drawing
-# (DXF) is cut in the same way.
+# The program is G-code. `G41` offsets the wire to the left of the contour by its radius and the expected side gap.
+# The contour runs clockwise, so the part is inside. You can cut any other program or drawing (DXF) in the same way.
 
 # %%
 PUNCH = """\
@@ -73,11 +72,11 @@ result = edmsim.cut(
 print(", ".join(sorted(file.name for file in out.iterdir())))
 
 # %% [markdown]
-# These files are what `edmsim cut` leaves as well; `report.html` is the same story on one page, without Python.
+# `edmsim cut` writes the same files; `report.html` shows the results on one page, without Python.
 #
 # ## The report
 #
-# Everything here came out of the pulse loop. Short shares, kerf, lag and errors are results, never inputs.
+# All figures are results of the pulse loop. Shares of shorts, kerf, lag and errors are never inputs.
 
 # %%
 report = result.report
@@ -101,21 +100,22 @@ print(", ".join(f"{name} {value:.4g}" for name, value in middle.items()))
 # %% [markdown]
 # ## Short and open pulses
 #
-# - A **short** is a pulse whose voltage never rises: the wire touches, or debris bridges the gap. It is too narrow.
+# - A **short** is a pulse whose voltage never rises: the wire touches, or debris bridges the gap. The gap is too
+#   narrow.
 # - An **open** pulse never ignites within its on-time: the gap is too wide.
 # - A **spark** ignites after a delay and removes metal.
 # - An **arc** ignites at once, on the channel of the pulse before.
 #
-# Neither short nor open removes anything to speak of, so a machine without any other sensor can steer by these two
-# counts alone: faster while pulses stay open, slower when they short. That is what `counts` does. First the wire
-# runs through the air of the start hole (all open), then it meets the metal.
+# Short and open pulses remove hardly any metal, so a machine can control its feed by these two counts alone: faster
+# while pulses are open, slower when they short. This is the law `counts`. First the wire runs through the air of
+# the start hole (all open), then it meets the metal.
 
 # %%
 pulses_figure(result.windows)
 
 # %% [markdown]
-# The same in the plane of both: a point on the dotted line would mean that no pulse ignites at all. The law
-# balances short against open near the lower left, where most pulses work.
+# The next figure shows short against open pulses. On the dotted line no pulse would ignite. The law balances short
+# and open near the lower left, where most pulses remove metal.
 
 # %%
 plane_figure(result.windows)
@@ -123,10 +123,10 @@ plane_figure(result.windows)
 # %% [markdown]
 # ## Gap, feed and lag
 #
-# Feed is what the law commands. The gap is the mean distance across which pulses ignited; the lag is how far the
-# wire is bent back against its direction of travel at the workpiece. A negative lag is a wire that runs *ahead* of
-# its guides: the discharges push it back, the open voltage pulls it forward, and at this low energy both are of one
-# size, so that the lag is small and may have either sign (more of that in notebook 03).
+# The law commands the feed. The gap is the mean distance across which pulses ignited. The lag is the distance of
+# the wire behind its guides at the workpiece; a negative lag is a wire that *leads*. Discharges push the wire back,
+# the open voltage pulls it forward. At this low energy both are equally large, so the lag is small and may have
+# either sign (notebook 03).
 
 # %%
 def per_second(values: np.ndarray) -> np.ndarray:
@@ -152,23 +152,23 @@ panels[-1].set_xlabel("machine time, s (means of a second)");
 # %% [markdown]
 # ## The part
 #
-# The error along the edge as drawn, as a coordinate measuring machine would find it: metal left is positive,
-# undercut negative. It is drawn large; the bar says how large.
+# This is the error along the edge as drawn, as a coordinate measuring machine would find it: positive where metal
+# is left, negative for an undercut. It is enlarged; the bar has the scale.
 
 # %%
 error_figure(result.scene)
 
 # %% [markdown]
-# A corner close up. Guides and wire go round it on an arc, so all that time the part's corner faces the wire, from
-# two sides: it is undercut. The lower panel unrolls the edge and shows the wire's deflection beside the error.
+# This is one corner. Guides and wire go round it on an arc. During the whole arc the corner faces the wire from two
+# sides, so it is undercut. The lower panel unrolls the edge and shows the wire's deflection and the error.
 
 # %%
 corner_figure(result.scene, result.windows, 0)
 
 # %% [markdown]
-# Both walls over the height. Debris gathers at mid-height, where the water from both nozzles comes to rest; it
-# makes pulses ignite across wider gaps. The bubbles of the discharges drive most of it out of the gap, so that the
-# bulge is slight.
+# This figure shows both walls over the height. Debris gathers at mid-height, where the water from both nozzles
+# comes to rest, and lets pulses ignite across wider gaps. The bubbles of the discharges drive most of it out of the
+# gap, so the bulge is small.
 
 # %%
 kerf_figure(report)
@@ -176,9 +176,9 @@ kerf_figure(report)
 # %% [markdown]
 # ## Watching it
 #
-# `cut.rrd` holds the whole cut for the viewer: `edmsim view out/punch` opens it, and without a screen serves it to
-# a browser; `edmsim report out/punch --film punch.gif` draws a film. One picture of that film, half way through the
-# cut:
+# `cut.rrd` is a recording of the whole cut: `edmsim view out/punch` opens it in the viewer, or without a screen
+# serves it to a browser. `edmsim report out/punch --film punch.gif` draws a film. This is one picture of that film,
+# half way through the cut:
 
 # %%
 play = Playback(out / "cut.rrd")
@@ -188,8 +188,8 @@ axes.axis("off")
 folder.cleanup()
 
 # %% [markdown]
-# ## What it does not tell
+# ## Limits
 #
-# One cut is one draw. Most constants of such machines are known within a range only (`Machine.sample`, notebook
-# 07), and some of what the model says is contradicted by publications (notebook 08). The slug does not fall, the
+# One cut is one random draw. Most constants of such machines are known only within a range (`Machine.sample`,
+# notebook 07), and some results of the model contradict publications (notebook 08). The slug does not fall, the
 # wire is vertical, and roughness is a lower bound.

@@ -17,12 +17,12 @@
 # %% [markdown]
 # # Ignition delay, and figure 2-9 of the thesis
 #
-# **Question.** How long does a pulse wait until it ignites, what decides it, and how does it become the shares of
-# short and open pulses that a gap controller sees?
+# **Question.** How long does a pulse wait until it ignites, on what does this depend, and how does it determine the
+# shares of short and open pulses that a gap controller sees?
 #
-# A discharge does not follow the voltage at once. The wait is random, and grows steeply with the gap, which makes
-# it a good sensor of the gap, if a laborious one (thesis TH Eindhoven 1982, section 2.4). Everything below is drawn
-# by the pulse loop itself, not by a formula beside it.
+# A discharge does not follow the voltage at once. The delay is random and grows steeply with the gap, so it is a
+# good measure of the gap, if a laborious one (thesis TH Eindhoven 1982, section 2.4). The pulse loop itself draws
+# all delays in this notebook, without a separate formula.
 
 # %%
 # %matplotlib inline
@@ -55,8 +55,8 @@ seconds = 8.0  # machine time every straight cut is looked at
 # %% [markdown]
 # ## One gap
 #
-# The wire hangs in the middle of a round hole, so that its gap is the same all around, in still water at 80 V; each
-# pulse waits as long as it takes. The area is that for which the published law holds.
+# The wire hangs in the middle of a round hole, with the same gap all around, in still water at 80 V. Each pulse
+# waits until it ignites. The area is that of the published law.
 
 # %%
 delays = {gap: delays_us(gap, seeds, draws) for gap in gaps_um}
@@ -75,15 +75,15 @@ panels[0].set_ylabel("density, 1/µs")
 panels[0].legend(["claimed mixture", "median", "drawn"]);
 
 # %% [markdown]
-# Across 20 µm the delay is exponential: nothing ages while the pulse waits. Across 8 µm nearly all delays are a few
-# µs: particles and asperities that bridge most of the gap already. Across 10 µm both kinds occur side by side. The
-# black line is the distribution the theory page claims (`docs/theory/breakdown.md`), computed without the loop.
+# Across 20 µm the delay is exponential. Across 8 µm nearly all delays are a few µs, because particles and
+# asperities bridge most of the gap. Across 10 µm both kinds occur. The black line is the distribution of the theory
+# page (`docs/theory/breakdown.md`), computed without the loop.
 #
 # ## Median against gap
 #
-# Published is the parabola of ETH's wire-EDM simulator SPARC, fitted to measured delays, and by the same group a
-# later study that finds two regimes meeting at 8 to 10 µm (Esteves, Hensen, Kuffa, Wegener, J. Manuf. Mater.
-# Process. 7(5):177, 2023). They disagree below 12 µm, where the model follows the later one.
+# Two laws are published: the parabola of ETH's wire-EDM simulator SPARC, fitted to measured delays, and a later
+# study of the same group with two regimes that meet at 8 to 10 µm (Esteves, Hensen, Kuffa, Wegener, J. Manuf.
+# Mater. Process. 7(5):177, 2023). They disagree below 12 µm, where the model follows the later one.
 
 # %%
 table = models.published("ignition_median_vs_gap_eth")
@@ -111,17 +111,16 @@ for gap, (median, half) in zip(gaps_um, medians, strict=True):
     print(f"{gap:7g}   {'' if published is None else f'{published:.1f}':>13}   {median:.1f} ± {half:.1f}")
 
 # %% [markdown]
-# From 12 µm up the medians are the published ones within what so many draws can tell. Below, they fall far under
-# the parabola. That is a choice between two publications, and the rows of `edmsim validate` that compare with the
-# parabola at 8 and 10 µm say "fails" on purpose. Shape and scale of the short branch could not be had; they are
-# ours.
+# From 12 µm up the medians agree with the published ones within the scatter. Below, they are far under the
+# parabola. This is a choice between two publications, so the rows of `edmsim validate` that compare with the
+# parabola at 8 and 10 µm fail. Shape and scale of the short branch were not available; they are ours.
 #
 # ## Figure 2-9
 #
 # The thesis shows the delay over the speed of the water in the gap, for gaps of 10, 20 and 30 µm (300 V, on 50 µs,
-# period 100 µs): it rises with both, and hardly anything ignites in a fast flow, since vapour bubbles are carried
-# off before they grow. The curves of the scan cannot be read, so the comparison is one of signs. Open pulses count
-# with the 50 µs they waited.
+# period 100 µs). It rises with both, and hardly any pulse ignites in a fast flow, since vapour bubbles are carried
+# away before they grow. The curves of the scan cannot be read, so we compare only the signs. Open pulses count with
+# the 50 µs they waited.
 
 # %%
 speeds_m_s = np.linspace(0.0, 4.0, 9)
@@ -138,15 +137,15 @@ left.legend(title="gap")
 right.set(xlabel="speed of the water, m/s (mean over the height)", ylabel="open pulses, %", ylim=(0, 100));
 
 # %% [markdown]
-# With the gap the delay rises as in the thesis. With the flow it does so only where it is long: the water must go
-# some 100 um while a pulse waits to carry off what prepares it. At 300 V the model's critical gap is 34 um, and
-# every gap of the figure, 10 to 30 um, ignites within some 2 us, in which water of 4 m/s goes 8 um. The thesis may
+# The delay rises with the gap as in the thesis. It rises with the flow only if it is long: the water must move some
+# 100 um during the delay to carry the prepared breakdown away. At 300 V the model's critical gap is 34 um, and
+# every gap of the figure, 10 to 30 um, ignites within some 2 us, in which water of 4 m/s moves 8 um. The thesis may
 # have measured an oil, which ignites more slowly (`docs/theory/breakdown.md`).
 #
 # ## From delays to shares
 #
-# In a cut the gap is not given. The wire is fed at a constant speed, and the gap closes until as many pulses ignite
-# as the removal needs. Straight cuts of 20 mm of tool steel, once they have settled:
+# In a cut the gap is a result: the wire is fed at a constant speed, and the gap closes until enough pulses ignite
+# for the removal. The figure has straight cuts of 20 mm of tool steel after they have settled:
 
 # %%
 machine = edmsim.Machine.load(height_mm=20.0)
@@ -166,15 +165,14 @@ right.set(xlabel="mean gap of the ignitions, µm")
 left.legend();
 
 # %% [markdown]
-# Slow feeds waste pulses as open ones; a feed beyond what the gap takes, some 46 µm/s, ends in shorts. Below lies the
-# feed a controller looks for. No feed is without a few shorts: particles of debris that bridge the gap.
+# Slow feeds waste open pulses; a feed above some 46 µm/s ends in shorts. A controller must find the feed just
+# below. Every feed has a few shorts, by particles of debris that bridge the gap.
 #
 # ## The plane of short and open
 #
-# The same cuts, short against open, with the windows of a cut under the feed law `counts`. The law raises the feed
-# below and right of its line, where more pulses are open than it wants for the shorts there are, and lowers it
-# above. At half of the pulses shorted, for long enough, it retracts; with nearly all of them open it takes itself
-# to be in air and runs at full feed.
+# This figure shows short against open pulses of the same cuts, with the windows of a cut under the feed law
+# `counts`. The law raises the feed below and right of its line, and lowers it above. If half of the pulses are
+# shorts for long enough, it retracts; if nearly all are open, it assumes air and runs at full feed.
 
 # %%
 law = edmsim.controllers.make("counts")
@@ -203,6 +201,6 @@ print(f"law counts: {steered.feed_um_s:.1f} µm/s, {100 * steered.share('short')
 # ## Limits
 #
 # - The area law (rates of independent sites add) and equal field at other voltages are assumptions.
-# - 255 pulses know a share of 20 % to about 5 % (two standard deviations) even if nothing changes; that scatter is
-#   the cloud above, and why the law filters.
-# - The steady cuts start in a begun slot and are straight; corners and steps of the height are other stories.
+# - 255 pulses measure a share of 20 % within about 5 % (two standard deviations) even if nothing changes. This is
+#   the scatter of the cloud, and the reason for the law's filter.
+# - The cuts start in a slot and are straight; they have no corners and no steps of the height.

@@ -20,8 +20,8 @@
 # %% [markdown]
 # # Wire lag and corner error
 #
-# **Question.** How far is the wire from where its guides are, what does that do to a corner, and which compensation
-# is worth what?
+# **Question.** How far is the wire from its guides, how does that affect a corner, and how well do compensations
+# work?
 
 # %%
 # %matplotlib inline
@@ -79,7 +79,7 @@ part_laws = [  # what the die at the end is cut with
 #
 #     y = q h (2 L - h) / (8 T)
 #
-# at tension `T`. The model knows nothing of this formula: its modes come from a chain of masses in MuJoCo.
+# at tension `T`. The model does not use this formula: its modes come from a chain of masses in MuJoCo.
 
 # %%
 table = models.published("analytic_static_wire_lag")
@@ -100,12 +100,12 @@ assert worst < 0.01
 # %% [markdown]
 # ## What bends it
 #
-# Three loads compete in a cut. The gas bubble of every discharge pushes the wire back, away from its place; as long
-# as the open voltage is on, the field pulls it forward, towards the metal; and in a magnetic metal the current of
-# the discharges draws it forward, too, which is nothing at the 7 A of the default set-up. Gas that lies on the wire's
-# front shields push and pull alike, and the film of water before it damps every motion, but bears no steady load. Lag
-# is counted against the feed, so a negative lag is a wire that *leads*. Straight cuts of 20 mm of tool steel with the
-# default set-up, as they are and without the pull (permittivity next to zero):
+# Three loads act on the wire in a cut. The gas bubble of every discharge pushes it back. While the open voltage is
+# on, the field pulls it forward, towards the metal. In a magnetic metal the current of the discharges also pulls it
+# forward, which is negligible at the 7 A of the default set-up. Gas on the wire's front shields push and pull, and
+# the film of water damps every motion, but carries no steady load. A negative lag is a wire that *leads*. The
+# figure has straight cuts of 20 mm of tool steel with the default set-up, with and without the pull (permittivity
+# near zero):
 
 # %%
 machine = edmsim.Machine.load(height_mm=20.0)
@@ -135,20 +135,20 @@ right.set(xlabel="feed, µm/s", ylabel="lag, µm")
 right.legend();
 
 # %% [markdown]
-# Deflection goes with 1 / tension, as the string says, where the gap does not change with it. At this setting push
-# and pull are of one size: at a low feed there are few discharges and the pull wins, at a high one the push. (The
-# set-up cuts some 46 µm/s; a feed beyond that only presses the wire onto the metal.) The formula of the pull
-# is not in doubt; the impulse of a discharge was never measured, and what is derived here has a range of a factor of
-# six, which turns the sign (`docs/theory/emergence.md#lag`). Rough cuts are reported to lag by 10 to 100 µm. So look
-# at both: the default machine, and a set-up whose wire lags for certain: the rough cut of 11 mJ per discharge, 60 mm
-# high, at low tension, in a metal that is not magnetic.
+# The deflection is proportional to 1 / tension, as for a string, if the gap does not change. At this setting push
+# and pull are equally large: at a low feed there are few discharges and the pull is larger, at a high feed the
+# push. (The set-up cuts some 46 µm/s; a higher feed only presses the wire onto the metal.) The formula of the pull
+# is certain. The impulse of a discharge was never measured, and our derivation has a range of a factor of six,
+# enough to change the sign (`docs/theory/emergence.md#lag`). Rough cuts are reported to lag by 10 to 100 µm. So
+# this notebook uses both the default machine and a set-up whose wire certainly lags: the rough cut of 11 mJ per
+# discharge, 60 mm high, at low tension, in a non-magnetic metal.
 #
 # ## Round a corner
 #
-# If the lag were constant and always against the wire's own direction, the wire would follow its guides as a load
-# follows on a rope. That is the tractrix (`edmsim.geometry`). The loop knows no such rule: the force turns as the
-# place of the discharges does. So a corner of 90 degrees to the left is cut at a fixed feed, and looked at in two
-# ways: where the wire went, and what it left of the metal on both sides.
+# With a constant lag against the wire's own direction, the wire would follow its guides like a load on a rope: a
+# tractrix (`edmsim.geometry`). The loop has no such rule: the force turns with the place of the discharges. So we
+# cut a corner of 90 degrees to the left at a fixed feed, and compare the path of the wire, and the metal that it
+# left on both sides.
 
 # %%
 LEG_UM = 420.0  # travel before and after the corner
@@ -242,15 +242,15 @@ for axes, (name, (one, *_)) in zip(panels, plain.items(), strict=True):
     axes.legend(loc="upper left")
 
 # %% [markdown]
-# The lagging wire cuts the corner, and comes back to the line much later than pursuit says: the force does not turn
-# on the scale of the lag, but on that of the wire, for the outer wall has to recede first. A wire that leads would
-# run past the corner by its lead, and come back slowly, too; the default one does neither by much.
+# The lagging wire cuts the corner, and returns to the line much later than in the pursuit model: the force turns
+# over the scale of the wire, not of the lag, because the outer wall must recede first. A leading wire would
+# overshoot the corner by its lead, and also return slowly; the default one hardly does either.
 #
 # ## What is left of the metal
 #
-# Wire and metal are two things. Where the part lies *outside* the turn (the corner of a die) the round wall is
-# compared with the walls of the straights; where it lies *inside* (the corner of a punch) its sharp corner is.
-# Positive is metal left, negative is undercut.
+# The error of the part differs from that of the wire. If the part is *outside* the turn (the corner of a die), its
+# round wall is compared with the walls of the straights; if it is *inside* (the corner of a punch), its sharp
+# corner is. Positive means that metal is left, negative is an undercut.
 
 # %%
 by_tension = {n: corners(corner_rig(tension=n)) for n in corner_tensions}
@@ -284,16 +284,14 @@ if len(corner_tensions) > 2:
     print(f"outside, over tension: {offset:+.1f} µm and {slope:.2f} µm per µm of lag")
 
 # %% [markdown]
-# Outside, lag leaves metal standing, by the slope above, so a tauter wire helps; a lead would take as much away. But
-# a large part of that error is there without any lag: the wall of a straight goes on igniting while the whole wire
-# passes, that of the corner only while the wire turns. Inside, a sharp corner of metal is rounded whatever the wire
-# does, since it faces the wire from two sides.
+# Outside, lag leaves metal, so more tension helps; a lead would remove as much. But a large part of that error
+# occurs without lag: the wall of a straight ignites pulses while the whole wire passes, that of the corner only
+# while the wire turns. Inside, a sharp corner is always rounded, since it faces the wire from two sides.
 #
 # ## Compensation
 #
-# Four remedies, each only within 60 µm of the corner (the overshoot is as long as it says), at otherwise the same
-# feed: half the feed; less energy per pulse, the remedy the thesis of 1982 has in mind; both; and guides that run
-# on beyond the corner and come back before they turn.
+# We compare four remedies within 60 µm of the corner, at otherwise the same feed: half the feed; less energy per
+# pulse, the remedy of the 1982 thesis; both; and guides that overshoot the corner and come back before they turn.
 
 # %%
 figure, panels = plt.subplots(1, 2, figsize=(10.0, 3.8), sharex=True)
@@ -313,21 +311,21 @@ for axes, (name, none), set_up in zip(panels, plain.items(), (lagging, machine),
 panels[1].legend([outer, inner], ["part outside of the turn", "part inside"], fontsize=8);
 
 # %% [markdown]
-# - **Overshoot** pays best: every µm beyond takes some 0.7 µm off the error outside, for a second per 10 µm. In the
-#   lagging set-up even more than the lag still helps, as it also gives the corner's wall its time; with the default
-#   20 µm are too much and dig in. So the right length has to be known.
-# - **Slower** takes off about as much as 10 to 15 µm of overshoot, for several times its time: less push, and
+# - **Overshoot** is best: every µm reduces the error outside by some 0.7 µm, and 10 µm take a second. In the
+#   lagging set-up even more than the lag helps, as it also exposes the corner's wall longer; in the default set-up
+#   20 µm are too much. So you must know the right length.
+# - **Slower** reduces the error like 10 to 15 µm of overshoot, but takes several times as long: less push, and
 #   longer exposure.
-# - **Less energy at the same feed makes it worse**, and beside half the feed it is worse than half the feed alone.
-#   The same metal has to go per second, so more and weaker sparks do it across a narrower gap, and the wall stays
+# - **Less energy at the same feed makes it worse**, and with half the feed it is worse than half the feed alone.
+#   The same metal must be removed per second, by more and weaker sparks across a narrower gap, so the wall stays
 #   nearer to the wire.
-# - None of them touches the punch's corner inside the turn.
+# - None of them affects the punch's corner inside the turn.
 #
 # ## A die, with controllers as they are
 #
-# A square die opening of 1.2 mm in 20 mm of tool steel, the part outside. A round kerf leaves $(\sqrt 2 - 1)$ of
-# its half width in a sharp corner; what is beyond that is error. The controller of 1982 shortens t(i) from 80 µm
-# before each corner on, and lets its law find the feed for it.
+# This is a square die opening of 1.2 mm in 20 mm of tool steel, with the part outside. A round kerf leaves $(\sqrt
+# 2 - 1)$ of its half width in a sharp corner; more than that is error. The controller of 1982 shortens t(i) from 80
+# µm before each corner, and its law finds the feed.
 
 # %%
 DIE = """\
@@ -361,12 +359,12 @@ for law in part_laws:
     print(f"{law:36} {np.mean(errors):10.1f} ± {spread:<22.1f} {seconds_used:10.0f}")
 
 # %% [markdown]
-# The same picture in a whole cut: a slower law leaves less in the corners, and is paid for everywhere; the shorter
-# on-time before corners alone gains nothing here.
+# A whole cut gives the same result: a slower law leaves less metal in the corners, but costs time everywhere; the
+# shorter on-time before corners alone gains nothing.
 #
 # ## Limits
 #
-# The verdict on energy hangs on the impulse per discharge, which nobody has measured, and on the pull. On a machine
-# whose wire lags by much more than its corners lack exposure, less energy *with* less feed may be worth more than
-# here. The overshoot was tried at 90 degrees and one feed. Taper, the slug's movement and flushing that changes in
-# a corner are not in the model.
+# The result for less energy depends on the impulse per discharge, which was never measured, and on the pull. On a
+# machine with much more lag, less energy *with* less feed may gain more. The overshoot was tried only at 90 degrees
+# and one feed. This notebook has no taper; the movement of the slug and changes of flushing in a corner are not in
+# the model.

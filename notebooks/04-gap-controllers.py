@@ -15,15 +15,14 @@
 # %% [markdown]
 # # Comparing gap controllers
 #
-# **Question.** Nobody sees the gap while the wire cuts. A controller has to infer it from what the machine measures
-# over 255 pulses at a time: how many of them were short circuits, how many stayed open, the mean voltage and the mean
-# ignition delay. How good is each of these signals, and how far is the best of them from a controller that sees the
-# gap?
+# **Question.** The gap cannot be observed during a cut. A controller must infer it from measurements over 255
+# pulses: the counts of short and open pulses, the mean voltage and the mean ignition delay. How good is each of
+# these signals, and how far is the best of them from a controller that sees the gap?
 #
-# **What is done.** Ten machines are drawn within the published ranges of all uncertain constants, with workpieces of
-# 4 to 40 mm and tensions of 8 to 20 N. Every controller makes the same cuts on them: a straight one (`GapFeed`), and
-# one through a workpiece whose height jumps every few tenths of a millimetre (`HeightStep`). The seeds are held back:
-# no gain was searched on them. The notebook does in Python what `edmsim evaluate` does; the page "benchmark" of the
+# **What is done.** Ten machines are drawn within the published ranges of all uncertain constants, with workpieces
+# of 4 to 40 mm and tensions of 8 to 20 N. Every controller makes the same cuts on them: a straight one (`GapFeed`),
+# and one through a workpiece whose height jumps every few tenths of a millimetre (`HeightStep`). The seeds are held
+# back: no search used them. The notebook does in Python what `edmsim evaluate` does; the page "benchmark" of the
 # documentation compares all controllers.
 
 # %% tags=["parameters"]
@@ -55,8 +54,8 @@ COLOURS = {"fixed": MUTED, "counts": BLUE, "voltage": ORANGE, "delay": PURPLE, "
 # - `counts` is the law of 1982: from the counts of short and open pulses, with its documented constants.
 # - `voltage` and `delay` are servos on the mean gap voltage and the mean ignition delay, with gains found by a
 #   search.
-# - `oracle` knows the true gap, and makes every cut with several gaps to choose the best. No machine could have it;
-#   it shows how fast a cut could have been.
+# - `oracle` knows the true gap, and makes every cut with several gaps to choose the best. A real machine cannot
+#   have it; it shows how fast a cut could be.
 #
 # Values in parentheses are 95 % bootstrap intervals over the cuts. They are wide because the machines differ more
 # than the controllers do. The *share of the oracle's rate* compares machine by machine, and its intervals are much
@@ -90,9 +89,9 @@ panels[0].legend(frameon=False)
 figure.tight_layout()
 
 # %% [markdown]
-# No single feed suits all machines. The one of `fixed` cuts less than half of what the oracle does, as a faster one
-# would drive the wire into the metal on some of them. The controllers that look at the pulses come near the oracle,
-# and nearest the one that looks at the ignition delay. No wire was lost.
+# No single feed suits all machines. `fixed` cuts less than half the rate of the oracle, as a higher feed would
+# drive the wire into the metal on some of them. The controllers that measure the pulses come near the oracle, and
+# the one with the ignition delay is nearest. No wire was lost.
 
 # %%
 for name in controllers:
@@ -108,8 +107,7 @@ assert all(stepped.figures[name]["oracle_share"].value > share for name in ("cou
 # ## One cut, window by window
 #
 # Four controllers cut one workpiece with jumping height on one machine. `Episode` runs what `evaluate` runs, one
-# window at a time. Beside what the controller sees it gives the truth of the window, such as the mean gap at the
-# discharges.
+# window at a time. It also gives the truth of the window, such as the mean gap at the discharges.
 
 # %%
 NAMES = ("fixed", "counts", "voltage", "oracle")
@@ -167,17 +165,17 @@ figure.align_ylabels()
 figure.tight_layout()
 
 # %% [markdown]
-# Where the workpiece gets thinner, the same power removes a longer stretch, so that the feed can rise. Every
-# controller that looks at the pulses raises it, `voltage` and the oracle up to 100 µm/s, the greatest of these
-# environments. Where the workpiece gets thicker the gap closes, and there are shorts until the feed has come down.
-# The oracle holds a gap of 16 to 25 µm with next to no open pulses; `voltage` comes as near in the mean, but hunts:
-# it runs into shorts and retracts. `counts` keeps a gap of 28 µm, with a quarter of the pulses open. `fixed` feeds
-# slowly whatever the height, and four of five pulses stay open.
+# Where the workpiece gets thinner, the same power cuts a longer distance, so the feed can rise. Every controller
+# that measures the pulses raises it, `voltage` and the oracle up to 100 µm/s, the greatest feed of these
+# environments. Where the workpiece gets thicker the gap closes, and there are shorts until the feed has fallen. The
+# oracle holds a gap of 16 to 25 µm with hardly any open pulses; `voltage` has the same mean gap, but oscillates: it
+# runs into shorts and retracts. `counts` holds a gap of 28 µm, with a quarter of the pulses open. `fixed` feeds
+# slowly at any height, and four of five pulses are open.
 #
 # ## The plane of short and open
 #
 # The controller of 1982 looks at these two shares only. Each window is a point, with its share of open pulses to
-# the right and that of short pulses upwards. The other pulses are sparks, so that a cut in the lower left corner
+# the right and that of short pulses upwards. The other pulses are sparks: a cut in the lower left corner
 # would waste no pulse.
 
 # %%
@@ -193,13 +191,13 @@ panels[0].set_ylabel("short, share")
 figure.tight_layout()
 
 # %% [markdown]
-# The cross is the median window. Windows with a wide gap lie to the right, and the distance from the grey line is
-# the share of pulses that ignited. The fastest cuts lie in the lower left corner, but for the windows in which the
-# wire runs into the metal: those of `voltage` on the left edge.
+# The cross is the median window. Windows with a wide gap are to the right, and the distance from the grey line is
+# the share of pulses that ignited. The fastest cuts are in the lower left corner, except windows in which the wire
+# runs into the metal: those of `voltage` on the left edge.
 #
-# ## What this does not say
+# ## Limits
 #
 # - The oracle is a bound only for controllers that choose the feed and nothing else, and only for the cutting rate.
 #   In the model shorts do no harm to the surface; on a real machine so many of them may be a bad idea.
-# - `counts` has its documented constants. Those that a search finds for it earn more, but hunt where windows are
-#   long (page "benchmark").
+# - `counts` has its documented constants. Those that a search finds earn more, but oscillate if windows are long
+#   (page "benchmark").

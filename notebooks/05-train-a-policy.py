@@ -19,13 +19,13 @@
 #
 # **What is done.** A policy is trained for a few minutes by proximal policy optimisation (Schulman et al. 2017,
 # [arXiv:1707.06347](https://arxiv.org/abs/1707.06347)) in `edmsim/GapFeed-v2`. An episode is a straight cut on a
-# machine that is drawn for it. Length cut is rewarded, and shorts and a lost wire are punished. The policy is then
-# compared, on machines that were held back, with the policy that is shipped and with two classic controllers. At
-# the end all of them cut a part. This notebook needs the extra `rl`: `pip install "edmsim[rl]"`. In a shell `edmsim
-# train` does the same; the page "training" says more.
+# machine that is drawn for it. The reward is the length cut, less costs for shorts and a lost wire. The policy is
+# then compared, on held-back machines, with the shipped policy and with two laws. At the end all of them cut a
+# part. This notebook needs the extra `rl`: `pip install "edmsim[rl]"`. In a shell `edmsim train` does the same
+# (page "training").
 
 # %% tags=["parameters"]
-steps = 200_000  # windows of 255 pulses to train with, all lanes together
+steps = 200_000  # windows of 255 pulses to train with, all environments together
 seed = 1  # of the training
 machines = 8  # held-back machines that the policies are measured on
 max_time_s = 600.0  # machine time after which a cut of the part is stopped
@@ -55,8 +55,8 @@ os.chdir(folder.name)  # all files go where they are thrown away
 # %% [markdown]
 # ## What the policy sees and does
 #
-# After every 255 pulses the policy sees what the machine shows in this window and in the last ones, and chooses by
-# how much the feed changes. The network is small, with two layers of 64; the settings of the learner are in
+# After every 255 pulses the policy observes the measurements of this window and of the last ones, and chooses the
+# change of the feed. The network is small, with two layers of 64; the settings of the learner are in
 # `models/training`.
 
 # %%
@@ -78,7 +78,7 @@ policy_file.write(card, arrays, Path("trained/policy.json"))
 print(sorted(file.name for file in Path("trained").glob("policy.*")), f"after {card.steps} windows")
 
 # %% [markdown]
-# `policy.json` and `policy.npz` are all that a cut needs: numbers and a description, no pickles, no torch.
+# A cut needs only `policy.json` and `policy.npz`: numbers and a description, no pickles, no torch.
 #
 # ## How good it is
 #
@@ -106,10 +106,10 @@ figure.tight_layout()
 
 # %% [markdown]
 # Early in the training nearly every episode ends with the wire in the metal, which costs more than a cut earns. In
-# so short a training the policy learns not to go there, by hardly feeding at all; how fast it may feed it would
-# learn after that. Do not compare the curve with the dashed lines: every episode runs on another machine, and while
-# it learns the policy also tries actions that it knows to be worse. The dashed lines can be compared with each
-# other, because they come from the same cuts.
+# this short training the policy learns to avoid that by hardly feeding at all; it would learn to feed faster later.
+# Do not compare the curve with the dashed lines: every episode runs on another machine, and during the training the
+# policy also tries worse actions. The dashed lines can be compared with each other, because they come from the same
+# cuts.
 
 # %%
 returns = {label: np.array([r.total_return for r in compared.results[name]]) for name, label in LABELS.items()}
@@ -120,16 +120,16 @@ for label in ("trained here", "shipped policy"):
     print(f"{label}: {share:.0%} of the return of `{best}`, more than it on {won} of {machines} machines")
 
 # %% [markdown]
-# The policy trained here earns less than nothing. The shipped one, which a version before had taught to stay off
-# the metal and which had five times as many windows, comes about as far as `voltage` and farther than `counts`; no
-# learned policy is better than the best law for certain, `delay` on the page "benchmark". Only the feed can be
-# chosen here, and a servo comes within a tenth of a controller that sees the gap. A policy could gain more where it
-# also sets the generator, or where it knows of a corner before the wire is there (`edmsim/Corner-v2`).
+# The policy trained here has a negative return. The shipped one started from a policy of the previous version,
+# which avoided the metal, and had five times as many windows. It is about as good as `voltage` and better than
+# `counts`. No learned policy is significantly better than the best law, `delay` on the page "benchmark". This task
+# sets only the feed, and a servo comes within a tenth of a controller that sees the gap. A policy could gain more
+# if it also sets the generator, or if it knows the corners ahead (`edmsim/Corner-v2`).
 #
 # ## Cutting a part
 #
-# The part is a small plate. Its corners are new to the policies, because all cuts of their environment are straight.
-# The plate is 60 mm high; thinner ones cut faster than the planners of 1982 can step.
+# The part is a small plate. Its corners are new to the policies, because all cuts of their environment are
+# straight. The plate is 60 mm high; thinner ones cut faster than the planners of 1982 can step.
 
 # %%
 Path("plate.ngc").write_text("""
@@ -174,16 +174,15 @@ panels[1].set(xlabel="path, mm", ylabel="short, share", ylim=(0, 1))
 figure.tight_layout()
 
 # %% [markdown]
-# The policy trained here waits before the metal until its time is over. The others finish the part. Where
-# the wire enters and leaves the metal, their feed is the greatest of the planner, 33.3 µm/s. `voltage` is the
-# fastest; it holds the narrowest gap, hunts a little, and has most shorts. The shipped policy cuts as evenly as
-# `counts`, closer to the metal and so 7 % faster, with the smallest profile error, although the reward does
-# not contain it.
+# The policy trained here waits before the metal until the time limit. The others finish the part. Where the wire
+# enters and leaves the metal, their feed is the greatest of the planner, 33.3 µm/s. `voltage` is the fastest; it
+# holds the narrowest gap, oscillates a little, and has most shorts. The shipped policy cuts as evenly as `counts`,
+# closer to the metal and so 7 % faster, with the smallest profile error, although that is not in the reward.
 #
-# ## What this does not say
+# ## Limits
 #
-# - The training here is far too short, and another seed ends in another policy. Nothing was tuned for this notebook.
-# - Machines are drawn within the published ranges of their constants. A real machine may lie outside of them, and
-#   only its log can show that (notebook 09).
-# - The shipped policy was trained once and not chosen among several, so that its figures on the held-back machines
-#   are as good as they look; another seed would end elsewhere (page "training").
+# - The training here is far too short, and another seed gives another policy. Nothing was tuned for this notebook.
+# - Machines are drawn within the published ranges of their constants. A real machine may be outside, and only its
+#   log can show that (notebook 09).
+# - The shipped policy was trained once and not chosen among several, so its figures on the held-back machines are
+#   unbiased; another seed would give another policy (page "training").

@@ -104,7 +104,7 @@ right.set(xlabel="along the line, µm", ylabel="off the line, µm", xlim=(0, 300
 # ## Every direction
 #
 # The next figure shows the largest distance from a line of 2.5 mm in every direction. A step of the motors is 2 µm,
-# so that no planner can do better than about 1 µm.
+# so no planner can be better than about 1 µm.
 
 # %%
 figure, panels = plt.subplots(1, len(speeds), figsize=(5.0 * len(speeds), 3.6), sharey=True, squeeze=False)
@@ -124,12 +124,12 @@ for (planner, speed), error in worst.items():
     assert planner == "poscal-literal" or error < STEP_UM
 
 # %% [markdown]
-# Moves along an axis have no error, so that they do not appear on the logarithmic scale. Three planners stay within
-# one step in every direction and at both speeds. The algorithm of 1982 does not. At low speed one unit of speed is
-# coarse, and at any speed the rounding of REDUC, which reduces numbers to 8 bits, is never corrected on the way. The
-# arithmetic is good enough: computed again at every step, as `poscal` does, it keeps the line as well as `dda`.
+# Moves along an axis have no error, so they do not appear on the logarithmic scale. Three planners stay within one
+# step in every direction and at both speeds. The algorithm of 1982 does not. At low speed one unit of speed is
+# coarse, and at any speed the rounding of REDUC, which reduces numbers to 8 bits, is never corrected on the way.
+# The arithmetic is good enough: computed again at every step, as `poscal` does, it keeps the line as well as `dda`.
 #
-# ## What the part gets of it
+# ## Effect on the part
 #
 # Each planner cuts a lozenge with oblique sides from 10 mm of tool steel. At the corners the offset path is an arc,
 # which the planners follow as chords.
@@ -161,12 +161,12 @@ error_figure(cuts[cut_planners[min(1, len(cut_planners) - 1)]].scene)
 
 # %% [markdown]
 # The figure shows the cut by `poscal-literal`. Its error is no larger than that of the others, because the lines of
-# this part are short: the discharges decide here, not the steps.
+# this part are short, and the discharges dominate the error.
 #
 # ## Behind the registers
 #
-# `edmsim.controllers.mcu` simulates that computer and its chips: bytes at addresses, counters and interrupts. You can
-# use it by hand, here for a move of 40 by 10 µm:
+# `edmsim.controllers.mcu` simulates that computer and its chips: bytes at addresses, counters and interrupts. You
+# can use it by hand, here for a move of 40 by 10 µm:
 
 # %%
 computer = Computer()
@@ -251,8 +251,8 @@ print(f"{twice[0].num_rows} windows, all equal")
 # ## An operator's session
 #
 # With `edmsim console 1982` you operate the machine yourself. Here a script types the commands after `>`. The
-# routines are those of the thesis. It left the dialogue to be written, so that the words are ours. On a terminal you
-# also see the digits of the front panel below the dialogue.
+# routines are those of the thesis. It does not specify the dialogue, so the words are ours. On a terminal you also
+# see the digits of the front panel below the dialogue.
 
 # %%
 def terminal(script: str, *options: str) -> None:
@@ -302,6 +302,6 @@ folder.cleanup()
 # ## Limits
 #
 # - The listings of 1982 are lost. The T-states are counted over the shortest loops that we would write.
-# - What the thesis documents is reproduced bit for bit: the routines, their words of 16 bits, their mistakes and the
-#   ports.
-# - The thesis does not say how arcs were made. The planners get them as chords.
+# - What the thesis documents is reproduced bit for bit: the routines, their words of 16 bits, their mistakes and
+#   the ports.
+# - The thesis has no arcs. The planners receive them as chords.

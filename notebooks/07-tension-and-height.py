@@ -16,11 +16,11 @@
 # # Tension and height, with uncertainty
 #
 # **Question.** How do wire tension and workpiece height change the cutting rate, the kerf, the lag of the wire and
-# the error at a corner? How much of that holds for a machine whose constants are known only within ranges?
+# the error at a corner? How much of that applies to a machine whose constants are known only within ranges?
 #
 # **What is done.** `Machine.sample` draws every constant that has a published range within that range. Each drawn
 # machine cuts a straight line and a corner of 90° at every tension and height, under the count law of 1982. Machine
-# *k* is the same machine at every point of the grid, so that differences between points come from tension and height.
+# *k* is the same machine at every point of the grid, so differences between points come from tension and height.
 # The figures show the median over the machines, and a band with the middle 80 % of them.
 
 # %% tags=["parameters"]
@@ -106,14 +106,14 @@ figure.tight_layout(rect=(0, 0, 1, 0.96))
 
 # %% [markdown]
 # The wire lags: at the feed of the count law the discharges and the jets push it back by more than the field
-# between wire and workpiece pulls it forward (notebook 03 has slower cuts, where it leads). As the law of the taut
-# string has it, the lag falls with the tension. From 15 to 40 mm it hardly grows, because field and film grow with
-# the height as well. A wire that lags cuts the corner short; the corner error is how far its path then is from that
-# of the guides.
+# between wire and workpiece pulls it forward (notebook 03 has slower cuts, where it leads). As for a taut string,
+# the lag falls with the tension. From 15 to 40 mm it hardly grows, because field and film grow with the height as
+# well. A wire that lags cuts the corner short; the corner error is the distance of its path from that of the
+# guides.
 #
-# A tauter wire also vibrates less, so that its kerf is narrower, by some 3 µm. The rate does not depend on the
-# tension. The bands overlap, because the machines differ from each other by more than the tension changes. On *one*
-# machine the effect is clear, as the comparison of each machine with itself shows:
+# With more tension the wire also vibrates less, so its kerf is narrower, by some 3 µm. The rate does not depend on
+# the tension. The bands overlap, because the differences between machines are larger than the effect of the
+# tension. On *one* machine the effect is clear, as the comparison of each machine with itself shows:
 
 # %%
 print(f"tension {tensions[0]:g} to {tensions[-1]:g} N, each machine compared with itself:")
@@ -144,9 +144,8 @@ for name, machine_sd, seed_sd in zip(MEASURES, spread, np.nanstd(again, axis=0, 
 # ## Which constants matter
 #
 # More machines are drawn at the middle of the grid. The table shows Spearman's rank correlation of every constant
-# with every measure; it needs no straight line, only one direction. Constants without an effect are left out. Their
-# correlation is one that chance alone would give with as many machines; the level is chosen such that chance adds
-# one constant to the whole table on average.
+# with every measure. Constants without an effect are left out: their correlation could be chance with this number
+# of machines. The level is chosen such that chance adds one constant to the whole table on average.
 
 # %%
 sample = [draw(1000 + k, **middle) for k in range(drawn)]
@@ -187,13 +186,13 @@ figure.colorbar(image, label="rank correlation", shrink=0.9)
 figure.tight_layout()
 
 # %% [markdown]
-# If you want to predict for a machine of your own, find these few constants first. You can measure the clearance of
-# the guides with a ruler, and fit others to a log (notebook 09). For the rest the middle of the range is good enough.
+# To predict a machine of your own, find these few constants first. You can measure the clearance of the guides with
+# a ruler, and fit others to a log (notebook 09). For the rest the middle of the range is good enough.
 #
-# ## What this does not say
+# ## Limits
 #
-# - The bands come from the published ranges of the constants, drawn independently of each other. They contain neither
-#   the errors of the model itself (notebook 08) nor constants without a range.
+# - The bands come from the published ranges of the constants, drawn independently of each other. They contain
+#   neither the errors of the model itself (notebook 08) nor constants without a range.
 # - All cuts here are at the resolution `fast`; what a finer one changes is on the page "convergence".
 # - The corner error here concerns the wire's path. The edge of a part also depends on the offset, and on which side
 #   of the path the part is (notebook 03).

@@ -13,14 +13,14 @@
 # ---
 
 # %% [markdown]
-# # Validation: the model beside what was published
+# # Validation: the model and publications
 #
 # **Question.** Where does the model agree with published facts, where does it not, and what can you use it for?
 #
-# **What is done.** `edmsim.validation` is a list of published facts, each with its source and with the code that
-# lets the model repeat it. A fact is a value, a band or a sign, and has a tolerance that says what counts as
-# agreement. Nothing is fitted here. The rows below are those that take seconds; `edmsim validate` and the page
-# "validation" have those of whole cuts as well. Rows that fail stay in the list, with a link to the reason.
+# **What is done.** `edmsim.validation` is a list of published facts, each with its source and with code that
+# repeats it in the model. A fact is a value, a band or a sign, with a tolerance. Nothing is fitted here. The rows
+# below take seconds; `edmsim validate` and the page "validation" also have rows of whole cuts. Rows that fail stay
+# in the list, with a link to the reason.
 
 # %% tags=["parameters"]
 modules = ["ignition", "craters", "strings", "heat", "water", "corners"]  # checks; in this order the topics come
@@ -157,22 +157,22 @@ failing = [row for row in rows if not row.passed]
 Markdown("\n".join(rows_table(failing, base="notebooks")))
 
 # %% [markdown]
-# If you want to use the model, these matter most; most of them are of whole cuts, and on the page "validation":
+# If you want to use the model, these differences matter most; most are of whole cuts, and on the page "validation":
 #
 # - **The lag.** Real wires lag by 10 to 100 µm. A rough cut of 30 mm does so in the model: by 17 µm in tool steel
 #   and by 29 µm in austenitic steel. In high workpieces the field between wire and metal outweighs the push of the
 #   discharges, and the wire leads: by 3 µm in the default cut of 80 mm. The push was derived, never measured, and
-#   its range is a factor of six. Trust how the lag changes with tension and height, but not its size, nor the
+#   its range is a factor of six. Trust the changes of the lag with tension and height, but neither its size nor the
 #   corner errors that follow.
 # - **Production rates.** Production cutting needs four to five times the energy per volume that textbooks give. The
-#   model comes near both, because short pulses remove less per joule. That law was chosen with both in view, so that
-#   the rows of production cutting are a calibration and prove nothing.
-# - **Wire rupture.** On 80 mm the model's wire breaks at 26 A, where the machine of the publication cut at 29 A. In
-#   the rig with still water it does not break, where every wire of the publication did. Wires of 0.1 mm cut two to
-#   three times as fast before they break as practice reports.
-# - **Flow.** A stream does not put off the ignition in clean water, and neither flow nor the running wire calms its
+#   model comes near both, because short pulses remove less per joule. That law was chosen from both figures, so the
+#   rows of production cutting are a calibration and prove nothing.
+# - **Wire rupture.** On 80 mm the model's wire breaks at 26 A; the machine of the publication cut at 29 A. In still
+#   water it does not break, but every wire of the publication did. Wires of 0.1 mm cut two to three times as fast
+#   before they break as in practice.
+# - **Flow.** A stream does not delay the ignition in clean water, and neither flow nor the running wire reduces its
 #   vibration.
-# - **Walls.** Real walls of 40 mm are hollow by 5 to 20 µm in the middle. The model's are straight.
+# - **Walls.** Real walls of 40 mm are concave by 5 to 20 µm in the middle. The model's are straight.
 #
 # ## All rows
 

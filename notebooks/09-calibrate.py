@@ -19,13 +19,13 @@
 # %% [markdown]
 # # Fitting the model to a machine's own log
 #
-# **Question.** The constants of the model are published as ranges. Which of them can you find in the log that a
-# machine writes while it cuts, and how well?
+# **Question.** The constants of the model are published as ranges. Which of them can you determine from the log of
+# a machine, and how well?
 #
 # **What is done.** A machine with its own constants cuts a straight line and logs its windows. From the log alone
-# `edmsim.calibration` estimates the constants, with confidence intervals. That machine is simulated as well, so that
-# its constants are known and can be compared with the intervals. In a shell `edmsim calibrate` does the same (page
-# "calibration").
+# `edmsim.calibration` estimates the constants, with confidence intervals. That machine is simulated as well, so
+# that its constants are known and can be compared with the intervals. In a shell `edmsim calibrate` does the same
+# (page "calibration").
 
 # %% tags=["parameters"]
 feeds_um_s = [14.0, 19.0]  # of the log's cuts, um/s
@@ -59,7 +59,7 @@ os.chdir(folder.name)  # all files go where they are thrown away
 # %% [markdown]
 # ## A machine, and its log
 #
-# The machine has other values than the files for the constants that are to be fitted. The log does not contain them.
+# The machine's values of the fitted constants differ from those of the files. The log does not contain them.
 
 # %%
 HEIGHT_MM = 30.0  # so high that the law stays below the greatest feed of the planner, 33.3 µm/s
@@ -109,8 +109,8 @@ fit = calibrate(log, known, [*constants, *others], seed=5)
 show(fit)
 
 # %% [markdown]
-# The intervals in parentheses are 95 % intervals. The misfit is given per degree of freedom; it is about 1 or below
-# if the model can do what the machine did.
+# The intervals in parentheses are 95 % intervals. The misfit is per degree of freedom; it is about 1 or below if
+# the model reproduces the machine.
 
 # %%
 figure, axes = plt.subplots(figsize=(7.4, 0.9 + 0.5 * len(fit.constants)))
@@ -133,13 +133,14 @@ inside = [low <= TRUTH[name] <= high for name, _, _, (low, high), _, _ in fit.co
 print(f"truth inside the interval for {sum(inside)} of {len(inside)} constants")
 
 # %% [markdown]
-# A 95 % interval misses the truth once in twenty times, so that a miss now and then is no fault. Where the value of
-# the files lies outside the blue bar, the log rules it out.
+# A 95 % interval misses the true value once in twenty times, so an occasional miss is normal. If the value of the
+# files is outside the blue bar, the log excludes it.
 #
-# ## Does the fitted model do what the machine did?
+# ## Does the fitted model reproduce the machine?
 #
-# The panels on the left show the log in grey, with the stretches that the fit used and the fitted model's values for
-# them. Those on the right show the difference in units of its noise: nearly always within 2, and without a trend.
+# The panels on the left show the log in grey, with the stretches that the fit used and the fitted model's values
+# for them. Those on the right show the difference in units of its noise: nearly always within 2, and without a
+# trend.
 
 # %%
 UNITS = dict(zip(STATISTICS, ("short, of 255", "open, of 255", "voltage, V", "current, A", "delay, µs"), strict=True))
@@ -167,10 +168,10 @@ figure.align_ylabels(grid[:, 0])
 figure.tight_layout()
 
 # %% [markdown]
-# ## What a log does not contain
+# ## Constants that a log does not determine
 #
-# Some constants have no effect on these five statistics, and two constants may have the same effect. The fit leaves
-# such a constant at its value and gives the reason, instead of a number that means nothing.
+# Some constants have no effect on these five statistics, and two constants may have the same effect. The fit does
+# not change such a constant, and reports the reason.
 
 # %%
 for name, reason in fit.undetermined.items():
@@ -184,9 +185,9 @@ assert not set(constants) & set(fit.undetermined)
 # ## A log under a gap controller
 #
 # Machines do not cut at fixed feeds. In the next log the law of 1982 holds the counts by changing the feed. There
-# is only one operating point, but one with many shorts, and the shorts depend on the size of the debris. The
-# controller keeps the counts steadier than a fixed feed would, so that the noise of the comparison is taken from
-# simulated cuts at that point and not from the log.
+# is only one operating point, but it has many shorts, which depend on the size of the debris. The controller keeps
+# the counts steadier than a fixed feed would, so the noise of the comparison is that of simulated cuts at that
+# point, not of the log.
 
 # %%
 pq.write_table(log_of("counts", 21, counts_seconds), "counts.parquet")
@@ -195,13 +196,13 @@ held = calibrate(steered, known, constants, seed=5)
 show(held)
 
 # %% [markdown]
-# The log has one operating point, and the three constants move along with each other. A log of several feeds or
-# settings says more, so vary them in a log that you want to fit.
+# The log has one operating point, and the three constants are correlated. A log with several feeds or settings
+# determines more, so vary them in a log that you want to fit.
 #
 # ## Cutting with the fitted machine
 #
-# The fit is written as complete files, of the kind in `models/`, and `edmsim.cut` takes them. As a test, the fitted
-# machine predicts something that was not in the log: a pulse period of 150 µs instead of 100 under the count law.
+# The fit writes complete files like those in `models/` for `edmsim.cut`. As a test, the fitted machine predicts a
+# cut that was not in the log: a pulse period of 150 µs instead of 100 under the count law.
 
 # %%
 files = write(fit, "log.parquet", Path("fitted.toml"))
@@ -223,14 +224,14 @@ for label, parts in sets.items():
 Markdown("\n".join(rows))
 
 # %% [markdown]
-# The law holds the counts whatever the constants are. The constants decide at which feed it does so.
+# The law holds the counts with any constants. The constants determine the feed.
 #
-# ## What this does not say
+# ## Limits
 #
-# - Log and model come from the same program here. A real machine does things that the model does not, and the misfit
-#   shows it: if it is well above 1, the constants are only the best of a wrong model, and their intervals are too
+# - Log and model come from the same program here. A real machine has effects that the model lacks, and the misfit
+#   shows that: if it is well above 1, the constants are only the best of a wrong model, and their intervals are too
 #   narrow.
-# - The intervals hold if the constants that were *not* fitted are right.
-# - Under a gap controller a cut has fewer shorts than at its mean feed held fixed. The fit does not follow that (page
+# - The intervals are valid if the constants that were *not* fitted are right.
+# - Under a gap controller a cut has fewer shorts than at its mean feed. The fit does not include that (page
 #   "calibration").
-# - Constants belong to the resolution they were fitted at; all cuts above are at `fast`.
+# - Constants depend on the resolution of the fit; all cuts above are at `fast`.

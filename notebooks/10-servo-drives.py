@@ -65,9 +65,9 @@ for name, measured in (("as delivered", tuning.before.figures), ("tuned", tuning
 assert tuning.after.figures.rms < tuning.before.figures.rms
 
 # %% [markdown]
-# The values that the manual calls "pretty safe" are not safe on every axis: with 0.4 mm of travel per turn, as here,
-# the drive oscillates and takes long to come to rest. The tuned drive makes a step of 50 counts, which is 10 µm, in
-# about 20 ms.
+# The values that the manual calls "pretty safe" are not safe on every axis: on this axis, with 0.4 mm of travel per
+# turn, the drive oscillates and takes long to come to rest. The tuned drive makes a step of 50 counts, which is 10
+# µm, in about 20 ms.
 #
 # ## Cuts
 #
@@ -139,14 +139,13 @@ right.set(xlabel="machine time, ms", ylabel="following error of the restless dri
 right.legend(fontsize=8);
 
 # %% [markdown]
-# - With the tuned drive the following error is about a step. The drive adds next to nothing to the profile error, and
-#   corners and shorts are those of the steppers.
-# - The soft drive cuts the part, too, but friction keeps it some 6 µm behind; at the end of the path it comes no
-#   nearer, and the control stops it there. That is its share of the profile error, and its corners have 4 µm more
-#   than those of the steppers. The drive causes no more shorts, because the gap controller does not notice the
-#   error.
+# - With the tuned drive the following error is about a step. The drive adds hardly anything to the profile error,
+#   and corners and shorts are those of the steppers.
+# - The soft drive also cuts the part, but friction keeps it some 6 µm behind; at the end of the path it comes no
+#   nearer, and the control stops it there. That is its share of the profile error, and its corner errors are 4 µm
+#   larger than those of the steppers. The drive causes no additional shorts.
 # - The restless drive oscillates before the first spark and trips at its error limit. With a much wider limit it
-#   would go on oscillating, and break the wire.
+#   would continue to oscillate, and break the wire.
 #
 # ## Limits
 #

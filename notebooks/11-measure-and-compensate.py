@@ -41,9 +41,9 @@ max_time_s = 3600.0  # machine time after which a cut stops
 # %% [markdown]
 # ## Measuring
 #
-# The axis approaches every target several times from below and from above. ISO 230-2 says how accuracy and
-# repeatability follow from that. While x moves, y is read as well, and its slope is the error of squareness. A circle
-# (ISO 230-4) shows all errors at once.
+# The axis approaches every target several times from below and from above. ISO 230-2 defines accuracy and
+# repeatability. While x moves, y is read as well, and its slope is the squareness error. A circle (ISO 230-4) shows
+# all errors at once.
 
 # %%
 worn = edmsim.Machine.load("worn-table")
@@ -61,11 +61,11 @@ measured = {"as it is": before, "compensated": after}
 display(table_figure(measured))
 
 # %% [markdown]
-# The rest is the motor's step of 1 µm: every axis rounds to it, also the compensation.
+# The rest comes from the motor's step of 1 µm, to which every axis, and the compensation, is rounded.
 #
 # ## Cutting
 #
-# The next cells do what these commands do: `edmsim measure table --machine worn-table --out tables.toml` and
+# The next cells are equivalent to these commands: `edmsim measure table --machine worn-table --out tables.toml` and
 # `edmsim cut punch.ngc --machine worn-table --compensation tables.toml`.
 
 # %%
@@ -102,10 +102,10 @@ maps = {name: result.scene.maps[0] for name, result in results.items()}
 display(part_figure(measured, maps))
 
 # %% [markdown]
-# ## What is left
+# ## Results
 #
-# A coordinate measuring machine would fit a line to each side of the punch. The same is done here, after subtracting
-# the error of the perfect table's cut at the same place.
+# A coordinate measuring machine would fit a line to each side of the punch. We do the same, after subtracting the
+# error of the perfect table's cut at the same place.
 
 # %%
 points = maps["perfect table"].points_mm
@@ -145,8 +145,8 @@ if not np.isnan(shares).any():
     assert max(shares) < 10.0
 
 # %% [markdown]
-# The report has these figures as well: the error that the table makes along the whole edge, what the compensation
-# leaves of it, and the profile error that the part would have without compensation.
+# The report has these figures as well: the error of the table along the whole edge, the rest after compensation,
+# and the profile error that the part would have without compensation.
 
 # %%
 report = results["compensated"].report

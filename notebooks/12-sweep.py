@@ -58,18 +58,19 @@ table = read(folder / "results")
 print(f"{done.total} runs, {done.failed} failed")
 
 # %% [markdown]
-# The same call a second time makes no new runs, because every run is known by the settings that decide its result.
+# The same call a second time makes no new runs, because every run is identified by the settings that affect its
+# result.
 
 # %%
 print(sweep(specification, folder / "results").made, "runs made")
 
 # %% [markdown]
-# ## What matters
+# ## Sensitivity
 #
-# A bar is the share of a result's variance that goes with a setting: dark by itself (first-order index), pale with
-# its interactions (total index). Blue bars are of settings with which the result rises, red ones of those with which
-# it falls. A polynomial is fitted to the points for that, and what it misses of points that it was not fitted to is
-# the unexplained share. With 16 points only strong effects are found.
+# A bar is the share of a result's variance caused by a setting: dark alone (first-order index), pale with its
+# interactions (total index). The result rises with settings of blue bars, and falls with those of red bars. The
+# shares come from a polynomial that is fitted to the points; its error at points left out of the fit is the
+# unexplained share. With 16 points only strong effects are found.
 
 # %%
 found = sensitivities(table)

@@ -15,14 +15,13 @@
 # %% [markdown]
 # # Learning from records alone
 #
-# **Question.** How good a feed controller can be learned from records of others, without a trial of its own?
+# **Question.** How good is a feed controller that is learned only from records of other controllers?
 #
-# **What is done.** Three classic controllers cut machines drawn for `edmsim/GapFeed-v2`, and every window is kept in
-# a [Minari](https://minari.farama.org) data set, as `edmsim dataset` makes them. Two networks learn from the same
-# records: one imitates all that was done (behaviour cloning), the other imitates the better what earned more
+# **What is done.** Three laws cut on machines drawn for `edmsim/GapFeed-v2`, and every window is stored in a
+# [Minari](https://minari.farama.org) data set, as by `edmsim dataset`. Two networks learn from the same records:
+# one imitates all actions (behaviour cloning), the other gives more weight to actions that earned more
 # (advantage-weighted regression, Peng et al. 2019, [arXiv:1910.00177](https://arxiv.org/abs/1910.00177)). Both are
-# then measured on machines that are in no record. This notebook needs the extras:
-# `pip install "edmsim[rl,offline]"`.
+# then evaluated on other machines. This notebook needs the extras: `pip install "edmsim[rl,offline]"`.
 
 # %% tags=["parameters"]
 steps = 24_000  # windows recorded of each controller
@@ -61,8 +60,8 @@ torch.set_num_threads(1);  # more only wait for each other
 # %% [markdown]
 # ## The records
 #
-# From a shell: `edmsim dataset edmsim/GapFeed-v2 --controllers fixed,counts,voltage --steps 24000 --out records`.
-# A broken wire ends an episode, and costs what threading another one would.
+# In a shell the command is `edmsim dataset edmsim/GapFeed-v2 --controllers fixed,counts,voltage --steps 24000 --out
+# records`. A broken wire ends an episode, and costs the time of threading another.
 
 # %%
 recorded = record(ENV, ["fixed", "counts", "voltage"], steps, Path("records"))
@@ -73,9 +72,9 @@ for one in recorded:
           f"{one.steps:6} windows, mean return {one.mean_return:6.1f}")
 
 # %% [markdown]
-# What a window earned is seen only later: a feed too fast becomes a short, a short becomes a jam. So every window
-# is judged by the discounted rewards that follow it. The advantage is what remains of that when what could be
-# expected from the observation, a second network, is taken away.
+# The effect of an action appears later: a feed that is too high leads to a short, and a short to a jam. So every
+# window is judged by the sum of discounted rewards that follow. The advantage is this sum less its expectation from
+# the observation, which a second network learns.
 
 # %%
 DISCOUNT = 0.98  # looks some 50 windows ahead
@@ -143,7 +142,7 @@ share = 1.0 - float(advantage.var() / worth.var())
 print(f"the observation alone explains {share:.0%} of what a window earned")
 
 # %% [markdown]
-# Kept as a policy of edmsim, a network can do all that a classic controller can: `edmsim evaluate`, `edmsim cut`.
+# Saved as a policy of edmsim, a network works like any controller in `edmsim evaluate` and `edmsim cut`.
 
 # %%
 family = make_family(ENV, **SETTING)
@@ -171,9 +170,10 @@ def keep(name: str, net: torch.nn.Sequential) -> str:
 named = {keep(name, net): name for name, net in policies.items()}
 
 # %% [markdown]
-# ## What they are worth
+# ## Results
 #
-# On machines that are in no record. The score is 0 for `fixed`, and 1 for a reference that sees the gap.
+# The networks cut on machines that are in no record. The score is 0 for `fixed`, and 1 for a reference that sees
+# the gap.
 
 # %%
 compared = evaluate(ENV, [*named, "fixed", "counts", "voltage"], machines, resolution="fast")
@@ -198,15 +198,15 @@ for label in policies:
           "the best of those that were recorded")
 
 # %% [markdown]
-# Both networks fall short of the laws whose records they learned from: they cut half as fast as `voltage`. A third
-# of the records are of a feed that knows nothing, and where the copy is slower than the record it meets windows
-# that nobody showed it. Weighting helps on some machines and harms on others. What a window earns depends on the
-# machine at least as much as on the feed, and the observation does not show which machine it is; so what earned
-# more than was expected is, in good part, what an easy machine would have earned with any feed.
+# Both networks are worse than the laws of the records: they cut half as fast as `voltage`. A third of the records
+# are of a constant feed, and where the network is slower than the records it meets windows that are in no record.
+# Weighting helps on some machines and harms on others. The return of a window depends on the machine at least as
+# much as on the feed, and the observation does not show the machine. So a high advantage often means an easy
+# machine, not a good action.
 #
-# ## What this does not say
+# ## Limits
 #
-# - One seed, one temperature of the weights: 0.3 in place of 1 ended in a policy that hardly feeds. Methods made for
-#   records with hidden machines, with a memory or with pessimism about what was never tried, were not used.
-# - A clone is no better than what it was shown, and goes wrong in a place where none of the three has been.
+# - There is one seed, and one temperature of the weights: 0.3 in place of 1 gave a policy that hardly feeds. We did
+#   not use methods for hidden machines, with a memory, or with pessimism about untried actions.
+# - A clone is not better than its records, and fails in states that none of the three controllers visited.
 # - Records with more breaks are made in `edmsim/ThinWire-v1`; `info["cost"]` is in every data set.

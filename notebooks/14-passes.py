@@ -15,11 +15,11 @@
 # %% [markdown]
 # # One pass, two passes, four
 #
-# **Question.** What do trims make of a punch: of its error, its corners, its roughness, and of the time it takes?
+# **Question.** How do trims change the error, corners and roughness of a punch, and the time it takes?
 #
 # **What is done.** A small punch in 25.4 mm of tool steel is cut with 0.254 mm brass wire in one, two and four
-# passes, by the technology that is shipped. The same numbers of a job shop are shown with them: offsets and Ra for
-# the same wire, material and height, and what a trade page says of accuracy by number of passes.
+# passes, with the shipped technology. For comparison, the figures show offsets and Ra of a job shop for the same
+# wire, material and height, and the accuracy by number of passes from a trade page.
 
 # %% tags=["parameters"]
 width_mm = 3.0
@@ -63,10 +63,10 @@ cuts = {
 folder.cleanup()
 
 # %% [markdown]
-# ## What each pass did
+# ## The passes
 #
-# `offset` is what the pass ran at; `as last` the offset with which its wall would have met the drawing. `left` is
-# the metal over the drawing behind it, `taken` what it took of that.
+# `offset` is the offset of the pass; `as last` is the offset at which its wall would lie on the drawing. `left` is
+# the metal left on the drawing, `taken` the metal that the pass removed.
 
 # %%
 for number, cut in cuts.items():
@@ -83,8 +83,8 @@ for number, cut in cuts.items():
 # %% [markdown]
 # ## Error, roughness and time
 #
-# The error is that of the whole edge, of all heights, with the corners: 95 % of it are smaller. Bars of the shop and
-# of the trade page are grey.
+# The error is the 95th percentile over the whole edge with its corners, at all heights. Bars of the shop and of the
+# trade page are grey.
 
 # %%
 figure, axes = plt.subplots(1, 4, figsize=(10.0, 2.8), layout="constrained")
@@ -112,7 +112,8 @@ for panel, title in zip(axes, titles, strict=True):
 # %% [markdown]
 # ## The wall and the face
 #
-# First the wall behind each pass, over the height; then the face of the part, unrolled: error over path and height.
+# The first figure has the wall after each pass, over the height; the second the face of the part, unrolled: the
+# error over path and height.
 
 # %%
 cuts[numbers[-1]].plot("passes")
@@ -121,10 +122,10 @@ cuts[numbers[-1]].plot("passes")
 cuts[numbers[-1]].plot("face")
 
 # %% [markdown]
-# ## What one sees
+# ## Results
 #
-# A single pass meets the drawing in the mean, but its edge scatters by some µm. Ra falls with the energy of the
-# pulses; from the fifth pass on the fine generator takes over, and it falls to a third at once. Each trim takes about
-# half of the time of the rough pass. The offsets are within 15 % of the shop's: the model's trims leave a wider gap.
-# The error does not fall as the trade page has it: the model's single pass is better than a shop's, as its table is
-# perfect and its lag small, and outer corners are undercut by trims as well.
+# A single pass meets the drawing on average, but its edge scatters by some µm. Ra falls with the energy of the
+# pulses; from the fifth pass on the fine generator is used, and Ra falls to a third at once. Each trim takes about
+# half the time of the rough pass. The offsets are within 15 % of the shop's: the model's trims leave a wider gap.
+# The error does not fall as on the trade page: the model's single pass is better than a shop's, as its table is
+# perfect and its lag small, and trims also undercut outer corners.

@@ -2,32 +2,51 @@
 
 from __future__ import annotations
 
+import base64
 import gc
+import sys
 from collections.abc import Callable, Iterator
 from functools import partialmethod
 from importlib import resources
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import settings
 
 import edmsim
+from edmsim.cli import app as cli
 from edmsim.envs.episode import Task
 from edmsim.learning import hyperparameters
 
 from .worker_stacks import pytest_configure  # noqa: F401, a hook
 
 
+def pytest_collection() -> None:
+    """Collect no garbage while modules are imported and tests are made: they stay."""
+    gc.disable()
+
+
+@pytest.hookimpl(tryfirst=True)  # before what is slow is left out
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Call slow what waits for a whole cut."""
+    for item in items:
+        if "small_cut" in getattr(item, "fixturenames", ()):
+            item.add_marker("slow")
+
+
 def pytest_collection_finish() -> None:
-    """Let Python's garbage collector skip modules and tests, which stay: a tenth of the time went into them."""
+    """Let Python's garbage collector skip modules and tests, and seldom look at old objects: they took a tenth."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(700, 10, 100)
+    gc.enable()
 
 
-settings.register_profile("untimed", deadline=None)  # a busy machine is not a fault of ours
+# a busy machine is not a fault of ours; other runs try other examples
+settings.register_profile("untimed", deadline=None, max_examples=50)
 settings.load_profile("untimed")
 
 PUNCH = """\
@@ -62,19 +81,52 @@ def load_script() -> Callable[[Path], ModuleType]:
     return load
 
 
-DOT = "data:image/png;base64," + (
+class Outcome(NamedTuple):
+    """What a command left: exit status, and what it wrote to either stream."""
+
+    status: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture(name="edmsim")
+def command_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command in this process, as ``edmsim("cut", file, "--out", folder)``."""
+
+    def run(*words: object) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, words)])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        code = left.value.code
+        return Outcome(code if isinstance(code, int) else 0, *capsys.readouterr())
+
+    return run
+
+
+DOT = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR42mNgAAAAAgAB5Sfe/AAAAABJRU5ErkJggg=="
 )
 """A picture of one point."""
 
 
-@pytest.fixture(autouse=True)
-def pictures_of_reports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave a point in place of each picture in a report's page: to draw them is half of what a short cut takes.
+@pytest.fixture
+def draws_pictures() -> None:
+    """Let cuts of a test draw their pictures, see `pictures_of_cuts`."""
 
-    The figures themselves are made all the same; `tests/recording` draws them, and so does `small_cut`.
+
+@pytest.fixture(autouse=True)
+def pictures_of_cuts(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let cuts write a point in place of their picture, and a page without figures: most of what a short cut takes.
+
+    `small_cut`, all of `tests/recording` and the tests with `draws_pictures` draw them.
     """
-    monkeypatch.setattr("edmsim.recording.html_report._png", lambda figure, dpi: DOT)
+    if "draws_pictures" not in request.fixturenames:
+        monkeypatch.setattr("edmsim.recording.figures.profile.profile_png", lambda *_: DOT)
+        monkeypatch.setattr("edmsim.recording.html_report.pictures", lambda *_: iter(()))
+        monkeypatch.setattr("edmsim.job.result.sample_or_reason", lambda *_: "not simulated")
 
 
 @pytest.fixture
@@ -137,19 +189,19 @@ def small_cut(
 ) -> SimpleNamespace:
     """Give the finished cut of the punch, its folder, and what a watcher saw of it."""
     folder = tmp_path_factory.mktemp("out") / "new" / "punch"
-    seen: list[Any] = []
-    return SimpleNamespace(result=cut_small(out=folder, watch=seen.append), folder=folder, seen=seen)
+    progress: list[Any] = []
+    return SimpleNamespace(result=cut_small(out=folder, watch=progress.append), folder=folder, progress=progress)
 
 
 @pytest.fixture
 def short_training(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let trainings be short: few lanes, few windows between updates."""
+    """Let trainings be short: few sub-environments, few windows between updates."""
     load = hyperparameters.load
 
     def shorter(env_id: str, algo: str, settings: Path | None = None) -> hyperparameters.Hyperparameters:
-        given = load(env_id, algo, settings)
+        usual = load(env_id, algo, settings)
         replays = {"learning_starts": 40, "buffer_size": 500}
         change = {"n_steps": 32, "batch_size": 32} if algo not in ("sac", "tqc") else replays
-        return given.model_copy(update={"num_envs": 2, "algorithm": {**given.algorithm, **change}})
+        return usual.model_copy(update={"num_envs": 2, "algorithm": {**usual.algorithm, **change}})
 
     monkeypatch.setattr(hyperparameters, "load", shorter)

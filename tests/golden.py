@@ -86,13 +86,13 @@ CUT_WITH = """--material no|--machine no|--machine no.toml|--wire brass-10|--gen
 
 def take(items: Items, name: str, make: Callable[..., Any], *arguments: Any, **options: Any) -> None:
     """Put in what a call returns, or its error; says so, and how long it took."""
-    begun, told = time.perf_counter(), ""
+    start_s, text = time.perf_counter(), ""
     try:
         put(items, name, make(*arguments, **options))
     except Exception as error:
-        told = f"{type(error).__name__}: {error}"
-        put(items, f"{name}/error", {"told": told, **vars(error)})
-    print(f"{name}  {time.perf_counter() - begun:.1f} s  {told}", flush=True)
+        text = f"{type(error).__name__}: {error}"
+        put(items, f"{name}/error", {"told": text, **vars(error)})
+    print(f"{name}  {time.perf_counter() - start_s:.1f} s  {text}", flush=True)
 
 
 def put(items: Items, name: str, value: Any) -> None:
@@ -119,11 +119,11 @@ def entry(value: Any) -> list[str]:
             array = np.array(value)
             value = array if array.dtype.kind in "biuf" else value
     if isinstance(value, np.ndarray) and value.dtype != object:
-        told = f"{value.dtype}{value.shape} {value.ravel()[:: max(1, value.size // SAMPLES)].tolist()}"
-        return [hashlib.sha256(told.encode() + value.tobytes()).hexdigest(), told]
-    told = value if isinstance(value, str) else json.dumps(value, default=lambda v: getattr(v, "tolist", v.__str__)())
-    told = MASKED.sub("<masked>", told.replace(os.getcwd(), "<folder>").replace(str(ROOT), "<root>"))
-    return [hashlib.sha256(told.encode()).hexdigest(), told[:LONGEST]]
+        text = f"{value.dtype}{value.shape} {value.ravel()[:: max(1, value.size // SAMPLES)].tolist()}"
+        return [hashlib.sha256(text.encode() + value.tobytes()).hexdigest(), text]
+    text = value if isinstance(value, str) else json.dumps(value, default=lambda v: getattr(v, "tolist", v.__str__)())
+    text = MASKED.sub("<masked>", text.replace(os.getcwd(), "<folder>").replace(str(ROOT), "<root>"))
+    return [hashlib.sha256(text.encode()).hexdigest(), text[:LONGEST]]
 
 
 def command(text: str, folder: str | None = None) -> dict[str, Any]:
@@ -135,20 +135,21 @@ def command(text: str, folder: str | None = None) -> dict[str, Any]:
             cli.main()
         except SystemExit as left:
             status = left.code
-    told: dict[str, Any] = {"status": status, "out": out.getvalue(), "err": "" if folder else err.getvalue()}
+    outcome: dict[str, Any] = {"status": status, "out": out.getvalue(), "err": "" if folder else err.getvalue()}
     for file in sorted(Path(folder).rglob("*")) if folder else ():
         if file.suffix == ".npz":
-            told[file.name] = dict(np.load(file))
+            outcome[file.name] = dict(np.load(file))
         elif file.suffix in (".png", ".gif"):
-            told[file.name] = np.fromfile(file, np.uint8)
+            outcome[file.name] = np.fromfile(file, np.uint8)
         elif file.suffix in (".html", ".toml", ".json"):
-            told[file.name] = json.loads(file.read_text()) if file.suffix == ".json" else file.read_text()
+            outcome[file.name] = json.loads(file.read_text()) if file.suffix == ".json" else file.read_text()
         elif file.suffix == ".rrd":
             for batch in (chunk.to_record_batch() for chunk in RrdReader(file).stream().to_chunks()):
                 entity = batch.schema.metadata[b"rerun:entity_path"].decode()
                 for name in {*batch.schema.names} - {"log_time", "log_tick", "rerun.controls.RowId"}:
-                    told.setdefault(f"{entity} {name}", []).extend(batch.column(name).to_pylist())
-    return {name: told[name] for name in sorted(told) if not name.startswith("/made_by")}  # which tells the version
+                    outcome.setdefault(f"{entity} {name}", []).extend(batch.column(name).to_pylist())
+    # /made_by is the version
+    return {name: outcome[name] for name in sorted(outcome) if not name.startswith("/made_by")}
 
 
 def driven(plant: Plant, windows: int, step_ns: int = 100_000_000, axis: int = 0) -> list[PulseWindow]:
@@ -170,13 +171,13 @@ def slotted(resolution: str = "fast", mechanics: str = "modal", altering: Any = 
 def plant_run(windows: int, turn: Callable[[Plant], Any] | None = None, **options: Any) -> dict[str, Any]:
     """Drive a plant, let something happen to it (a turn may give another plant back), drive on, and show it."""
     plant = slotted(**options)
-    begun, turned = driven(plant, windows), turn(plant) if turn else None
+    first, turned = driven(plant, windows), turn(plant) if turn else None
     if isinstance(turned, Plant):
         plant, turned = turned, None
     after = driven(plant, 50) if turn else None
     names = ("time_ns", "place_um", "longest_window_ns", "removed_mm3", "craters_mm3", "broken_height_mm", "timing")
     called = {"deflections_um": plant.deflections_um(), "rays": plant.rays(), "walls_um": plant.walls_um(1)[1]}
-    return {"windows": begun, "turn": turned, "after": after, "machine": plant.machine.model_dump_json(indent=1),
+    return {"windows": first, "turn": turned, "after": after, "machine": plant.machine.model_dump_json(indent=1),
             "snapshot": plant.snapshot(), **called, **{name: getattr(plant, name) for name in names}}  # fmt: skip
 
 
@@ -211,15 +212,15 @@ def record_plant(items: Items) -> None:
 
 def cut(program: str, **options: Any) -> dict[str, Any]:
     """Cut a program, coarsely and not for long if nothing else is said; returns all that the cut leaves."""
-    seen: list[Any] = []
-    given: Any = {"resolution": "fast", "seed": 1, "max_time_s": 30.0, "watch": seen.append, **options}
-    result = edmsim.cut(program, **given)
+    observed: list[Any] = []
+    settings: Any = {"resolution": "fast", "seed": 1, "max_time_s": 30.0, "watch": observed.append, **options}
+    result = edmsim.cut(program, **settings)
     slices = 0, result.frames.n_slices // 2
     contours = {str(k): np.frombuffer(contour(result.field, k).wkb, np.uint8) for k in slices}
     path = {str(k): leg.points_um for k, leg in enumerate(result.path.contours)}
     frames = {name: getattr(result.frames, name) for name in ("t_s", "guides_um", "path_um", "deflection_um")}
     return {"report": result.report, "windows": result.windows, "frames": frames, "path": path,
-            "closeups": result.closeups.table(), "contours": contours, "progress": seen}  # fmt: skip
+            "closeups": result.closeups.table(), "contours": contours, "progress": observed}  # fmt: skip
 
 
 def steps_of(planner: str, nm_s: float, unit: Any) -> dict[str, Any]:
@@ -287,14 +288,15 @@ def record_resumed(items: Items) -> None:
 
 def played(env: Any, actions: Iterable[Any], **reset: Any) -> dict[str, Any]:
     """Step through actions, after a reset if one is given; a single environment is reset after an episode's end."""
-    (begun, drawn), rows = env.reset(**reset) if reset else (None, None), list[Any]()
+    (first, drawn), rows = env.reset(**reset) if reset else (None, None), list[Any]()
     for action in actions:
         rows.append(env.step(action))
         if rows[-1][2] is True:
             env.reset()
-    seen, rewards, ended, cut_off, infos = (list(column) for column in zip(*rows, strict=True))
-    told = {key: [info.get(key) for info in infos] for key in sorted({key for info in infos for key in info})}
-    return {"begun": begun, "drawn": drawn, "seen": seen, "rewards": rewards, "over": [ended, cut_off], "infos": told}
+    observed, rewards, ended, cut_off, infos = (list(column) for column in zip(*rows, strict=True))
+    columns = {key: [info.get(key) for info in infos] for key in sorted({key for info in infos for key in info})}
+    return {"begun": first, "drawn": drawn, "seen": observed, "rewards": rewards, "over": [ended, cut_off],
+            "infos": columns}  # fmt: skip
 
 
 def task_cut(env_id: str, windows: int) -> list[Any]:
@@ -310,22 +312,22 @@ def task_cut(env_id: str, windows: int) -> list[Any]:
 
 
 def record_environments(items: Items) -> None:
-    """G4: every environment in lanes, alone, copied in mid-episode, and as a task."""
+    """G4: every environment as a vector, alone, copied in mid-episode, and as a task."""
     chosen: dict[str, Any] = {"resolution": "fast", "planner": "exact"}
     vector: dict[str, Any] = {"num_envs": 4, "vectorization_mode": "vector_entry_point", **chosen}
     for env_id in IDS:
-        lanes = gymnasium.make_vec(env_id, **vector)
+        envs = gymnasium.make_vec(env_id, **vector)
         one = gymnasium.make(env_id, render_mode="rgb_array", **chosen)
         actions = np.random.default_rng(3).uniform(-0.4, 1.0, (400, 4, *one.action_space.shape)).astype(np.float32)
-        take(items, f"{env_id} lanes", played, lanes, actions[:200], seed=11)
+        take(items, f"{env_id} vector", played, envs, actions[:200], seed=11)
         take(items, f"{env_id} one", played, one, actions[:60, 0], seed=11)
         take(items, f"{env_id} picture", one.render)
-        for name, env, more in (("lanes", lanes, actions[200:]), ("one", one.unwrapped, actions[60:90, 0])):
+        for name, env, more in (("vector", envs, actions[200:]), ("one", one.unwrapped, actions[60:90, 0])):
             take(items, f"{env_id} {name} copied", played, pickle.loads(pickle.dumps(env)), more)
             take(items, f"{env_id} {name} on", played, env, more)
         take(items, f"{env_id} task", task_cut, env_id, 400)
-    lanes = gymnasium.make_vec(IDS[0], **vector, max_episode_steps=15, autoreset_mode="SameStep")
-    take(items, "short episodes", played, lanes, actions[:60, :, :1], seed=[4, 9, 2, 7])
+    envs = gymnasium.make_vec(IDS[0], **vector, max_episode_steps=15, autoreset_mode="SameStep")
+    take(items, "short episodes", played, envs, actions[:60, :, :1], seed=[4, 9, 2, 7])
 
 
 def record_terminal(items: Items) -> None:
@@ -383,22 +385,22 @@ def main() -> int:
     parser.add_argument("what", choices=("record", "compare"))
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--only", type=lambda text: text.split(","), default=[*GROUPS])
-    given = parser.parse_args()
-    if len(given.folders) != (1 if given.what == "record" else 2) or not set(given.only) <= set(GROUPS):
+    arguments = parser.parse_args()
+    if len(arguments.folders) != (1 if arguments.what == "record" else 2) or not set(arguments.only) <= set(GROUPS):
         parser.error(f"record FOLDER or compare OLD NEW; groups are {', '.join(GROUPS)}")
-    if given.what == "compare":
-        return int(sum(compare(group, *given.folders) for group in given.only) > 0)
+    if arguments.what == "compare":
+        return int(sum(compare(group, *arguments.folders) for group in arguments.only) > 0)
     if os.environ.get("EDMSIM_GOLDEN") != str(ROOT):
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **ENVIRONMENT})
-    given.folders[0].mkdir(parents=True, exist_ok=True)
-    for group in given.only:
-        begun, items = time.perf_counter(), Items()
+    arguments.folders[0].mkdir(parents=True, exist_ok=True)
+    for group in arguments.only:
+        start_s, items = time.perf_counter(), Items()
         with tempfile.TemporaryDirectory(prefix="golden-") as folder, chdir(folder):
             for name, text in FILES.items():
                 Path(name).write_text(text, encoding="utf-8")
             GROUPS[group](items)
-        (given.folders[0] / f"{group}.json").write_text(json.dumps(items, indent=0), encoding="utf-8")
-        print(f"{group}: {len(items)} items, {time.perf_counter() - begun:.0f} s", flush=True)
+        (arguments.folders[0] / f"{group}.json").write_text(json.dumps(items, indent=0), encoding="utf-8")
+        print(f"{group}: {len(items)} items, {time.perf_counter() - start_s:.0f} s", flush=True)
     return 0
 
 

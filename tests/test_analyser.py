@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edmsim.controllers.pulse_counters import PulseAnalyser
@@ -12,7 +12,7 @@ from edmsim.errors import InputError
 CLASSES = {"erosion": (False, False), "short": (True, False), "open": (False, True)}
 
 
-@pytest.mark.slow
+@settings(max_examples=10)
 @given(st.lists(st.sampled_from(sorted(CLASSES)), min_size=255, max_size=255))
 def test_a_cycle_counts_every_pulse_once(pulses):  # T-38, T-39, T-40, T-41
     analyser = PulseAnalyser()

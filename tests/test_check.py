@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import ezdxf
 import ezdxf.units
@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from edmsim import controllers
-from edmsim.cli import app as cli
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
@@ -27,46 +26,30 @@ from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.recording.figures.path import path_figure
 
+from .conftest import Run
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
-class Outcome(NamedTuple):
-    status: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
-@pytest.fixture
-def edmsim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
-    """Run the command line in this process, in an empty folder."""
+@pytest.fixture(autouse=True)
+def empty_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            cli.main()
-        return Outcome(left.value.code if isinstance(left.value.code, int) else 0, *capsys.readouterr())
-
-    return run
 
 
 @pytest.mark.slow
-def test_a_program_is_drawn_beside_its_figures(edmsim: Run, tmp_path: Path) -> None:
-    told = edmsim("check", EXAMPLES / "gear.dxf")
-    assert (told.status, told.err) == (0, "")
-    assert re.search(r"^contour 2 +closed, 7\.000 x 7\.000 mm", told.out, re.MULTILINE)
-    assert "24 sharp inner corners" in told.out
-    assert "at least 24 min" in told.out
+def test_a_program_is_drawn_with_its_figures(edmsim: Run, tmp_path: Path) -> None:
+    outcome = edmsim("check", EXAMPLES / "gear.dxf")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert re.search(r"^contour 2 +closed, 7\.000 x 7\.000 mm", outcome.out, re.MULTILINE)
+    assert "24 sharp inner corners" in outcome.out
+    assert "at least 24 min" in outcome.out
     assert [str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*.*")] == ["out/gear/path.png"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [("check", EXAMPLES / "punch.ngc"), ("cut", "no-such.ngc", "--drive", "uhu")])
 def test_a_look_compiles_nothing(tmp_path: Path, arguments: tuple[object, ...]) -> None:
-    """Whoever looks at a program or mistypes a name waits for no compiler."""
+    """A user who looks at a program or mistypes a name waits for no compiler."""
     config = os.environ.get("MPLCONFIGDIR", str(Path.home() / ".config" / "matplotlib"))
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "MPLCONFIGDIR": config}
     subprocess.run(
@@ -104,23 +87,23 @@ def test_the_size_is_that_of_the_drawing_not_of_its_chords(
 def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Path) -> None:
     program = tmp_path / "words.ngc"
     program.write_text("O12\nG92 X0 Y0\nG41 D1 G1 X5\nM77\nY5 M91\nX9.5\nY0\nX5 M91\nM2\n")
-    told = edmsim("check", program, "--out", tmp_path / "path.svg")
-    assert told.status == 2
-    assert told.err.splitlines() == [
+    outcome = edmsim("check", program, "--out", tmp_path / "path.svg")
+    assert outcome.status == 2
+    assert outcome.err.splitlines() == [
         f"edmsim: {program}:4: unknown word M77",
         f"edmsim: {program}:5: unknown word M91, 2 times",
-        "edmsim: what follows leaves them out, as --ignore M77,M91",
+        "edmsim: the rest is shown without them, as with --ignore M77,M91",
     ]
-    assert "offset register D1" in told.out
+    assert "offset register D1" in outcome.out
     assert (tmp_path / "path.svg").read_bytes().startswith(b"<?xml")
 
 
 def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim: Run, tmp_path: Path) -> None:
     program = tmp_path / "words.ngc"
     program.write_text("G92 X0 Y0\nG1 X5.5 V3 M77\nG68\nX9\nM2\n")
-    told = edmsim("check", program)
-    assert (told.status, told.out) == (2, "")
-    assert told.err.splitlines()[-1] == "edmsim: V3, G68 may decide the contour: correct or delete them"
+    outcome = edmsim("check", program)
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.splitlines()[-1] == "edmsim: V3, G68 may decide the contour: correct or delete them"
     assert not list(tmp_path.rglob("*.png"))
 
 
@@ -137,16 +120,16 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim: R
     ],
 )
 def test_bad_usage_is_one_line(edmsim: Run, tmp_path: Path, arguments: tuple[object, ...], named: str) -> None:
-    told = edmsim(*arguments)
-    assert (told.status, told.out) == (2, "")
-    assert told.err.startswith("edmsim: ")
-    assert told.err.count("\n") == 1
-    assert named in told.err
+    outcome = edmsim(*arguments)
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.startswith("edmsim: ")
+    assert outcome.err.count("\n") == 1
+    assert named in outcome.err
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("option", "given", "hint"),
+    ("option", "value", "hint"),
     [
         ("--machine", "prodction", "did you mean 'production'?"),
         ("--material", "toolsteel", "did you mean 'tool-steel'?"),
@@ -159,41 +142,41 @@ def test_bad_usage_is_one_line(edmsim: Run, tmp_path: Path, arguments: tuple[obj
         ("--offset", "156", "156 um are 0.156 mm"), ("--offset", "130.5", "130.5 um are 0.1305 mm"),
     ],
 )  # fmt: skip
-def test_a_near_miss_gets_a_hint(edmsim: Run, option: str, given: str, hint: str) -> None:
-    told = edmsim("cut", EXAMPLES / "punch.ngc", option, given)
-    assert told.status == 2
-    assert told.err.count("\n") == 1
-    assert told.err.endswith(f"{hint}\n")
+def test_a_near_miss_gets_a_hint(edmsim: Run, option: str, value: str, hint: str) -> None:
+    outcome = edmsim("cut", EXAMPLES / "punch.ngc", option, value)
+    assert outcome.status == 2
+    assert outcome.err.count("\n") == 1
+    assert outcome.err.endswith(f"{hint}\n")
 
 
 @pytest.mark.parametrize(
-    ("option", "given"),
+    ("option", "value"),
     [("--machine", "lathe"), ("--wire", "brass-900"), ("--wire", "brass-0.001"), ("--offset", "1e9")],
 )
-def test_what_is_like_nothing_gets_no_hint(edmsim: Run, option: str, given: str) -> None:
-    told = edmsim("cut", EXAMPLES / "punch.ngc", option, given)
-    assert told.status == 2
-    assert "did you mean" not in told.err
-    assert "um are" not in told.err
-    assert "mm are" not in told.err
+def test_what_is_like_nothing_gets_no_hint(edmsim: Run, option: str, value: str) -> None:
+    outcome = edmsim("cut", EXAMPLES / "punch.ngc", option, value)
+    assert outcome.status == 2
+    assert "did you mean" not in outcome.err
+    assert "um are" not in outcome.err
+    assert "mm are" not in outcome.err
 
 
 def test_offsets_of_a_file_in_um_get_a_hint(edmsim: Run, tmp_path: Path) -> None:
     (tmp_path / "offsets.toml").write_text("D1 = 156\n")
-    told = edmsim("cut", EXAMPLES / "punch.ngc", "--offsets", "offsets.toml")
-    assert told.err == "edmsim: offsets.toml: the offset D1 is 156: give 0 to 10 mm; 156 um are 0.156 mm\n"
+    outcome = edmsim("cut", EXAMPLES / "punch.ngc", "--offsets", "offsets.toml")
+    assert outcome.err == "edmsim: offsets.toml: the offset D1 is 156: give 0 to 10 mm; 156 um are 0.156 mm\n"
 
 
 @pytest.mark.slow
 def test_a_cut_goes_to_a_folder_of_its_program_and_its_traces_to_a_file(
     edmsim: Run, tmp_path: Path, small_punch: Path
 ) -> None:
-    told = edmsim(
+    outcome = edmsim(
         "cut", small_punch, "--height", 5, "--resolution", "fast", "--max-time", 0.3,
         "--traces", "kept/traces.parquet",
     )  # fmt: skip
-    assert told.status == 3
-    assert f"Written to {Path('out') / 'small'}" in told.out
+    assert outcome.status == 3
+    assert f"Written to {Path('out') / 'small'}" in outcome.out
     assert (tmp_path / "out" / "small" / "report.json").is_file()
     samples = pq.read_table(tmp_path / "kept" / "traces.parquet")
     assert samples.num_rows > 0
@@ -274,9 +257,9 @@ def test_passes_are_estimated_by_their_technology() -> None:
     assert [one.offset_mm for one in found.passes] == sorted((one.offset_mm for one in found.passes), reverse=True)
     assert found.passes[0].seconds > found.passes[1].seconds  # the rough pass is the slowest
     assert found.expected_s == pytest.approx(sum(one.seconds for one in found.passes))
-    told = dict(lines_of(found))
-    assert told["pass 3"].startswith(f"offset {found.passes[2].offset_mm:.3f} mm, ")
-    assert "time" not in told  # the least time is that of one pass at the rough setting
+    outcome = dict(lines_of(found))
+    assert outcome["pass 3"].startswith(f"offset {found.passes[2].offset_mm:.3f} mm, ")
+    assert "time" not in outcome  # the least time is that of one pass at the rough setting
     drawn = path_figure(found.path, "punch", 300.0).axes[0].get_lines()
     assert [f"pass {one.number}, {one.offset_mm:.3f} mm" for one in found.passes] == [
         str(line.get_label()) for line in drawn if str(line.get_label()).startswith("pass ")
@@ -285,9 +268,9 @@ def test_passes_are_estimated_by_their_technology() -> None:
 
 def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_to_run() -> None:
     found = check(EXAMPLES / "punch.ngc", CutSettings(material="copper", passes=3, height_mm=25.4))
-    (told,) = [notice for notice in found.path.notices if "technology" in notice]
-    assert told.startswith("there is no technology for copper: the passes take the settings of 'tool-steel ")
-    assert "edmsim technology copper --height 25.4 --passes 3 --out copper.toml" in told
+    (outcome,) = [notice for notice in found.path.notices if "technology" in notice]
+    assert outcome.startswith("there is no technology for copper: the passes take the settings of 'tool-steel ")
+    assert "edmsim technology copper --height 25.4 --passes 3 --out copper.toml" in outcome
     own = check(EXAMPLES / "punch.ngc", CutSettings(material="aluminium", passes=3, height_mm=25.4))
     assert not any("technology" in notice for notice in own.path.notices)
     assert own.passes[0].seconds < found.passes[0].seconds  # shops cut aluminium some twice as fast

@@ -130,9 +130,9 @@ def test_wall_time_goes_on_from_the_checkpoint(cut_small: Cut, tmp_path: Path) -
     interrupted(cut_small, tmp_path)
     with np.load(tmp_path / NAME) as stored:
         arrays = dict(stored)
-    told = json.loads(arrays["__json__"].tobytes())
-    told["wall_time_s"] = 1000.0
-    arrays["__json__"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    document = json.loads(arrays["__json__"].tobytes())
+    document["wall_time_s"] = 1000.0
+    arrays["__json__"] = np.frombuffer(json.dumps(document).encode(), np.uint8)
     np.savez(tmp_path / NAME, **arrays)
     assert 1000 < cut_small(out=tmp_path, resume=True, **SHORT).report["wall_time_s"] < 1600
 
@@ -157,12 +157,12 @@ def test_resume_with_other_settings_is_refused(
     cut_small: Cut, tmp_path: Path, changed: dict[str, Any], named: str
 ) -> None:
     interrupted(cut_small, tmp_path, 3)
-    kept = (tmp_path / NAME).read_bytes()
+    content = (tmp_path / NAME).read_bytes()
     with pytest.raises(InputError, match="interrupted cut was made with") as caught:
         cut_small(out=tmp_path, resume=True, **{**SHORT, **changed})
     assert named in str(caught.value)
     assert str(tmp_path / NAME) in str(caught.value)
-    assert [(f.name, f.read_bytes()) for f in tmp_path.iterdir()] == [(NAME, kept)]
+    assert [(f.name, f.read_bytes()) for f in tmp_path.iterdir()] == [(NAME, content)]
 
 
 def test_resume_of_a_program_that_was_edited_is_refused(tmp_path: Path) -> None:
@@ -212,9 +212,9 @@ def test_checkpoint_of_another_format_is_refused(cut_small: Cut, tmp_path: Path)
     interrupted(cut_small, tmp_path, 3)
     with np.load(tmp_path / NAME) as stored:
         arrays = dict(stored)
-    told = json.loads(arrays["__json__"].tobytes())
-    del told["format"]  # as checkpoints had none at first
-    arrays["__json__"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    document = json.loads(arrays["__json__"].tobytes())
+    del document["format"]  # as checkpoints had none at first
+    arrays["__json__"] = np.frombuffer(json.dumps(document).encode(), np.uint8)
     np.savez(tmp_path / NAME, **arrays)
     with pytest.raises(InputError, match="another version of edmsim wrote the checkpoint; cut again") as caught:
         cut_small(out=tmp_path, resume=True, **SHORT)

@@ -8,10 +8,9 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 
@@ -26,30 +25,9 @@ from edmsim.plant.window import WireLostError
 from edmsim.progress import ShownProgress
 from edmsim.recording import report as report_module
 
+from .conftest import Outcome, Run
+
 FAST = ("--height", "5", "--resolution", "fast")
-
-
-class Outcome(NamedTuple):
-    status: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
-@pytest.fixture
-def edmsim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run the command line in this process."""
-
-    def run(*arguments: object) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, arguments)])
-        with pytest.raises(SystemExit) as left:
-            cli.main()
-        code = left.value.code
-        return Outcome(code if isinstance(code, int) else 0, *capsys.readouterr())
-
-    return run
 
 
 def test_help_fits_one_screen_and_names_every_command(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,20 +45,20 @@ def test_old_names_are_gone(edmsim: Run, old: str) -> None:
 
 
 def test_no_argument_shows_the_help_as_bad_usage(edmsim: Run) -> None:
-    told = edmsim()
-    assert told.status == 2
-    assert "Usage" in told.out + told.err
+    outcome = edmsim()
+    assert outcome.status == 2
+    assert "Usage" in outcome.out + outcome.err
 
 
 def test_cut_has_the_agreed_options(edmsim: Run) -> None:
-    told = edmsim("cut", "--help")
-    assert told.status == 0
+    outcome = edmsim("cut", "--help")
+    assert outcome.status == 0
     for option in ("machine", "material", "height", "height-at", "wire", "tension", "generator", "t-on", "t-period",
                    "open-voltage", "peak-current", "resistance", "ignition-wait", "pulse-shape", "wire-speed",
                    "flushing-lower", "flushing-upper", "standoff-lower", "standoff-upper", "controller", "planner",
                    "drive", "mechanics", "resolution", "offset", "seed", "max-time", "resume", "overwrite",
                    "quiet", "out"):  # fmt: skip
-        assert f"--{option} " in told.out
+        assert f"--{option} " in outcome.out
 
 
 def test_version(edmsim: Run) -> None:
@@ -91,25 +69,25 @@ def test_version(edmsim: Run) -> None:
 def test_finished_cut_reports_and_exits_0(tmp_path: Path, edmsim: Run) -> None:
     program, out = tmp_path / "line.ngc", tmp_path / "a" / "b"
     program.write_text("G0 X0 Y0\nG1 X0.2\nM2\n")
-    told = edmsim("cut", program, "--out", out, "--offset", "none", "--seed", 4, *FAST)
-    assert told.status == 0
-    assert told.out.startswith("finished")
-    assert f"edmsim view {out}" in told.out
-    assert "100.0 %" in told.err
+    outcome = edmsim("cut", program, "--out", out, "--offset", "none", "--seed", 4, *FAST)
+    assert outcome.status == 0
+    assert outcome.out.startswith("finished")
+    assert f"edmsim view {out}" in outcome.out
+    assert "100.0 %" in outcome.err
     report = json.loads((out / "report.json").read_text())
     assert (report["outcome"], report["seed"], report["settings"]["height_mm"]) == ("finished", 4, 5.0)
     # the wire's centre ran on what is drawn: no edge, no error, no better offset
     assert report["profile_error_um"]["max"] is None
     assert (report["offset"]["mean_error_um"], report["offset"]["to_use_mm"]) == (None, None)
-    assert re.search(r"^profile error +not measured", told.out, re.MULTILINE)
-    assert "use --offset" not in told.out
+    assert re.search(r"^profile error +not measured", outcome.out, re.MULTILINE)
+    assert "use --offset" not in outcome.out
 
 
 @pytest.mark.slow
 def test_stopped_machine_exits_3_with_a_full_report(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
-    told = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.3, *FAST)
-    assert told.status == 3
-    assert "time limit" in told.out
+    outcome = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.3, *FAST)
+    assert outcome.status == 3
+    assert "time limit" in outcome.out
     assert json.loads((tmp_path / "report.json").read_text())["outcome"] == "time-limit"
     assert sorted(f.name for f in tmp_path.iterdir()) == [
         "cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"
@@ -149,14 +127,14 @@ def test_quiet_prints_nothing(small_punch: Path, tmp_path: Path, edmsim: Run) ->
     assert edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.1, "--quiet", *FAST) == (3, "", "")
 
 
-def assert_refused(told: Outcome, *named: str) -> None:
-    assert told.status == 2
-    assert told.out == ""
-    assert told.err.startswith("edmsim: ")
-    assert told.err.endswith("\n")
-    assert told.err.count("\n") == 1, told.err
+def assert_refused(outcome: Outcome, *named: str) -> None:
+    assert outcome.status == 2
+    assert outcome.out == ""
+    assert outcome.err.startswith("edmsim: ")
+    assert outcome.err.endswith("\n")
+    assert outcome.err.count("\n") == 1, outcome.err
     for text in named:
-        assert text in told.err, told.err
+        assert text in outcome.err, outcome.err
 
 
 OPEN_DXF = "0\nSECTION\n2\nENTITIES\n" + "".join(
@@ -270,9 +248,9 @@ def test_bad_input_leaves_an_earlier_cut_alone(small_punch: Path, tmp_path: Path
 )  # fmt: skip
 def test_bad_usage_is_exit_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edmsim: Run, arguments: Any) -> None:
     monkeypatch.chdir(tmp_path)
-    told = edmsim(*arguments)
-    assert told.status == 2
-    assert "Traceback" not in told.err
+    outcome = edmsim(*arguments)
+    assert outcome.status == 2
+    assert "Traceback" not in outcome.err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -312,10 +290,10 @@ def test_interrupted_cut_is_taken_up_again(
     command = ("cut", small_punch, "--out", tmp_path, "--quiet", "--max-time", 0.5, *FAST)
     with monkeypatch.context() as patch:
         patch.setattr(Simulation, "step", interrupted)
-        told = edmsim(*command)
-    assert (told.status, told.out) == (130, "")
-    assert told.err.count("\n") == 1
-    assert "--resume" in told.err
+        outcome = edmsim(*command)
+    assert (outcome.status, outcome.out) == (130, "")
+    assert outcome.err.count("\n") == 1
+    assert "--resume" in outcome.err
     assert [f.name for f in tmp_path.iterdir()] == [checkpoint.NAME]
     assert edmsim(*command, "--resume").status == 3
     assert json.loads((tmp_path / "report.json").read_text())["pulses"] == 20 * 255
@@ -332,9 +310,9 @@ def test_an_interrupt_when_all_is_written_ends_nothing(
     def interrupted(where: Any, name: str) -> None:
         before = getattr(where, name)
 
-        def behind(*given: Any, **named: Any) -> Any:
-            done = before(*given, **named)
-            if name != "unlink" or given[0].name == checkpoint.NAME:
+        def behind(*arguments: Any, **named: Any) -> Any:
+            done = before(*arguments, **named)
+            if name != "unlink" or arguments[0].name == checkpoint.NAME:
                 signal.raise_signal(signal.SIGINT)
             return done
 
@@ -342,10 +320,10 @@ def test_an_interrupt_when_all_is_written_ends_nothing(
 
     interrupted(*{"checkpoint": (Path, "unlink"), "bar": (ShownProgress, "__exit__"),
                   "table": (report_module, "render_table")}[late])  # fmt: skip
-    told = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.1, *FAST)
+    outcome = edmsim("cut", small_punch, "--out", tmp_path, "--max-time", 0.1, *FAST)
     signal.signal(signal.SIGINT, usual)
-    assert told.status == 3  # the time limit; as without the interrupt
-    assert "interrupted" not in told.err
+    assert outcome.status == 3  # the time limit; as without the interrupt
+    assert "interrupted" not in outcome.err
     assert sorted(f.name for f in tmp_path.iterdir()) == [
         "cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"
     ]
@@ -359,26 +337,26 @@ def test_model_outside_its_validity_is_one_line_and_exit_1(
         raise WireLostError("the wire left its guides", 0.0255, simulation.plant.commanded_um, window)
 
     monkeypatch.setattr(Simulation, "step", fail)
-    told = edmsim("cut", small_punch, "--out", tmp_path, *FAST)
-    assert told[:2] == (1, "")
-    assert told.err.splitlines()[-1] == "edmsim: the wire left its guides"  # behind the bar of the cut
+    outcome = edmsim("cut", small_punch, "--out", tmp_path, *FAST)
+    assert outcome[:2] == (1, "")
+    assert outcome.err.splitlines()[-1] == "edmsim: the wire left its guides"  # behind the bar of the cut
 
 
 @pytest.mark.slow
 def test_error_stays_on_one_line_in_a_narrow_terminal(tmp_path: Path) -> None:
-    told = subprocess.run(
+    outcome = subprocess.run(
         [sys.executable, "-c", "from edmsim.cli.app import main; main()", "cut", str(tmp_path / "no [bold]such.ngc"),
          "--out", str(tmp_path / "out")],
         env={**os.environ, "COLUMNS": "40", "FORCE_COLOR": "1", "TERM": "xterm-256color"},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert_refused(Outcome(told.returncode, told.stdout, told.stderr), str(tmp_path / "no [bold]such.ngc: "))
+    assert_refused(Outcome(outcome.returncode, outcome.stdout, outcome.stderr), str(tmp_path / "no [bold]such.ngc: "))
 
 
 @pytest.mark.slow
 def test_the_package_runs_as_the_command() -> None:
-    told = subprocess.run([sys.executable, "-m", "edmsim", "--version"], capture_output=True, text=True, check=True)
-    assert told.stdout == __version__ + "\n"
+    shown = subprocess.run([sys.executable, "-m", "edmsim", "--version"], capture_output=True, text=True, check=True)
+    assert shown.stdout == __version__ + "\n"
 
 
 def test_bench_prints_json_or_a_table(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -394,8 +372,8 @@ def test_bench_prints_json_or_a_table(edmsim: Run, monkeypatch: pytest.MonkeyPat
 def test_bench_draws_where_a_pulses_time_goes(edmsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shares = dict.fromkeys(profile.PARTS, 1.0 / len(profile.PARTS))
     monkeypatch.setattr(profile, "profile", lambda _: {"fast": profile.LoopProfile(400.0, 410.0, shares, 1000)})
-    told = edmsim("bench", "--profile", "--json", "--figure", tmp_path / "new" / "profile.png")
-    assert json.loads(told.out)["fast"]["ns_per_pulse"] == 400.0
+    outcome = edmsim("bench", "--profile", "--json", "--figure", tmp_path / "new" / "profile.png")
+    assert json.loads(outcome.out)["fast"]["ns_per_pulse"] == 400.0
     assert (tmp_path / "new" / "profile.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -404,9 +382,9 @@ def test_bench_draws_where_a_pulses_time_goes(edmsim: Run, tmp_path: Path, monke
     (("--against", "no-such-revision"), "has no revision 'no-such-revision'"),
 ])  # fmt: skip
 def test_bench_refuses_what_it_cannot_measure(edmsim: Run, arguments: tuple[str, ...], reason: str) -> None:
-    told = edmsim("bench", *arguments)
-    assert (told.status, told.err.count("\n")) == (2, 1)
-    assert reason in told.err
+    outcome = edmsim("bench", *arguments)
+    assert (outcome.status, outcome.err.count("\n")) == (2, 1)
+    assert reason in outcome.err
 
 
 def test_an_interrupted_comparison_is_one_line_and_130(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -414,24 +392,24 @@ def test_an_interrupted_comparison_is_one_line_and_130(edmsim: Run, monkeypatch:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("edmsim.bench.pairs.compare", interrupted)
-    told = edmsim("bench", "--against", "HEAD")
-    assert (told.status, told.out) == (130, "")
-    assert told.err == "edmsim: interrupted; nothing was measured to the end\n"
+    outcome = edmsim("bench", "--against", "HEAD")
+    assert (outcome.status, outcome.out) == (130, "")
+    assert outcome.err == "edmsim: interrupted; no measurement was completed\n"
 
 
 @pytest.mark.slow
 def test_report_is_made_again_and_figures_written(small_cut: SimpleNamespace, tmp_path: Path, edmsim: Run) -> None:
-    told = edmsim("report", small_cut.folder, "--figures", tmp_path, "--format", "png")
-    assert told.status == 0
-    assert str(tmp_path / "corner.png") in told.out
+    outcome = edmsim("report", small_cut.folder, "--figures", tmp_path, "--format", "png")
+    assert outcome.status == 0
+    assert str(tmp_path / "corner.png") in outcome.out
     assert (tmp_path / "corner.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path: Path, edmsim: Run) -> None:
-    told = edmsim("report", tmp_path)
-    assert told.status == 2
-    assert told.err.count("\n") == 1
-    assert "report.json: no such file, the folder of a cut is needed" in told.err
+    outcome = edmsim("report", tmp_path)
+    assert outcome.status == 2
+    assert outcome.err.count("\n") == 1
+    assert "report.json: no such file, the folder of a cut is needed" in outcome.err
 
 
 def test_gains_of_a_controller_without_any_are_refused(edmsim: Run, tmp_path: Path) -> None:
@@ -450,9 +428,9 @@ def test_a_policy_is_scored_again(edmsim: Run, tmp_path: Path, monkeypatch: pyte
     row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
     monkeypatch.setattr(scoring, "run", lambda *_: {"policy:mine": []})
     monkeypatch.setattr(scoring, "score", lambda _, resolution: row._replace(resolution=resolution))
-    told = edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 2, "--write-card")
-    assert told.status == 0
-    assert told.out.count("123.2") == 3
+    outcome = edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 2, "--write-card")
+    assert outcome.status == 0
+    assert outcome.out.count("123.2") == 3
     scores = policy_file.load(str(tmp_path / "mine.json")).card.scores
     assert [scored["resolution"] for scored in scores] == ["fast", "default", "fine"]
     at_one = edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 2, "--resolution", "fine", "--json")

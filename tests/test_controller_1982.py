@@ -11,6 +11,7 @@ import io
 import re
 import tokenize
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -26,11 +27,14 @@ HEADING = "## Rows"
 NAME = re.compile(r"`(edmsim(?:\.\w+)+)`")
 
 
+@cache
 def quoting_tests() -> dict[str, list[str]]:
     """Tests by the row they quote: a comment that begins with a row, within the test or right above it."""
     found: defaultdict[str, list[str]] = defaultdict(list)
     for file in sorted(TESTS.rglob("test_*.py")):
         text = file.read_text(encoding="utf-8")
+        if not QUOTE.search(text):
+            continue
         lines = text.splitlines()
         spans = [
             (_first_line(node, lines), node.end_lineno or node.lineno, node.name)

@@ -1,4 +1,4 @@
-"""The loop: planner, plant and controller stay in step, and every way a cut can end is told."""
+"""The loop: planner, plant and controller stay in step, and every way a cut can end is reported."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ def windows_of(sim: Simulation) -> WindowTable:
 
 def run(sim: Simulation, at_most: int = 3000) -> list[Any]:
     """Run to the end, within a bound."""
-    seen = []
+    observed = []
     while sim.outcome is None:
-        seen.append(sim.step())
-        assert len(seen) < at_most
-    return seen
+        observed.append(sim.step())
+        assert len(observed) < at_most
+    return observed
 
 
 class Script:
@@ -62,7 +62,7 @@ class Script:
 
     def __init__(self, feeds: Sequence[float], alarm_at: int = -1) -> None:
         self.feeds, self.alarm_at = feeds, alarm_at
-        self.seen: list[WindowObservation] = []
+        self.observed: list[WindowObservation] = []
         self.resets = 0
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
@@ -71,9 +71,9 @@ class Script:
         return FeedCommand(self.feeds[0])
 
     def update(self, window: WindowObservation) -> FeedCommand:
-        self.seen.append(window)
-        alarm = "the script says stop" if len(self.seen) == self.alarm_at else None
-        return FeedCommand(self.feeds[len(self.seen) % len(self.feeds)], alarm)
+        self.observed.append(window)
+        alarm = "the script says stop" if len(self.observed) == self.alarm_at else None
+        return FeedCommand(self.feeds[len(self.observed) % len(self.feeds)], alarm)
 
     def snapshot(self) -> dict[str, float | int | str]:
         return {}
@@ -91,7 +91,7 @@ def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str)
     period_us = 9.4 if generator == "production" else None  # windows shorter than the computer's routine, too
     machine = Machine.load(height_mm=5, generator=generator, t_period_us=period_us)
     sim = simulation(contour(ZIGZAG), planner=planner, machine=machine, controller=Script([30, 12.5, 30, -7]))
-    wanted, advance = list(START), sim.plant.advance
+    expected, advance = list(START), sim.plant.advance
 
     def count(steps: Sequence[tuple[int, int, int]] = ()) -> Any:
         begin = sim.plant.time_ns
@@ -100,7 +100,7 @@ def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str)
         for time_ns, axis, direction in steps:
             assert time_ns >= begin
             if time_ns < sim.plant.time_ns:  # a longest window's later steps are planned again
-                wanted[axis] += 2 * direction
+                expected[axis] += 2 * direction
         return window
 
     sim.plant.advance = count  # type: ignore[method-assign]
@@ -108,9 +108,9 @@ def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str)
         if sim.outcome is not None:
             break
         sim.step()
-        assert sim.plant.commanded_um == tuple(wanted) == sim.position_um
-    asked_um = 16.4e-9 * sim.plant.time_ns  # by the feeds in the mean; the windows of a fine generator are short
-    assert abs(np.array(wanted) - START).max() > min(60.0, 0.2 * asked_um)
+        assert sim.plant.commanded_um == tuple(expected) == sim.position_um
+    requested_um = 16.4e-9 * sim.plant.time_ns  # by the feeds in the mean; the windows of a fine generator are short
+    assert abs(np.array(expected) - START).max() > min(60.0, 0.2 * requested_um)
 
 
 def test_windows_follow_each_other_without_gap_where_the_period_varies() -> None:
@@ -129,16 +129,16 @@ def test_windows_follow_each_other_without_gap_where_the_period_varies() -> None
 
 def _window_of(sim: Simulation) -> Any:
     """Run one window and return what the plant gave."""
-    kept, advance = [], sim.plant.advance
+    stored, advance = [], sim.plant.advance
 
     def keep(steps: Sequence[tuple[int, int, int]] = ()) -> Any:
-        kept.append(advance(steps))
-        return kept[-1]
+        stored.append(advance(steps))
+        return stored[-1]
 
     sim.plant.advance = keep  # type: ignore[method-assign]
     sim.step()
     sim.plant.advance = advance  # type: ignore[method-assign]
-    return kept[0]
+    return stored[0]
 
 
 def test_controller_sees_what_the_windows_record() -> None:
@@ -147,12 +147,12 @@ def test_controller_sees_what_the_windows_record() -> None:
     for _ in range(60):
         sim.step()
     windows = windows_of(sim).to_arrow()
-    for seen, recorded in (("time_s", "t_s"), ("short", "short"), ("open", "open"), ("path_um", "path_um"),
+    for observed, recorded in (("time_s", "t_s"), ("short", "short"), ("open", "open"), ("path_um", "path_um"),
                            ("mean_voltage_V", "mean_voltage_V"), ("mean_current_A", "mean_current_A")):  # fmt: skip
-        assert [getattr(w, seen) for w in law.seen] == windows.column(recorded).to_pylist()
-    assert [w.duration_s for w in law.seen] == pytest.approx([0.0255] * 60, rel=1e-12)  # T-42
+        assert [getattr(w, observed) for w in law.observed] == windows.column(recorded).to_pylist()
+    assert [w.duration_s for w in law.observed] == pytest.approx([0.0255] * 60, rel=1e-12)  # T-42
     assert law.max_feed_um_s == 33.3375  # T-76: 127 units of 262.5 nm/s
-    assert windows.column("feed_um_s").to_pylist() == [w.feed_um_s for w in law.seen]
+    assert windows.column("feed_um_s").to_pylist() == [w.feed_um_s for w in law.observed]
     assert set(windows.column("feed_um_s").to_numpy()[::2]) == {76 * 0.2625}  # 20 um/s in whole units
 
 
@@ -188,7 +188,7 @@ def test_a_late_controller_leaves_the_old_feed_in_force(latency_s: float, new_sh
         assert way == pytest.approx(33.3375 * 0.0255 * 20, abs=2)
 
 
-def test_feed_is_kept_within_the_speed_word() -> None:
+def test_feed_stays_within_the_speed_word() -> None:
     sim = simulation(contour([(0, 0), (2000, 0)]), controller=Script([1e6, -1e6]))
     assert [sim.step().feed_um_s for _ in range(2)] == [33.3375, -33.3375]
 
@@ -243,7 +243,7 @@ def test_contours_are_joined_by_a_rapid_and_a_fresh_wire() -> None:
     first, second = contour([(0, 0), (60, 0)]), contour([(3000, 4000), (3060, 4000)])
     law = Script([30.0])
     sim = simulation(first, second, controller=law)
-    seen = run(sim)
+    observed = run(sim)
     assert sim.outcome == "finished"
     assert law.resets == 2
     windows = windows_of(sim).to_arrow()
@@ -255,7 +255,7 @@ def test_contours_are_joined_by_a_rapid_and_a_fresh_wire() -> None:
     assert t_s[jump + 1] - t_s[jump] == pytest.approx(pause_s + 0.0255, abs=1e-6)
     assert sum(np.diff(t_s) > 0.03) == 1
     assert np.diff(path).min() >= 0
-    assert seen[-1].path_um == pytest.approx(seen[-1].total_um, abs=3)
+    assert observed[-1].path_um == pytest.approx(observed[-1].total_um, abs=3)
     assert sim.plant.commanded_um == pytest.approx((33_060, 34_000), abs=1)
 
 
@@ -342,7 +342,7 @@ class Settings(Script):
 
     def update(self, window: WindowObservation) -> FeedCommand:
         command = super().update(window)
-        t_on_us, t_period_us = self.settings[(len(self.seen) - 1) % len(self.settings)]
+        t_on_us, t_period_us = self.settings[(len(self.observed) - 1) % len(self.settings)]
         return command._replace(t_on_us=t_on_us, t_period_us=t_period_us)
 
 
@@ -358,7 +358,7 @@ def test_a_controller_may_set_the_generator() -> None:
     assert sim.refused is None
 
 
-def test_a_refused_setting_changes_nothing_and_is_told() -> None:
+def test_a_refused_setting_changes_nothing_and_is_reported() -> None:
     sim = simulation(contour([(0, 0), (200, 0)]), controller=Settings([(60.0, None)]))
     sim.step()
     sim.step()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -40,7 +40,7 @@ FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "wi
 
 def numbers(value: Any, place: str = "") -> Iterator[tuple[str, float | None]]:
     """Every figure of a report with its place."""
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from numbers(inner, f"{place}.{key}")
     elif isinstance(value, list):
@@ -125,11 +125,11 @@ def test_removed_metal_is_what_the_craters_took(small_cut: SimpleNamespace) -> N
 def test_energy_and_removed_metal_belong_together(small_cut: SimpleNamespace) -> None:  # T-11
     """Sparks in gas eject down to half of their metal; shorts melt a tenth of what sparks of their charge would."""
     report, machine = small_cut.result.report, edmsim.Machine.load()
-    per_J, kept = machine.material.removal_mm3_J.value, 1 - machine.base.gas.ejection.value
+    per_J, retained = machine.material.removal_mm3_J.value, 1 - machine.base.gas.ejection.value
     shorts = report["pulses"] * report["pulse_share"]["short"]
     short_J = 0.1 * shorts * 22.0 * 100.0 / 11.8 * machine.t_on_us * 1e-6
     assert report["removed_mm3"] == pytest.approx(report["energy_J"] * per_J, rel=0.1)
-    assert report["energy_J"] * kept < report["removed_mm3"] / per_J < report["energy_J"] + short_J
+    assert report["energy_J"] * retained < report["removed_mm3"] / per_J < report["energy_J"] + short_J
 
 
 def test_kerf_lag_and_rates_lie_where_wire_machines_lie(small_cut: SimpleNamespace) -> None:
@@ -220,13 +220,13 @@ def test_a_window_is_255_periods_without_gaps(small_cut: SimpleNamespace) -> Non
 
 
 def test_watcher_sees_every_window(small_cut: SimpleNamespace) -> None:
-    windows, seen = small_cut.result.windows, small_cut.seen
-    assert [p.time_s for p in seen] == windows.column("t_s").to_pylist()
-    assert [p.path_um for p in seen] == windows.column("path_um").to_pylist()
-    assert [(p.short, p.open) for p in seen] == list(
+    windows, progress = small_cut.result.windows, small_cut.progress
+    assert [p.time_s for p in progress] == windows.column("t_s").to_pylist()
+    assert [p.path_um for p in progress] == windows.column("path_um").to_pylist()
+    assert [(p.short, p.open) for p in progress] == list(
         zip(windows.column("short").to_pylist(), windows.column("open").to_pylist(), strict=True)
     )
-    assert seen[-1].path_um == pytest.approx(seen[-1].total_um, abs=3)
+    assert progress[-1].path_um == pytest.approx(progress[-1].total_um, abs=3)
 
 
 def test_the_six_files_are_written_and_nothing_else(small_cut: SimpleNamespace) -> None:
@@ -246,8 +246,8 @@ def test_settings_say_how_to_cut_it_again(small_cut: SimpleNamespace) -> None:
     machine = edmsim.Machine.load(height_mm=5)
     assert settings["tension_N"] == machine.tension
     assert settings["offset_um"] == pytest.approx(machine.auto_offset_mm * 1e3)
-    told = {"controller": "counts", "planner": "poscal", "resolution": "fast", "mechanics": "modal"}
-    assert told.items() <= settings.items()
+    expected = {"controller": "counts", "planner": "poscal", "resolution": "fast", "mechanics": "modal"}
+    assert expected.items() <= settings.items()
 
 
 @pytest.mark.slow
@@ -269,6 +269,7 @@ def test_time_limit_stops_at_the_end_of_its_window(cut_small: Callable[..., edms
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("draws_pictures")
 def test_broken_wire_leaves_a_full_report(
     cut_small: Callable[..., edmsim.CutResult], hot_machine: str, tmp_path: Path
 ) -> None:
@@ -343,7 +344,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("options", "named"), BAD)
-def test_bad_input_is_told_and_nothing_is_written(
+def test_bad_input_is_reported_and_nothing_is_written(
     cut_small: Callable[..., edmsim.CutResult], tmp_path: Path, options: dict[str, Any], named: str
 ) -> None:
     with pytest.raises(InputError) as caught:

@@ -15,7 +15,7 @@ import edmsim
 from edmsim.controllers import make
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.options import Choices
-from edmsim.recording.report import offset_line
+from edmsim.recording.report import Offset
 
 
 def test_the_function_shows_every_option_with_default_and_meaning() -> None:
@@ -60,7 +60,7 @@ def test_json_gives_the_same_settings_back() -> None:
     assert again.height_areas[1][0].interiors[0].equals(ring.interiors[0])
 
 
-def test_a_controller_given_as_an_object_is_told_as_the_command_line_has_it() -> None:
+def test_a_controller_passed_as_an_object_is_reported_as_the_command_line_has_it() -> None:
     settings = CutSettings(controller=make("fixed", feed_um_s=12.0))
     assert settings.model_dump()["controller"] == "fixed:feed_um_s=12.0,offset_um=0.0"
 
@@ -92,8 +92,7 @@ def test_a_report_of_contours_with_different_offsets_leaves_them_to_the_register
     report = small_cut.result.report
     several = {**report, "settings": {**report["settings"], "offset_um": None}}
     assert CutSettings.of_report(several).offset == "auto"
-    found = {"applied_mm": None, "mean_error_um": 2.0, "to_use_mm": None}
-    assert offset_line(found) == "different ones by contour, +2.0 µm in the mean (metal left)"
+    assert str(Offset(None, 2.0, None)) == "different ones by contour, +2.0 µm in the mean (metal left)"
 
 
 @pytest.mark.slow

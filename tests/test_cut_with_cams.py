@@ -150,6 +150,7 @@ CAM = '[[cam]]\naxis = "u"\nmaster = "path"\npoints = [[0, 0], [1, 0.1]]\n'
 ROWS = '[[table]]\naxis = "y"\nmaster = "x"\nrow_axis = "path"\nrow_range_mm = [0, 1]\n'
 
 
+@pytest.mark.usefixtures("draws_pictures")
 def test_the_report_says_what_followed_and_what_compensated(line, tmp_path):
     file = tmp_path / "tables.toml"
     file.write_text(CAM, encoding="utf-8")

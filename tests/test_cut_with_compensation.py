@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import edmsim
-from edmsim.cli import app as cli
 from edmsim.controllers import axis, from_text
 from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables, read_tables, text_of
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
@@ -66,14 +64,14 @@ def simulation_of(tables, machine, **options):
 @pytest.mark.parametrize("options", [{}, {"drives": {name: axis.tuned("uhu") for name in "xy"}}])
 def test_the_wire_is_where_the_program_wants_it(tables, bad, options):
     # E-31, E-32, E-33, E-A1: on the machine's table, under steppers and under drives
-    for given, most in ((tables, 1.2), (None, 30.0)):
-        simulation = simulation_of(given, bad, **options)
+    for compensation, most in ((tables, 1.2), (None, 30.0)):
+        simulation = simulation_of(compensation, bad, **options)
         errors = []
         while simulation.outcome is None:
             simulation.step()
             errors.append(np.hypot(*(np.array(simulation.plant.place_um) - simulation.position_um)))
         assert simulation.outcome == "time-limit"
-        assert (5.0 if given is None else 0.0) < np.mean(errors) < most  # a motor step is 2 um
+        assert (5.0 if compensation is None else 0.0) < np.mean(errors) < most  # a motor step is 2 um
         assert np.array(simulation.commanded_um) == pytest.approx(simulation.position_um, abs=2.0)
 
 
@@ -97,7 +95,7 @@ def test_the_report_has_the_profile_error_with_and_without(file, bad):
     assert re.fullmatch(r"moves the wall by [\d.]+ µm max, [\d.]+ µm rms", dict(summary(bare))["table"])
 
 
-def test_a_table_that_is_too_short_is_told(tmp_path):
+def test_a_table_that_is_too_short_is_reported(tmp_path):
     # E-A14
     short = tmp_path / "short.toml"
     short.write_text(text_of([ErrorTable("x", "x", np.array([(0.0, 1.0), (10.0, 2.0)]))]), encoding="utf-8")
@@ -167,9 +165,9 @@ def test_steps_are_added_where_the_error_grows_and_left_out_where_it_falls():
 def test_a_bad_file_gets_one_line(text, message, tmp_path):
     file = tmp_path / "bad.toml"
     file.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=re.escape(message)) as told:
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
         edmsim.cut(SMALL, compensation=str(file), max_time_s=1, **FAST)
-    assert str(told.value).startswith(str(file))
+    assert str(caught.value).startswith(str(file))
 
 
 @pytest.mark.slow
@@ -184,37 +182,29 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
         read_tables(tmp_path / "none.toml")
 
 
-def run(monkeypatch, *words):
-    monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, words)])
-    try:
-        cli.main()
-    except SystemExit as left:
-        return left.code
-    return 0
-
-
 @pytest.mark.slow
-def test_measure_table_writes_what_cut_reads(monkeypatch, tmp_path, capsys):
+def test_measure_table_writes_what_cut_reads(edmsim, tmp_path):
     made, left, picture = tmp_path / "made.toml", tmp_path / "left.toml", tmp_path / "table.png"
     words = ["measure", "table", "--machine", "worn-table", "--runs", 2]
-    assert run(monkeypatch, *words, "--out", made, "--plot", picture) == 0
-    assert "out of square" in capsys.readouterr().out
+    shown = edmsim(*words, "--out", made, "--plot", picture)
+    assert shown.status == 0
+    assert "out of square" in shown.out
     assert picture.stat().st_size > 10_000
     assert {(t.axis, t.master) for t in read_tables(made)} == {("x", "x"), ("y", "y"), ("x", "y"), ("y", "x")}
-    assert run(monkeypatch, *words, "--compensation", made, "--out", left, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert abs(told["squareness_um_m"]) < 40.0  # of 400
-    assert told["x"]["accuracy"] < 4.0  # of 21, most of it the motor's steps
-    assert told["circle"]["circular_deviation"] < 6.0  # of 21
-    assert run(monkeypatch, *words, "--out", made / "a.toml") == 2  # a file is not a folder
-    assert run(monkeypatch, "measure", "table", "--runs", 1) == 2
-    assert "1 runs are not within 2..100: a spread needs two" in capsys.readouterr().err
-    assert run(monkeypatch, "measure", "table", "--interval", 0.001) == 2
+    document = json.loads(edmsim(*words, "--compensation", made, "--out", left, "--json").out)
+    assert abs(document["squareness_um_m"]) < 40.0  # of 400
+    assert document["x"]["accuracy"] < 4.0  # of 21, most of it the motor's steps
+    assert document["circle"]["circular_deviation"] < 6.0  # of 21
+    assert edmsim(*words, "--out", made / "a.toml").status == 2  # a file is not a folder
+    once = edmsim("measure", "table", "--runs", 1)
+    assert once.status == 2
+    assert "1 runs are not within 2..100: a spread needs two" in once.err
+    assert edmsim("measure", "table", "--interval", 0.001).status == 2
 
 
 @pytest.mark.slow
-def test_the_command_line_cuts_with_tables(monkeypatch, file, tmp_path):
+def test_the_command_line_cuts_with_tables(edmsim, file, tmp_path):
     words = ["cut", SMALL, "--machine", "worn-table", "--compensation", file, "--resolution", "fast", "--quiet"]
-    assert run(monkeypatch, *words, "--max-time", 1, "--out", tmp_path / "cut") == 3
+    assert edmsim(*words, "--max-time", 1, "--out", tmp_path / "cut").status == 3
     report = json.loads((tmp_path / "cut" / "report.json").read_text(encoding="utf-8"))
     assert report["settings"]["compensation"] == str(file)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import edmsim
-from edmsim.cli import app as cli
 from edmsim.controllers.axis.uhu import drive as uhu
 from edmsim.recording.windows import column
 
@@ -36,14 +34,11 @@ def test_a_stepper_has_no_following_error():
 
 
 @pytest.mark.slow
-def test_a_following_error_stops_the_machine_and_leaves_with_3(monkeypatch, tmp_path, capsys):
+def test_a_following_error_stops_the_machine_and_leaves_with_3(monkeypatch, tmp_path, edmsim):
     tuned = dict(uhu._data()["tuned"]["table"], error_limit=10)
     monkeypatch.setitem(uhu._data()["tuned"], "table", tuned)
-    words = ["edmsim", "cut", str(SLOT), "--drive", "uhu", "--height", "10", "--resolution", "fast", "--quiet"]
-    monkeypatch.setattr(sys, "argv", [*words, "--max-time", "10", "--out", str(tmp_path / "cut")])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    assert left.value.code == 3
+    words = ("cut", SLOT, "--drive", "uhu", "--height", 10, "--resolution", "fast", "--quiet", "--max-time", 10)
+    assert edmsim(*words, "--out", tmp_path / "cut").status == 3
     report = json.loads((tmp_path / "cut" / "report.json").read_text(encoding="utf-8"))
     assert report["outcome"] == "drive-trip"
     assert "has shut off its motor" in report["reason"]
@@ -73,6 +68,7 @@ M2
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("draws_pictures")
 def test_the_shares_of_the_error_do_not_take_a_rapid_for_a_cut(tmp_path):
     """The way between two contours is no way of the wire through the metal."""
     (tmp_path / "two.ngc").write_text(TWO_SQUARES)

@@ -108,6 +108,7 @@ def test_a_cut_goes_on_to_the_bit_from_its_snapshot(finished):
     assert all(arrays[name].tobytes() == whole[name].tobytes() for name in whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"planner": "poscal"}, {"drives": {n: axis.tuned("uhu") for n in "xy"}}])
 def test_planners_that_count_and_drives_make_the_same_wall(finished, options):
     cut = cut_of(**options)
@@ -152,15 +153,16 @@ def in_passes(tensions_N=(10.0, 14.0)):
 @pytest.fixture(scope="module")
 def trimmed():
     """A cut in passes at its end, and a snapshot in the middle of its trim."""
-    cut, kept = in_passes(), None
+    cut, snapshot = in_passes(), None
     while cut.outcome is None:
         cut.step()
-        if kept is None and len(cut.passes.records) == 2 and cut.path_um > cut.total_um - 300.0:
-            kept = cut.snapshot()
+        if snapshot is None and len(cut.passes.records) == 2 and cut.path_um > cut.total_um - 300.0:
+            snapshot = cut.snapshot()
     assert cut.outcome == "finished"
-    return cut, kept
+    return cut, snapshot
 
 
+@pytest.mark.slow
 def test_a_leaning_wire_trims_its_wall_at_every_height(trimmed):
     cut, _ = trimmed
     rough, trim = cut.passes.records
@@ -179,6 +181,7 @@ def test_a_leaning_wire_trims_its_wall_at_every_height(trimmed):
         assert np.nanmean(inner) * math.cos(math.radians(ANGLE_DEG)) == pytest.approx(record.wall.mean_um, abs=3.0)
 
 
+@pytest.mark.slow
 def test_every_pass_leads_its_guides_by_its_own_tension(trimmed):
     cut, _ = trimmed
     bends = [guides_of(cut.machine_of(number), (0.0, 0.0)).bends_mm(np.array([[0.0, TAN]]))[0] for number in (1, 2)]
@@ -187,10 +190,11 @@ def test_every_pass_leads_its_guides_by_its_own_tension(trimmed):
     np.testing.assert_allclose(leads, [1e3 * (high - low) * TAN for low, high in bends], atol=1.0)
 
 
+@pytest.mark.slow
 def test_a_leaning_trim_goes_on_to_the_bit_from_its_snapshot(trimmed):
-    cut, kept = trimmed
+    cut, snapshot = trimmed
     again = in_passes()
-    again.restore(*kept)
+    again.restore(*snapshot)
     again.run()
     arrays, whole = again.snapshot()[0], cut.snapshot()[0]
     assert all(arrays[name].tobytes() == whole[name].tobytes() for name in whole)
@@ -228,6 +232,7 @@ feed_um_s = 90.0
 """
 
 
+@pytest.mark.slow
 def test_a_program_trims_its_leaning_wall_with_its_own_conditions(tmp_path):
     program, table = tmp_path / "wall.nc", tmp_path / "conditions.toml"
     program.write_text(SODICK)
@@ -260,6 +265,8 @@ def test_the_examples_of_tapers_in_passes_are_planned_whole(name):
     assert 600 < found.expected_s < 3000
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("draws_pictures")
 def test_a_cut_reports_its_taper(tmp_path):
     file = tmp_path / "block.ngc"
     file.write_text("G21 G90\nG92 X0.5 Y-0.6\nG41 D1 G1 X0.5 Y0\nX0\nY1\nX1\nY0\nX0.5\nG40 Y-0.6\nM02\n")
@@ -276,9 +283,9 @@ def test_a_cut_reports_its_taper(tmp_path):
         np.ptp(scene.walls_mm[0][0], axis=0) - np.ptp(scene.walls_mm[0][1], axis=0), 4 * math.tan(math.radians(5)),
     )
     write_scene(scene, tmp_path / "part.npz")
-    kept = read_scene(tmp_path / "part.npz")
-    np.testing.assert_array_equal(kept.lead, scene.lead)
-    at = kept.lead_mm(np.array([kept.lead[-1, 0]]), np.array([0.0, 2.0]))[0]
+    scene = read_scene(tmp_path / "part.npz")
+    np.testing.assert_array_equal(scene.lead, scene.lead)
+    at = scene.lead_mm(np.array([scene.lead[-1, 0]]), np.array([0.0, 2.0]))[0]
     assert at[1, 1] - at[0, 1] == pytest.approx(2.0 * math.tan(math.radians(5)), rel=0.01)
 
 

@@ -19,7 +19,7 @@ def test_a_file_is_replaced_when_all_is_written(tmp_path: Path) -> None:
     assert [(f.name, f.read_text()) for f in tmp_path.iterdir()] == [("report.json", "new")]
 
 
-def test_a_file_stays_when_writing_fails_and_nothing_is_left_beside_it(tmp_path: Path) -> None:
+def test_a_file_stays_when_writing_fails_and_nothing_is_left_next_to_it(tmp_path: Path) -> None:
     file = tmp_path / "report.json"
     file.write_text("old")
 

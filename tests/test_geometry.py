@@ -74,7 +74,7 @@ def test_no_lag_is_the_path_itself_without_repeated_points():
 
 
 @pytest.mark.parametrize(
-    ("path", "lag", "told"),
+    ("path", "lag", "message"),
     [
         ([(0, 0), (1, 0)], -1.0, "lag is -1 um; it must be 0 or more"),
         ([(0, 0), (1, 0)], math.nan, "lag is nan um"),
@@ -84,6 +84,6 @@ def test_no_lag_is_the_path_itself_without_repeated_points():
         ([(0, 0), (math.inf, 0)], 1.0, "list of points"),
     ],
 )
-def test_impossible_paths_are_told(path, lag, told):
-    with pytest.raises(InputError, match=told):
+def test_impossible_paths_are_reported(path, lag, message):
+    with pytest.raises(InputError, match=message):
         pursuit(path, lag)

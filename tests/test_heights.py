@@ -133,7 +133,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("options", "named"), BAD)
-def test_bad_heights_are_told_and_nothing_is_written(
+def test_bad_heights_are_reported_and_nothing_is_written(
     cut_small: Cut, tmp_path: Path, options: dict[str, Any], named: str
 ) -> None:
     with pytest.raises(InputError) as caught:

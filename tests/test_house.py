@@ -65,23 +65,27 @@ def place(file: Path) -> str:
 
 
 @cache
+def parsed(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
 def tree(name: str) -> ast.Module:
-    return ast.parse(modules()[name].read_text(encoding="utf-8"))
+    return parsed(modules()[name])
 
 
 @cache
 def imports(name: str) -> frozenset[str]:
-    """Modules of the product that a module imports anywhere, also for types only; the front door is none."""
-    wanted: set[str] = set()
+    """Modules of the product that a module imports anywhere, also for types only; without the front door."""
+    imported: set[str] = set()
     for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
-            wanted |= {alias.name for alias in node.names}
+            imported |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{name}: imports are absolute"
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
-                wanted.add(inner if inner in modules() else str(node.module))
-    return frozenset(wanted & modules().keys()) - {name, "edmsim"}
+                imported.add(inner if inner in modules() else str(node.module))
+    return frozenset(imported & modules().keys()) - {name, "edmsim"}
 
 
 def room(name: str) -> str:
@@ -136,12 +140,12 @@ def test_recording_makes_no_plant() -> None:
 
 def test_no_files_import_each_other_in_a_circle() -> None:
     def reach(start: str) -> set[str]:
-        seen: set[str] = set()
+        visited: set[str] = set()
         new = set(imports(start))
         while new:
-            seen |= new
-            new = set().union(*(imports(name) for name in new)) - seen
-        return seen
+            visited |= new
+            new = set().union(*(imports(name) for name in new)) - visited
+        return visited
 
     reached = {name: reach(name) for name in modules()}
     circles = {

@@ -47,17 +47,6 @@ def signals() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-@pytest.fixture
-def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let page, picture and recording be empty: they take most of a short cut's time."""
-
-    def empty(*given: object) -> None:
-        next(file for file in given if isinstance(file, Path)).touch()
-
-    for name in ("write_html", "write_figure", "write_recording"):
-        monkeypatch.setattr(f"edmsim.recording.{name}", empty)
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("signals")
 def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small: Cut, tmp_path: Path) -> None:
@@ -84,24 +73,23 @@ def test_a_cut_interrupted_in_any_phase_is_finished_by_resuming(cut_small: Cut, 
 
 
 def test_the_progress_tells_the_wall_time_of_the_report(cut_small: Cut) -> None:
-    seen: list[float] = []
-    report = cut_small(watch=lambda progress: seen.append(progress.wall_time_s), **SHORT).report
-    assert 0 < seen[0] < seen[-1] == report["wall_time_s"]
+    observed: list[float] = []
+    report = cut_small(watch=lambda progress: observed.append(progress.wall_time_s), **SHORT).report
+    assert 0 < observed[0] < observed[-1] == report["wall_time_s"]
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path: Path) -> None:
     def stop(_: object) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         cut_small(out=tmp_path, watch=stop, **SHORT)
-    kept = (tmp_path / checkpoint.NAME).read_bytes()
+    content = (tmp_path / checkpoint.NAME).read_bytes()
     with pytest.raises(InputError, match="an interrupted cut lies in this folder: take it up with") as caught:
         cut_small(out=tmp_path, seed=2, **SHORT)
     assert caught.value.file == str(tmp_path)
-    assert (tmp_path / checkpoint.NAME).read_bytes() == kept
+    assert (tmp_path / checkpoint.NAME).read_bytes() == content
     with pytest.raises(InputError, match="choose --resume or --overwrite"):
         cut_small(out=tmp_path, resume=True, overwrite=True, **SHORT)
     cut_small(out=tmp_path, seed=2, overwrite=True, max_time_s=0.1)
@@ -112,7 +100,6 @@ def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_one_cut_at_a_time_works_in_a_folder(cut_small: Cut, tmp_path: Path) -> None:
     with locked(tmp_path), pytest.raises(InputError, match="another edmsim is at work in this folder"):
         cut_small(out=tmp_path, **SHORT)
@@ -166,7 +153,6 @@ def test_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_a_folder_of_two_cuts_is_refused(cut_small: Cut, tmp_path: Path) -> None:
     for seed in (1, 2):
         cut_small(out=tmp_path / str(seed), seed=seed, max_time_s=0.1)
@@ -185,7 +171,6 @@ def full(*_: object, **__: object) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_a_full_disk_warns_and_the_cut_goes_on(
     cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -198,7 +183,6 @@ def test_a_full_disk_warns_and_the_cut_goes_on(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
 def test_a_disk_full_at_the_end_leaves_the_checkpoint(
     cut_small: Cut, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -212,6 +196,14 @@ def test_a_disk_full_at_the_end_leaves_the_checkpoint(
     assert names(tmp_path) == FILES
 
 
+WITHOUT_FIGURES = """
+from edmsim.cli.app import main
+from edmsim.recording import html_report
+html_report.pictures = lambda *_: ()
+main()
+"""
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names of files are UTF-8")
 def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch: Path, tmp_path: Path) -> None:
@@ -219,13 +211,13 @@ def test_odd_names_and_plain_terminals_do_not_crash_a_finished_cut(small_punch: 
     program = os.path.join(os.fsencode(tmp_path), b"pun[red]ch\xff.ngc")
     shutil.copy(small_punch, program)
     options = ["--height", "5", "--resolution", "fast", "--max-time", "0.1"]
-    command = [sys.executable, "-m", "edmsim", "cut", program, "--out", folder, *options]
+    command = [sys.executable, "-c", WITHOUT_FIGURES, "cut", program, "--out", folder, *options]
     plain = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
     done = subprocess.run(command, env=plain, capture_output=True, check=False)
     assert done.returncode == 3, done.stderr.decode()
-    told = done.stdout.decode("ascii")
-    assert "mm3 removed" in told
-    assert "o[/b]" in told
+    output = done.stdout.decode("ascii")
+    assert "mm3 removed" in output
+    assert "o[/b]" in output
     assert b"recording" in done.stderr  # the last phase
     assert sorted(os.listdir(folder)) == [name.encode() for name in FILES]
     odd = Path(os.fsdecode(folder))

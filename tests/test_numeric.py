@@ -1,4 +1,4 @@
-"""Whatever is a real or whole number is one wherever a user gives one; a truth value and a text are none."""
+"""Whatever is a real or whole number is one wherever a user gives one; not a truth value or a text."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_a_number_becomes_pythons_own(value):
     assert type(plain((value, [value], "8"))[1][0]) in (int, float)
 
 
-def test_whole_numbers_are_told_from_others():
+def test_whole_numbers_are_distinguished_from_others():
     assert len(WHOLE) == 4
     assert all(whole_from("it", value, 8) == 8 for value in WHOLE)
     for value in (8.0, Fraction(17, 2), np.float64(8), *NONE):
@@ -54,15 +54,15 @@ def test_what_is_no_finite_number_is_refused(value):
 
 @pytest.mark.parametrize("value", EIGHTS, ids=kind_of)
 def test_an_environment_takes_it_and_is_the_same(value):
-    given = {"height_mm": (value, value), "tension": value, "episode_s": value, "max_change_um_s": value,
+    values = {"height_mm": (value, value), "tension": value, "episode_s": value, "max_change_um_s": value,
              "detents_us": (value, value), "cost_limit": value, "start_feed_um_s": value, "length_mm": value,
              "weights": {"short": value}, "decision_s": value, "setting_octaves": Fraction(1, 2)}  # fmt: skip
-    usual = {name: (8.0, 8.0) if isinstance(v, tuple) else 8.0 for name, v in given.items()}
+    usual = {name: (8.0, 8.0) if isinstance(v, tuple) else 8.0 for name, v in values.items()}
     usual |= {"weights": {"short": 8.0}, "setting_octaves": 0.5}
-    made = GapFeed.of(**given)
+    made = GapFeed.of(**values)
     assert made == GapFeed.of(**usual)
     assert made.draw(np.random.default_rng(1)).machine == GapFeed.of(**usual).draw(np.random.default_rng(1)).machine
-    env = gym.make("edmsim/GapFeed-v2", **given)
+    env = gym.make("edmsim/GapFeed-v2", **values)
     assert json.loads(json.dumps(env.spec.kwargs)) == env.spec.kwargs
     assert MaxRate.of(flushing_Pa=(value, 16)) == MaxRate.of(flushing_Pa=(8.0, 16.0))
 
@@ -73,9 +73,9 @@ def test_an_environment_takes_whole_numbers_and_seeds(value, tmp_path):
         history=8, wires=8, machine_episodes=8
     )
     assert Sensors(bits=value, noise_share=np.float32(0.5)) == Sensors(bits=8, noise_share=0.5)
-    lanes = EdmVectorEnv("GapFeed", num_envs=value, threads=value, max_episode_steps=value)
-    assert lanes.num_envs == 8
-    seeds = [lanes.reset(seed=seed)[1]["plant_seed"].tolist() for seed in (8, value, [value, *range(9, 16)])]
+    envs = EdmVectorEnv("GapFeed", num_envs=value, threads=value, max_episode_steps=value)
+    assert envs.num_envs == 8
+    seeds = [envs.reset(seed=seed)[1]["plant_seed"].tolist() for seed in (8, value, [value, *range(9, 16)])]
     assert seeds[0] == seeds[1] == seeds[2]
     env = gym.make("edmsim/GapFeed-v2")
     assert env.reset(seed=value)[1]["plant_seed"] == seeds[0][0]
@@ -91,22 +91,22 @@ def test_an_environment_refuses_what_is_no_number(value):
     for make in (lambda: Weights(short=value), lambda: Sensors(bits=value), lambda: HeightStep(low_share=value)):
         with pytest.raises(InputError, match=r"short|bits|low_share"):
             make()
-    env, lanes = gym.make("edmsim/GapFeed-v2"), EdmVectorEnv("GapFeed", num_envs=2)
+    env, envs = gym.make("edmsim/GapFeed-v2"), EdmVectorEnv("GapFeed", num_envs=2)
     if value is not None:
         with pytest.raises(InputError, match="seed"):
             env.reset(seed=value)
         with pytest.raises(InputError, match="seed"):
-            lanes.reset(seed=value)
+            envs.reset(seed=value)
         with pytest.raises(InputError, match="seed"):
-            lanes.reset(seed=[value, 1])
+            envs.reset(seed=[value, 1])
 
 
 @pytest.mark.parametrize("value", EIGHTS, ids=kind_of)
 def test_a_cut_and_a_machine_take_it_and_are_the_same(value):
-    given = {"height_mm": value, "tension": value, "t_on_us": value, "offset": value, "max_time_s": value,
+    values = {"height_mm": value, "tension": value, "t_on_us": value, "offset": value, "max_time_s": value,
              "heights": [(value, value)], "constants": {"gap.critical_um": value}}  # fmt: skip
-    usual = {**dict.fromkeys(given, 8.0), "heights": [(8.0, 8.0)], "constants": {"gap.critical_um": 8.0}}
-    settings = CutSettings.model_validate(given)
+    usual = {**dict.fromkeys(values, 8.0), "heights": [(8.0, 8.0)], "constants": {"gap.critical_um": 8.0}}
+    settings = CutSettings.model_validate(values)
     assert settings.model_dump_json() == CutSettings.model_validate(usual).model_dump_json()
     machine = edmsim.Machine.load(height_mm=value, tension=value, t_on_us=value)
     assert machine == edmsim.Machine.load(height_mm=8.0, tension=8.0, t_on_us=8.0)
@@ -121,9 +121,9 @@ def test_a_cut_and_a_machine_refuse_what_is_no_number(value):
         with pytest.raises(InputError, match=name):
             CutSettings.model_validate({name: value})
     changes = {"heights": [(2.0, value)]}, {"heights": [(value, 5.0)]}, {"constants": {"gap.critical_um": value}}
-    for given in changes:
+    for values in changes:
         with pytest.raises(InputError, match=r"height|critical_um is"):
-            CutSettings.model_validate(given)
+            CutSettings.model_validate(values)
     machine = edmsim.Machine.load()
     for name in ("height_mm", "tension", "wire_diameter_um", "peak_current_A"):
         with pytest.raises(InputError, match=name):

@@ -9,7 +9,7 @@ import pytest
 
 from edmsim import progress
 from edmsim.cosim.simulation import Progress
-from edmsim.job.progress import CutProgress
+from edmsim.job.cut import CutProgress
 from edmsim.progress import ShownProgress, in_notebook
 
 
@@ -28,7 +28,7 @@ def test_in_a_file_it_is_a_line_now_and_then(now: list[float], capsys: pytest.Ca
     assert capsys.readouterr().err.splitlines() == [f"runs {share}.0 % none failed" for share in (25, 50, 75, 100)]
 
 
-def test_what_is_kept_ends_with_its_last_line(now: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_stored_ends_with_its_last_line(now: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     for keep in (False, True):
         with ShownProgress(keep=keep) as bar:
             bar.show("runs", 1, 2)

@@ -16,26 +16,15 @@ import edmsim
 HEAVY = ("rerun", "matplotlib", "torch", "numba", "mujoco", "scipy", "pyarrow", "ezdxf", "shapely", "pydantic")
 
 
-def loaded_after(statement: str) -> set[str]:
-    code = f"import sys\n{statement}\nprint(*sorted(sys.modules))"
+@pytest.mark.slow
+def test_nothing_heavy_is_imported_before_it_is_needed() -> None:
+    steps = ("import edmsim", "edmsim.Machine.load(); edmsim.controllers.make('counts')", "edmsim.cut")
+    code = "import sys\n" + "".join(f"{step}\nprint(*sys.modules)\n" for step in steps)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return set(done.stdout.split())
-
-
-@pytest.mark.slow
-def test_import_is_cheap() -> None:
-    assert loaded_after("import edmsim").isdisjoint(HEAVY)
-
-
-@pytest.mark.slow
-def test_machine_and_controllers_need_neither_viewer_nor_compiler() -> None:
-    loaded = loaded_after("import edmsim; edmsim.Machine.load(); edmsim.controllers.make('counts')")
-    assert loaded.isdisjoint({"rerun", "matplotlib", "torch", "mujoco", "scipy.signal", "pyarrow"})
-
-
-@pytest.mark.slow
-def test_cutting_needs_no_viewer_before_it_writes() -> None:
-    assert loaded_after("import edmsim; edmsim.cut").isdisjoint({"rerun", "matplotlib", "torch", "scipy.signal"})
+    imported, made, cut = (set(line.split()) for line in done.stdout.splitlines())
+    assert imported.isdisjoint(HEAVY)
+    assert made.isdisjoint({"rerun", "matplotlib", "torch", "mujoco", "scipy.signal", "pyarrow"})
+    assert cut.isdisjoint({"rerun", "matplotlib", "torch", "scipy.signal"})
 
 
 @pytest.mark.parametrize("name", edmsim.__all__)

@@ -48,7 +48,7 @@ class Part(Snapshots):
 
 @dataclass
 class Law(Snapshots):
-    """Has an argument, and fields of every kind that are none."""
+    """Has an argument, and fields of every kind that are invalid."""
 
     gain: float = 1.0
 
@@ -85,6 +85,7 @@ def through_json(thing: Snapshots) -> dict[str, Any]:
     return state
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.builds(Record, st.integers(), st.none() | walls), max_size=3), st.none() | steps, st.lists(steps),
     st.dictionaries(st.text(), floats), st.integers(), st.binary(min_size=4, max_size=4),
@@ -126,10 +127,10 @@ def test_a_state_that_lacks_something_is_refused() -> None:
 
 
 class Store(ArraySnapshots):
-    STATE = ("_seen", "feed_um_s", "lengths", "_last", "rows", "inner")
+    STATE = ("_observed", "feed_um_s", "lengths", "_last", "rows", "inner")
 
     def __init__(self, size: int, inner: Store | None = None) -> None:
-        self._seen, self.feed_um_s, self._used = 0, 0.0, 0
+        self._observed, self.feed_um_s, self._used = 0, 0.0, 0
         self.lengths: list[int] = []
         self._last, self._room = np.zeros(size), np.zeros(8)
         self.inner = {1: inner} if inner else {}
@@ -147,20 +148,20 @@ class Store(ArraySnapshots):
 def test_stores_go_through_a_file_of_arrays() -> None:
     store, again = Store(2, Store(3)), Store(2, Store(3))
     for number, each in enumerate((store, store.inner[1])):
-        each._seen, each.feed_um_s, each.lengths, each._used = 5 + number, -0.1, [1, 2][number:], 3
+        each._observed, each.feed_um_s, each.lengths, each._used = 5 + number, -0.1, [1, 2][number:], 3
         each._last[:], each._room[:3] = 7.0, 4.0 + number
     file, last = io.BytesIO(), again._last
     np.savez(file, **store.snapshot())
     file.seek(0)
     again.restore(dict(np.load(file)))
     for one, other in ((again, store), (again.inner[1], store.inner[1])):
-        assert (one._seen, one.feed_um_s, one.lengths, one._used) == (
-            other._seen, other.feed_um_s, other.lengths, other._used
+        assert (one._observed, one.feed_um_s, one.lengths, one._used) == (
+            other._observed, other.feed_um_s, other.lengths, other._used
         )  # fmt: skip
         np.testing.assert_array_equal(one._last, other._last)
         np.testing.assert_array_equal(one.rows, other.rows)
     assert again._last is last
-    assert type(again._seen) is int
+    assert type(again._observed) is int
 
 
 def test_an_array_of_another_shape_is_refused() -> None:

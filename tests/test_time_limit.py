@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-LIMIT_S = 2.0
+LIMIT_S = 1.0
 HANGS = {
     "in Python": """
         while True:

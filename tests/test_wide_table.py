@@ -21,7 +21,7 @@ LONG = "G21 G90\nG0 X100.001 Y0\nG1 X0 Y20.003\nM2\n"
 
 @pytest.fixture
 def cut_on(tmp_path):
-    """Cut a program on a machine whose table travels as far as told."""
+    """Cut a program on a machine whose table travels as far as its file says."""
     text = models.path("machines/agiecut-dem15.toml").read_text()
     assert tomllib.loads(text)["table"]["travel_mm"]["value"] == 65.0
 
@@ -30,8 +30,8 @@ def cut_on(tmp_path):
         machine.write_text(text.replace("travel_mm = { value = 65.0", f"travel_mm = {{ value = {travel_mm}", 1))
         file = tmp_path / "long.ngc"
         file.write_text(program)
-        wanted = {"resolution": "fast", "height_mm": 5.0, "max_time_s": 1.0, "controller": "fixed:feed_um_s=30"}
-        return edmsim.cut(file, machine=str(machine), **{**wanted, **settings})
+        options = {"resolution": "fast", "height_mm": 5.0, "max_time_s": 1.0, "controller": "fixed:feed_um_s=30"}
+        return edmsim.cut(file, machine=str(machine), **{**options, **settings})
 
     return run
 

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
-CODE = ("edmsim", "controllers", "envs", "models", "docs", "examples")
+from .test_house import ROOT, parsed
+
+CODE = ("edmsim", "controllers", "envs", "models", "docs", "examples", "tests")
 NAMES = {
     "afresh": "isolated, again",
     "asked": "requested, query",
@@ -51,10 +52,11 @@ BLANKS = re.compile(r"\s+")
 
 @cache
 def files(ending: str) -> list[Path]:
-    """Every file of the product, its pages and examples; links within `edmsim` lead to folders that are listed."""
+    """Files of the product, its pages and examples, and tests; links within `edmsim` lead to these folders."""
     found = [file for folder in CODE for file in sorted((ROOT / folder).rglob(f"*{ending}"))]
-    links = tuple(ROOT / "edmsim" / folder for folder in ("controllers", "envs", "models"))
-    return [file for file in found if not any(map(file.is_relative_to, links)) and "notebooks" not in file.parts]
+    left_out = [ROOT / name for name in ("edmsim/controllers", "edmsim/envs", "edmsim/models", "docs/notebooks")]
+    left_out.append(Path(__file__))
+    return [file for file in found if not any(map(file.is_relative_to, left_out))]
 
 
 def names(tree: ast.Module) -> Iterator[tuple[str, int]]:
@@ -67,16 +69,11 @@ def names(tree: ast.Module) -> Iterator[tuple[str, int]]:
                 yield name, node.lineno
 
 
-@cache
-def tree(file: Path) -> ast.Module:
-    return ast.parse(file.read_text(encoding="utf-8"))
-
-
 def texts(file: Path) -> Iterator[tuple[str, int]]:
     """Docstrings, messages and comments of a file, or the paragraphs of a page."""
     source = file.read_text(encoding="utf-8")
     if file.suffix == ".py":
-        for node in ast.walk(tree(file)):
+        for node in ast.walk(parsed(file)):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 yield node.value, node.lineno
         for comment in COMMENT.finditer(source):
@@ -89,7 +86,7 @@ def texts(file: Path) -> Iterator[tuple[str, int]]:
 def test_names_are_terms_of_the_field() -> None:
     found = []
     for file in files(".py"):
-        for name, line in names(tree(file)):
+        for name, line in names(parsed(file)):
             found += [
                 f"{file.relative_to(ROOT)}:{line}: {name}: {NAMES[part]}"
                 for part in re.split(r"_|(?<=[a-z])(?=[A-Z])", name) if part.lower() in NAMES

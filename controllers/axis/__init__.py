@@ -27,8 +27,7 @@ __all__ = [
 
 CHIPS: dict[str, type[Uhu] | type[ServoModule]] = {kind.name: kind for kind in (Uhu, ServoModule)}
 """Drives with a serial line, by name."""
-COMMISSIONED = (*CHIPS, Eanpos.name)
-"""Drives that `tuned` makes ready for an axis."""
+COMMISSIONED = (*CHIPS, Eanpos.name)  # drives that `tuned` makes ready for an axis
 
 _DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, PositionServo, ServoModule, Uhu, Eanpos)}
 
@@ -62,27 +61,7 @@ def make(name: str) -> Drive:
 
 
 def from_text(text: str, screw: Screw | None = None) -> Drive:
-    """Make the drive of an axis of the machine as it is named on the command line.
-
-    Parameters
-    ----------
-    text : str
-        ``stepper``, or one of `COMMISSIONED`, tuned for ``table``; with parameters that differ from that if wanted,
-        by their names in Python or the manual's letters: ``uhu:proportional_gain=600,E=400``.
-    screw : Screw, optional
-        Of the machine's axis that it is put on: a drive then goes by the machine's step, unless a parameter says
-        otherwise.
-
-    Raises
-    ------
-    InputError
-        There is no such drive or parameter, or a parameter is not a number or out of range.
-
-    Examples
-    --------
-    >>> from_text("uhu:P=600").parameters["proportional_gain"]
-    600
-    """
+    """Make the drive of a machine's axis from text, ``uhu:proportional_gain=600,E=400``, for its screw if given."""
     name, _, rest = text.partition(":")
     if name == Stepper.name and not rest:
         return Stepper()
@@ -94,22 +73,7 @@ def from_text(text: str, screw: Screw | None = None) -> Drive:
 def tuned(
     name: str, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
 ) -> Uhu | ServoModule | Eanpos:
-    """Make a drive that is commissioned: its parameters for an axis of `axis_row` are in its memory.
-
-    Parameters
-    ----------
-    name : str
-        One of `COMMISSIONED`.
-    axis : str
-        Motor, screw and table; ``table`` is that of the DEM-15, for ``eanpos`` with its velocity amplifier.
-    changes : mapping of str to int
-        Parameters that differ, by their names in Python or the manual's letters and names.
-
-    Raises
-    ------
-    InputError
-        If there is no such drive, no such axis, nobody has tuned the drive for it, or a parameter is unknown.
-    """
+    """Make a drive of `COMMISSIONED` tuned for an axis of `axis_row`; `changes` are by parameter's name or letter."""
     if name == Eanpos.name:
         return Eanpos.tuned("analogue-table" if axis == "table" else axis, changes, screw)
     if name not in CHIPS:

@@ -63,11 +63,9 @@ class Drive(Protocol):
         A property, or an attribute of the class: the object itself must pickle. The function reads the axis' row and
         writes ``command``, ``lines``, ``reg`` and ``real`` of its own.
         """
-        ...
 
     def line(self, text: bytes) -> bytes:
         """Take what was sent over the drive's serial line, and return its answer; empty if it has no line."""
-        ...
 
 
 @runtime_checkable
@@ -75,31 +73,17 @@ class StartsAnew(Drive, Protocol):
     """A drive that starts anew when its logic is switched on, with what its memory has kept."""
 
     def power_up(self) -> bytes:
-        """Start as after the release of the reset pin: what no memory keeps is as in a new drive.
-
-        Returns
-        -------
-        bytes
-            What it sends over its serial line, if it has one.
-        """
-        ...
+        """Start as after the release of the reset pin; returns what it sends over its serial line, if it has one."""
 
 
 @runtime_checkable
 class SerialDrive(StartsAnew, Protocol):
-    """A drive with a serial line and a memory that outlasts the power: a chip on a board.
+    """A chip with a memory that outlasts the power and a serial line: 8 data bits, no parity, 1 stop bit."""
 
-    Attributes
-    ----------
-    baud : float
-        Bits per second of its serial line, 8 data bits, no parity, 1 stop bit.
-    """
-
-    baud: float
+    baud: float  # bits per second
 
     def receive_error(self) -> None:
         """Take note that a byte came without a stop bit, or before the last one was read."""
-        ...
 
 
 _OWN = (
@@ -161,23 +145,9 @@ def axis_names() -> tuple[str, ...]:
 
 
 def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:
-    """Return the row of an axis: motor, supply, bridge, encoder and screw of ``models/drives/axis-NAME.toml``.
+    """Return motor, supply, encoder and screw of ``models/drives/axis-NAME.toml``, but for constants that differ.
 
     What that file does not name is as in ``plain.toml``: no velocity amplifier and no home cam.
-
-    Parameters
-    ----------
-    name : str
-        ``table`` (a small servo motor on the screw of the DEM-15), ``bench`` (a motor with a ball screw and a
-        resonance within the reach of a drive), ``fast`` (a million counts a second), ``low-impedance``, ``analogue``
-        (a geared motor behind a velocity amplifier) or ``analogue-table`` (such an amplifier on the DEM-15's table).
-    **changes : float
-        Constants of `MOTOR` to be other than in the file, for example ``backlash_um=20.0``.
-
-    Raises
-    ------
-    InputError
-        There is no such axis, or no such constant.
     """
     if name not in axis_names():
         raise InputError(f"there is no axis {name!r}; choose one of {one_of(name, axis_names())}")

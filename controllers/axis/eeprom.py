@@ -16,8 +16,7 @@ import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
-WORD = 1 << 16
-"""Words are 0 to 65535."""
+WORD = 1 << 16  # words are 0 to 65535
 _HALF_BITS = 4
 _CHECKED = (0b1101, 0b1011, 0b0111)
 """Which of the four data bits each check bit of a Hamming (7,4) code covers; the eighth bit makes all eight even."""
@@ -26,21 +25,11 @@ _CORRECTABLE, _NOTED = 1, 2
 
 
 class Stored(NamedTuple):
-    """What was read from an EEPROM.
+    """What was read from an EEPROM."""
 
-    Attributes
-    ----------
-    words : tuple of int, or None
-        The words 0 to 65535; None where a code byte has more flipped bits than can be corrected.
-    corrected : int
-        Bits that were flipped and put right.
-    valid : bool
-        Whether all bytes could be read and the checksum is right.
-    """
-
-    words: tuple[int, ...] | None
-    corrected: int
-    valid: bool
+    words: tuple[int, ...] | None  # 0 to 65535; None where a code byte has more flipped bits than can be corrected
+    corrected: int  # bits that were flipped and put right
+    valid: bool  # whether all bytes could be read and the checksum is right
 
 
 def _code_byte(half: int) -> int:
@@ -66,15 +55,7 @@ def size_of(n_words: int) -> int:
 
 
 def encode(words: Sequence[int], *, false_checksum: bool = False) -> bytes:
-    """Return words as they stand in the EEPROM.
-
-    Parameters
-    ----------
-    words : sequence of int
-        0 to 65535 each.
-    false_checksum : bool
-        Store a wrong checksum, as in the UHU's condition upon delivery (row U-28).
-    """
+    """Return words (0 to 65535) as they stand in the EEPROM; a new UHU has a false checksum (row U-28)."""
     plain = bytearray(itertools.chain.from_iterable(word.to_bytes(2, "big") for word in words))
     plain.append(_checksum(plain) ^ (0xFF if false_checksum else 0))
     return bytes(itertools.chain.from_iterable((_CODE[byte >> _HALF_BITS], _CODE[byte & 0xF]) for byte in plain))

@@ -17,8 +17,7 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis.parameters import HasRecord, Registers
 from edmsim.errors import InputError
 
-SETTINGS = slice(96, 106)
-"""Registers of both chips' records that hold the settings."""
+SETTINGS = slice(96, 106)  # registers of both chips' records that hold the settings
 (
     ANTI_WINDUP, COMMAND_FILTER, VELOCITY_GAIN, ACCELERATION_GAIN, JERK_GAIN, SATURATING, TRIGGER, LEVEL, BEFORE,
     EVERY,
@@ -37,10 +36,8 @@ TRIGGERS = {
 }  # fmt: skip
 """What starts a recording: nothing, an error of `level` counts, the first commanded move, a change of its direction,
 an output at its limit, a fault."""
-SAMPLES, CHANNELS = 384, 4
-"""Samples of a recording, each a word of the record's memory with four channels of 16 bits."""
-MEMORY = 128
-"""First of these words; those before it are the servo processor module's own recorder's."""
+SAMPLES, CHANNELS = 384, 4  # samples of a recording, each a word of the record's memory with four channels of 16 bits
+MEMORY = 128  # first of these words; those before it are the servo processor module's own recorder's
 
 _ONE = 256
 _LARGEST = 32767

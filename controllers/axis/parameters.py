@@ -20,13 +20,7 @@ from edmsim.errors import InputError
 
 
 def by_name(values: Mapping[str, float], table: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    """Return values that are given by name or letter by their names; an unknown name is returned as it is.
-
-    Parameters
-    ----------
-    table : sequence of mappings
-        ``letter`` and ``name`` of each parameter.
-    """
+    """Return values by name that are given by name or letter; an unknown name is returned as it is."""
     names = {row["letter"]: row["name"] for row in table}
     found: dict[str, Any] = {names.get(key.upper(), key): value for key, value in values.items()}
     return found
@@ -35,29 +29,19 @@ def by_name(values: Mapping[str, float], table: Sequence[Mapping[str, Any]]) -> 
 def tuned_values(
     data: Mapping[str, Any], what: str, axis: str, changes: Mapping[str, float], screw: Screw | None
 ) -> dict[str, int]:
-    """Return the parameters of a drive that is tuned for an axis, by name, some of them changed.
-
-    Parameters
-    ----------
-    data : mapping
-        The drive's file, with its tables ``tuned`` and ``parameter``.
-    what : str
-        The drive, for a message.
-    changes : mapping of str to number
-        By name or letter.
-    screw : Screw or None
-        Of the machine that it is put on, if that is known.
-
-    Raises
-    ------
-    InputError
-        Nobody has tuned one for that axis.
-    """
+    """Return by name the parameters that a drive's file has for an axis, some of them changed, for a screw."""
     tuned = data["tuned"]
     if axis not in tuned:
         raise InputError(f"no {what} is tuned for an axis {axis!r}; there are: {', '.join(tuned)}")
     fitted = {} if screw is None else {"step_multiplier": max(round(screw.counts_of(axis_row(axis))) - 1, 0)}
     return {**tuned[axis], **fitted, **by_name(changes, data["parameter"])}
+
+
+def law_with(law: Mapping[str, Any], changes: Mapping[str, int], what: str) -> dict[str, Any]:
+    """Return what a drive's manual leaves open, some of it changed."""
+    if unknown := sorted(changes.keys() - law.keys()):
+        raise InputError(f"the law of the {what} has no {unknown[0]!r}; it has {', '.join(law)}")
+    return {**law, **changes}
 
 
 class HasRecord(Protocol):
@@ -67,20 +51,7 @@ class HasRecord(Protocol):
 
 
 class Registers(MutableMapping[str, int]):
-    """Some registers of a drive's record, by name.
-
-    Parameters
-    ----------
-    owner : object with a record
-        The drive: asked for its record at every access.
-    places : mapping of str to (int, int, int)
-        Register of each name, and the least and largest value that it takes.
-
-    Raises
-    ------
-    InputError
-        A name is unknown, or a value is not a whole number within its bounds.
-    """
+    """Registers of a drive's record by name; `places` has of each its number and its least and largest value."""
 
     def __init__(self, owner: HasRecord, places: Mapping[str, tuple[int, int, int]]) -> None:
         self._owner, self._places = owner, dict(places)

@@ -21,18 +21,7 @@ Floats = NDArray[np.float64]
 
 
 class PathOffset(Snapshots):
-    """The offset of a cut, leg by leg.
-
-    Parameters
-    ----------
-    step_um : float
-        Travel of a motor step.
-
-    Attributes
-    ----------
-    lateral_um : (float, float)
-        By how much the motors stand beside the place of the program.
-    """
+    """The offset of a cut, leg by leg; `lateral_um` is where the motors stand beside the program's place."""
 
     STATE = ("_made",)
 

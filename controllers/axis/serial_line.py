@@ -29,14 +29,7 @@ class Command(NamedTuple):
 
 
 class LineEditor:
-    """Gathers bytes into lines.
-
-    Parameters
-    ----------
-    echo : bool
-        Whether what is typed is sent back. A byte with bit 7 set never is: the UHU marks its stream by that bit (row
-        U-35).
-    """
+    """Gathers bytes into lines; never echoes a byte with bit 7, by which the UHU marks its stream (row U-35)."""
 
     def __init__(self, *, echo: bool) -> None:
         self._echo = echo
@@ -44,14 +37,7 @@ class LineEditor:
         self._spoilt = False
 
     def take(self, byte: int) -> tuple[bytes, str | None]:
-        """Take a byte.
-
-        Returns
-        -------
-        (bytes, str or None)
-            The echo; and, once the line has ended, its text in upper case without blanks. A spoilt line reads
-            as one character that is not a command.
-        """
+        """Take a byte; returns the echo and, once a line has ended, its text in upper case without blanks."""
         if byte == RETURN:
             text = "\x00" if self._spoilt else self._typed.decode("ascii").replace(" ", "").upper()
             self.clear()
@@ -82,13 +68,7 @@ class LineEditor:
 
 
 def command_in(text: str) -> Command | None:
-    """Return the command that a line holds, None if it holds no command.
-
-    Examples
-    --------
-    >>> command_in("P600"), command_in("G-5"), command_in("+"), command_in("P1.5")
-    (Command(letter='P', number=600), Command(letter='G', number=-5), Command(letter='+', number=None), None)
-    """
+    """Return the command that a line holds, None if it holds no command: ``P600`` is ``Command("P", 600)``."""
     found = _COMMAND.fullmatch(text)
     return Command(found[1], None if found[2] is None else int(found[2])) if found else None
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import FAULT, SampleFunction, carray, sample
 from edmsim.controllers.axis.drive import axis_row, data_of, new_record
 
-COUNTS_PER_EDGE, KP, KD, LAST_ERROR, LARGEST_ERROR = range(5)
-"""Registers."""
+COUNTS_PER_EDGE, KP, KD, LAST_ERROR, LARGEST_ERROR = range(5)  # registers
 
 
 @sample

@@ -1,12 +1,12 @@
-"""Rules for the period that find out while they cut what heat flux the wires of this machine bear.
+"""Rules for the period that estimate, while they cut, the heat flux at which this machine's wires break.
 
-Both hold the greatest local flux as `heat-flux` does, and change how much of it they hold. `ClimbingHold` is the
-simple way: more until a wire breaks, then less, and more again ever more slowly. `AdaptiveHold` has a probability for
-every flux at which wires of this machine may break, which every second without a break and every lost wire changes by
-Bayes' rule, and holds what earns most under it.
+Both hold the highest local flux as `heat-flux` does and change the held value. `ClimbingHold` raises it until a wire
+breaks, then lowers it and raises it more slowly. `AdaptiveHold` has a probability for every flux at which wires of
+this machine may break, updates it by Bayes' rule with every second without a break and every lost wire, and holds the
+flux with the largest expected return.
 
-The numbers of both are ours. That breaks of one machine lie within some 10 % of one flux, and those of drawn machines
-within a factor of 3, was seen in ramps of the flux on training machines (docs/tasks/max-rate-shift.md).
+The numbers of both are ours. In ramps of the flux on training machines, breaks of one machine were within some 10 %
+of one flux, and those of drawn machines within a factor of 3 (docs/tasks/max-rate-shift.md).
 """
 
 from __future__ import annotations
@@ -29,31 +29,29 @@ LEVELS = np.linspace(math.log(LEAST_HOLD), math.log(MOST_HOLD), 168)
 """Logarithms of the fluxes that may be held, and at which wires may break: 3 % apart."""
 STEEPNESS = 15.0
 """Growth of the logarithm of the hazard with that of the flux (ours: breaks of a machine within some 10 %)."""
-HAZARD_PER_S = 1.0 / 60.0
-"""Hazard at the flux that is called the wire's limit."""
+HAZARD_PER_S = 1.0 / 60.0  # hazard at the flux that is called the wire's limit
 BY_CHANCE_PER_S = 1.0 / 1200.0
 """Hazard at any flux (ours: a wire in a shift), so that one break far below what was borne is no limit yet."""
 HAZARD = BY_CHANCE_PER_S + HAZARD_PER_S * np.exp(np.clip(STEEPNESS * (LEVELS[:, None] - LEVELS), -50.0, 12.0))
 """Of a flux held (rows) where the limit is another (columns), per s."""
 SLOW_S = 0.1
 """Time constant of the flux that a break is put down to (ours: a wire breaks some 20 ms after it boils dry)."""
-DECISION_S = 1.0
-"""Time between two looks at what was held (ours: some hundred windows)."""
+DECISION_S = 1.0  # time between two looks at what was held (ours: some hundred windows)
 
 
 @dataclass
 class ClimbingHold(HoldHeat):
-    """Holds more and more of the critical flux until a wire breaks, then less, and climbs more slowly.
+    """Raises the held share of the critical flux until a wire breaks; then lowers it and raises it more slowly.
 
-    Further parameters: see `HoldHeat`; ``hold_share`` is where it begins, ``break_hold_share`` what is held after a
-    break over what broke the wire.
+    Further parameters: see `HoldHeat`; ``hold_share`` is the first value, ``break_hold_share`` the factor on it after
+    a break.
 
     Parameters
     ----------
     climb_per_s : float
-        Growth of the logarithm of what is held.
+        Growth of the logarithm of the held flux, per second.
     patience_factor : float
-        By what the growth is divided at every break: what broke a wire is come to later and later.
+        Divisor of the growth at every break.
     """
 
     climb_per_s: float = 0.01
@@ -80,21 +78,20 @@ class ClimbingHold(HoldHeat):
 
 @dataclass
 class AdaptiveHold(HoldHeat):
-    """Holds the flux that earns most by what is known so far of the machine's limit.
+    """Holds the flux with the largest expected return under the present estimate of the machine's limit.
 
     Further parameters: see `HoldHeat`.
 
     Parameters
     ----------
     limit_share, limit_spread : float
-        The flux at which wires break, before anything is known: its median, and the standard deviation of its
-        logarithm.
+        Prior of the flux at which wires break: its median, and the standard deviation of its logarithm.
     drift_per_s : float
         Growth of the variance of that logarithm with time: water and wear change the limit.
     rate_exponent : float
         Growth of the logarithm of the cutting rate with that of the flux.
     break_weight : float
-        Factor on the time that a lost wire costs, which is the machine's threading and the rise of a fresh wire.
+        Factor on the time that a lost wire costs: threading plus the slow start of a new wire.
     """
 
     limit_share: float = 0.8
@@ -128,10 +125,7 @@ class AdaptiveHold(HoldHeat):
         return float(math.exp(np.interp(share, np.cumsum(self.chance), LEVELS)))
 
     def best_hold(self) -> float:
-        """Return the flux that earns most in the mean over what the limit may be.
-
-        A flux u earns ``u^rate_exponent`` for the share of time that breaks leave, 1 / (1 + hazard lost_s).
-        """
+        """Return the flux u of the most ``u^rate_exponent / (1 + hazard lost_s)`` over what the limit may be."""
         lost_s = self.break_weight * (self._threading_s + self.rise_s)
         cutting = 1.0 / (1.0 + HAZARD * lost_s)
         rates = np.exp(self.rate_exponent * LEVELS) * (cutting @ self.chance)

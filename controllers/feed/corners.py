@@ -1,7 +1,7 @@
-"""What a law does at corners: machines take power back there, because the wire bends with it, and lead the guides.
+"""What a law does at corners: it lengthens the pulse period and offsets the guides.
 
-The guides go beside the path by as much as the wire is bent. The numbers are ours; those of a task's reference lines
-are in `edmsim.evaluation.lines`.
+Less power bends the wire less. The offset moves the guides off the path by as much as the wire bends. The numbers are
+ours; those of a task's reference lines are in `edmsim.evaluation.lines`.
 """
 
 from __future__ import annotations
@@ -23,26 +23,25 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class Corners(CornerRule):
-    """A longer period near corners, and an offset behind them.
+    """A longer period near corners, and an offset after them.
 
     Parameters
     ----------
     before_um, behind_um : float
-        Lengths of path before and behind a corner on which the period is longer; 0 for none.
+        Path before and after a corner on which the period is longer; 0 for none.
     corner_factor : float
-        Period there over the period elsewhere.
+        Period near a corner divided by the period elsewhere.
     slack_um : float
-        Where this is above 0, that is so for a wire that 1 N per m of workpiece bends by as many um, and longer or
-        shorter in proportion to the root of what it bends another: errors grow with the bend, and time with the
-        period.
+        0, or the deflection of a wire under 1 N per m of workpiece for which `corner_factor` is meant. The factor of
+        another wire is scaled with the square root of its deflection divided by this value.
     offset_um : float
         Offset to the left of the path.
     pull_N_m : float
-        Force on the wire per height of workpiece, forward; below 0 for a wire that lags. It bends the wire ahead of
-        its guides, by `lead_um`, and a corner turns that into an error beside the path: behind it, the offset is
-        changed by as much to the other side, and less and less as the wire comes round.
+        Force on the wire per height of workpiece, positive forward; negative for a wire that lags. The force bends
+        the wire by `lead_um`, and after a corner this deflection points off the path. The offset compensates it and
+        fades out as the wire turns into the new direction.
     fade_um : float
-        Length of path behind a corner on which that falls to 1/e.
+        Length of path after a corner on which this compensation falls to 1/e.
     """
 
     before_um: float = 0.0
@@ -71,7 +70,7 @@ class Corners(CornerRule):
         self.start_um = start_um
 
     def slowing(self, path_um: float) -> float:
-        """Return the period at a place over the one elsewhere."""
+        """Return the factor on the period at a place of the path."""
         passed_um = path_um - self._corners_um
         near = bool(((-self.before_um < passed_um) & (passed_um < self.behind_um)).any())
         return self._at_corner if near else 1.0
@@ -85,18 +84,7 @@ class Corners(CornerRule):
 
 
 def lead_um(machine: Machine, force_N_m: float) -> float:
-    """Return how far a wire is bent, in um, in the mean over the workpiece's height.
-
-    A string between the guides with an even load over the middle of its length: ``q h (2 l - h) / (8 T)`` at mid
-    height, less ``q h**2 / (24 T)`` in the mean.
-
-    Parameters
-    ----------
-    machine : Machine
-        Height h, tension T and distance l of the guides.
-    force_N_m : float
-        The load q.
-    """
+    """Return how far a load q bends a wire: ``q h (2 l - h) / (8 T) - q h**2 / (24 T)`` in the mean over h, in um."""
     height_m, guides_m = machine.height_mm * 1e-3, machine.guide_distance_mm * 1e-3
     bent = height_m * (2 * guides_m - height_m) / 8 - height_m**2 / 24
     return force_N_m * bent / machine.tension * 1e6
@@ -104,15 +92,15 @@ def lead_um(machine: Machine, force_N_m: float) -> float:
 
 @dataclass
 class TrueBend(Corners):
-    """Leads the guides so that the wire, whose true bend no machine shows, is on the path.
+    """Offsets the guides by the wire's true deflection, which no sensor of a real machine measures.
 
-    The offset is the part of the true mean deflection across the path, to the other side. Force per height
-    (``pull_N_m``) and fading (``fade_um``) have nothing to do here.
+    The offset is the opposite of the true mean deflection across the path. ``pull_N_m`` and ``fade_um`` have no
+    effect.
 
     Parameters
     ----------
     average_s : float
-        Time constant with which the deflection is averaged, so that the guides do not follow the wire's vibration.
+        Time constant of the average of the deflection: the guides must not follow the wire's vibration.
     """
 
     average_s: float = 0.25
@@ -127,7 +115,7 @@ class TrueBend(Corners):
         self._left: Floats = np.zeros((1, 2))
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the path, too: where each of its pieces ends, and what is to the left of it."""
+        """Read the path: the end of each segment and its direction to the left."""
         super().set_up(machine, points_um, start_um)
         pieces = np.diff(np.asarray(points_um, np.float64), axis=0)
         lengths_um = np.hypot(pieces[:, 0], pieces[:, 1])
@@ -135,7 +123,7 @@ class TrueBend(Corners):
         self._left = left_of(pieces / lengths_um[:, None])
 
     def begin(self) -> None:
-        """Begin with a wire that is straight, as far as is known."""
+        """Begin with a straight wire."""
         self.mean_um, self.last_s = np.zeros(2), 0.0
 
     def see(self, truth: GapWindow) -> None:
@@ -149,6 +137,6 @@ class TrueBend(Corners):
         self.last_s = window.time_s
 
     def offset(self, path_um: float) -> float:
-        """Return what brings the wire back on the path."""
+        """Return the offset that brings the wire back onto the path."""
         piece = min(int(np.searchsorted(self._ends_um, path_um, side="right")), len(self._left) - 1)
         return self.offset_um - float(self.mean_um @ self._left[piece])

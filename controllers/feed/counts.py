@@ -1,9 +1,9 @@
-"""The feed law the 1982 machine was meant to have: from the counts of short and open pulses alone.
+"""The feed law of the 1982 machine: it uses only the counts of short and open pulses.
 
 The law is the optimising routine of the 1982 controller, in its sixteen-bit words
 (`edmsim.controllers.mcu.firmware.optimise`), called directly: this controller turns its constants into the
 routine's settings and the routine's speed into a feed. `edmsim.controllers.feed.mcu` runs the same routine behind the
-registers of the whole machine; both cut the same, bit for bit.
+registers of the whole machine; both give the same cut, bit for bit.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from edmsim.controllers.feed.law import PERSISTENT_SHORT
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.optimise import ALARM, ERROR, SHARE, TICK_NS, Settings, State, optimise
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
@@ -22,46 +23,33 @@ from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
 
-PERSISTENT_SHORT = "persistent short"
-"""The alarm's text."""
-UNIT_UM_S = SPEED_UNIT_NM_S / 1000
-"""Speed unit in um/s."""
+UNIT_UM_S = SPEED_UNIT_NM_S / 1000  # speed unit in um/s
 TICKS_PER_S = 1_000_000_000 // TICK_NS
 
 
 @dataclass
 class Occupation:
-    """What the processor is at: its clock, and until when it is busy with the last counts.
+    """State of the processor: its clock, and the end of its current calculation."""
 
-    Attributes
-    ----------
-    clock_ns : int
-        Time since the leg began.
-    busy_until_ns : int
-        When the speed found last is in XVELOC and YVELOC.
-    units : int
-        That speed.
-    """
-
-    clock_ns: int = 0
-    busy_until_ns: int = 0
-    units: int = 0
+    clock_ns: int = 0  # time since the leg began
+    busy_until_ns: int = 0  # when the speed found last is in XVELOC and YVELOC
+    units: int = 0  # that speed
 
 
 @dataclass
 class CountsController(Snapshots):
-    """Feed from short and open counts; retracts from shorts, and gives up where one never clears.
+    """Sets the feed from the counts of short and open pulses; retracts from shorts and stops if one never clears.
 
     All constants are ours. Shares are fractions of the 255 pulses of a window. The feed is a whole number of speed
-    units of 262.5 nm/s: up to 127 on the machine of 1982, more where the table is faster. Counts that come while the
-    processor is still at the ones before wait in their latch, and what comes then is missed.
+    units of 262.5 nm/s: up to 127 on the machine of 1982, more where the table is faster. Counts that arrive while
+    the processor is busy wait in their latch; further counts are missed.
 
     Parameters
     ----------
     open_target_share : float
-        Share of open pulses held when nothing shorts. More is safer and slower.
+        Target share of open pulses without shorts. A larger share is safer and slower.
     short_weight : float
-        How many open pulses one short pulse outweighs.
+        Number of open pulses that one short pulse cancels.
     proportional_um_s : float
         Feed per unit of the difference from the target, um/s.
     integral_um_s2 : float
@@ -69,15 +57,15 @@ class CountsController(Snapshots):
     filter_s : float
         Time constant of the low-pass filter on both shares.
     start_feed_um_s : float
-        Feed the integrator starts from, at the beginning and, if it was not lower, after a retract.
+        Start value of the integrator; also its upper limit after a retract.
     air_share : float
-        From this share of open pulses on there is no metal near: the wire runs at full feed.
+        Share of open pulses from which the wire runs at full feed, because no metal is near.
     shorted_share : float
-        From this share of short pulses on a window counts as shorted.
+        Share of short pulses from which a window counts as shorted.
     patience_s : float
-        Shorted time after which the wire retracts.
+        Time in a short after which the wire retracts.
     clear_share : float
-        Below this share of short pulses the short has cleared.
+        Share of short pulses below which a short counts as cleared.
     retract_feed_um_s : float
         Speed of the retract.
     retract_um : float
@@ -85,11 +73,11 @@ class CountsController(Snapshots):
     dwell_s : float
         Wait at the end of a retract that did not clear the short.
     return_feed_um_s : float
-        Largest feed until the place of the short is reached again.
+        Largest feed on the way back to the place of the short.
     progress_um : float
-        A short further along the path than this is a new one.
+        Distance along the path from which the next short counts as a new one.
     max_tries : int
-        Retracts and dwells for one short before the alarm.
+        Retracts for one short before the alarm.
     """
 
     name: ClassVar[str] = "counts"
@@ -125,7 +113,7 @@ class CountsController(Snapshots):
         return self._analyser.missed
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
-        """Begin a new cut; refuses feeds the machine cannot run and what does not fit the routine's words."""
+        """Begin a new cut; refuses feeds above the machine's largest and values too large for the routine's words."""
         for name in ("start_feed_um_s", "retract_feed_um_s", "return_feed_um_s"):
             check_feed(self.name, name, getattr(self, name), max_feed_um_s)
         self._settings = self.settings(max_feed_um_s)
@@ -208,7 +196,7 @@ class CountsController(Snapshots):
         return optimise(self._settings, self._state, counts.short, counts.open, tick, math.floor(path_um) & WORD)
 
     def _command(self, path_um: float) -> FeedCommand:
-        """What the machine is to do from when the processor is ready on; an alarm stops it at once."""
+        """Return the command, which takes effect when the processor is ready; an alarm stops the machine at once."""
         if self._state.phase == ALARM:
             return FeedCommand(0.0, PERSISTENT_SHORT)
         latency_ns = max(self._cpu.busy_until_ns - self._cpu.clock_ns, 0)

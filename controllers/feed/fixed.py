@@ -1,4 +1,4 @@
-"""A constant feed, blind to the gap: the baseline every controller must beat."""
+"""A constant feed that ignores the gap: the baseline for every other controller."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class FixedController(Snapshots):
     Parameters
     ----------
     feed_um_s : float
-        The feed in um/s, 0 or more (ours: 20, which left half of the pulses open in 20 mm of steel).
+        The feed in um/s, 0 or more (ours: at 20 um/s half of the pulses are open in 20 mm of steel).
     offset_um : float
-        Offset to the left of the path, as a finishing pass may need one.
+        Offset to the left of the path, for example for a finishing pass.
     """
 
     name: ClassVar[str] = "fixed"
@@ -35,5 +35,5 @@ class FixedController(Snapshots):
         return FeedCommand(self.feed_um_s, offset_um=self.offset_um)
 
     def update(self, window: WindowObservation) -> FeedCommand:
-        """The same feed, whatever the window showed."""
+        """Return the same feed for every window."""
         return FeedCommand(self.feed_um_s, offset_um=self.offset_um)

@@ -1,10 +1,10 @@
-"""What the gap laws are made of: a servo that feeds, a measure of the gap, a rule for the period, one for corners.
+"""Parts of the gap laws: a servo that sets the feed, a measure of the gap, a rule for the period, one for corners.
 
-The classic machines feed in proportion to how far a mean of the gap is from its reference, ``v = K (U - U_ref)``,
-and so run backwards by themselves when the gap shorts. An integral part (ours) holds the reference at any height
-and material.
+The classic machines feed in proportion to the difference between a mean of the gap and its reference,
+``v = K (U - U_ref)``, and so run backwards when the gap shorts. An integral part (ours) holds the reference at any
+height and material.
 
-A law names its parts and the defaults that are its own; its parameters are those of its parts, in one list:
+A law names its parts and its own defaults; its parameters are those of its parts, in one list:
 
 >>> from edmsim.controllers.feed.measures import MeanVoltage
 >>> class Slow(ServoLaw, measure=MeanVoltage, start_feed_um_s=2.0):
@@ -16,6 +16,7 @@ FeedCommand(feed_um_s=2.0, alarm=None, t_on_us=None, t_period_us=None, latency_s
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -34,14 +35,18 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
 
-PERSISTENT_SHORT = "persistent short"
-"""The alarm's text."""
+PERSISTENT_SHORT = "persistent short"  # the alarm's text
 SHORTED_SHARE = 0.5
-"""From this share of short pulses on a window counts as shorted (ours, as the counts controller has it)."""
+"""Share of short pulses from which a window counts as shorted (ours, as in the counts controller)."""
+
+
+def shorted(window: WindowObservation) -> bool:
+    """Return whether a window counts as shorted."""
+    return window.short >= SHORTED_SHARE * WINDOW_PULSES
 
 
 class Gains(NamedTuple):
-    """How a servo answers.
+    """Gains of a servo.
 
     Attributes
     ----------
@@ -58,41 +63,40 @@ class Gains(NamedTuple):
 
 @dataclass
 class Part(Snapshots):
-    """A part of a law: its arguments are parameters of the law, its other fields are its state."""
+    """A part of a law. Its arguments are parameters of the law; its other fields are its state."""
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the set-up and the next leg; see `KnowsSetup.set_up`."""
+        """Read the set-up and the next leg; see `KnowsSetup.set_up`."""
 
     def begin(self) -> None:
-        """Begin a leg, with the state as it was made."""
+        """Begin a leg with the initial state."""
         for each in fields(self):
             if not each.init:
                 setattr(self, each.name, each.default if each.default_factory is MISSING else each.default_factory())
 
     def fresh_wire(self) -> None:
-        """Begin with a fresh wire where the last one broke."""
+        """Begin with a new wire at the place of a break."""
         self.begin()
 
 
 @dataclass
 class GapServo(Part):
-    """What all laws share: the answer to an error, retracts from shorts, and when to give up.
+    """Servo of all gap laws: it turns an error into a feed, retracts from shorts and raises the alarm.
 
     Parameters
     ----------
     filter_s : float
         Time constant of the low-pass filter on the measured mean.
     start_feed_um_s : float
-        Feed the integral starts from.
+        Start value of the integral.
     retract_feed_um_s : float
-        Largest speed backwards; a short that stays is met with it.
+        Largest speed backwards; the speed of a retract.
     patience_s : float
-        Shorted time after which the wire retracts (ours, as the counts controller has it).
+        Time in a short after which the wire retracts (ours, as in the counts controller).
     integral_share : float
-        What is left of the integral after a retract (ours: half, so that a feed that was too fast is soon found).
+        Factor on the integral after a retract (ours: half, because the feed before the short was too fast).
     give_up_s : float
-        Time shorted without a break after which the machine is stopped (ours: at 20 um/s a way back of 0.4 mm,
-        longer than any short this wire leaves behind it).
+        Time in one short after which the machine stops with an alarm (ours: at 20 um/s a retract of 0.4 mm).
     """
 
     filter_s: float = 0.1
@@ -118,14 +122,14 @@ class GapServo(Part):
         return -math.expm1(-duration_s / self.filter_s) if self.filter_s else 1.0
 
     def update(self, window: WindowObservation, error: float, gains: Gains) -> FeedCommand:
-        """Feed for the next window, backwards while a short stays; `error` is positive where the gap is too wide."""
+        """Return the command for the next window; `error` is positive if the gap is too wide."""
         if math.isnan(error):
             error = self.error
-        shorted = window.short >= SHORTED_SHARE * WINDOW_PULSES
-        self.shorted_s = self.shorted_s + window.duration_s if shorted else 0.0
+        short = shorted(window)
+        self.shorted_s = self.shorted_s + window.duration_s if short else 0.0
         if self.shorted_s >= self.give_up_s:
             return FeedCommand(0.0, PERSISTENT_SHORT)
-        if shorted and self.shorted_s >= self.patience_s:
+        if short and self.shorted_s >= self.patience_s:
             self.retracting = True
             return FeedCommand(-self.retract_feed_um_s)
         if self.retracting:  # cleared: the filter forgets the short
@@ -140,22 +144,22 @@ class GapServo(Part):
         return FeedCommand(min(max(feed, -self.retract_feed_um_s), self.max_feed_um_s))
 
 
-class Measure(Part):
-    """How far the gap is from what is held."""
+class Measure(Part, ABC):
+    """Measures the difference between the gap and its target."""
 
     FEEDS: ClassVar[tuple[str, ...]] = ()
-    """Parameters that the machine must be able to run."""
+    """Parameters that are feeds, which must not exceed the machine's largest."""
     GAINS: ClassVar[tuple[str, str]]
-    """Parameters that say how the servo answers: see `Gains`."""
+    """Parameters that are gains of the servo: see `Gains`."""
 
     def gains(self, servo: GapServo) -> Gains:
-        """How the servo answers."""
+        """Return the gains of the servo."""
         proportional, integral = self.GAINS
         return Gains(getattr(self, proportional), getattr(self, integral), servo.filter_s)
 
+    @abstractmethod
     def error(self, window: WindowObservation, servo: GapServo) -> float:
-        """How much too wide the gap is; NaN if the window does not tell."""
-        raise NotImplementedError
+        """Return the error, positive if the gap is too wide; NaN if the window has no measurement."""
 
     def first_feed_um_s(self, servo: GapServo) -> float:
         """Feed of a leg's first window."""
@@ -163,28 +167,28 @@ class Measure(Part):
 
 
 class PeriodRule(Part):
-    """What setting the generator is to have; by default the operator's."""
+    """Chooses the setting of the generator; by default the operator's."""
 
     def first_setting_us(self, law: ServoLaw) -> tuple[float | None, float | None]:
-        """Return on-time and period with which a leg or wire begins; None leaves them."""
+        """Return on-time and period for the beginning of a leg or wire; None keeps the present ones."""
         return None, None
 
     def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> tuple[float | None, float | None]:
-        """Return on-time and period of the next window; asked before the servo answers the last one."""
+        """Return on-time and period of the next window; called before the servo's update."""
         return None, None
 
 
 class CornerRule(Part):
-    """What changes near corners; by default nothing."""
+    """Changes period and offset near corners; by default neither."""
 
     start_um = 0.0
     """Length of path at which the leg begins."""
 
     def look(self, window: WindowObservation) -> None:
-        """Look at a window."""
+        """Read a window."""
 
     def slowing(self, path_um: float) -> float:
-        """Return the period at a place over the one elsewhere."""
+        """Return the factor on the period at a place of the path."""
         return 1.0
 
     def offset(self, path_um: float) -> float:
@@ -192,25 +196,25 @@ class CornerRule(Part):
         return 0.0
 
 
-class Gauge(Part):
-    """How near the wire is to boiling dry."""
+class Gauge(Part, ABC):
+    """Estimates how near the wire is to boiling dry."""
 
+    @abstractmethod
     def near(self, window: WindowObservation) -> float:
-        """Return 1 where it does, and 0 far from it."""
-        raise NotImplementedError
+        """Return the measure: 1 where the wire boils dry, 0 far from it."""
 
 
 @dataclass
 class ServoLaw(Snapshots):
     """A gap law of parts: `GapServo`, a measure, and rules for period and corners.
 
-    Where the parts come from: the class' keywords ``measure``, ``period``, ``corner``, ``gauge``. ``fixed`` names
-    parameters of parts that are none of the law; other keywords are defaults that differ from the parts'.
+    The class keywords ``measure``, ``period``, ``corner`` and ``gauge`` name the parts. ``fixed`` names parameters of
+    parts that the law does not offer; other keywords are the law's own defaults.
     """
 
     name: ClassVar[str]
     PARTS: ClassVar[dict[str, type[Part]]] = {
-        "servo": GapServo, "measure": Measure, "period": PeriodRule, "corner": CornerRule, "gauge": Gauge,
+        "servo": GapServo, "measure": Measure, "period": PeriodRule, "corner": CornerRule, "gauge": Part,
     }  # fmt: skip
     STATE = tuple(PARTS)
     if TYPE_CHECKING:
@@ -250,12 +254,12 @@ class ServoLaw(Snapshots):
         return tuple(getattr(self, slot) for slot in self.PARTS)
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the set-up and the next leg."""
+        """Read the set-up and the next leg."""
         for part in self.parts:
             part.set_up(machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
-        """Begin a leg; refuses feeds the machine cannot run."""
+        """Begin a leg; refuses feeds above the machine's largest."""
         for parameter in ("start_feed_um_s", "retract_feed_um_s", *self.measure.FEEDS):
             check_feed(self.name, parameter, getattr(self, parameter), max_feed_um_s)
         for part in self.parts:
@@ -263,7 +267,7 @@ class ServoLaw(Snapshots):
         return self._first(max_feed_um_s)
 
     def wire_lost(self) -> FeedCommand:
-        """Begin with a fresh wire where the last one broke."""
+        """Begin with a new wire at the place of a break."""
         limit_um_s = self.servo.max_feed_um_s
         for part in self.parts:
             part.fresh_wire()
@@ -287,10 +291,10 @@ class ServoLaw(Snapshots):
 
 
 class TruthLaw(ServoLaw):
-    """A law with parts that look at what no machine shows: a bound to compare with."""
+    """A law with parts that read the true state of the gap: a bound for comparisons."""
 
     def see(self, truth: GapWindow) -> None:
-        """Take in what happened in the gap."""
+        """Read the true state of the gap."""
         for part in self.parts:
             if isinstance(part, SeesTruth):
                 part.see(truth)
@@ -301,7 +305,7 @@ def _arguments(kind: Any) -> list[Any]:
 
 
 def _parameters(parts: dict[str, type[Part]]) -> Iterator[Any]:
-    """Yield the arguments of parts; those that a rule adds to the rule it is derived from come behind all others."""
+    """Yield the arguments of parts; those that a rule adds to its base class come last."""
     rules = [kind for slot, kind in parts.items() if slot != "gauge"]
     added: list[Any] = []
     for kind in rules:

@@ -1,4 +1,4 @@
-"""The gap laws that are made of parts: their measures, rules and defaults."""
+"""The gap laws: their measures, rules and defaults."""
 
 from __future__ import annotations
 
@@ -24,8 +24,13 @@ PRODUCTION = {
     "filter_s": 0.05, "start_feed_um_s": 5.0, "open_target_share": 0.0, "proportional_um_s": 30.0,
     "integral_um_s2": 100.0,
 }  # fmt: skip
-"""Servo and target of laws for a production machine, where the others have a laboratory machine's."""
+"""Servo and target of laws for a production machine; the defaults are for a laboratory machine."""
 HEAT = {**PRODUCTION, "period_us": 90.0}
+FINDING = {
+    **HEAT, "proportional_share": 0.6, "integral_per_s": 4.0, "shortest_us": 18.0, "recovery_s": 0.5,
+    "retract_feed_um_s": 80.0,
+}  # fmt: skip
+"""Defaults of laws that search for the heat flux at which wires break: down to the supply's shortest period."""
 
 
 class VoltageController(ServoLaw, measure=MeanVoltage):
@@ -47,7 +52,7 @@ class FuzzyController(ServoLaw, measure=FuzzyRules):
 
 
 class AdaptiveOffTimeController(ServoLaw, measure=OpenShare, period=NormalPulses):
-    """Holds the share of opens less shorts by the feed, and the count of normal pulses by the off-time."""
+    """Holds the share of opens minus shorts with the feed, and the count of normal pulses with the off-time."""
 
     name: ClassVar[str] = "adaptive-off-time"
 
@@ -55,9 +60,9 @@ class AdaptiveOffTimeController(ServoLaw, measure=OpenShare, period=NormalPulses
 class SatoController(
     ServoLaw, measure=OpenShare, period=FreshNormalPulses, height_factor=176.0, shortest_factor=0.3, **PRODUCTION
 ):
-    """Holds the count of normal pulses per thickness by an off-time that also falls below the operator's.
+    """Holds the count of normal pulses with an off-time that may fall below the operator's.
 
-    That is the law as published. Its `height_factor` is of tool steel 40 mm high at 35 um/s and 8.1 A with the
+    This is the law as published. Its `height_factor` comes from tool steel 40 mm high at 35 um/s and 8.1 A with the
     production machine and generator (ours).
     """
 
@@ -65,17 +70,17 @@ class SatoController(
 
 
 class OracleController(TruthLaw, measure=TrueGap):
-    """Holds the true gap at a target unless the wire is too hot: a bound that only scales the others' figures.
+    """Holds the true gap at a target and slows down if the wire is too hot: a bound for comparisons.
 
-    It runs as fast as the gap allows and slows down where the wire grows hot; it is no proof of the fastest cut, so
-    `edmsim evaluate` lets it rehearse every cut with several gaps and keeps the best.
+    It is not proved to be the fastest: `edmsim evaluate` therefore tries several gaps for every cut and keeps the
+    best.
     """
 
     name: ClassVar[str] = "oracle"
 
 
 class FixedPeriodController(ServoLaw, measure=OpenShare, period=RisingPeriod, **PRODUCTION):
-    """Holds the share of opens less shorts by the feed, at a period that a fresh wire reaches slowly."""
+    """Holds the share of opens minus shorts with the feed, at a period that a new wire reaches slowly."""
 
     name: ClassVar[str] = "fixed-period"
 
@@ -84,25 +89,25 @@ class HeatFluxController(
     ServoLaw, measure=OpenShare, period=HoldHeat, gauge=FluxGauge, hold_share=0.4, proportional_share=0.6,
     integral_per_s=4.0, **HEAT,
 ):  # fmt: skip
-    """Holds the greatest local heat flux, as located sparks and the files' constants give it, by the period."""
+    """Holds the highest local heat flux, estimated from located sparks and the files' constants, with the period."""
 
     name: ClassVar[str] = "heat-flux"
 
 
 class ClimbingHoldController(
     ServoLaw, measure=OpenShare, period=ClimbingHold, gauge=FluxGauge, hold_share=0.3, break_hold_share=0.85,
-    proportional_share=0.6, integral_per_s=4.0, shortest_us=18.0, **HEAT,
+    **FINDING,
 ):  # fmt: skip
-    """Holds the greatest local heat flux, more and more of it until a wire breaks; then less, and climbs slower."""
+    """Raises the held local heat flux until a wire breaks; then lowers it and raises it more slowly."""
 
     name: ClassVar[str] = "climbing-hold"
 
 
 class AdaptiveHoldController(
     ServoLaw, measure=OpenShare, period=AdaptiveHold, gauge=FluxGauge, fixed=("hold_share", "break_hold_share"),
-    proportional_share=0.6, integral_per_s=4.0, shortest_us=18.0, **HEAT,
+    **FINDING,
 ):  # fmt: skip
-    """Holds the greatest local heat flux, as much of it as earns most by what is known of what these wires bear."""
+    """Holds the local heat flux with the largest expected return, estimated from the breaks so far."""
 
     name: ClassVar[str] = "adaptive-hold"
 
@@ -111,36 +116,36 @@ class HeatOracleController(
     TruthLaw, measure=OpenShare, period=HoldHeat, gauge=HeatGauge, hold_share=0.2, proportional_share=0.8,
     integral_per_s=2.0, shortest_us=18.0, **HEAT,
 ):  # fmt: skip
-    """Holds the wire's true highest temperature by the period: the bound that `heat-flux` is compared with."""
+    """Holds the wire's true highest temperature with the period: the bound for `heat-flux`."""
 
     name: ClassVar[str] = "heat-oracle"
 
 
 class SetPointController(ServoLaw, measure=OpenShare, period=SetPoint, corner=Corners, fixed=("short_weight",)):
-    """Holds the share of opens less shorts by the feed, at a setting in proportion to the operator's.
+    """Holds the share of opens minus shorts with the feed, at a setting in proportion to the operator's.
 
-    It does what an operator does with knobs and a table of settings, and what machines do at corners.
+    It stands for an operator with a table of settings and for the corner functions of machines.
     """
 
     name: ClassVar[str] = "set-point"
 
 
 class ClimbController(ServoLaw, measure=OpenShare, period=Climb, corner=Corners, fixed=("short_weight",)):
-    """Shortens the period step by step until the wire breaks, and stays below what broke it."""
+    """Shortens the period step by step until the wire breaks, then stays at a longer one."""
 
     name: ClassVar[str] = "climb"
 
 
 class LeadOracleController(TruthLaw, measure=OpenShare, period=SetPoint, corner=TrueBend, fixed=("short_weight",)):
-    """Cuts as `SetPointController` does, and leads the guides so that the bent wire is on the path."""
+    """Cuts like `SetPointController`, with an offset that keeps the bent wire on the path."""
 
     name: ClassVar[str] = "lead-oracle"
 
 
 class TrimController(ServoLaw, measure=ShortShare):
-    """Runs at a constant feed, slower the more pulses short, and back along its path from a short that stays.
+    """Runs at a constant feed, slower with more shorts, and retracts from a short that lasts.
 
-    That is what most machines do once the rough pass is cut.
+    Most machines do this in trim cuts.
     """
 
     name: ClassVar[str] = "trim"

@@ -37,29 +37,15 @@ from edmsim.machine.setting import discharge_current_A
 
 
 class _Setup(NamedTuple):
-    """What MAIN gets before a cut.
+    """What MAIN gets before a cut."""
 
-    Attributes
-    ----------
-    pulses : PulseSettings
-        What the codes mean.
-    codes : (int, int)
-        Codes nearest to it.
-    t_on_us : float
-        On-time as it was set.
-    points : tuple of (int, int)
-        Corner points of the path in `unit`, each other than the one before.
-    starts_um, corners_um : tuple of float
-        Length of path up to each point, and up to every corner, over all legs.
-    """
-
-    pulses: PulseSettings = PulseSettings()
-    codes: tuple[int, int] = (102, 170)
-    t_on_us: float = 20.0
+    pulses: PulseSettings = PulseSettings()  # what the codes mean
+    codes: tuple[int, int] = (102, 170)  # nearest to it
+    t_on_us: float = 20.0  # as it was set
     unit: Unit = "um"
-    points: tuple[tuple[int, int], ...] = ()
-    starts_um: tuple[float, ...] = ()
-    corners_um: tuple[float, ...] = ()
+    points: tuple[tuple[int, int], ...] = ()  # corners of the path in `unit`, each other than the one before
+    starts_um: tuple[float, ...] = ()  # length of path up to each point
+    corners_um: tuple[float, ...] = ()  # up to every corner, over all legs
 
     @classmethod
     def of(cls, machine: Machine, points_um: NDArray[Any], start_um: float) -> _Setup:
@@ -85,9 +71,9 @@ class McuController(CountsController):
     Parameters
     ----------
     corner_um : float
-        Distance before a corner from which on t(i) is shortened; 0 leaves the generator alone.
+        Distance before a corner from which t(i) is shortened; 0 for no change of the generator.
     corner_share : float
-        What is left of t(i) there.
+        Factor on t(i) there.
 
     Further parameters: see `CountsController`.
     """

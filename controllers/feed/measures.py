@@ -1,9 +1,9 @@
-"""What the gap laws hold: mean voltage, mean ignition delay, the share of opens, fuzzy rules, the true gap.
+"""Measures of the gap laws: mean voltage, mean ignition delay, the share of opens, fuzzy rules, the true gap.
 
 Sources of `MeanVoltage`: US 4296302 (servo on average gap voltage and power), CA 1049621 (servo of a wire machine,
 1976); the law is the simplest of the classic machines.
 
-Sources of `MeanDelay`, for a wide gap ignites late: ETH's open wire-EDM simulator SPARC, whose machines are
+Sources of `MeanDelay` (a wide gap ignites late): ETH's open wire-EDM simulator SPARC, whose machines are
 controlled in proportion to the mean voltage or the mean ignition delay; a monitor of wire-EDM turning that replaces
 the voltage by the mean delay over 200 ms (doi:10.1177/0954405414543488). The counting of shorts and opens is ours.
 
@@ -42,13 +42,13 @@ _ON_SHORTS = -2.0
 class MeanVoltage(Measure):
     """The mean gap voltage.
 
-    It is averaged over whole periods, pauses included, as a moving-coil meter would: the reference belongs to a duty
+    It is averaged over whole periods, pauses included, as by a moving-coil meter: the reference is for one duty
     factor.
 
     Parameters
     ----------
     reference_V : float
-        Mean gap voltage held.
+        Target of the mean gap voltage.
     proportional_um_s_V : float
         Feed per volt above the reference, um/s.
     integral_um_s2_V : float
@@ -70,19 +70,18 @@ class MeanVoltage(Measure):
 class MeanDelay(Measure):
     """The mean ignition delay of all pulses.
 
-    A short counts as ignited at once, an open pulse as one that waited `open_delay_us`; so the mean is there even
-    where nothing ignites.
+    A short counts with a delay of 0, an open pulse with `open_delay_us`: there is a mean even if nothing ignites.
 
     Parameters
     ----------
     reference_us : float
-        Mean delay held.
+        Target of the mean delay.
     proportional_um_s_us : float
         Feed per us above the reference, um/s.
     integral_um_s2_us : float
         Growth of the feed per us above the reference, um/s per s.
     open_delay_us : float
-        What an open pulse counts as (ours: the on-time of the default setting, the least it can have waited).
+        Delay of an open pulse (ours: the on-time of the default setting, its shortest possible wait).
     """
 
     GAINS: ClassVar[tuple[str, str]] = ("proportional_um_s_us", "integral_um_s2_us")
@@ -103,14 +102,14 @@ class MeanDelay(Measure):
 
 @dataclass
 class OpenShare(Measure):
-    """The share of open pulses, less that of weighted shorts.
+    """The share of open pulses minus that of weighted shorts.
 
     Parameters
     ----------
     open_target_share : float
-        Share of open pulses held when nothing shorts.
+        Target share of open pulses without shorts.
     short_weight : float
-        How many open pulses one short pulse outweighs.
+        Number of open pulses that one short pulse cancels.
     proportional_um_s, integral_um_s2 : float
         Feed, and its growth per second, per unit of the difference from the target.
     """
@@ -129,20 +128,20 @@ class OpenShare(Measure):
 
 @dataclass
 class FuzzyRules(Measure):
-    """Rules on the ratios of short and open pulses, which the servo's filter smooths; the feed sums up what they say.
+    """Fuzzy rules on the filtered ratios of short and open pulses; the feed is the sum of their outputs.
 
     Parameters
     ----------
     open_target_share : float
-        Share of open pulses that is right.
+        Target share of open pulses.
     open_width_share : float
-        Distance from it at which the ratio is low or high and nothing else.
+        Difference from the target at which the ratio is fully low or high.
     change_share_s : float
-        Change of the open ratio per second that is falling or rising and nothing else, in parts of all pulses.
+        Change of the open ratio per second, as a share of all pulses, that is fully falling or rising.
     short_begin_share, short_high_share : float
-        Short ratio that begins to be high, and that which is high and nothing else.
+        Short ratios at which membership in "high" begins and is full.
     rate_um_s2 : float
-        Change of feed per second where the rules say 1.
+        Change of feed per second at an output of 1.
     """
 
     open_target_share: float = 0.2
@@ -164,7 +163,7 @@ class FuzzyRules(Measure):
         return Gains(0.0, self.rate_um_s2, 0.0)
 
     def error(self, window: WindowObservation, servo: GapServo) -> float:
-        """What the rules say, from -2 to 1, after taking in a window's ratios."""
+        """Return the output of the rules for a window's ratios, from -2 to 1."""
         before, weight = self.open, servo.weight(window.duration_s)
         self.open += weight * (window.open / WINDOW_PULSES - self.open)
         self.short += weight * (window.short / WINDOW_PULSES - self.short)
@@ -191,14 +190,14 @@ def _memberships(value: float) -> tuple[float, float, float]:
 
 @dataclass
 class ShortShare(Measure):
-    """A constant feed that shorts slow down; the servo's integral has no part in it.
+    """A constant feed that falls with the share of shorts, without the servo's integral.
 
     Parameters
     ----------
     feed_um_s : float
-        The feed where nothing shorts.
+        The feed without shorts.
     stop_share : float
-        Share of shorts at which the wire stops; between none and that many the feed falls evenly (ours).
+        Share of shorts at which the wire stops; the feed falls linearly up to it (ours).
     """
 
     FEEDS: ClassVar[tuple[str, ...]] = ("feed_um_s",)
@@ -209,16 +208,16 @@ class ShortShare(Measure):
     shorts: float = field(default=0.0, init=False)
 
     def gains(self, servo: GapServo) -> Gains:
-        """How the servo answers: not at all."""
+        """Return gains of 0: the servo adds nothing."""
         return Gains(0.0, 0.0, servo.filter_s)
 
     def error(self, window: WindowObservation, servo: GapServo) -> float:
-        """Share of shorts, against none."""
+        """Return the share of shorts, negative."""
         self.shorts += servo.weight(window.duration_s) * (window.short / WINDOW_PULSES - self.shorts)
         return -window.short / WINDOW_PULSES
 
     def first_feed_um_s(self, servo: GapServo) -> float:
-        """The feed where nothing shorts."""
+        """Return the feed without shorts."""
         return self.feed_um_s
 
     @property
@@ -230,23 +229,22 @@ class ShortShare(Measure):
 
 @dataclass
 class TrueGap(Measure):
-    """The true gap, or how much too hot the wire is; no machine shows either.
+    """The true gap, or the excess temperature of the wire; a real machine measures neither.
 
     Parameters
     ----------
     gap_target_um : float
-        Mean gap at the places of ignition that is held.
+        Target of the mean gap at the places of ignition.
     proportional_um_s_um : float
         Feed per um above the target, um/s.
     integral_um_s2_um : float
         Growth of the feed per um above the target, um/s per s.
     short_um : float
-        By how many um a window full of shorts is closer than its few sparks show (ours: by the target, so that it
-        counts as shut).
+        Reduction of the measured gap in a window full of shorts (ours: the target, which makes the gap 0).
     hot_K : float
         Wire temperature above which the wire slows down.
     kelvin_per_um : float
-        How far above it costs as much as a gap 1 um too narrow.
+        Excess temperature that counts as much as a gap 1 um too narrow.
     """
 
     GAINS: ClassVar[tuple[str, str]] = ("proportional_um_s_um", "integral_um_s2_um")
@@ -262,13 +260,13 @@ class TrueGap(Measure):
     temperature_K: float = field(default=-1.0, init=False)  # below 0 before anything was seen
 
     def see(self, truth: GapWindow) -> None:
-        """Take in the true gap and temperature of a window."""
+        """Read the true gap and temperature of a window."""
         self.gap_um, self.temperature_K = truth.gap_um, truth.wire_temperature_K
         if math.isnan(self.gap_um):  # nothing ignited: all open, or all short
             self.gap_um = 2.0 * self.gap_target_um if truth.open > truth.short else 0.0
 
     def error(self, window: WindowObservation, servo: GapServo) -> float:
-        """Micrometres above the target, or how much too hot the wire is, whichever asks for less feed."""
+        """Return um above the target or the excess temperature in um, whichever gives less feed."""
         if self.temperature_K < 0:
             raise InputError("the oracle was shown nothing of the gap: call see() before update()")
         wide = self.gap_um - self.gap_target_um - self.short_um * window.short / WINDOW_PULSES

@@ -1,4 +1,4 @@
-"""Rules for the pulse period: one that is given, one per count of normal pulses, one that spares the wire's heat.
+"""Rules for the pulse period: a given one, one from the count of normal pulses, one that limits the wire's heat.
 
 Source of `NormalPulses`: Sato et al. (physics notes of the project, sections 5 and 6): normal pulses are counted per
 100 ms and held below a threshold curve over the workpiece's thickness by the off-time; the thickness is known on-line
@@ -26,19 +26,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw
+from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw, shorted
 from edmsim.controllers.protocols import GapWindow, WindowObservation
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, least_period_us, pulse_form
 
-COUNT_S = 0.1
-"""Time over which normal pulses are counted: 100 ms (Sato et al.)."""
-STEP_SHARE = 0.1
-"""Largest change of the period per count (ours: off-times change smoothly, not from pulse to pulse)."""
-STEP_US = 5
-"""The shortest period is rounded up to whole multiples of this (ours: knobs have steps)."""
-MOST_ERROR = 1.0
-"""No larger deviation from what is held counts (ours: one window of few sparks tells little)."""
+COUNT_S = 0.1  # time over which normal pulses are counted: 100 ms (Sato et al.)
+STEP_SHARE = 0.1  # largest change of the period per count (ours: off-times change smoothly, not from pulse to pulse)
+STEP_US = 5  # the shortest period is rounded up to whole multiples of this (ours: knobs have steps)
+MOST_ERROR = 1.0  # no larger deviation from what is held counts (ours: one window of few sparks tells little)
 _BOILING_K = 373.15
 _Setting = tuple[float | None, float | None]
 
@@ -59,7 +55,7 @@ class NormalPulses(PeriodRule):
     height_filter_s : float
         Time constant of the low-pass filter on the thickness.
     shortest_factor, longest_factor : float
-        Shortest and longest period, in periods as the operator set it.
+        Shortest and longest period, divided by the operator's.
     """
 
     normal_at_10mm: float = 600.0
@@ -119,7 +115,7 @@ class FreshNormalPulses(NormalPulses):
     Parameters
     ----------
     slow_factor : float
-        Period with which every wire begins, over the operator's (ours).
+        First period of every wire, divided by the operator's (ours).
     """
 
     slow_factor: float = 2.5
@@ -127,7 +123,7 @@ class FreshNormalPulses(NormalPulses):
     fresh: bool = field(default=True, init=False)
 
     def fresh_wire(self) -> None:
-        """What was found of the thickness stays."""
+        """Keep the estimate of the thickness."""
         self.fresh = True
 
     def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
@@ -141,16 +137,16 @@ class FreshNormalPulses(NormalPulses):
 
 @dataclass
 class RisingPeriod(PeriodRule):
-    """A period that a fresh wire reaches slowly.
+    """A period that a new wire reaches slowly.
 
     Parameters
     ----------
     period_us : float
-        Pulse period; 0 for the one that the operator has set.
+        Pulse period; 0 for the operator's.
     rise_s : float
-        Time in which a fresh wire comes to it, from `slow_factor` times as long a period.
+        Time in which a new wire reaches it, starting from a period `slow_factor` times as long.
     slow_factor : float
-        Period with which a fresh wire begins, over the one it comes to.
+        First period of a new wire, divided by the final one.
     """
 
     period_us: float = 40.0
@@ -179,19 +175,22 @@ class RisingPeriod(PeriodRule):
 
 @dataclass
 class HoldHeat(RisingPeriod):
-    """Holds what a gauge says of how near the wire is to boiling dry; ``period_us`` is the one a cut begins with.
+    """Holds a gauge's measure of how near the wire is to boiling dry; ``period_us`` is the first period of a cut.
 
     Parameters
     ----------
     hold_share : float
-        Of that measure, 1 where the wire boils dry.
+        Target of the measure, which is 1 where the wire boils dry.
     break_hold_share : float
-        Of what is held, after every lost wire (ours): what broke one wire breaks the next one.
+        Factor on the target after every lost wire (ours).
     proportional_share, integral_per_s : float
-        Change of the period's logarithm, and its growth per second, per unit of the difference from it.
+        Change of the period's logarithm, and its growth per second, per unit of the difference from the target.
     shortest_us, longest_us : float
-        Limits of the period (ours): where hardly a pulse ignites there is no heat to hold, the period goes to the
-        shortest, and the discharges that ignite next find it there.
+        Limits of the period (ours). If hardly a pulse ignites there is no heat to hold, and the period falls to the
+        shortest one.
+    recovery_s : float
+        If above 0, shorts do not shorten the period (the discharges that clear a short could break the wire at the
+        shortest period), and the period stays longer for this time after a retract, as for `rise_s` with a new wire.
     """
 
     hold_share: float = 0.6
@@ -200,6 +199,7 @@ class HoldHeat(RisingPeriod):
     integral_per_s: float = 1.0
     shortest_us: float = 25.0
     longest_us: float = 150.0
+    recovery_s: float = 0.0
 
     log_us: float = field(default=0.0, init=False)  # the period's regulated part
     hold: float = field(default=0.0, init=False)
@@ -210,7 +210,7 @@ class HoldHeat(RisingPeriod):
         self.log_us, self.hold = math.log(max(self.period_us, 1.0)), self.hold_share
 
     def fresh_wire(self) -> None:
-        """Go on more carefully than with the wire that broke."""
+        """Lower the target after a break."""
         super().fresh_wire()
         self.log_us = min(self.log_us + math.log(max(self.slow_factor, 1.0)), self._longest)
         self.hold *= self.break_hold_share
@@ -222,6 +222,10 @@ class HoldHeat(RisingPeriod):
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period that brings the measure to what is held."""
         error = min(max(law.gauge.near(window) - self.hold, -MOST_ERROR), MOST_ERROR)
+        if self.recovery_s and shorted(window):  # the sparks that clear a short would find the shortest period
+            error = max(error, 0.0)
+        if self.recovery_s and law.servo.retracting:
+            self.cutting_s = min(self.cutting_s, max(self.rise_s - self.recovery_s, 0.0))
         grown = self.log_us + self.integral_per_s * error * window.duration_s
         self.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
         return max(math.exp(self.log_us + self.proportional_share * error), self.shortest_us)
@@ -229,10 +233,10 @@ class HoldHeat(RisingPeriod):
 
 @dataclass
 class FluxGauge(Gauge):
-    """The greatest local heat flux over the critical one, as located sparks and the files' constants give it.
+    """The highest local heat flux divided by the critical one, estimated from located sparks.
 
-    It knows what an operator does: names of the set-up's files, wire, height and pulse. It takes the constants of the
-    files, as it cannot know those of the machine at work.
+    It knows what an operator knows: the names of the set-up's files, wire, height and pulse. It uses the constants of
+    those files, because a real controller cannot know the machine's true ones.
 
     Parameters
     ----------
@@ -261,11 +265,7 @@ class FluxGauge(Gauge):
 
 
 def heat_per_ignition_s(machine: Machine) -> NDArray[np.float64]:
-    """Return what an ignition in each fifth adds to each fifth's heat flux, over the critical one: (5, 5), in s.
-
-    A spark heats its own fifth; its current, which comes from both guides and divides as the wire's resistances do,
-    heats all of them.
-    """
+    """Return what an ignition in each fifth adds to each fifth's flux over the critical one: (5, 5), in s."""
     files = Machine.load(
         machine.name, material=machine.material_name, wire=machine.wire_name, generator=machine.generator_name
     )
@@ -294,7 +294,7 @@ class HeatGauge(Gauge):
         self._superheat_K = 30.0
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in where this machine's wire boils dry."""
+        """Read the superheat at which this machine's wire boils dry."""
         self._superheat_K = machine.base.cooling.superheat_K.value
 
     def see(self, truth: GapWindow) -> None:
@@ -310,13 +310,13 @@ class HeatGauge(Gauge):
 class SetPoint(PeriodRule):
     """A setting in proportion to the operator's, and a longer period at corners.
 
-    Where the period changes, the feed changes with it at once, as the metal does that is removed: a servo alone would
-    run into the metal for a second.
+    When the period changes, the feed changes at once in the same proportion as the removal: a servo alone would run
+    into the metal for a second.
 
     Parameters
     ----------
     on_factor, period_factor : float
-        On-time and pulse period, in those that the operator set.
+        On-time and pulse period, divided by the operator's.
     """
 
     on_factor: float = 1.0
@@ -341,7 +341,7 @@ class SetPoint(PeriodRule):
         self.slowing = self.period_factor
 
     def fresh_wire(self) -> None:
-        """Go on with what was found of the period."""
+        """Keep the period."""
 
     @property
     def least_factor(self) -> float:
@@ -372,17 +372,16 @@ class SetPoint(PeriodRule):
 
 @dataclass
 class Climb(SetPoint):
-    """Shortens the period step by step until the wire breaks; ``period_factor`` is where the first wire begins.
+    """Shortens the period step by step until the wire breaks; ``period_factor`` is that of the first wire.
 
     Parameters
     ----------
     climb_s : float
-        Time of cutting after which the period is made shorter; it waits while the wire retracts.
+        Cutting time between two steps, retracts not counted.
     step_share : float
-        By how much: a share of it.
+        Share by which a step shortens the period.
     back_factor : float
-        Period after a break over the one that broke the wire. From there on it is held; a further break lengthens it
-        again.
+        Factor on the period after a break. The period is then held; a further break lengthens it again.
     """
 
     climb_s: float = 5.0

@@ -34,18 +34,10 @@ STEP_PULSE_NS = 42_000
 
 
 class Optocouplers(NamedTuple):
-    """The couplers of the control lines and switches.
+    """The couplers of the control lines and switches."""
 
-    Attributes
-    ----------
-    led_lit_at : {0, 1}
-        Level of the gate at which the LED is lit. The figure that shows it is lost; at 0 the gate sinks its current,
-        and line and port have the same level (row T-A17).
-    response_ns : int
-        Changes that do not last as long do not pass (data sheet of the photo-FET couplers H11F: 15 us on and off).
-    """
-
-    led_lit_at: int = 0
+    led_lit_at: int = 0  # level of the gate at which the LED is lit; the figure that shows it is lost (row T-A17)
+    # changes that do not last as long do not pass (data sheet of the H11F: 15 us on and off)
     response_ns: int = 15_000
 
     def lines(self, port: int) -> int:
@@ -59,11 +51,7 @@ class Optocouplers(NamedTuple):
 
 
 class LineOrder(NamedTuple):
-    """Bits of port 4022H; the document gives the order of print of the first five only (row T-A9).
-
-    Three of the four outputs it leaves spare have a use here: the coarse ranges of t(i) and t(p), and the wire's
-    tension (row T-85). The fourth is bit 6 of port 4032H.
-    """
+    """Bits of port 4022H, printed in order for the first five (row T-A9); spare ones have a use here (row T-85)."""
 
     oev: int = 0
     x_direction: int = 1
@@ -99,28 +87,7 @@ class _WiredCounters(PulseCounters):
 
 
 class Board(Snapshots):
-    """Chips, wires and the machine's side of them.
-
-    Parameters
-    ----------
-    settings : PulseSettings
-        Trims of the DACs and what their voltages mean.
-
-    Attributes
-    ----------
-    now_ns : int
-        Present time.
-    steps : list of Step
-        Rising edges that the steppers saw and obeyed, since someone emptied the list.
-    on_step : callable
-        Called with each of them: the machine's side, where an end switch may open.
-    codes : list of int
-        What the DACs of t(i) and t(p) hold, with `COARSE` where that range is chosen.
-    open_V, mean_current_A : float
-        The generator's open voltage, and its present mean current, as the machine's side tells them.
-    sent, sent_to_host : bytearray
-        What the two serial channels have transmitted; no part of the state.
-    """
+    """Chips, wires and the machine's side of them; `on_step` is called with each edge that a stepper obeyed."""
 
     STATE = (
         "now_ns", "codes", "_levels", "steps", "open_V", "mean_current_A", "bus", "faults", "counters", "timers",
@@ -141,9 +108,10 @@ class Board(Snapshots):
         self.now_ns = 0
         self.steps = []
         self.on_step: Callable[[Step], None] = lambda step: None
-        self.codes = [0, 0]
+        self.codes = [0, 0]  # of the DACs of t(i) and t(p), with `COARSE` where that range is chosen
         self.open_V = 0.0
         self.mean_current_A = 0.0
+        # what the serial channel has transmitted; no part of the state
         self.sent, self.sent_to_host = bytearray(), bytearray()
         self._levels = 1 << self.lines.oev
         self.bus = Bus()

@@ -37,18 +37,7 @@ LONGEST_T = 30 * CPU_HZ // 1000
 
 
 class MachineCode:
-    """The 8085 and what it finds at addresses: instructions in RAM, routines of ours in EPROM.
-
-    Parameters
-    ----------
-    routines : mapping
-        Routines by their address in EPROM.
-
-    Attributes
-    ----------
-    running : bool
-        Whether a program that the monitor started is under way.
-    """
+    """The 8085 and what it finds at addresses: instructions in RAM, routines of ours in EPROM."""
 
     def __init__(self, board: Board, streams: Streams, routines: Mapping[int, Callable[[], None]]) -> None:
         self.running = False
@@ -58,10 +47,7 @@ class MachineCode:
         self.cpu = Cpu8085(board.bus, self._routine)
 
     def call(self, address: int) -> None:
-        """Run what stands at an address until it returns, at once; registers are kept.
-
-        Raises `NoCodeError` if there is no code, or it does not return.
-        """
+        """Run what stands at an address until it returns, at once; registers are kept."""
         cpu = self.cpu
         saved = [*cpu.registers], cpu.flags, cpu.pc, cpu.sp
         cpu.sp = cpu.sp if self.running else at.STACK
@@ -84,11 +70,7 @@ class MachineCode:
         cpu.push(at.MONITOR)
 
     def run_until(self, end_ns: int) -> None:
-        """Let the program run up to a time, at the clock of the 8085.
-
-        Raises `InputError` if there is no code where it leads, or a chip refuses what it writes; the program is at
-        its end.
-        """
+        """Let the program run up to a time, at the clock of the 8085; an error ends it."""
         board, cpu, begin_ns, spent = self._board, self.cpu, self._board.now_ns, 0
         while self.running and board.now_ns < end_ns:
             if cpu.pc == at.MONITOR or cpu.halted:
@@ -124,37 +106,11 @@ OFF, STAND_BY, RUNNING, EMERGENCY = "off", "stand-by", "running", "emergency"
 
 
 class Computer(Snapshots):
-    """The controller's processor, program and board.
+    """The controller's processor, program and board, whose time (`Board.now_ns`) `run_until` and `drive` move on.
 
-    Time is the board's (`Board.now_ns`): `run_until` and `drive` move it on.
+    With `wrap` what leaves sixteen bits wraps, as in 1982: the position counters, for which it is a soft limit else
+    (row T-A11), and the sum of squares in POSCAL, which is halved once more else (row T-G6).
 
-    Parameters
-    ----------
-    board : Board, optional
-        Its hardware; a new board without faults by default.
-    unit : {"um", "step"}
-        What the position counters count (row T-61).
-    wrap : bool
-        Whether what leaves its sixteen bits wraps, as in 1982: the position counters, for which it is a soft limit
-        else (row T-A11), and the sum of squares in POSCAL, which is halved once more else (row T-G6).
-
-    Attributes
-    ----------
-    board : Board
-    state : {"off", "stand-by", "running", "emergency"}
-    cause : tuple of str
-        Switches that were open at the last emergency, or where an interrupt was lost; empty where it was called.
-    keys : list of int
-        Keys that the KBD routine has taken and nobody has looked at.
-    steppers : Steppers
-        The stepper routines; `PathRun` leads them along a path.
-    streams : Streams
-        Characters in and out, by CIADR and COADR.
-    code : MachineCode
-        The 8085 on code in RAM.
-
-    Examples
-    --------
     >>> computer = Computer()
     >>> computer.init()
     >>> computer.set_position(30_000, 30_000)
@@ -220,19 +176,13 @@ class Computer(Snapshots):
         self.code.running, self.state = False, OFF
 
     def init(self) -> None:
-        """INIT: make the machine safe and ready; the position stays (rows T-50, T-51).
-
-        After an emergency it is the only way on.
-        """
+        """INIT: make the machine safe and ready, the only way on after an emergency (rows T-50, T-51)."""
         self._initialise()
         self.state, self.cause = STAND_BY, ()
         self._t_states += INIT_T
 
     def emergency(self) -> None:
-        """INIT in its use as the emergency routine (5.1.1, 5.3.2): a copy is kept, and nothing moves before `init`.
-
-        Data areas are copied first, outputs changed afterwards (row T-49); interrupts stay off.
-        """
+        """INIT in an emergency: data are copied first, outputs changed afterwards (5.1.1, 5.3.2, row T-49)."""
         for k, address in enumerate(at.SAVED_WORDS):
             self.store(at.SAVED + 2 * k, self.word(address))
         self._initialise()
@@ -269,10 +219,7 @@ class Computer(Snapshots):
         return self.board.codes[0], self.board.codes[1]
 
     def set_pulse_codes(self, t_i: int, t_p: int) -> None:
-        """Set both voltages; a pair that draws more than 2 A is refused and the old pair stays (row T-34).
-
-        Raises `InputError` with what would be right; also for an unknown code, and in an emergency.
-        """
+        """Set both voltages; a pair that draws more than 2 A is refused and the old pair stays (row T-34)."""
         if self.state in (OFF, EMERGENCY):
             raise InputError("the machine is stopped: INIT first")
         self.board.settings.check(t_i, t_p)
@@ -284,10 +231,7 @@ class Computer(Snapshots):
         return self.word(at.MAXVEL)
 
     def set_speed(self, units: int) -> None:
-        """Set the greatest cutting speed; a move under way takes it from its next interrupts on.
-
-        Raises `InputError` if it is not 0..127 units (row T-A1).
-        """
+        """Set the greatest cutting speed, 0..127 units (row T-A1); a move under way takes it, too."""
         if not (isinstance(units, int) and 0 <= units <= MAX_SPEED):
             raise InputError(f"the cutting speed is 0..{MAX_SPEED} units of 262.5 nm/s, not {units!r}")
         self.store(at.MAXVEL, units)
@@ -295,10 +239,7 @@ class Computer(Snapshots):
             self.steppers.set_speed(units)
 
     def start(self, generator: bool = True) -> None:
-        """Start the machine: interrupts on, and the generator if wanted.
-
-        Raises `InputError` before INIT, after an emergency, or with a switch open.
-        """
+        """Start the machine: interrupts on, and the generator if wanted; refused with a switch open."""
         if self.state in (OFF, EMERGENCY):
             raise InputError("the machine is stopped: INIT first")
         if self.board.switches.open:
@@ -322,10 +263,7 @@ class Computer(Snapshots):
         return self.steppers.moving
 
     def move_to(self, x: int, y: int) -> None:
-        """Move straight to a position at the speed set, aimed once by POSCAL as in 1982; `run_until` makes the steps.
-
-        Raises `InputError` while moving, before `start`, without a speed, or for what is not a position.
-        """
+        """Move straight to a position at the speed set, aimed once by POSCAL as in 1982."""
         if self.moving:
             raise InputError("the table is moving: a new move can begin when it stands")
         if self.state != RUNNING:
@@ -337,18 +275,12 @@ class Computer(Snapshots):
         self.steppers.set_speed(self.speed)
 
     def run_until(self, end_ns: int, to_the_end: bool = True) -> list[Step]:
-        """Let the timers run up to a time and serve the interrupts; return the steps the motors made before it.
-
-        With `to_the_end` False it returns as soon as the move under way is over.
-        """
+        """Run timers and interrupts up to a time, or the move's end; returns the steps the motors made."""
         self.steppers.run_until(end_ns, to_the_end)
         return self.take_steps(end_ns)
 
     def drive(self, steps: Iterable[Step]) -> list[Step]:
-        """Make a planner's steps through timers, interrupts and port; return those the motors made.
-
-        The planner is POSCAL re-aimed at every step. Without `start`, or after an emergency, nothing moves.
-        """
+        """Make a planner's steps through timers, interrupts and port; returns those the motors made."""
         if self.serve():
             self.steppers.drive(steps)
         return self.take_steps(self.board.now_ns + 1)
@@ -393,16 +325,7 @@ class Computer(Snapshots):
         return self.read(bus.PORT3C) & full == full
 
     def optimise(self, clock: int, path: int) -> tuple[int, int]:
-        """Read the counts and run the optimising routine on its words in RAM.
-
-        The speed goes to CUTVEL, XVELOC and YVELOC; in a move of the program's own `PathRun` hands it to the timers
-        when the routine's time is over. While no result waits, nothing changes.
-
-        Returns
-        -------
-        (int, int)
-            Speed in units, and the cost in T-states.
-        """
+        """Read the counts and run the optimising routine in RAM; returns speed in units and T-states."""
         if not self.result_waits():
             return self.signed(at.CUTVEL), READ_OUT_T
         short, open = self.read_counts()
@@ -427,12 +350,7 @@ class Computer(Snapshots):
 
 
 def check_place(x: int, y: int) -> None:
-    """Refuse what is not a pair of words.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what is not a pair of words."""
     for value in (x, y):
         if not (isinstance(value, int) and 0 <= value <= WORD):
             raise InputError(f"a position is 0..{WORD}, not {value!r}")

@@ -25,25 +25,9 @@ class PathRun(Snapshots):
 
     It looks like a planner (`edmsim.controllers.planner.protocol.Planner`), but its steps are those that the motors'
     lines have seen. A new speed waits until the optimising routine is done, a new move until POSCAL is; interrupts
-    put both off.
+    put both off. A negative speed runs the present move's vector the other way, to where the move began, and then the
+    moves before it, each aimed anew. After a stop the present move is aimed anew from where the table stands.
 
-    A negative speed runs the present move's vector the other way, to where the move began, and then the moves before
-    it, each aimed anew. After a stop the present move is aimed anew from where the table stands.
-
-    Parameters
-    ----------
-    computer : Computer
-        Its position counters stand at the path's start.
-    points : sequence of (int, int)
-        Corner points, 0..65535 in the unit that the computer counts.
-
-    Raises
-    ------
-    InputError
-        Of points that are not words, or no two different ones.
-
-    Examples
-    --------
     >>> computer = Computer()
     >>> computer.init()
     >>> computer.set_position(30_000, 30_000)
@@ -96,10 +80,7 @@ class PathRun(Snapshots):
         return along_um + min(max(run_um, 0.0), end_um - along_um)
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
-        """Let the machine run for a window of time; see `edmsim.controllers.planner.protocol.Planner.advance`.
-
-        A routine that is under way at the window's end is finished; its step comes with the next window.
-        """
+        """Let the machine run for a window; a routine under way at its end is finished, its step comes next."""
         if end_ns < start_ns:
             raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
         if not -MAX_SPEED <= speed_units <= MAX_SPEED:

@@ -20,39 +20,19 @@ from edmsim.geometry import Polyline
 
 
 class Course(NamedTuple):
-    """A planner ready to run, as compiled code takes it.
-
-    Attributes
-    ----------
-    points_um, along_um : (n, 2), (n,)
-        Corners of the path, each different from the one before, and the length of path up to each.
-    lengths : (n - 1,)
-        Of every straight move in 65 536ths of a motor step, rounded down; 0 but for `DDA`.
-    """
+    """A planner ready to run, as compiled code takes it."""
 
     row: NDArray[np.void]
-    points_um: Floats
-    along_um: Floats
-    lengths: Ints
+    points_um: Floats  # (n, 2): corners of the path, each different from the one before
+    along_um: Floats  # (n,): length of path up to each
+    lengths: Ints  # (n - 1,): of every move in 65 536ths of a motor step, rounded down; 0 but for `DDA`
 
     @classmethod
     def of(
         cls, kind: int, points_um: ArrayLike, speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um",
         step_um: float = STEP_UM,
     ) -> Course:
-        """Begin a path.
-
-        Parameters
-        ----------
-        kind : int
-            Of the planner (see `record`).
-
-        Raises
-        ------
-        InputError
-            If the array has another shape, holds what the planner cannot count, leaves the table, or has no two
-            different points.
-        """
+        """Begin a path (n, 2) for a kind of `record`; refuses what the planner cannot count."""
         array = np.asarray(points_um, np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
             raise InputError(f"a path needs points in an array of shape (n, 2), not {array.shape}")

@@ -10,15 +10,12 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.mcu.firmware.timers import NEVER, TIMER_COUNT
 from edmsim.controllers.planner.record import LIMIT, Floats, Ints, Row, count, note
 
-NM = 1000
-"""Nanometres in a um: steps and corners of this planner are whole numbers of them."""
+NM = 1000  # nanometres in a um: steps and corners of this planner are whole numbers of them
 _HALF_WORD = 1 << 16
 
 
 @exactly_compiled
-def run_dda(
-    row: Row, points: Floats, lengths: Ints, tick: int, last: int, speed: int, out: Ints
-) -> int:
+def run_dda(row: Row, points: Floats, lengths: Ints, tick: int, last: int, speed: int, out: Ints) -> int:
     """Run from one tick to another; return the number of steps, or `LIMIT`."""
     made, heading = 0, 1 if speed > 0 else -1
     budget, travelled = abs(speed) * (last - tick), 0

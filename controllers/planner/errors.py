@@ -19,58 +19,31 @@ from edmsim.controllers.mcu.path_run import PathRun
 from edmsim.controllers.planner.protocol import Planner
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 
-MACHINE = "mcu"
-"""Name of the computer that makes its own steps, in place of a planner's."""
+MACHINE = "mcu"  # name of the computer that makes its own steps, in place of a planner's
 COMPARED = (*PLANNERS, MACHINE)
-SPEEDS = (1, 2, 4, 8, 16, 32, 64, 127)
-"""Speeds in units at which the planners are compared: those of row T-G9."""
+SPEEDS = (1, 2, 4, 8, 16, 32, 64, 127)  # speeds in units at which the planners are compared: those of row T-G9
 DIRECTIONS_DEG = range(360)
 LONG_UM, SHORT_UM = 2500, 50
 """Lengths of the moves: well beyond the 8 bits of REDUC, where about 45 degrees the squares wrap, and below them."""
-STRETCH_UM = 100.0
-"""Length over which a local speed is taken; the steps alone make some 1 % of ripple in it."""
+STRETCH_UM = 100.0  # length over which a local speed is taken; the steps alone make some 1 % of ripple in it
 START_UM = (30_000, 30_001)
-_MARGIN = 4.0
-"""Time allowed for a move, over the time it should take; the slowest takes twice that."""
+_MARGIN = 4.0  # time allowed for a move, over the time it should take; the slowest takes twice that
 
 
 class MoveError(NamedTuple):
-    """What went wrong in one straight move.
+    """What went wrong in one straight move."""
 
-    Attributes
-    ----------
-    path_max_um, path_rms_um : float
-        Distance of the position counters from the line, after every step.
-    speed_percent : float
-        Mean speed from the first step to the last, along the line, over the commanded one, less 100 %.
-    ripple_percent : float
-        Deviation (rms) of the speed over stretches of `STRETCH_UM` from its mean, in % of the commanded one;
-        nan if the move has less than two stretches.
-    end_um : float
-        Distance from the end of the move to where the motors stopped.
-    """
-
-    path_max_um: float
+    path_max_um: float  # distance of the position counters from the line, after every step
     path_rms_um: float
+    # mean speed from the first to the last step, along the line, over the commanded one, less 100 %
     speed_percent: float
+    # rms of the speed over stretches of `STRETCH_UM`, in % of the commanded one; nan for less than two
     ripple_percent: float
-    end_um: float
+    end_um: float  # distance from the end of the move to where the motors stopped
 
 
 def move(planner: str, run_um: tuple[int, int], speed: int, start_um: tuple[int, int] = START_UM) -> MoveError:
-    """Run one straight move to its end.
-
-    Parameters
-    ----------
-    planner : str
-        A name of `edmsim.controllers.planner.registry.PLANNERS`, or `MACHINE`.
-    run_um : (int, int)
-        The displacement.
-    speed : int
-        Path speed, 1..127 units.
-    start_um : (int, int)
-        Where it begins.
-    """
+    """Run one straight move of a planner of `PLANNERS`, or `MACHINE`, to its end, at 1 to 127 units."""
     start = np.array(start_um)
     run = np.array(run_um)
     length = math.hypot(*run_um)

@@ -11,8 +11,7 @@ import math
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.planner.record import Floats, Ints, Row
 
-FINE_PER_UM = 10**12
-"""Attometres (nm/s times ns) in a um: the unit of the length behind the wire."""
+FINE_PER_UM = 10**12  # attometres (nm/s times ns) in a um: the unit of the length behind the wire
 
 
 @exactly_compiled
@@ -27,9 +26,7 @@ def segment_at(along: Floats, last: int, place_um: float, start: int) -> int:
 
 
 @exactly_compiled
-def run_exact(
-    row: Row, points: Floats, along: Floats, start_ns: int, end_ns: int, speed: int, out: Ints
-) -> int:
+def run_exact(row: Row, points: Floats, along: Floats, start_ns: int, end_ns: int, speed: int, out: Ints) -> int:
     """Run for a window of time at a feed in nm/s; return the number of steps."""
     feed, place = speed * 1e-3, row.along / FINE_PER_UM
     end = min(max(place + feed * (end_ns - start_ns) * 1e-9, 0.0), along[row.last_move + 1])

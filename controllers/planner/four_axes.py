@@ -30,20 +30,7 @@ the others."""
 
 
 def check_lead(name: str, points_um: ArrayLike, lead_um: ArrayLike) -> None:
-    """Refuse a path on which u and v cannot follow x and y as a planner moves them.
-
-    Parameters
-    ----------
-    name : str
-        Of the planner.
-    points_um, lead_um : arrays (n, 2)
-        Corners of the path of the lower guide, and u and v there.
-
-    Raises
-    ------
-    InputError
-        Where, and what to choose.
-    """
+    """Refuse corners (n, 2) and leads (n, 2) at which u and v cannot follow x and y as a planner moves them."""
     kind, instead = kind_of(name), "choose the planner exact (--planner exact)"
     if kind.number == LITERAL:
         raise InputError(f"the planner {name} moves two axes, and this wire leans: {instead}, or poscal")
@@ -65,15 +52,7 @@ def make_leaning_planner(
     name: str, points_um: ArrayLike, lead_um: ArrayLike, along_um: ArrayLike, unit: Unit = "um",
     step_um: float = STEP_UM,
 ) -> Planner:
-    """Make a planner for the path of a wire that leans.
-
-    Parameters
-    ----------
-    points_um, lead_um : arrays (n, 2)
-        Corners of the path of the lower guide, and u and v there.
-    along_um : array (n,)
-        Length of path up to every corner, rising.
-    """
+    """Make a planner for a wire that leans: corners of the lower guide, u and v there, length of path up to each."""
     check_lead(name, points_um, lead_um)
     places = np.concatenate([np.asarray(points_um, np.float64), np.asarray(lead_um, np.float64)], axis=1)
     along = np.asarray(along_um, np.float64)
@@ -83,15 +62,7 @@ def make_leaning_planner(
 
 
 class ExactAxes(Snapshots):
-    """An ideal line through points of several axes: all move evenly between two of them.
-
-    Parameters
-    ----------
-    along_um : float64 array (n,)
-        Length of path up to every point.
-    step_um : float
-        Travel of a motor step.
-    """
+    """An ideal line through points of several axes, `along_um` apart: all move evenly between two of them."""
 
     STATE = ("_behind", "_counts")
     speed_unit_nm_s = 1.0
@@ -171,13 +142,7 @@ class ExactAxes(Snapshots):
 
 
 class Following(Snapshots):
-    """A planner of x and y whose steps u and v follow.
-
-    Parameters
-    ----------
-    name : str
-        Of the planner.
-    """
+    """A planner of x and y whose steps u and v follow."""
 
     STATE = ("_planner", "_led")
 

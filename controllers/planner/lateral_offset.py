@@ -18,25 +18,10 @@ def next_steps(
     points_um: Floats, along_um: Floats, last: int, path_um: float, offset_um: float, step_um: float,
     made: NDArray[np.int64],
 ) -> tuple[int, int]:
-    """Return by how many steps, -1, 0 or 1, the motors of x and y go nearer to an offset.
+    """Return by how many steps, -1, 0 or 1, the motors of x and y go nearer to an offset to the left of the path.
 
     One step per axis and window, 80 um/s at the thesis' setting, is slow enough for a motor that turns, and fast
-    enough for what bends a wire.
-
-    Parameters
-    ----------
-    points_um, along_um : (n, 2), (n,)
-        Corners of the path, and the length of path up to each.
-    last : int
-        Number of its last segment.
-    path_um : float
-        Length of path behind the wire, which tells the segment.
-    offset_um : float
-        Wanted to the left of that segment; negative to its right.
-    step_um : float
-        Travel of a step.
-    made : (2,)
-        Steps by which the motors are beside the path already.
+    enough for what bends a wire. `made` (2,) are the steps by which the motors are beside the path already.
     """
     k = segment_at(along_um, last, path_um, 0)
     dx, dy = points_um[k + 1, 0] - points_um[k, 0], points_um[k + 1, 1] - points_um[k, 1]

@@ -33,14 +33,11 @@ from edmsim.controllers.planner.record import (
     place_um,
 )
 
-QUARTER = 4
-"""Vectors are aimed in quarters of 1 um."""
+QUARTER = 4  # vectors are aimed in quarters of 1 um
 
-CARROT_UM = 32
-"""Distance of the carrot ahead of the wire in um (ours): 128 quarters, which suits POSCAL's 8 bits."""
+CARROT_UM = 32  # distance of the carrot ahead of the wire in um (ours): 128 quarters, which suits POSCAL's 8 bits
 
-SMALLEST_VECTOR = 91
-"""Vectors with a shorter longer component are doubled before their length is taken (row T-G10)."""
+SMALLEST_VECTOR = 91  # vectors with a shorter longer component are doubled before their length is taken (row T-G10)
 
 
 @exactly_compiled
@@ -79,10 +76,7 @@ def at_end(row: Row, points: Floats) -> bool:
 
 @exactly_compiled
 def near(row: Row, points: Floats, point: int) -> bool:
-    """Whether either counter is as near to a corner as it comes: an overflow of 5/8 step, and a quarter um beside.
-
-    With steps of 2 um that is half a step, 1 um (row T-18).
-    """
+    """Whether either counter is as near to a corner as it comes: half of a 2 um step (row T-18)."""
     for axis in range(2):
         away = abs(place_um(row, axis) - int(points[point, axis]))
         if 8 * away > 5 * row.step_um + 2:

@@ -6,15 +6,11 @@ from typing import Any, Protocol, runtime_checkable
 
 from edmsim.controllers.protocols import Step
 
-PlannerState = dict[str, Any]
-"""A planner's snapshot, fit for JSON."""
+PlannerState = dict[str, Any]  # a planner's snapshot, fit for JSON
 
 
 class Planner(Protocol):
-    """Follows a path at a commanded speed and says when each axis steps.
-
-    A planner holds no clock of its own: windows may be cut anywhere, and the steps stay the same.
-    """
+    """Follows a path and says when each axis steps; windows may be cut anywhere, and the steps stay the same."""
 
     @property
     def speed_unit_nm_s(self) -> float:
@@ -37,26 +33,7 @@ class Planner(Protocol):
         """Whether the path's end is reached."""
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
-        """Run the path for a window of time.
-
-        Parameters
-        ----------
-        start_ns, end_ns : int
-            The window; steps fall at ``start_ns <= time_ns < end_ns``.
-        speed_units : int
-            Path speed in units of `speed_unit_nm_s`, up to `max_feed_um_s` either way; negative runs the path
-            backwards, no further than its start.
-
-        Returns
-        -------
-        list of Step
-            In order of time.
-
-        Raises
-        ------
-        InputError
-            If the window ends before it starts or the speed is out of range.
-        """
+        """Return the steps at ``start_ns <= time_ns < end_ns``, in order; a negative speed runs backwards."""
 
     def snapshot(self) -> PlannerState:
         """Everything that changes while running."""
@@ -70,7 +47,4 @@ class RunsPath(Protocol):
     """A controller that is the machine's own computer: with some planners no planner runs, as it makes the steps."""
 
     def path_run(self, planner: str) -> Planner | None:
-        """Return what follows the leg in place of the planner of that name; None if the planner itself does.
-
-        Called after every `FeedController.reset`.
-        """
+        """Return what follows the leg in place of the planner of that name, or None; called after every reset."""

@@ -12,13 +12,11 @@ from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.poscal import Displacement, counted
 from edmsim.controllers.mcu.firmware.timers import tick_time_ns
 
-POSCAL, LITERAL, DDA, SINE_TABLE, EXACT = range(5)
-"""Kinds of planners."""
+POSCAL, LITERAL, DDA, SINE_TABLE, EXACT = range(5)  # kinds of planners
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Row = Any
-"""One row of `PLANNER`; compiled code writes to it."""
+Row = Any  # one row of `PLANNER`; compiled code writes to it
 
 PLANNER = np.dtype(
     [
@@ -46,8 +44,7 @@ PLANNER = np.dtype(
 CHANGES = ("move", "counter", "along", "timer", "rate", "aim", "carrot_is_end", "heading", "speed")
 """Fields that change while a planner runs."""
 
-LIMIT = -1
-"""What is returned in place of a number of steps if one would leave what the counters count."""
+LIMIT = -1  # what is returned in place of a number of steps if one would leave what the counters count
 
 
 @exactly_compiled

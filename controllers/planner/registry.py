@@ -5,39 +5,100 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit, unit_for
+from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit, soft_limit, unit_for
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
+from edmsim.controllers.planner import run
 from edmsim.controllers.planner.course import Course
 from edmsim.controllers.planner.dda import NM
-from edmsim.controllers.planner.protocol import Planner
-from edmsim.controllers.planner.record import DDA, EXACT, LITERAL, POSCAL, SINE_TABLE
-from edmsim.controllers.planner.row_planner import RowPlanner
+from edmsim.controllers.planner.protocol import Planner, PlannerState
+from edmsim.controllers.planner.record import CHANGES, DDA, EXACT, LIMIT, LITERAL, POSCAL, SINE_TABLE, position_um
+from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError, one_of
+
+_ROOM = 64  # steps of a window for which there is room at first
+
+
+class RowPlanner:
+    """Runs a course by compiled code; see `Planner` and `make_planner`."""
+
+    def __init__(self, course: Course, speed_unit_nm_s: float, max_speed: int | None) -> None:
+        self.speed_unit_nm_s = speed_unit_nm_s
+        self._max_speed = max_speed
+        self._course = course
+        self._row = course.row[0]
+        self._room = np.zeros((_ROOM, 3), np.int64)
+
+    @property
+    def max_feed_um_s(self) -> float:
+        """Greatest path speed in um/s."""
+        return math.inf if self._max_speed is None else self._max_speed * self.speed_unit_nm_s / 1000
+
+    @property
+    def position_um(self) -> tuple[float, float]:
+        """Position counters in um, whole where start and steps are."""
+        x, y = (position_um(self._row, axis) for axis in (0, 1))
+        return (int(x) if x == int(x) else x, int(y) if y == int(y) else y)
+
+    @property
+    def path_um(self) -> float:
+        """Length travelled along the path in um."""
+        _, points, along, _ = self._course
+        return run.path_um(self._row, points, along)
+
+    @property
+    def done(self) -> bool:
+        """Whether the path's end is reached."""
+        _, points, along, lengths = self._course
+        return run.done(self._row, points, along, lengths)
+
+    def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
+        """Steps in a window of time; see `Planner.advance`."""
+        self._check_window(start_ns, end_ns, speed_units)
+        _, points, along, lengths = self._course
+        before = self._row.copy()
+        made = run.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
+        if made == LIMIT:
+            size_um = int(self._row["unit_um"])
+            raise soft_limit(next(v for v in self.position_um if not 0 <= v <= WORD * size_um), size_um)
+        if made > len(self._room):
+            self._room = np.zeros((made, 3), np.int64)
+            self._course.row[0] = before
+            run.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
+        return [Step(*step) for step in self._room[:made].tolist()]
+
+    def snapshot(self) -> PlannerState:
+        """Everything that changes while running."""
+        return {name: self._row[name].tolist() for name in CHANGES}
+
+    def restore(self, state: PlannerState) -> None:
+        """Continue where `snapshot` was taken."""
+        for name in CHANGES:
+            self._row[name] = state[name]
+
+    def _check_window(self, start_ns: int, end_ns: int, speed_units: int) -> None:
+        """Refuse a window that runs backwards in time and a speed beyond the greatest."""
+        if end_ns < start_ns:
+            raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
+        most = self._max_speed
+        if most is not None and not -most <= speed_units <= most:
+            raise InputError(f"the path speed must be -{most}..{most} units, not {speed_units}")
+
 
 __all__ = ["PLANNERS", "Kind", "Planner", "kind_of", "make_planner", "position_unit"]
 
-MOST_STEP_UM = 16
-"""Longest motor step of the planners that steer (ours: half the distance at which they look ahead)."""
+MOST_STEP_UM = 16  # longest motor step of the planners that steer (ours: half the distance at which they look ahead)
 
 
 class Kind(NamedTuple):
-    """What is particular to a planner.
+    """What is particular to a planner."""
 
-    Attributes
-    ----------
-    number : int
-        Its kind in compiled code (see `record`).
-    speed_unit_nm_s : float
-        Unit of its path speed.
-    max_speed : int or None
-        Greatest path speed in units; None if it has no limit of its own.
-    """
-
-    number: int
-    speed_unit_nm_s: float = SPEED_UNIT_NM_S
-    max_speed: int | None = MAX_SPEED
+    number: int  # its kind in compiled code (see `record`)
+    speed_unit_nm_s: float = SPEED_UNIT_NM_S  # unit of its path speed
+    max_speed: int | None = MAX_SPEED  # greatest path speed in units; None if it has no limit of its own
 
     @property
     def max_feed_um_s(self) -> float:
@@ -68,20 +129,7 @@ def kind_of(name: str) -> Kind:
 
 
 def position_unit(name: str, travel_um: float, step_um: float = STEP_UM) -> Unit:
-    """Return what a planner counts on a table: um, or steps where 16 bits hold no more.
-
-    Parameters
-    ----------
-    name : str
-        Of the planner.
-    travel_um, step_um : float
-        Travel of the table, and of one motor step.
-
-    Raises
-    ------
-    InputError
-        If there is no planner of that name, or it cannot run motors of such steps, or a table so large.
-    """
+    """Return what a planner counts on a table: um, or motor steps where 16 bits hold no more."""
     kind = kind_of(name)
     if not kind.counts:
         return "um"
@@ -96,28 +144,11 @@ def make_planner(
     unit: Unit = "um",
     step_um: float = STEP_UM,
 ) -> Planner:
-    """Make a planner for one path.
+    """Make a planner of `PLANNERS` for one path: corners (n, 2), whole um within 0..65535, but any for ``exact``.
 
-    Parameters
-    ----------
-    name : str
-        ``poscal`` (POSCAL re-aimed at every step, the default), ``poscal-literal`` (once per move, as in
-        1982), ``dda`` (an ideal line), ``sine-table`` (``poscal`` with a table in place of the square root) or
-        ``exact`` (an ideal line without the limits of integers: any feed, any corners).
-    points_um : array (n, 2)
-        Corner points of the path in um: whole ones within 0..65535, but any for ``exact``.
-    speed_unit_nm_s : float, optional
-        Speed unit in nm/s: 262.5 if not given, or 252.6 as the thesis prints it (row T-A1). That of ``exact`` is
-        1 nm/s.
-    unit : {"um", "step"}
-        What the position counters count: ``step`` takes points at whole steps, 0..65535 of them (row T-61).
-    step_um : float
-        Table travel of one motor step: whole um, up to 16; a whole number of nm for ``dda``, any for ``exact``.
-
-    Raises
-    ------
-    InputError
-        If there is no planner of that name, the path cannot be used, or the planner cannot run such motors.
+    Its speed unit is 262.5 nm/s if not given, or 252.6 as the thesis prints it (row T-A1), and 1 nm/s for ``exact``.
+    The unit ``step`` takes points at whole steps, 0..65535 of them (row T-61); `step_um` is whole, up to 16, a whole
+    number of nm for ``dda``, any for ``exact``.
     """
     kind = kind_of(name)
     _check_step(name, kind, step_um)

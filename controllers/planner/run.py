@@ -8,17 +8,7 @@ from edmsim.controllers.planner.dda import dda_path_um, run_dda
 from edmsim.controllers.planner.exact import FINE_PER_UM, path_end, run_exact
 from edmsim.controllers.planner.literal import begin_literal, literal_done, run_literal
 from edmsim.controllers.planner.poscal import begin_poscal, near, run_poscal
-from edmsim.controllers.planner.record import (
-    DDA,
-    EXACT,
-    LITERAL,
-    POSCAL,
-    SINE_TABLE,
-    Floats,
-    Ints,
-    Row,
-    place_um,
-)
+from edmsim.controllers.planner.record import DDA, EXACT, LITERAL, POSCAL, SINE_TABLE, Floats, Ints, Row, place_um
 
 
 @exactly_compiled
@@ -34,27 +24,10 @@ def begin(row: Row, points: Floats) -> None:
 def advance(
     row: Row, points: Floats, along: Floats, lengths: Ints, start_ns: int, end_ns: int, speed: int, out: Ints
 ) -> int:
-    """Run a planner for a window of time; see `Planner.advance`.
+    """Run a planner for a window; writes time in ns, axis and direction of each step to `out` (room, 3).
 
-    Parameters
-    ----------
-    row : record of `PLANNER`
-        Brought up to date.
-    points, along : (n, 2), (n,)
-        Corners of the path in um, and the length of path up to each; more rows than the path has do no harm.
-    lengths : (n - 1,)
-        Of every move, as `DDA` counts them; 0 of the others.
-    start_ns, end_ns : int
-        The window.
-    speed : int
-        In the planner's units, negative backwards.
-    out : (room, 3)
-        Written: time in ns, axis and direction of each step, as far as there is room.
-
-    Returns
-    -------
-    int
-        Number of the steps, also where there was no room for all; `LIMIT` if one would leave the counters' range.
+    Returns the number of steps, also where there was no room for all; `LIMIT` if one would leave the counters' range.
+    More rows of `points` and `along` than the path has do no harm.
     """
     if row.kind == EXACT:
         return run_exact(row, points, along, start_ns, end_ns, speed, out)

@@ -37,8 +37,7 @@ _SIZES = {"F": (0, 1), "B": (-128, 127), "W": (-32768, 32767), "L": (-(2**31), 2
 
 _PARTS = {"DATAPROGRAM": "recipes", "STEP": "steps"}
 """Parts of a data group: variables with a value for each recipe, and for each step of each; what counts them."""
-_MOST = 65534
-"""Steps of a data group at most (QVIEW); here recipes, too."""
+_MOST = 65534  # steps of a data group at most (QVIEW); here recipes, too
 
 
 class Variable(NamedTuple):
@@ -90,33 +89,17 @@ class _DataGroup:
 
 @dataclass
 class Configuration:
-    """What a configuration declares.
-
-    Attributes
-    ----------
-    constants, variables
-        By name.
-    timers : set of str
-        Names.
-    data : dict of str to DataVariable
-        Variables of data groups.
-    cards : dict of int to str or None
-        Slots of the bus, None where they are empty.
-    inputs, outputs : dict of str to str
-        Slot addresses, such as ``2.INP01``, by name.
-    shared : list of str
-        Addresses that two users have: allowed, but seldom meant.
-    """
+    """What a configuration declares, by name."""
 
     constants: dict[str, int] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
     timers: set[str] = field(default_factory=set)
     data: dict[str, DataVariable] = field(default_factory=dict)
-    cards: dict[int, str | None] = field(default_factory=dict)
-    inputs: dict[str, str] = field(default_factory=dict)
+    cards: dict[int, str | None] = field(default_factory=dict)  # slots of the bus, None where they are empty
+    inputs: dict[str, str] = field(default_factory=dict)  # slot addresses, such as ``2.INP01``
     outputs: dict[str, str] = field(default_factory=dict)
     devices: dict[str, Declaration] = field(default_factory=dict)
-    shared: list[str] = field(default_factory=list)
+    shared: list[str] = field(default_factory=list)  # addresses that two users have: allowed, but seldom meant
     _groups: dict[str, _DataGroup] = field(default_factory=dict)
 
     @property

@@ -14,12 +14,10 @@ from edmsim.controllers.qcl.configuration import Configuration, Variable
 from edmsim.controllers.qcl.program import Expression, QclProgram
 from edmsim.errors import InputError
 
-LONGEST_PASS = 10_000
-"""Statements of a pass at most (ours): a loop without WAIT gives the others their turn, too."""
+LONGEST_PASS = 10_000  # statements of a pass at most (ours): a loop without WAIT gives the others their turn, too
 
 
-LONGEST_MS = 2**31 - 1
-"""A timer's time at most (ours: a long)."""
+LONGEST_MS = 2**31 - 1  # a timer's time at most (ours: a long)
 
 
 class Device(Protocol):

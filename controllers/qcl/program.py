@@ -30,19 +30,14 @@ MOST_WORDS, DEEPEST = 200, 20
 
 
 class Statement(NamedTuple):
-    """A statement: its line, what it does, on what, with which expression, and where it may lead.
-
-    ``verb`` is ``assign``, ``command``, ``wait``, ``if``, ``jump`` or ``end``; ``target`` is a name, or device and
-    member or command; ``at`` are recipe and step of a data group's variable; ``to`` is the number of the statement
-    that an IF that fails, or a JUMP, leads to.
-    """
+    """A statement: its line, what it does, on what, with which expression, and where it may lead."""
 
     line: int
-    verb: str
-    target: tuple[str, ...] = ()
+    verb: str  # assign, command, wait, if, jump or end
+    target: tuple[str, ...] = ()  # a name, or device and member or command
     value: Expression = ()
-    to: int = 0
-    at: tuple[Expression, ...] = ()
+    to: int = 0  # number of the statement that an IF that fails, or a JUMP, leads to
+    at: tuple[Expression, ...] = ()  # recipe and step of a data group's variable
 
 
 class QclProgram(NamedTuple):

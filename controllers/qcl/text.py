@@ -10,8 +10,7 @@ from edmsim.errors import InputError
 _WORD = re.compile(r"\s*([0-9]+|[A-Za-z_]\w*(?::[A-Za-z_]\w*)?|[=*/+()<>,[\]-])")
 
 
-MOST_DIGITS = 18
-"""Digits of a number (ours: the widest variable, of 32 bits, has ten)."""
+MOST_DIGITS = 18  # digits of a number (ours: the widest variable, of 32 bits, has ten)
 
 
 class Problem(NamedTuple):
@@ -40,10 +39,7 @@ class QclError(InputError):
 
 
 def whole_number(text: str) -> int:
-    """Return the number that digits, perhaps behind a minus, write.
-
-    Raises `InputError` if they are not numbers, or more than any variable has.
-    """
+    """Return the number that digits, perhaps behind a minus, write; `InputError` for more than any variable has."""
     if not re.fullmatch(f"-?[0-9]{{1,{MOST_DIGITS}}}", text):
         raise InputError(f"{text!r}; it must be a whole number of at most {MOST_DIGITS} digits")
     return int(text)
@@ -56,18 +52,7 @@ def code_lines(text: str) -> list[tuple[int, str]]:
 
 
 def words_of(line: str) -> list[str]:
-    """Split a line of a program into numbers, names, names of a device's member, and operators.
-
-    Raises
-    ------
-    InputError
-        It has a character that belongs to none.
-
-    Examples
-    --------
-    >>> words_of("Axis:setvel=(speed*Axis:maxvel)/100")
-    ['Axis:setvel', '=', '(', 'speed', '*', 'Axis:maxvel', ')', '/', '100']
-    """
+    """Split a line of a program into numbers, names, names of a device's member (``Axis:setvel``), and operators."""
     words, at = [], 0
     while at < len(line):
         found = _WORD.match(line, at)

@@ -21,54 +21,60 @@ BOARD, PAGE = (Path(__file__).parents[1] / name for name in ("leaderboard.json",
 INTRODUCTION = """\
 # Benchmark of feed controllers
 
-Each table below compares controllers on the cuts of one environment. This command makes such a table of two
-controllers on four machines; name your own in their place:
+Each table on this page compares controllers on the cuts of one environment. This command makes such a table of
+two controllers on four machines; name your own in their place:
 
 ```sh
 edmsim evaluate edmsim/GapFeed-v2 --controllers counts,voltage --seeds 4
 ```
 
-`edmsim evaluate edmsim/GapFeed-v2` without options makes the whole table; `--page compared.md` writes it as a page
-with a figure, for as many controllers and policies as are named. All controllers cut the same machines and
-workpieces, which are drawn as the [environment](environments.md) says, from seeds that are held back: no gain was
-searched on them.
+`edmsim evaluate edmsim/GapFeed-v2` without options makes the whole table; `--page compared.md` writes a page with
+a figure. All controllers cut the same machines and workpieces, drawn as the [environment](environments.md) says,
+from held-back seeds, which no search used.
 
-Look at the *score* first. A score of 0 is what `fixed` earns, which feeds at one speed and looks at nothing; 1 is
-what the oracle earns, which sees the true gap. Values in parentheses are 95 % bootstrap intervals over the cuts.
+Look at the *score* first: 0 is the return of `fixed`, which feeds at a constant speed, and 1 is the return of the
+oracle, which sees the true gap. Values in parentheses are 95 % bootstrap intervals over the cuts.
 
-- *Score*: (return - return of `fixed`) / (return of the oracle - return of `fixed`), machine by machine. The table
-  shows the interquartile mean, which leaves out the best and the worst quarter of the machines. A single lost wire
-  therefore shows in the mean return, the cost and the breaks, but not in the score.
-- *Oracle*: the reference. It sees the true gap and wire temperature, and makes each cut with gaps of {gaps} um; the
-  one that earns most counts. It chooses nothing but the feed.
-- *Cutting rate*: length cut times local height over machine time. A lost wire costs the time to thread another one,
-  60 s (MaxRate: 20 s), and ends the cut if there is no other.
-- *Jam*: a short that stayed, a wire driven into the metal further than the model holds, or a controller that gave
-  up at a short. On a real machine the wire would be lost, so that a jam costs as much as a break.
-- *Wire breaks, jams*: "none (at most 419)" says that no wire broke, but that the cuts are too short to exclude up
-  to 419 breaks per m (Poisson).
+- *Score*: (return - return of `fixed`) / (return of the oracle - return of `fixed`), machine by machine. The
+  table shows the interquartile mean, which leaves out the best and the worst quarter of the machines. So a single
+  lost wire shows in the mean return, the cost and the breaks, but not in the score.
+- *Oracle*: the reference. It sees the true gap and wire temperature, and makes each cut with gaps of {gaps} um;
+  the cut with the highest return counts. It sets only the feed.
+- *Cutting rate*: length cut times local height over machine time. A lost wire costs the time to thread another
+  one, 60 s (MaxRate: 20 s), and ends the cut if there is no other.
+- *Jam*: a persistent short, a wire driven into the metal beyond the range of the model, or a controller that gave
+  up at a short. On a real machine the wire would be lost, so a jam costs as much as a break.
+- *Wire breaks, jams*: "none (at most 419)" means that no wire broke, but that the cuts are too short to exclude
+  up to 419 breaks per m (Poisson).
 - *Return, cost*: the sums of the environment's rewards and costs ([environments](environments.md)).
-- *Path error*: root mean square of the distance from the path to the wire's true place, over the length cut; in
-  Corner over the length within 100 um of the corner; in Trim of the finished wall's distance from its place.
-- *Edge error*: the same for the distance from the contour to the cut edge. It contains the error of an offset that
-  is wrong for the drawn machine.
+- *Path error*: root mean square of the distance from the path to the wire's true position, over the length cut;
+  in Corner over the length within 100 um of the corner; in Trim of the finished wall's distance from its target.
+- *Edge error*: the same for the distance from the contour to the cut edge. It includes the error of an offset
+  that is wrong for the drawn machine.
 
-Five environments have other references. In Corner a score of 0 is the constant setting that earned most on 12
-training machines, in Trim the constant feed and offset that did on 12, and in ThinWire the fastest constant setting
-that broke no wire of 24 (`python docs/make/lines.py` makes these cuts). The oracle of the latter two makes each
-cut several times and keeps the best: in Trim with twelve pairs of feed and offset, in ThinWire with six periods. A
-controller that finds out more within the cut may earn more than that. In Corner 1 is `lead-oracle`, which leads the
-guides by the wire's true bend. In MaxRate `fixed-period` is 0, and 1 is `heat-oracle`, which sets the period by the
-wire's true temperature. In MaxRateShift 0 is the best law of MaxRate, `heat-flux`, and 1 is `heat-oracle`; in
-ThinWireShift 0 is the constant of ThinWire and 1 is `climb`, its best law: some of its wires break before they boil,
-so that the true temperature is no bound. In Part 0 is what the technology has, and 1 is `corrected`, a law without
-any privilege; errors and Ra there are of the finished parts.
+These environments have other references:
 
-The gains of the classic controllers were found by `edmsim tune gains NAME --method evolution --out DIR` on other
-seeds of GapFeed and HeightStep, for the return, the feed of `fixed` by `python docs/make/lines.py`; each file in
-`models/gains/` names its command.
-`counts` keeps its documented constants. A search finds others that earn more, but with them the feed oscillates where
-windows last 0.25 s or the removal halves, and a machine's default must not do that
+- Corner: 0 is the constant setting that earned most on 12 training machines, 1 is `lead-oracle`, which offsets
+  the guides by the wire's true bend.
+- Trim: 0 is the constant feed and offset that earned most on 12 training machines, 1 is the best of twelve pairs
+  of feed and offset for each machine.
+- ThinWire: 0 is the fastest constant setting that broke no wire of 24 training machines, 1 is the best of six
+  periods for each machine.
+- MaxRate: 0 is `fixed-period`, 1 is `heat-oracle`, which sets the period by the wire's true temperature.
+- MaxRateShift: 0 is `heat-flux`, the best law of MaxRate, 1 is `adaptive-hold`, a law
+  without privileged knowledge.
+- ThinWireShift: 0 is the constant of ThinWire, 1 is `climb`, its best law; some wires break before they boil, so
+  the true temperature is not a bound.
+- Part: 0 is the technology, 1 is `corrected`, a law without privileged knowledge; errors and Ra are of the
+  finished parts.
+
+`python docs/make/lines.py` makes the cuts of the constants. In Trim and ThinWire a controller that learns more
+within the cut may earn more than the reference.
+
+`edmsim tune gains NAME --method evolution --out DIR` found the gains of the laws on other seeds of GapFeed and
+HeightStep, for the return, and `python docs/make/lines.py` the feed of `fixed`; each file in `models/gains/`
+names its command. `counts` has its documented constants. A search finds others that earn more, but with them the
+feed oscillates in windows of 0.25 s or at half the removal, which a machine's default must not do
 (`tests/controllers/test_feed_controllers.py`).
 """
 CLOSING = """\
@@ -94,7 +100,7 @@ def page(comparisons: Sequence[Comparison]) -> str:
 def headroom(comparisons: Sequence[Comparison]) -> list[str]:
     """Return a table of what a constant, the best law and the reference earn in every environment."""
     heads = "environment", "constant, score 0", "best law", "its score", "reference, score 1", "wires lost, jams"
-    rows = ["## What is left to be learned", "", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    rows = ["## Constants, laws and references", "", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for comparison in comparisons:
         lines, best = lines_of(comparison.env_id), _best_law(comparison)
         compared = (lines.blind, best or lines.blind, lines.reference)
@@ -110,10 +116,10 @@ def headroom(comparisons: Sequence[Comparison]) -> list[str]:
 
 
 def _best_law(comparison: Comparison) -> str | None:
-    """Return the classic controller of the best score, apart from the lines."""
-    lines = lines_of(comparison.env_id)
-    ends = lines.blind, lines.reference
-    return next((name for name in ranked(comparison) if name not in ends and not _is_policy(name)), None)
+    """Return the classic controller of the best score, apart from the constant and from those that see the truth."""
+    blind = lines_of(comparison.env_id).blind
+    honest = (name for name in ranked(comparison) if "oracle" not in name and not _is_policy(name))
+    return next((name for name in honest if name != blind), None)
 
 
 def verdicts(comparison: Comparison) -> list[str]:
@@ -121,18 +127,19 @@ def verdicts(comparison: Comparison) -> list[str]:
     figures, best = comparison.figures, _best_law(comparison)
     if best is None:
         return []
-    score = figures[best]["score"]
-    text = f"The best classic controller, `{best}`, scores {shown('score', score)}."
-    if score.high - score.low > 1.0:
-        text += " So few cuts of so different machines tell little."
-    elif score.value >= NEARLY_ALL and best.startswith("adaptive-hold"):
-        text += " A law that finds out what the machine bears comes as far as the reference here."
+    score, reference = figures[best]["score"], lines_of(comparison.env_id).reference
+    does = "is the reference" if best == reference else f"scores {shown('score', score)}"
+    text = f"The best classic controller, `{best}`, {does}."
+    if best == reference:
+        pass
+    elif score.high - score.low > 1.0:
+        text += " These are too few cuts for such different machines."
     elif score.value >= NEARLY_ALL and lines_of(comparison.env_id) is not USUAL:
-        text += " A constant setting reaches the reference here, which chooses among constants and longer pauses."
+        text += " So a constant setting reaches the reference, which chooses among constants and longer pauses."
     elif score.value >= NEARLY_ALL:
         text += (
-            " A servo with a constant set-point already comes as far as the reference here, which chooses nothing "
-            "but the feed, so little can be gained by a better feed law."
+            " So a servo with a constant set-point reaches the reference, which sets only the feed: a better feed "
+            "law would gain little."
         )
     return [text, *(_of_policy(comparison, name, best) for name in figures if _is_policy(name))]
 
@@ -143,10 +150,10 @@ def _is_policy(name: str) -> bool:
 
 def _of_policy(comparison: Comparison, policy: str, best: str) -> str:
     own, other = (comparison.figures[name]["score"] for name in (policy, best))
-    verdict = "no more and no less for certain"
+    verdict = "not significantly different from"
     if own.low > other.high or own.high < other.low:
-        verdict = "more" if own.low > other.high else "less"
-    return f"`{policy}` scores {shown('score', own)}, {verdict} than `{best}`."
+        verdict = "more than" if own.low > other.high else "less than"
+    return f"`{policy}` scores {shown('score', own)}, {verdict} `{best}`."
 
 
 def main() -> None:

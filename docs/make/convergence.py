@@ -36,20 +36,19 @@ _CORNERS = "G21 G90\nG0 X-2 Y0.5\nG41 D1\nG1 X0 Y0.5\nY1\nX1\nY0\nX0\nY0.5\nG40\
 _INTRODUCTION = """\
 # Convergence
 
-What the resolutions cost in truth, written by `python docs/make/convergence.py`: straight cuts of 20
-mm tool steel at a fixed feed of {feed:g} um/s and under the `counts` law, {cut_s:g} s after {settle_s:g} s, and a
-punch of 1 x 1 mm, {height:g} mm high; mean over {seeds} seeds and half its 95 % interval. Pulses per second are of
-the machine that made this page.
+This page measures the accuracy of the resolutions (`python docs/make/convergence.py`): with straight cuts of 20
+mm tool steel at a fixed feed of {feed:g} um/s and under the `counts` law, {cut_s:g} s after {settle_s:g} s, and
+with a punch of 1 x 1 mm, {height:g} mm high. Figures are the mean over {seeds} seeds and half its 95 % interval.
+Pulses per second are of the machine that made this page.
 
-The default cut converges: shorts are particles that bridge the gap somewhere, for which no slice is too thin or
-too thick. A rough cut ({rough:g} mm, pulses of 11 mJ every 10 us, a servo that holds {open_share:g} of them open)
-does not. The finer it is resolved, the more the wire shakes and the more often it touches. Rays, cells, tracing
-and films make no difference when they alone are made finer, nor do slices or modes; slices and modes together do.
-A discharge kicks the wire on a short length, and raises a bump of `J / (2 sqrt(T mu))` = 19 um there, which runs
-along it as a wave. Where the model has slices thin enough to see the bump and modes enough to make it, ignition,
-which falls by e within a few um of gap, follows the bumps; where it has not, it follows the wire as a whole and
-holds it in its place. So `fast` is right in feed and lag of a rough cut within a tenth to a fifth, and shows two
-thirds of its vibration. With 25 slices and 24 modes the vibration is 13 um.
+The default cut converges: its shorts are particles that bridge the gap, which do not depend on the slices. A
+rough cut ({rough:g} mm, pulses of 11 mJ every 10 us, a servo that holds {open_share:g} of them open) does not
+converge: at finer resolutions the wire vibrates more and touches the metal more often. Finer rays, cells, tracing
+or films alone make no difference, nor do slices or modes alone; slices and modes together do. A discharge kicks
+the wire on a short length and raises a bump of `J / (2 sqrt(T mu))` = 19 um, which runs along it as a wave.
+Ignition falls by a factor of e within a few um of gap. If slices and modes resolve the bumps, ignition follows
+them; if not, it follows the wire as a whole and stabilises it. So at `fast` feed and lag of a rough cut are right
+within a tenth to a fifth, and the vibration is two thirds. With 25 slices and 24 modes it is 13 um.
 """
 
 

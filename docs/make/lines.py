@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
 
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation.episode import Result, cut
+from edmsim.progress import in_threads
 
 SET_POINT = "set-point:open_target_share="
 PACE = "open_target_share=0.05"
@@ -33,6 +33,8 @@ TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
           for period in (0.7, 1.0, 1.4, 2.0)),
         *(f"{SET_POINT}{share:g},on_factor=1,period_factor=0.7" for share in CORNER_SHARES[1:]),
         *(f"lead-oracle:{PACE},on_factor=1,period_factor=0.7,{corner}" for corner in AT_CORNERS),
+        *(f"lead-oracle:open_target_share=0.1,on_factor=1,period_factor=0.7,average_s={average_s:g}"
+          for average_s in (0.02, 0.05, 0.1, 0.25, 0.5)),
         *(f"{SET_POINT}0.05,on_factor=1,period_factor=0.7,before_um=20,behind_um=100,corner_factor=2,pull_N_m={pull:g},"
           "fade_um=150" for pull in (0.0, -0.05, -0.1)),
     )),
@@ -61,10 +63,9 @@ def table(task: str) -> list[str]:
     """Return what every candidate of a task earned and lost in the mean, as rows of Markdown."""
     seeds, candidates = TASKS[task]
     rows = ["| candidate | return | net rate, mm2/min | wires lost | jams |", "|---|---|---|---|---|"]
-    with ThreadPoolExecutor() as pool:
-        for name in candidates:
-            rows.append(_row(name, list(pool.map(partial(cut, env_id_of(task), controller=name), seeds))))
-            sys.stderr.write(f"{rows[-1]}\n")
+    for name in candidates:
+        rows.append(_row(name, in_threads(partial(cut, env_id_of(task), controller=name), seeds)))
+        sys.stderr.write(f"{rows[-1]}\n")
     return rows
 
 

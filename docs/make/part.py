@@ -74,9 +74,9 @@ def learn(steps: int, seed: int) -> str:
         program = Path(folder) / "small.ngc"
         program.write_text(SMALL, encoding="utf-8")
         options = {**MACHINE, "program": str(program)}
-        lanes = VecNormalize(edmsim.envs.make_sb3_vec_env(ID, 4, seed=seed, **options), gamma=1.0)
+        vec_env = VecNormalize(edmsim.envs.make_sb3_vec_env(ID, 4, seed=seed, **options), gamma=1.0)
         model = PPO(
-            "MlpPolicy", lanes, n_steps=8, batch_size=32, n_epochs=10, gamma=1.0, learning_rate=2e-3, seed=seed,
+            "MlpPolicy", vec_env, n_steps=8, batch_size=32, n_epochs=10, gamma=1.0, learning_rate=2e-3, seed=seed,
             policy_kwargs={"log_std_init": -1.0, "net_arch": [32, 32]}, device="cpu",
         )  # fmt: skip
         returns = Returns()

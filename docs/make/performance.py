@@ -10,7 +10,7 @@ import re
 import sys
 from pathlib import Path
 
-from lanes import processor
+from vector_envs import processor
 
 from edmsim.bench.pairs import PAIRS, Pairs, compare
 from edmsim.bench.profile import PARTS, LoopProfile, draw, profile

@@ -62,45 +62,49 @@ FAILURES = (
 _INTRODUCTION = """\
 # Planners
 
-A planner turns path and speed into the steps of two motors. Their errors on straight moves, written by
-`python docs/make/planners.py`: {directions} directions, 1 degree apart, at {speeds} speeds of 1 to 127
-units of 262.5 nm/s, over {long} um and over {short} um.
+    edmsim cut examples/punch.ngc --planner exact --out out/exact
 
-| planner | what it is |
+A planner turns path and speed into the steps of two motors.
+
+| planner | |
 |---|---|
-| `poscal` | the default: the integer routines of 1982, re-aimed at every step at a point 32 um ahead |
-| `poscal-literal` | the algorithm as the thesis has it: POSCAL once per move, each axis stops at its own target |
+| `poscal` | the default: the integer routines of 1982, aimed at every step at a point 32 um ahead |
+| `poscal-literal` | the algorithm of the thesis: POSCAL once per move, and each axis stops at its own target |
 | `dda` | an ideal line: each axis within half a step of a point that runs along it |
-| `sine-table` | as `poscal`, its direction from a table of 255 sines in place of the square root (T-72) |
+| `sine-table` | like `poscal`, with the direction from a table of 255 sines in place of the square root (T-72) |
 | `exact` | an ideal line in whole attometres: any feed in nm/s, any corners, no greatest feed of its own |
-| `mcu` | no planner: the computer of 1982 makes the steps itself, with `--controller mcu --planner poscal-literal` |
+| `mcu` | no planner: the computer of 1982 makes the steps, with `--controller mcu --planner poscal-literal` |
 
-In a cut the planner says when a step comes, whatever the controller. One pair is different: with `--controller mcu
---planner poscal-literal` no planner runs. The program stores XVELOC and YVELOC, the counters of the 8253 run down,
-and their interrupts make the steps ([the controller of 1982](controller-1982.md#which-makes-the-steps)).
+The planner sets the times of the steps, with any controller. The exception is `--controller mcu --planner
+poscal-literal`, which runs no planner: the program stores XVELOC and YVELOC, the counters of the 8253 run down, and
+their interrupts make the steps ([the controller of 1982](controller-1982.md#which-makes-the-steps)).
+
+The tables below have the errors on straight moves over {long} um and over {short} um, in {directions} directions,
+1 degree apart, at {speeds} speeds of 1 to 127 units of 262.5 nm/s (`python docs/make/planners.py`):
 
 - *path*: distance of the position counters from the line after every step, the largest and the rms of all directions.
   The motors have steps of 2 um.
-- *mean speed*: from the first step to the last, along the line, against the commanded one; the lowest and the
-  highest of all directions. Over {short} um a step more or less is {quantum:.0f} % of the way.
-- *ripple*: rms deviation of the speed over stretches of {stretch:g} um from its mean, in the worst direction; what
-  `dda` has of it the steps alone make.
-- *end*: distance from where the motors stop to the end of the move, in the worst direction.
+- *mean speed*: from the first step to the last, along the line, relative to the commanded one; the lowest and the
+  highest of all directions. Over {short} um one step is {quantum:.0f} % of the distance.
+- *ripple*: rms deviation of the speed over stretches of {stretch:g} um from its mean, in the worst direction; that of
+  `dda` comes from the steps alone.
+- *end*: distance of the motors' last position from the end of the move, in the worst direction.
 
 ## What follows
 
 - `poscal` keeps the line to {poscal:.2f} um, `sine-table` to {table:.2f} um and `dda` to {dda:.2f} um, in every
-  direction and at every speed: all within one step. The table loses nothing against the square root, because the next
-  step corrects what half an entry of it gets wrong.
+  direction and at every speed: all within one step. The table is as good as the square root, because the next step
+  corrects the error of half an entry.
 - The mean speed of `poscal` and `sine-table` is right to {speed:.1f} % over {long} um; their axis speeds are rounded
-  down. `poscal-literal` rounds down to whole units, so that one axis may need twice the time of the other;
-  where the sum of squares wraps it runs too fast, at worst many times (last table).
-- `poscal-literal` strays by up to {literal:.0f} um within {long} um: one unit is coarse at low speed, and nothing
-  corrects it on the way. It reaches the end only because each axis stops at its own target, and not where REDUC has
-  dropped an axis ({lost:.0f} um off in the last table).
-- `mcu` strays as `poscal-literal` does, to {machine:.2f} um the same: its steps come some 0.1 ms later, which is two
-  thousandths of a step at the greatest speed. In a cut the speed changes, and each axis takes the new one at its own
-  next interrupt: a cut along (1500, 400) um strayed by 8.6 um with `mcu`, where 127 units throughout stray by 8.2.
+  down. `poscal-literal` rounds down to whole units, so one axis may need twice the time of the other. If the sum of
+  squares wraps, it runs too fast, at worst many times (last table).
+- `poscal-literal` leaves the line by up to {literal:.0f} um within {long} um: one unit is coarse at low speed, and
+  nothing corrects the error on the way. It reaches the end because each axis stops at its own target, but not if
+  REDUC has dropped an axis ({lost:.0f} um off in the last table).
+- `mcu` has the errors of `poscal-literal`, within {machine:.2f} um: its steps come some 0.1 ms later, which is two
+  thousandths of a step at the greatest speed. In a cut the speed changes, and each axis takes the new speed at its
+  own next interrupt: a cut along (1500, 400) um left the line by 8.6 um with `mcu`, and by 8.2 um at
+  a constant 127 units.
 
 ![Path error of each planner by direction](planners.png)
 """

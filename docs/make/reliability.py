@@ -48,8 +48,8 @@ def soak(found: Known) -> str:
         )
     if one := found.get("kills"):
         rows[f"{one['killed']} kills of {one['cuts']} cuts"] = (
-            f"{one['equal']} of {one['cuts']} ended as the one nobody killed; {one['with_checkpoint']} kills left a "
-            "checkpoint to go on from, others came before the first or behind the results"
+            f"{one['equal']} of {one['cuts']} ended like a cut without a kill; {one['with_checkpoint']} kills left a "
+            "checkpoint to resume from, others were before the first checkpoint or after the results"
         )
     if one := found.get("vectors"):
         for kind, same in one["same_rewards"].items():
@@ -58,10 +58,10 @@ def soak(found: Known) -> str:
     if one := found.get("open"):
         rows[f"plants and environments, {one['times']} times"] = f"left open: {_left(one['left'])}"
     if one := found.get("sweep"):
-        alike = "the same, to the bit, as" if one["same_as_local"] else "not the same as"
+        alike = "the same, bit for bit, as" if one["same_as_local"] else "not the same as"
         rows[f"{one['cuts']} cuts on two Ray nodes"] = (
             f"a node lost after {one['node_lost_after']}, the driver killed after {one['driver_killed_after']}; "
-            f"missing {one['missing']}, twice {one['twice']}, made again though done "
+            f"missing {one['missing']}, twice {one['twice']}, repeated "
             f"{one['made_again_though_done']}, failed {one['failed']}; rows are {alike} those of this computer"
         )
     return "\n".join(["| what | result |", "|---|---|", *(f"| {what} | {text} |" for what, text in rows.items())])

@@ -15,7 +15,7 @@ from posixpath import basename  # any function that does nothing, and every proc
 from typing import Any
 
 import numpy as np
-from lanes import processor
+from vector_envs import processor
 
 from edmsim.sweep.engine import Cluster, Processes
 from edmsim.sweep.perform import Outcome, blank, perform
@@ -119,7 +119,7 @@ def measure(folder: Path) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]
         ("memory of their driver", f"{1e-3 * memory:.2f} GB"),
         ("`windows.parquet` of all, if recorded",
          f"{1e-6 * windows:.1f} TB, through the driver at {1e-6 * windows * runs_per_s:.0f} MB/s"),
-        ("begun again with all of it done", f"{1e6 * (plan_s + read_s) / 60:.0f} min to the first that is missing"),
+        ("restart of a complete sweep", f"{1e6 * (plan_s + read_s) / 60:.0f} min to the first that is missing"),
     ]  # fmt: skip
     return measured, follows
 

@@ -23,14 +23,16 @@ from edmsim.evaluation.lines import OF_TASK
 from edmsim.recording.figures.palette import BLUE, MUTED
 
 TASKS = Path(__file__).parents[1] / "tasks"
-SHOWN = {"MaxRateShift": ("max-rate-shift", 104), "ThinWireShift": ("thin-wire-shift", 106)}
-"""Name of the page, and seed of the machine: one whose wires have a limit within reach of the supply."""
+THIN = next(law for law in OF_TASK["ThinWireShift"].compared if law.startswith("adaptive-hold"))
+SHOWN = {
+    "MaxRateShift": ("max-rate-shift", 104, "adaptive-hold"), "ThinWireShift": ("thin-wire-shift", 106, THIN),
+}  # fmt: skip
+"""Name of the page, seed of the machine, one whose wires have a limit within reach of the supply, and the law."""
 EVERY_S = 2.0
 
 
-def followed(task: str, seed: int) -> tuple[np.ndarray, list[float]]:
+def followed(task: str, seed: int, name: str) -> tuple[np.ndarray, list[float]]:
     """Return rows of time, flux held, and the limit's 5, 50 and 95 % (n, 5); and when wires broke."""
-    name = next(law for law in OF_TASK[task].compared if law.startswith("adaptive-hold"))
     law = from_text(name)
     assert isinstance(law, ServoLaw)
     rule = law.period
@@ -51,8 +53,8 @@ def followed(task: str, seed: int) -> tuple[np.ndarray, list[float]]:
 
 def draw(task: str) -> None:
     """Draw a shift."""
-    page, seed = SHOWN[task]
-    rows, broke_s = followed(task, seed)
+    page, seed, name = SHOWN[task]
+    rows, broke_s = followed(task, seed, name)
     figure, axes = plt.subplots(figsize=(6.4, 3.0))
     minutes = rows[:, 0] / 60.0
     likely = "limit, 90 % of the chance"

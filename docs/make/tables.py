@@ -119,7 +119,7 @@ def described(parameter: inspect.Parameter, info: Any) -> tuple[str, ...]:
     else:
         name = f"{option(parameter, info)} {word(parameter, info)}"
     if parameter.default is parameter.empty:
-        default = "must be given"
+        default = "required"
     else:
         shown = parameter.default is not None and bare(parameter) is not bool
         default = f"`{parameter.default}`" if shown else ""

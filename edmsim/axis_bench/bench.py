@@ -32,8 +32,7 @@ from edmsim.plant.axes.encoder import read_phases
 from edmsim.plant.axes.marks import LONG_AGO_NS
 from edmsim.plant.axes.steps import DIR_OPEN, STEP_OPEN, move
 
-_TURN_NS = 10_000_000
-"""A drive is asked for what it sends unasked so often (ours)."""
+_TURN_NS = 10_000_000  # a drive is asked for what it sends unasked so often (ours)
 _QUIET_NS, _LONGEST_TALK_NS = 20_000_000, 1_000_000_000
 """A talk is over after so long without a byte, or so long at all (ours)."""
 _PHASES = {"A": PHASE_A, "B": PHASE_B, "AB": PHASE_A | PHASE_B}

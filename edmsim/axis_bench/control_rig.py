@@ -10,8 +10,15 @@ from numpy.typing import NDArray
 
 from edmsim.axis_bench.bench import AxisBench
 from edmsim.controllers.axis.drive import Drive
-from edmsim.controllers.axis.elcam.mcu_g3 import CYCLE_S, ControlAxis, MotionControl
-from edmsim.controllers.axis.elcam.mcu_g3_servo import COMPENSATION, FEED_FORWARD, TARGET, AxisLoop
+from edmsim.controllers.axis.elcam.mcu_g3 import (
+    COMPENSATION,
+    CYCLE_S,
+    FEED_FORWARD,
+    TARGET,
+    AxisLoop,
+    ControlAxis,
+    MotionControl,
+)
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.numeric import finite
 

@@ -48,26 +48,9 @@ def run(
     unplugged: NDArray[np.int64], until_ns: int, samples: NDArray[np.void], changes: NDArray[np.void],
     noted: NDArray[np.int64],
 ) -> int:
-    """Run drives and axes to a time.
+    """Run drives and axes to a time, the table by MuJoCo if there is a `link`; returns `DONE`, `FULL` or `LOST`.
 
-    Parameters
-    ----------
-    state : records of `STATE` (1,)
-        Of the table that MuJoCo moves: its time.
-    link : FullLink or None
-        That table; None where edmsim's own integrator moves all axes.
-    moves : records of `MOVE` (n,)
-    unplugged : int64 (axes,)
-        Bits of `steps`.
-    samples, changes : records of `SAMPLE_ROW` and `CHANGE_ROW`
-        Room for notes; `samples` may have none, and then none are taken.
-    noted : int64 (2,)
-        How many there are of each.
-
-    Returns
-    -------
-    int
-        `DONE`, `FULL` or `LOST`.
+    `samples` and `changes` are room for notes, of which `noted` (2,) counts those there are.
     """
     noted[:] = 0
     if link is not None:

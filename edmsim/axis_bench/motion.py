@@ -20,35 +20,13 @@ from edmsim.plant.kernel.declare import sizes_of
 from edmsim.plant.kernel.state import STATE
 from edmsim.plant.mechanics.mujoco_table import TableMechanics
 
-_CHANGES, _SAMPLES = 64, 4096
-"""Room for notes of one compiled run (ours)."""
+_CHANGES, _SAMPLES = 64, 4096  # room for notes of one compiled run (ours)
 _LONGEST_US = 100.0
 """Time step of MuJoCo (ours): 0.2 of the radian of the swing of the DEM-15's carriages on their screws."""
 
 
 class BenchAxes:
-    """Drives and axes, the steps still to come, and what is noted of them.
-
-    Parameters
-    ----------
-    drives : mapping of str to drive
-        By axis; they are copied and switched on at time 0.
-    mechanics : str
-        ``modal`` or ``mujoco``.
-    machine : Machine or None
-        Whose x and y these are; without one every axis' screw and table are its drive's.
-    seed : int
-        Of the encoders' noise.
-
-    Attributes
-    ----------
-    drives : Drives
-        The drives, and the rows of the axes.
-    trace : bool
-        Whether samples are noted.
-    unplugged : int64 (axes,)
-        Bits of `steps`.
-    """
+    """Drives by axis, copied and on from time 0, the steps still to come, and what is noted of them."""
 
     def __init__(self, drives: Mapping[str, Drive], mechanics: str, machine: Machine | None, seed: int) -> None:
         if mechanics not in ("modal", "mujoco"):
@@ -68,9 +46,9 @@ class BenchAxes:
         if self._table is not None:
             self._put_into(self._table, place_um)
         self.now_ns = 0
-        self.trace = False
+        self.trace = False  # whether samples are noted
         self.moves: NDArray[np.void] = np.zeros(0, MOVE)
-        self.unplugged = np.zeros(N_AXES, np.int64)
+        self.unplugged = np.zeros(N_AXES, np.int64)  # bits of `steps` of every axis
         self._notes = np.zeros(_SAMPLES, SAMPLE_ROW), np.zeros(_CHANGES, CHANGE_ROW), np.zeros(2, np.int64)
         self._samples: list[NDArray[np.void]] = []
         self._changes: list[NDArray[np.void]] = []
@@ -85,10 +63,7 @@ class BenchAxes:
                 table.set_motor(axis, self.drives.axes.motors[axis : axis + 1])
 
     def run_to(self, until_ns: int) -> None:
-        """Let time pass until then.
-
-        Raises `EdmsimError` if a drive commands more than its supply, or an axis is out of range or not finite.
-        """
+        """Let time pass until then; `EdmsimError` if an axis is out of range, or told more than its supply."""
         samples, changes, noted = self._notes
         traced = samples if self.trace else samples[:0]
         axes, link = self.drives.axes, self._table.link if self._table else None

@@ -9,12 +9,10 @@ from typing import NamedTuple
 from edmsim.compiled.axis_rows import SENT
 from edmsim.controllers.axis.drive import Drive, SerialDrive
 
-BITS = 10
-"""Bits of a byte on the line: start, eight of data from the lowest, stop."""
+BITS = 10  # bits of a byte on the line: start, eight of data from the lowest, stop
 
 
-_NO_BAUD = 9600.0
-"""Of the line of a drive that has none."""
+_NO_BAUD = 9600.0  # of the line of a drive that has none
 
 
 class Byte(NamedTuple):
@@ -102,13 +100,7 @@ class Sender:
 
 
 class SerialLink:
-    """Both directions of the line between a terminal and a drive.
-
-    Parameters
-    ----------
-    drive : drive
-        One without a serial line answers nothing.
-    """
+    """Both directions of the line between a terminal and a drive; one without a serial line answers nothing."""
 
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
@@ -151,15 +143,7 @@ class SerialLink:
         self._to_host.put(data, at_ns)
 
     def exchange(self, now_ns: int, running: bool, unasked: bool) -> None:
-        """Give the drive what has come by now, and take what it sends.
-
-        Parameters
-        ----------
-        running : bool
-            Whether it is out of reset; bytes that come in reset are lost.
-        unasked : bool
-            Whether to ask it for what it sends of its own accord.
-        """
+        """Give the drive what has come by now, lost in reset, and take what it sends, also of its own accord."""
         record = self._drive.record
         sent, n_sent = record["sent"][0], int(record["n_sent"][0])
         for k in range(max(self._drained, n_sent - SENT), n_sent):

@@ -18,7 +18,7 @@ STANDARD: dict[str, Any] = {
     "action": "speed", "randomise": None, "height_mm": None, "tension": None, "episode_s": None, "length_mm": 30.0,
 }
 """The standard set-up, cut for as long as it takes to time it."""
-LANES = 64
+NUM_ENVS = 64
 SETTLE_STEPS = 400
 """Steps before timing, so that the wire cuts a full kerf."""
 KNOB_STEPS, RESETS, EPISODES = 100, 50, 4
@@ -37,22 +37,22 @@ def env_steps_per_s(resolution: str = "default") -> float:
     return rate
 
 
-def vector_env_steps_per_s(resolution: str = "default", lanes: int = LANES) -> float:
-    """Steps per second of all lanes of the native vector environment together, in straight cuts on all processors."""
-    with straight_cuts(lanes, resolution) as step:
-        return lanes * _best_rate(step, wall_s)
+def vector_env_steps_per_s(resolution: str = "default", num_envs: int = NUM_ENVS) -> float:
+    """Steps per second of all of the native vector environment together, in straight cuts on all processors."""
+    with straight_cuts(num_envs, resolution) as step:
+        return num_envs * _best_rate(step, wall_s)
 
 
 @contextmanager
-def straight_cuts(lanes: int, resolution: str, threads: int | None = None) -> Iterator[Callable[[], object]]:
+def straight_cuts(num_envs: int, resolution: str, threads: int | None = None) -> Iterator[Callable[[], object]]:
     """Give the step of a vector environment at the feed of the benchmark."""
     env = gym.make_vec(
-        "edmsim/GapFeed-v2", num_envs=lanes, vectorization_mode="vector_entry_point", resolution=resolution,
+        "edmsim/GapFeed-v2", num_envs=num_envs, vectorization_mode="vector_entry_point", resolution=resolution,
         threads=threads, **STANDARD,
     )
     with closing(env):
         env.reset(seed=0)
-        actions = np.full((lanes, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
+        actions = np.full((num_envs, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
         yield lambda: env.step(actions)
 
 

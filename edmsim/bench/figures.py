@@ -12,7 +12,6 @@ from edmsim.bench.envs import (
     turned_knobs_cost,
     vector_env_steps_per_s,
 )
-from edmsim.bench.lanes import half_cheetah_comparison
 from edmsim.bench.plant import (
     cold_start_s,
     memory_growth_MB,
@@ -22,6 +21,7 @@ from edmsim.bench.plant import (
     thread_scaling,
 )
 from edmsim.bench.servo import positioner_realtime_factor, servo_realtime_factor
+from edmsim.bench.vector_envs import half_cheetah_comparison
 from edmsim.machine.machine import Machine
 
 if TYPE_CHECKING:

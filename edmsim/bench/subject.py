@@ -3,7 +3,7 @@
 It must run with revisions of years ago, so it uses what all have in public: `edmsim.Plant`, `edmsim.Machine`, and the
 environments by Gymnasium's names. It is a program and imports nothing from beside it.
 
-    python subject.py ROOT SPELL_S SPELLS SETTLE_WINDOWS LANES RESETS
+    python subject.py ROOT SPELL_S SPELLS SETTLE_WINDOWS NUM_ENVS RESETS
 """
 
 from __future__ import annotations
@@ -67,14 +67,14 @@ def gap_feed() -> str:
     return max(name for name in gymnasium.registry if name.startswith("edmsim/GapFeed-v"))
 
 
-def fleet(lanes: int, settle: int) -> Callable[[], object]:
+def fleet(num_envs: int, settle: int) -> Callable[[], object]:
     """Return the step of a vector environment in straight cuts, in one thread."""
     envs = gymnasium.make_vec(
-        gap_feed(), num_envs=lanes, vectorization_mode="vector_entry_point", resolution="fast", threads=1,
+        gap_feed(), num_envs=num_envs, vectorization_mode="vector_entry_point", resolution="fast", threads=1,
         action="speed", randomise=None, height_mm=None, tension=None, episode_s=None, length_mm=30.0,
     )
     envs.reset(seed=0)
-    actions = np.full((lanes, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
+    actions = np.full((num_envs, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
     for _ in range(settle):
         envs.step(actions)
     return lambda: envs.step(actions)
@@ -83,7 +83,7 @@ def fleet(lanes: int, settle: int) -> Callable[[], object]:
 def main() -> None:
     """Measure, and print."""
     root = Path(sys.argv[1])
-    spell_s, (spells, settle, lanes, resets) = float(sys.argv[2]), map(int, sys.argv[3:])
+    spell_s, (spells, settle, num_envs, resets) = float(sys.argv[2]), map(int, sys.argv[3:])
     if root not in Path(edmsim.__file__).parents:
         sys.exit(f"edmsim came from {edmsim.__file__}, not from {root}")
     found = {
@@ -92,7 +92,7 @@ def main() -> None:
     }
     full = straight_cut(settle // MUJOCO_SHARE, mechanics="mujoco")
     found["mujoco_pulses_per_s"] = PULSES * rate(full, spell_s, spells)
-    found["vector_env_steps_per_s_fast"] = lanes * rate(fleet(lanes, settle // FLEET_SHARE), spell_s, spells)
+    found["vector_env_steps_per_s_fast"] = num_envs * rate(fleet(num_envs, settle // FLEET_SHARE), spell_s, spells)
     drawn = gymnasium.make(gap_feed(), resolution="fast", machine_episodes=1)
     drawn.reset(seed=0)
     start_s = time.process_time()

@@ -12,7 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from edmsim.bench.lanes import warnings_unseen
+from edmsim.bench.vector_envs import warnings_unseen
 from edmsim.errors import InputError
 from edmsim.screen import ScreenTable
 
@@ -36,7 +36,7 @@ SPELLS = 3
 
 # untyped where the extra is missing
 class _Timed(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Lanes that sum up the time of their steps."""
+    """Sub-environments that sum up the time of their steps."""
 
     spent_s = 0.0
 
@@ -69,7 +69,7 @@ def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dic
         for name, training in both.items():
             found[f"{name}_steps_per_s_{count}"] = training.steps_per_s
             found[f"{name}_env_share_{count}"] = training.env_share
-            training.lanes.close()
+            training.vec_env.close()
     return found
 
 
@@ -96,21 +96,21 @@ def _half_cheetahs(count: int) -> Any:
 
 
 class _Training:
-    """A learner on some lanes, after its first rollout; its best spell so far, and the lanes' share of that."""
+    """A learner on a vector environment, after its first rollout; its best spell, and their share of it."""
 
-    def __init__(self, lanes: Any) -> None:
+    def __init__(self, vec_env: Any) -> None:
         torch.set_num_threads(1)  # as in a training
-        self.lanes = _Timed(lanes)
-        around = VecNormalize(self.lanes)
+        self.vec_env = _Timed(vec_env)
+        around = VecNormalize(self.vec_env)
         self._model = PPO("MlpPolicy", around, n_steps=ROLLOUT, batch_size=BATCH, n_epochs=EPOCHS, device="cpu")
-        self._steps = ROLLOUT * self.lanes.num_envs
+        self._steps = ROLLOUT * self.vec_env.num_envs
         self._model.learn(self._steps)
         self.steps_per_s = self.env_share = 0.0
 
     def spell(self) -> None:
         """Time a rollout with its update."""
-        self.lanes.spent_s, start_s = 0.0, time.perf_counter()
+        self.vec_env.spent_s, start_s = 0.0, time.perf_counter()
         self._model.learn(self._steps, reset_num_timesteps=False)
         took = time.perf_counter() - start_s
         if self._steps / took > self.steps_per_s:
-            self.steps_per_s, self.env_share = self._steps / took, self.lanes.spent_s / took
+            self.steps_per_s, self.env_share = self._steps / took, self.vec_env.spent_s / took

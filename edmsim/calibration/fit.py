@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.calibration.comparison import CalibrationProgress, StretchComparison
+from edmsim.calibration.comparison import CalibrationProgress, StretchComparison, settle_um
 from edmsim.calibration.log import STRETCH_WINDOWS, Log, Stretch, stretches
 from edmsim.calibration.set_up import start_of
-from edmsim.calibration.simulate import settle_um
 from edmsim.errors import InputError
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.machine.ranges import choose, share_of, value_at, with_values
@@ -30,12 +29,10 @@ Array = NDArray[np.float64]
 
 DEFAULT_CONSTANTS = ("gap.particle_share", "material.removal_mm3_J", "material.burning_voltage_V")
 """What is fitted if nothing else is said (ours: the three that every log tells of)."""
-MOST_STRETCHES = 8
-"""Stretches compared; if the log has more, those whose feeds and settings differ most (ours)."""
+MOST_STRETCHES = 8  # stretches compared; if the log has more, those whose feeds and settings differ most (ours)
 STEP = 0.15
 """Half the difference, in shares of the range, over which sensitivities are taken (ours: well above the noise)."""
-MOST_ROUNDS = 10
-"""Gauss-Newton steps at most (ours)."""
+MOST_ROUNDS = 10  # Gauss-Newton steps at most (ours)
 UNTOLD = 0.29
 """A standard error of this share of the range is no more than the range says: a uniform draw has it (1/sqrt(12))."""
 AT_BOUND = 0.01
@@ -141,11 +138,9 @@ def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
 
 
 def _fit_what_is_determined(comparison: StretchComparison, names: Sequence[str], log_name: str) -> Fit:
-    """Fit what the log tells: constants it knows nothing of are left out, and those it cannot part go one by one.
-
-    Where the search begins a constant may do nothing that it does where the log was made, at another share of short
-    pulses: those without effect are looked at again where the first search ended.
-    """
+    """Fit what the log tells: constants without effect are left out, and those it cannot part go one by one."""
+    # where the search begins a constant may do nothing that it does where the log was made, at another share of
+    # shorts: those without effect are looked at again where the first search ended
     start = comparison.machine
     search: _Search | None = None
     determined = _determined_alone(comparison, names, start)
@@ -210,11 +205,9 @@ class _Search:
         }
 
     def run(self) -> None:
-        """Search, and take information and misfit where it ended.
-
-        Done twice: where the first search ended the statistics have another noise than where it began, and weights
-        that are wrong there misjudge both the misfit and what the log tells.
-        """
+        """Search, and take information and misfit where it ended."""
+        # twice: where the first search ended the statistics have another noise than where it began, and
+        # weights that are wrong there misjudge both the misfit and what the log tells
         self._descend()
         self.comparison.take_noise_of(self.machine(self.shares))
         self._descend()
@@ -262,10 +255,9 @@ class _Search:
         return self._slopes(shares)[0]
 
     def _slopes(self, shares: Array) -> tuple[Array, Array]:
-        """Return `_sensitivities`, and over which part of the range each was taken, (p,).
-
-        A cut that jams on one side says that it jams, not how the statistics change: the other side alone tells then.
-        """
+        """Return `_sensitivities`, and over which part of the range each was taken, (p,)."""
+        # a cut that jams on one side says that it jams, not how the statistics change: the other side alone
+        # tells then
         columns, spans = [], []
         for place, (low, high) in enumerate(self._around(shares)):
             rows = self._statistics([low, high])
@@ -279,11 +271,9 @@ class _Search:
         return np.column_stack(columns), np.array(spans)
 
     def information_at(self, shares: Array) -> Array:
-        """J^T J less what noise alone puts into it, (p, p).
-
-        Half of a residual's variance is the simulation's, so a sensitivity has that of two of them, 2 * 1/2, over
-        span^2; over all residuals this adds up in the diagonal.
-        """
+        """J^T J less what noise alone puts into it, (p, p)."""
+        # half of a residual's variance is the simulation's, so a sensitivity has that of two of them, 2 *
+        # 1/2, over span^2; over all residuals this adds up in the diagonal
         sensitivities, spans = self._slopes(shares)
         return np.asarray(sensitivities.T @ sensitivities - np.diag(self.comparison.size / spans**2))
 

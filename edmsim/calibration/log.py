@@ -27,25 +27,19 @@ PLACES = ("x_um", "y_um")
 """Columns a log may have: where the guides are. With them, stretches in which the path turns are left out."""
 STATISTICS = ("short", "open", "mean_voltage_V", "mean_current_A", "mean_delay_us")
 """What of a stretch is compared: shares of short and open, and means; see `statistics`."""
-STRETCH_WINDOWS = 400
-"""Windows of a stretch: 10 s at a period of 100 us (ours)."""
+STRETCH_WINDOWS = 400  # windows of a stretch: 10 s at a period of 100 us (ours)
 BATCH_WINDOWS = 40
 """Windows whose mean counts as one independent observation: 1 s at 100 us (ours: a gap forgets in less)."""
-AIR_SHARE = 0.9
-"""A stretch with more open pulses than this has no metal near the wire (ours)."""
-FEED_SPREAD = 0.15
-"""A stretch is steady if its feed's standard deviation is at most this share of its mean (ours)."""
-LEAST_FEED_UM_S = 0.5
-"""A stretch with less feed does not cut (ours)."""
+AIR_SHARE = 0.9  # a stretch with more open pulses than this has no metal near the wire (ours)
+FEED_SPREAD = 0.15  # a stretch is steady if its feed's standard deviation is at most this share of its mean (ours)
+LEAST_FEED_UM_S = 0.5  # a stretch with less feed does not cut (ours)
 TURN_DEG = 45.0
 """A stretch is straight if its directions, from where it settles on, lie within this (ours: past a corner other metal
 faces the wire, and on an arc of less than a millimetre the front is bent)."""
 PLACE_UM = 50.0
 """Travel between two places of which directions are taken (ours: many motor steps, so that these do not count)."""
-_SIGNED = ("feed_um_s", "mean_voltage_V", "mean_current_A", *PLACES)
-"""Columns of which negative numbers are taken."""
-_MOST = 1e6
-"""No figure of a log is as large (ours): times of a second, feeds of a metre per second."""
+_SIGNED = ("feed_um_s", "mean_voltage_V", "mean_current_A", *PLACES)  # columns of which negative numbers are taken
+_MOST = 1e6  # no figure of a log is as large (ours): times of a second, feeds of a metre per second
 
 
 @dataclass(frozen=True)
@@ -73,26 +67,14 @@ class Log:
 
 @dataclass(frozen=True)
 class Stretch:
-    """Consecutive windows at one setting and nearly one feed.
+    """Consecutive windows at one setting and nearly one feed."""
 
-    Attributes
-    ----------
-    first : int
-        Number of its first window in the log, from 0.
-    feed_um_s, t_on_us, t_period_us : float
-        Mean feed, and the generator's setting.
-    batches : float64 array (b, 5)
-        `STATISTICS` of batches of `BATCH_WINDOWS` windows.
-    travelled_um : float
-        Travel at this feed and setting before it.
-    """
-
-    first: int
-    feed_um_s: float
+    first: int  # number of its first window in the log, from 0
+    feed_um_s: float  # feed_um_s, t_on_us, t_period_us: mean feed, and the generator's setting
     t_on_us: float
     t_period_us: float
-    batches: Array
-    travelled_um: float = 0.0
+    batches: Array  # (b, 5): `STATISTICS` of batches of `BATCH_WINDOWS` windows
+    travelled_um: float = 0.0  # travel at this feed and setting before it
 
     @property
     def mean(self) -> Array:
@@ -164,12 +146,9 @@ def _check(columns: Mapping[str, Array], file: str | Path) -> None:
 
 
 def stretches(log: Log, settle_um: float) -> list[Stretch]:
-    """Cut a log into its steady stretches.
-
-    A new run begins where the setting changes or the feed jumps; after a travel of `settle_um` it is cut into
-    stretches of `STRETCH_WINDOWS`. Stretches in air, at rest, or with an unsteady feed are left out, and those
-    along a path that turns, if the log says where it was.
-    """
+    """Cut a log into its steady stretches of `STRETCH_WINDOWS`, `settle_um` of travel behind every change."""
+    # a new run begins where the setting changes or the feed jumps. Stretches in air, at rest, with an unsteady
+    # feed, and along a path that turns, if the log says where it was, are left out
     found = []
     for begin, end in _runs(log):
         window_s = WINDOW_PULSES * log.columns["t_period_us"][begin] * 1e-6
@@ -228,10 +207,7 @@ def _turn_deg(log: Log, first: int, settle_um: float) -> float:
 
 
 def statistics(short: Array, open_: Array, voltage_V: Array, current_A: Array, delay_us: Array) -> Array:
-    """Return `STATISTICS` of batches of windows, (batches, 5); the delay is the mean of what ignited, or NaN.
-
-    What does not fill a batch at the end is left out.
-    """
+    """Return `STATISTICS` of whole batches of windows, (batches, 5); the delay is that of ignited pulses, or NaN."""
     count = len(short) // BATCH_WINDOWS
     lit = np.where(np.isfinite(delay_us), WINDOW_PULSES - short - open_, 0.0)
     columns = [short / WINDOW_PULSES, open_ / WINDOW_PULSES, voltage_V, current_A, lit, lit * np.nan_to_num(delay_us)]

@@ -25,8 +25,7 @@ _MARKS = {
 }  # fmt: skip
 """Byte order marks, the longer ones first where one begins another."""
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
-_NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}
-"""What stands for a number that is not there, in small letters."""
+_NO_NUMBER = {"", "nan", "na", "n/a", "null", "-"}  # what stands for a number that is not there, in small letters
 
 
 class LogTable(NamedTuple):
@@ -37,16 +36,9 @@ class LogTable(NamedTuple):
 
 
 def read_table(file: Path, needed: Sequence[str], optional: Sequence[str]) -> LogTable:
-    """Read the columns that are needed, and those wanted that are there.
-
-    A file is Parquet if it begins as one. Of a CSV file the heading says the separator; a comma may be the decimal
-    sign where it is not the separator.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is neither kind, lacks a column, or has something else than a number in one.
-    """
+    """Read the columns that are needed, and those wanted that are there, of Parquet or CSV."""
+    # a file is Parquet if it begins as one. Of a CSV file the heading says the separator; a comma may be the
+    # decimal sign where it is not the separator
     try:
         content = file.read_bytes()
     except FileNotFoundError:
@@ -159,9 +151,7 @@ def _chosen(there: Sequence[str], needed: Sequence[str], optional: Sequence[str]
     return chosen
 
 
-def _column(
-    name: str, place: int, rows: list[tuple[int, list[str]]], has_decimal_comma: bool, file: Path
-) -> Array:
+def _column(name: str, place: int, rows: list[tuple[int, list[str]]], has_decimal_comma: bool, file: Path) -> Array:
     found = np.empty(len(rows))
     for k, (number, row) in enumerate(rows):
         text = row[place].strip()

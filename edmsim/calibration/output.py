@@ -29,11 +29,9 @@ STRONG = 0.95
 
 
 def files_of(fit: Fit, out: Path, extra_files: Iterable[str] = ()) -> dict[str, Path]:
-    """Return the files a fit is written to, by the options of ``edmsim cut`` that take them.
-
-    The machine's constants go into `out`; those of material and wire, if any were fitted or `given` to the cut of the
-    log, into files beside it.
-    """
+    """Return the files a fit is written to, by the options of ``edmsim cut`` that take them."""
+    # the machine's constants go into `out`; those of material and wire, if any were fitted or given to the cut
+    # of the log, into files beside it
     names = [*(constant.name for constant in fit.constants), *extra_files]
     parts = {name.partition(".")[0] for name in names}
     files = {"machine": out}
@@ -148,8 +146,7 @@ def _misfit_text(fit: Fit) -> str:
     return f"misfit {fit.misfit:.2f} per degree of freedom over {count} stretches; noise alone makes about 1"
 
 
-MUCH = 4.0
-"""A misfit above this is not noise: residuals are twice as large as it (ours)."""
+MUCH = 4.0  # a misfit above this is not noise: residuals are twice as large as it (ours)
 
 
 def causes(fit: Fit, resolution: str) -> list[str]:

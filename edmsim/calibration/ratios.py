@@ -20,13 +20,11 @@ from edmsim.machine.setting import WINDOW_PULSES
 Array = NDArray[np.float64]
 NEEDED = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_period_us")
 """Columns that a log of ratios must have; the last two are the generator's setting."""
-MEANS = ("mean_voltage_V", "mean_current_A")
-"""Columns it may have: means since the row before."""
+MEANS = ("mean_voltage_V", "mean_current_A")  # columns it may have: means since the row before
 RATE_HZ = (2.0, 100.0)
 FEED_SPAN_S = 4.0
 """The feed is the way over so long a time (ours: at 5 um/s ten motor steps, so that one more or less is little)."""
-_MOST = 1e6
-"""No figure of a log is as large (ours)."""
+_MOST = 1e6  # no figure of a log is as large (ours)
 
 
 def read(file: Path) -> dict[str, Array] | None:
@@ -48,16 +46,9 @@ def read(file: Path) -> dict[str, Array] | None:
 
 
 def windows_of(columns: Mapping[str, Array], file: str | Path) -> dict[str, Array]:
-    """Return the columns of windows that a log of ratios comes to, with the names of `edmsim.calibration.log`.
-
-    Counts are shares of 255 pulses, and no whole numbers. Delays are not known; voltage and current are if the log
-    has them. The feed is the speed at which the place has moved over `FEED_SPAN_S`, forward or back.
-
-    Raises
-    ------
-    InputError
-        A column is missing, or holds what cannot be; the rows are too far apart or too near, or too few.
-    """
+    """Return the columns of windows that a log of ratios comes to, with the names of `edmsim.calibration.log`."""
+    # counts are shares of 255 pulses, and no whole numbers. Delays are not known; voltage and current are if
+    # the log has them. The feed is the speed at which the place has moved over `FEED_SPAN_S`, forward or back
     missing = [name for name in NEEDED if name not in columns]
     if missing:
         raise InputError(f"column {missing[0]} is missing; a log of ratios needs {' '.join(NEEDED)}", file)

@@ -62,10 +62,8 @@ def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
 
 
 def machine_of(settings: CutSettings) -> Machine:
-    """Return the set-up to compare a log at; constants given to its cut keep the ranges of their files.
-
-    A cut takes them as known, so they have no range there; here they are where the search starts, or are held.
-    """
+    """Return the set-up to compare a log at; constants given to its cut keep the ranges of their files."""
+    # a cut takes them as known, so they have no range there; here they are where the search starts, or are held
     machine = settings.model_copy(update={"constants": ()}).load_machine()
     listed = dict(settings.overrides)
     checked = with_overrides(machine, listed.items())

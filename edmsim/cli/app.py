@@ -20,12 +20,10 @@ from edmsim.cli.gap import gap
 from edmsim.cli.learn import dataset, train
 from edmsim.cli.options import Command
 from edmsim.cli.playback import report, view
-from edmsim.cli.positioner import positioner
-from edmsim.cli.servo import servo
 from edmsim.cli.studies import calibrate, validate
 from edmsim.cli.sweep import SHORT_FORM
 from edmsim.cli.technology import technology
-from edmsim.cli.terminal import terminal
+from edmsim.cli.terminal import positioner, servo, terminal
 from edmsim.cli.warm_up import warm_up
 from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
 
@@ -33,8 +31,7 @@ app = typer.Typer(
     add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
     help="A wire-EDM machine, simulated discharge by discharge.",
 )
-_UsageError: Any = typer.BadParameter.__base__
-"""Of click, which newer releases of typer hold inside themselves."""
+_UsageError: Any = typer.BadParameter.__base__  # of click, which newer releases of typer hold inside themselves
 
 
 COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
@@ -43,13 +40,13 @@ COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         "train": train, "dataset": dataset, "evaluate": evaluate, "validate": validate, "bench": bench, "gap": gap,
         "export": export, "warm-up": warm_up,
     }),
-    "sweep": ("Make many cuts from one specification.", {"run": sweep.run, "show": sweep.show}),
-    "tune": ("Search gains, settings of a controller or a training, a drive.", {
+    "sweep": ("Run many cuts from one specification.", {"run": sweep.run, "show": sweep.show}),
+    "tune": ("Search for gains, settings of a controller or a training; tune a drive.", {
         "gains": tune.gains, "own": tune.own, "training": tune.training, "population": tune.population,
         "drive": tune.drive,
     }),
     "measure": ("Measure a machine's table, or its wire guides.", {"table": measure.table, "guides": measure.guides}),
-    "console": ("Operate the 1982 controller, a servo drive or a positioner.", {
+    "console": ("Operate the controller of 1982, a servo drive or a positioner.", {
         "1982": terminal, "servo": servo, "positioner": positioner,
     }),
 }  # fmt: skip
@@ -65,7 +62,7 @@ for _name, (_purpose, _commands) in COMMANDS.items():
 
 @app.callback(invoke_without_command=True)
 def _version(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
 ) -> None:
     if version:
         OUT.print(__version__, highlight=False)

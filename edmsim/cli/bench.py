@@ -25,15 +25,15 @@ def bench(
         str | None, typer.Option(metavar="REVISION", help="Compare with a revision of this checkout, in pairs.")
     ] = None,
     pairs: Annotated[int, typer.Option(min=1, help="Pairs of --against.")] = 10,
-    profile: Annotated[bool, typer.Option("--profile", help="Show where a pulse's time goes.")] = False,
+    profile: Annotated[bool, typer.Option("--profile", help="Show the time of each part of a pulse.")] = False,
     serial: Annotated[bool, typer.Option("--serial", help="Measure edmsim gap --serial.")] = False,
     training: Annotated[
-        bool, typer.Option("--training", help="Measure PPO beside HalfCheetah-v5 (needs the extra rl).")
+        bool, typer.Option("--training", help="Measure a training with PPO, compared with HalfCheetah-v5 (extra rl).")
     ] = False,
     figure: Annotated[Path | None, typer.Option(help="Picture of the profile: .png, .svg or .pdf.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Measure the speed of this computer, by processor time."""
+    """Measure the speed of this computer in processor time."""
     from edmsim.progress import ShownProgress
 
     found: dict[str, _Result] = {}
@@ -54,7 +54,7 @@ def bench(
             if not found:
                 found["speed"] = _measured()
     except KeyboardInterrupt:
-        say("interrupted; nothing was measured to the end")
+        say("interrupted; no measurement was completed")
         raise typer.Exit(INTERRUPTED) from None
     if json:
         numbers = {name: numbers for name, (numbers, _) in found.items()}
@@ -95,7 +95,7 @@ def _compared(revision: str, count: int, watch: Callable[[str], None]) -> _Resul
 def _profiled(figure: Path | None, watch: Callable[[str], None]) -> _Result:
     from edmsim.bench.profile import as_numbers, draw, profile, render
     from edmsim.files import make_writable, replacing
-    from edmsim.job.remake import FORMATS
+    from edmsim.job.result import FORMATS
 
     if figure is not None:
         if figure.suffix.removeprefix(".") not in FORMATS:

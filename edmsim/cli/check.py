@@ -24,7 +24,7 @@ def check(
     ] = None,
     **options: Any,
 ) -> None:
-    """Look at a program before the cut: path, notices, time."""
+    """Check a program before the cut: path, notices, time."""
     from edmsim.files import make_writable, replacing
     from edmsim.job.check import check as look_at
     from edmsim.job.check import lines_of
@@ -50,7 +50,7 @@ def check(
             these = "it" if len(deciding) == 1 else "them"
             say(f"{', '.join(deciding)} may decide the contour: correct or delete {these}")
             raise typer.Exit(BAD_INPUT) from None
-        say("what follows leaves them out, as --ignore " + ",".join(unknown))
+        say("the rest is shown without them, as with --ignore " + ",".join(unknown))
         found = look_at(program, settings.model_copy(update={"ignore": (*settings.ignore, *unknown)}))
     for name, text in lines_of(found):
         OUT.print(f"{name:<12}{text}", highlight=False, soft_wrap=True, markup=False)

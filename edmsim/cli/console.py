@@ -17,7 +17,7 @@ STOPPED, INTERRUPTED = 3, 130
 """Exit statuses besides those of `edmsim.errors`: the machine stopped before the end; interrupted by the user."""
 
 Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 

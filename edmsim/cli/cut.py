@@ -20,17 +20,17 @@ from edmsim.errors import InputError
 def cut(
     program: Program,
     traces: Annotated[
-        Path | None, typer.Option(help="File for gap voltage and current as an oscilloscope samples them, .parquet.")
+        Path | None, typer.Option(help="File for samples of gap voltage and current, .parquet.")
     ] = None,
     quiet: Quiet = False,
     **options: Any,
 ) -> None:
-    """Simulate a part program."""
+    """Cut a part program."""
     from edmsim.cosim.stops import WORDS, StopCause
     from edmsim.files import make_writable
     from edmsim.job.checkpoint import NAME
+    from edmsim.job.cut import CutProgress
     from edmsim.job.cut import cut as run_cut
-    from edmsim.job.progress import CutProgress
     from edmsim.progress import ShownProgress
 
     folder = Path(options.pop("out", default_folder(program)))
@@ -47,7 +47,7 @@ def cut(
     except KeyboardInterrupt as interrupt:
         if result is None:
             has_checkpoint = (folder / NAME).exists()
-            resumable = "interrupted; the same command with --resume goes on"
+            resumable = "interrupted; run the same command with --resume to continue"
             say(resumable if has_checkpoint else "interrupted before the cut began")
             number = next(iter(interrupt.args), signal.SIGINT)
             raise typer.Exit(128 + number) from None  # as shells have it
@@ -64,5 +64,5 @@ def cut(
             OUT.print(render_table(result.report))
             where = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
             OUT.print(where, highlight=False, soft_wrap=True, markup=False)
-    if result.report["outcome"] != WORDS[StopCause.FINISHED].report:
+    if result.report.outcome != WORDS[StopCause.FINISHED].report:
         raise typer.Exit(STOPPED)

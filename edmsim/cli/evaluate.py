@@ -16,42 +16,40 @@ if TYPE_CHECKING:
     from edmsim.evaluation.transfer import TransferRow
     from edmsim.learning.score import Score
 
-USUAL_EPISODES = 20
-"""Held-back episodes that a policy is measured on at every resolution (ours)."""
+USUAL_EPISODES = 20  # held-back episodes that a policy is measured on at every resolution (ours)
 
 
-@takes("resolution", resolution=Unset("By default that of the environment; of a policy all."))
+@takes("resolution", resolution=Unset("Default: that of the environment; for a policy all."))
 def evaluate(
     env_ids: Annotated[
         list[str] | None,
         typer.Argument(metavar="[ENV_ID...]", help="Environments: edmsim/GapFeed-v2 ..., FILE.py:ID, or all."),
     ] = None,
     controllers: Annotated[
-        str | None,
-        typer.Option(metavar="A,B", help="Feed controllers: {controllers}; by default the task's own."),
+        str | None, typer.Option(metavar="A,B", help="Feed controllers: {controllers}; default: those of the task.")
     ] = None,
     seeds: Annotated[
-        int | None, typer.Option(help="Cuts of each controller; default by environment, 20 of a policy.")
+        int | None, typer.Option(help="Number of cuts per controller; default by environment, 20 for a policy.")
     ] = None,
     record: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for a recording of every cut, for edmsim view.")
+        Path | None, typer.Option(metavar="DIR", help="Folder for recordings of all cuts, for edmsim view.")
     ] = None,
     leaderboard: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write every cut into this leaderboard, .json.")
+        Path | None, typer.Option(metavar="FILE", help="Write all cuts to this leaderboard, .json.")
     ] = None,
     page: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a page with table and figure, .md.")
+        Path | None, typer.Option(metavar="FILE", help="Write a page with a table and figures, .md.")
     ] = None,
     places: Annotated[
-        bool, typer.Option("--places", help="Compare at finer resolutions and beyond the ranges, too.")
+        bool, typer.Option("--places", help="Also compare at finer resolutions and outside the training ranges.")
     ] = False,
     policy: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Measure a policy in its own environment beside counts and voltage: a "
-                                          "file, or a name under models/policies. May be given again."),
+        typer.Option(metavar="NAME", help="Evaluate a policy in its own environment, with counts and voltage: a "
+                                          "file, or a name under models/policies. Repeatable."),
     ] = None,
     write_card: Annotated[
-        bool, typer.Option("--write-card", help="Write these scores into the policy's card.")
+        bool, typer.Option("--write-card", help="Write the scores to the policy file.")
     ] = False,
     json: Json = False,
     **options: Any,
@@ -60,11 +58,10 @@ def evaluate(
     from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.evaluation import leaderboard as boards
-    from edmsim.evaluation import page as pages
     from edmsim.evaluation.compare import check, evaluate, usual
     from edmsim.evaluation.compare import env_ids as all_ids
     from edmsim.evaluation.episode import episodes
-    from edmsim.evaluation.table import as_json, render
+    from edmsim.evaluation.table import as_json, render, write_page
     from edmsim.files import make_writable
     from edmsim.progress import ShownProgress
 
@@ -95,7 +92,7 @@ def evaluate(
         for name in policy or ():
             scores[name] = _measured(name, seeds, resolution, write_card, bar.show)
     if page is not None:
-        pages.write(page, found)
+        write_page(page, found)
     if json:
         sys.stdout.write(as_json(found, moved, scores) + "\n")
         return
@@ -110,9 +107,7 @@ def _elsewhere(env_id: str, controllers: list[str], seeds: int | None, watch: An
     return transfer(env_id, controllers, USUAL_CUTS if seeds is None else seeds, watch=watch)
 
 
-def _measured(
-    policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any
-) -> list[Score]:
+def _measured(policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any) -> list[Score]:
     from edmsim.learning import policy_file
     from edmsim.learning.score import RESOLUTIONS, measure, write_card
 

@@ -17,35 +17,35 @@ if TYPE_CHECKING:
     from edmsim.machine.machine import Machine as SetUp
 
 
-@takes("machine", SET_UP, "seed", generator=Unset("By default the board's, or iso-pulse."))
+@takes("machine", SET_UP, "seed", generator=Unset("Default: the board's, or iso-pulse."))
 def gap(
     serial: Annotated[
         str | None, typer.Option(metavar="BOARD", help="Serial ports of a board: powercore, powercore-v2, spark.")
     ] = None,
     samples: Annotated[
         Path | None,
-        typer.Option(help="File for gap voltage and current as a converter samples them, .parquet or .wav."),
+        typer.Option(help="File for samples of gap voltage and current, .parquet or .wav."),
     ] = None,
     log: Annotated[
-        Path | None, typer.Option(help="File for ratios and places, .csv, which edmsim calibrate reads.")
+        Path | None, typer.Option(help="File for ratios and positions, .csv, for edmsim calibrate.")
     ] = None,
     delays: Annotated[Path | None, typer.Option(help="File for quantiles of ignition delays, .csv.")] = None,
     gap: Annotated[float, typer.Option(help="Gap round the wire at the start in um.")] = 30.0,
     feed: Annotated[float, typer.Option(help="Without --serial: speed of x in um/s.")] = 5.0,
     seconds: Annotated[
-        float | None, typer.Option(help="Machine time in s after which to stop; without --serial 1.")
+        float | None, typer.Option(help="Machine time in s after which to stop; default without --serial: 1.")
     ] = None,
     speed: Annotated[float, typer.Option(help="With --serial: machine seconds per second.")] = 1.0,
     rate: Annotated[float, typer.Option(help="Samples per second, 10000 to 100000.")] = 50_000.0,
     low_pass: Annotated[
-        float, typer.Option(help="Corner of a low-pass before the converter in Hz; 0 for none.")
+        float, typer.Option(help="Cut-off frequency of a low-pass filter before the converter in Hz; 0 for none.")
     ] = 0.0,
     noise: Annotated[float, typer.Option(help="Noise of the voltage samples, rms in V.")] = 0.0,
     current_noise: Annotated[float, typer.Option(help="Noise of the current samples, rms in A.")] = 0.0,
     log_rate: Annotated[float, typer.Option(help="Rows of --log per second, 2 to 100.")] = 10.0,
     **options: Any,
 ) -> None:
-    """Give a real controller the gap: serial ports, samples, delays."""
+    """Simulate the gap for a real controller: serial ports, samples, delays."""
     from edmsim.files import make_writable
     from edmsim.hil.ratio_log import RatioLog
     from edmsim.hil.rig import make_board

@@ -18,42 +18,49 @@ def train(
     ],
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
     algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac, tqc or imitation.")] = "ppo",
-    steps: Annotated[int | None, typer.Option(help="Windows in all; default by environment.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the folder's checkpoint.")] = False,
+    steps: Annotated[int | None, typer.Option(help="Total number of steps; default by environment.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Resume from the folder's checkpoint.")] = False,
     score: Annotated[
-        int, typer.Option(metavar="EPISODES", help="Held-back episodes to compare the policy with counts on.")
+        int, typer.Option(metavar="EPISODES", help="Number of held-back episodes to score the policy; 0 for none.")
     ] = 20,
     settings: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Hyperparameters that differ, as best.toml of edmsim tune.")
+        Path | None, typer.Option(metavar="FILE", help="Hyperparameters to change, such as best.toml of edmsim tune.")
     ] = None,
     residual: Annotated[
-        str | None, typer.Option(metavar="LAW", help="Let the policy add to the feed of this controller.")
+        str | None, typer.Option(metavar="LAW", help="Let the policy correct the feed of this controller.")
     ] = None,
     teacher: Annotated[
-        str | None, typer.Option(metavar="CONTROLLER", help="What imitation follows, with truth or without.")
+        str | None, typer.Option(metavar="CONTROLLER", help="Controller to imitate; it may see the true gap.")
     ] = None,
     privileged_critic: Annotated[
-        bool, typer.Option("--privileged-critic", help="Show the value network gap, heat and constants.")
+        bool, typer.Option("--privileged-critic", help="Let the value network see gap, heat and constants.")
     ] = False,
     start: Annotated[
-        str | None, typer.Option(metavar="POLICY", help="Begin with this policy: policy:GapFeed-ppo, or policy:FILE.")
+        str | None, typer.Option(metavar="POLICY", help="Start from this policy: policy:GapFeed-ppo, or policy:FILE.")
     ] = None,
     record_every: Annotated[
-        int | None, typer.Option(metavar="N", help="Record every N-th episode of the first lane.")
+        int | None, typer.Option(metavar="N", help="Record every N-th episode of the first sub-environment.")
     ] = None,
-    live: Annotated[bool, typer.Option("--live", help="Show these episodes in rerun's viewer as they end.")] = False,
+    live: Annotated[bool, typer.Option("--live", help="Show them in rerun's viewer when they end.")] = False,
+    safe: Annotated[
+        int | None,
+        typer.Option(
+            metavar="MACHINES",
+            help="Accept the policy only if it earns no less than its start on as many other machines.",
+        ),
+    ] = None,
     **options: Any,
 ) -> None:
-    """Train a feed controller (needs the extra rl)."""
+    """Train a policy (extra rl)."""
     from edmsim.envs.registry import resolve
     from edmsim.evaluation.parts import is_part
     from edmsim.learning.command import TrainOptions, run
 
-    kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live)
+    kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
     try:
         table = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
     except KeyboardInterrupt:
-        say("interrupted; the same command with --resume continues the training")
+        say("interrupted; run the same command with --resume to continue")
         raise typer.Exit(INTERRUPTED) from None
     if table is not None:
         OUT.print(table)
@@ -69,14 +76,14 @@ def dataset(
     env_id: Annotated[
         str, typer.Argument(help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False)
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the data sets; an interrupted recording goes on.")],
+    out: Annotated[Path, typer.Option(help="Folder for the data sets; an interrupted recording is resumed.")],
     controllers: Annotated[
         str, typer.Option(metavar="A,B", help="Feed controllers: {controllers}.")
     ] = "fixed,counts,voltage",
-    steps: Annotated[int, typer.Option(help="Windows of each controller; its last episode is whole.")] = 100_000,
+    steps: Annotated[int, typer.Option(help="Windows per controller, rounded up to whole episodes.")] = 100_000,
     **options: Any,
 ) -> None:
-    """Record feed controllers for offline learning, as data sets of Minari (needs the extra offline)."""
+    """Record feed controllers as data sets of Minari, for offline learning (extra offline)."""
     from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record
@@ -86,7 +93,7 @@ def dataset(
         try:
             made = record(resolve(env_id), listed(controllers), steps, out, watch=bar.show, **options)
         except KeyboardInterrupt:
-            say("interrupted; the same command goes on where it was")
+            say("interrupted; run the same command to continue")
             raise typer.Exit(INTERRUPTED) from None
     for row in made:
         OUT.print(f"{row.dataset_id}: {row.episodes} episodes, {row.steps} steps, {row.breaks} with a broken wire, "

@@ -18,9 +18,9 @@ from edmsim.cli.options import Unset, takes
 )
 def table(
     out: Annotated[Path | None, typer.Option(help="File for the compensation tables, .toml.")] = None,
-    interval: Annotated[float | None, typer.Option(help="Distance of the targets in mm, by default 0.5.")] = None,
-    runs: Annotated[int | None, typer.Option(help="Runs to every target, either way; by default 5.")] = None,
-    cubic: Annotated[bool, typer.Option("--cubic", help="Let curves join the points of the tables.")] = False,
+    interval: Annotated[float | None, typer.Option(help="Distance between targets in mm; default: 0.5.")] = None,
+    runs: Annotated[int | None, typer.Option(help="Runs to every target in each direction; default: 5.")] = None,
+    cubic: Annotated[bool, typer.Option("--cubic", help="Interpolate the tables by curves.")] = False,
     plot: Annotated[Path | None, typer.Option(help="File for the figure, .png .svg or .pdf.")] = None,
     json: Json = False,
     **options: Any,
@@ -29,7 +29,7 @@ def table(
     from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
     from edmsim.errors import InputError
     from edmsim.files import make_writable, replacing
-    from edmsim.job.remake import FORMATS
+    from edmsim.job.result import FORMATS
     from edmsim.job.settings import CutSettings
     from edmsim.measure.report import as_json, headline, render
     from edmsim.measure.table import measure_table
@@ -66,10 +66,10 @@ def table(
     resolution="fast", taper_deg=10.0,
 )  # fmt: skip
 def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
-    """Find the heights of the wire guides from a test cut."""
+    """Measure the heights of the wire guides by a test cut."""
     from json import dumps
 
-    from edmsim.job.progress import CutProgress
+    from edmsim.job.cut import CutProgress
     from edmsim.job.settings import CutSettings
     from edmsim.measure.guides import measure_guides
     from edmsim.progress import ShownProgress

@@ -20,8 +20,7 @@ _Command = TypeVar("_Command", bound=Callable[..., None])
 _TAKEN = "_options_taken"
 
 
-SET_UP = "set-up"
-"""In the place of names: all options of a set-up but the machine."""
+SET_UP = "set-up"  # in the place of names: all options of a set-up but the machine
 
 
 class Unset(NamedTuple):
@@ -36,15 +35,8 @@ class _Taken(NamedTuple):
 
 
 def takes(*names: str, **instead: Any) -> Callable[[_Command], _Command]:
-    """Give a command with ``**options`` options of a cut; it gets those that are not None by their names in Python.
-
-    Parameters
-    ----------
-    *names : str
-        Which; all if none is named.
-    **instead
-        Defaults of this command that are not those of a cut, or `Unset`.
-    """
+    """Give a command with ``**options`` the options of a cut, all or those named; it gets those that are not None."""
+    # `instead` are defaults of this command that are not those of a cut, or `Unset`
 
     def mark(command: _Command) -> _Command:
         setattr(command, _TAKEN, _Taken(names, instead))
@@ -80,8 +72,7 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-_NO_FLAG = {"height_areas", "watch", "enter"}
-"""Options that are no text: a polygon, functions."""
+_NO_FLAG = {"height_areas", "watch", "enter"}  # options that are no text: a polygon, functions
 
 
 class Command(TyperCommand):
@@ -126,7 +117,7 @@ def _parameter(name: str, field: FieldInfo, taken: _Taken) -> inspect.Parameter:
 
     own, help_text = fact(field, Flag) or Flag(), meaning(name, field).replace("``", "").replace("`", "")
     if own.many:
-        help_text += " May be given again."
+        help_text += " Repeatable."
     kind, default = _kind(field.annotation, own.many), taken.instead.get(name, field.default)
     if isinstance(default, Unset):
         help_text, default = f"{help_text} {default.text}", None

@@ -14,7 +14,7 @@ from edmsim.errors import InputError
 def view(
     directory: Annotated[Path, typer.Argument(help="Folder of a cut.", show_default=False)],
     other: Annotated[
-        Path | None, typer.Argument(help="Folder of another, to lay beside it.", show_default=False)
+        Path | None, typer.Argument(help="Folder of another cut, shown side by side.", show_default=False)
     ] = None,
 ) -> None:
     """Play a cut back in rerun, or two side by side."""
@@ -29,21 +29,21 @@ def report(
     film: Annotated[Path | None, typer.Option(help="Film of the cut, .mp4 or .gif.")] = None,
     seconds: Annotated[float, typer.Option(help="Length of the film.")] = 12.0,
     screenshots: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Pictures of the viewer, made without a screen.")
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for pictures of the viewer; needs no screen.")
     ] = None,
-    figures: Annotated[Path | None, typer.Option(metavar="FOLDER", help="The figures for a paper.")] = None,
-    format: Annotated[str, typer.Option(help="Of these figures: pdf, svg or png.")] = "pdf",
-    contour: Annotated[Path | None, typer.Option(help="The contour as cut, .dxf .csv or .svg.")] = None,
+    figures: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Folder for figures.")] = None,
+    format: Annotated[str, typer.Option(help="Format of the figures: pdf, svg or png.")] = "pdf",
+    contour: Annotated[Path | None, typer.Option(help="File for the cut contour, .dxf .csv or .svg.")] = None,
     contour_height: Annotated[
-        float | None, typer.Option(help="Height in mm of that contour of the part; default: the kerf, mid height.")
+        float | None, typer.Option(help="Height of the contour in mm; default: that of the kerf at mid height.")
     ] = None,
-    face: Annotated[Path | None, typer.Option(help="The part's cut face, .stl, or .glb (glTF).")] = None,
+    face: Annotated[Path | None, typer.Option(help="File for the part's cut face, .stl or .glb (glTF).")] = None,
 ) -> None:
-    """Write a cut's report.html again, or film, figures, contour.
+    """Write a cut's report.html again, or a film, figures, a contour.
 
-    Without an option it is report.html; with some, the files that they name.
+    Without options it writes report.html, with options only the files they name.
     """
-    from edmsim.job.remake import remake
+    from edmsim.job.result import remake
     from edmsim.recording import find_recording, take_screenshots
     from edmsim.recording.contour_file import write_contour
     from edmsim.recording.cut_folder import read_cut

@@ -13,19 +13,19 @@ from edmsim.cli.console import INTERRUPTED, OUT, Json, named, say
 from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import FAILED
 
-_BY_LOG = Unset("By default as in the log.")
+_BY_LOG = Unset("Default: as in the log.")
 
 
 @takes(
     "machine", SET_UP, "resolution", "seed",
     **dict.fromkeys(("machine", "material", "wire", "generator", "height_mm"), _BY_LOG),
-    resolution=Unset("By default as in the log, or fast."),
+    resolution=Unset("Default: as in the log, or fast."),
 )
 def calibrate(
     log: Annotated[Path, typer.Argument(help="Table of windows, .parquet or CSV.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="TOML file for the fitted machine; material and wire go beside it.")],
+    out: Annotated[Path, typer.Option(help="TOML file for the machine; material and wire go to the same folder.")],
     fit: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Constants or sections to fit; by default the usual three.")
+        str | None, typer.Option(metavar="A,B", help="Constants or sections to fit; default: the usual three.")
     ] = None,
     json: Json = False,
     **options: Any,
@@ -67,10 +67,10 @@ def calibrate(
 
 
 def validate(
-    failed: Annotated[bool, typer.Option("--failed", help="Show only what fails, with the reasons.")] = False,
+    failed: Annotated[bool, typer.Option("--failed", help="Show only rows that fail, with the reasons.")] = False,
     json: Json = False,
 ) -> None:
-    """Compare the model with what was published, row by row."""
+    """Compare the model with publications, row by row."""
     from edmsim.progress import ShownProgress
     from edmsim.validation import report, run
 

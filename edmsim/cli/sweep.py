@@ -16,11 +16,9 @@ if TYPE_CHECKING:
     from edmsim.sweep.run import SweepProgress
     from edmsim.sweep.specification import Specification
 
-Ray = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")
-]
+Ray = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")]
 ProcessCount = Annotated[
-    int | None, typer.Option("--processes", help="Processes on this computer; one a processor by default.")
+    int | None, typer.Option("--processes", help="Processes on this computer; default: one per processor.")
 ]
 SHORT_FORM = {"ignore_unknown_options": True, "allow_extra_args": True}
 
@@ -29,22 +27,22 @@ def run(
     context: typer.Context,
     what: Annotated[str, typer.Argument(help="Specification (.toml), part program, or environment.")],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
-    seeds: Annotated[int | None, typer.Option(help="Seeds of every combination; 1 by default.")] = None,
+    seeds: Annotated[int | None, typer.Option(help="Seeds per combination; default: 1.")] = None,
     machine_samples: Annotated[
         int | None, typer.Option(help="Machines drawn within the ranges of their constants, for every combination.")
     ] = None,
     record: Annotated[
-        list[str] | None, typer.Option(help="Keep of each cut: report, windows or all; may be given again.")
+        list[str] | None, typer.Option(help="Store of each cut: report, windows or all; repeatable.")
     ] = None,
     ray: Ray = None,
     processes: ProcessCount = None,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Make again what failed.")] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Repeat failed runs.")] = False,
 ) -> None:
-    """Make many cuts from one specification.
+    """Run many cuts from one specification.
 
     Every combination of settings, seeds and machines is cut. Any option of a cut or an environment takes values:
     --height 5,10,20 --t-on 10:40:5 --gap.critical_um 4,5.
-    Interrupted and started again, a sweep makes only what is missing.
+    If a sweep was interrupted, the same command makes only the missing runs.
     """
     from edmsim.progress import ShownProgress
     from edmsim.sweep.run import sweep
@@ -64,11 +62,9 @@ def run(
                     bar.show("looked at before the first run", done, total)
 
             slow_s = time.monotonic() + 2.0
-            last = sweep(
-                specification, out, engine=engine, retry_failed=retry_failed, watch=watch, checking=checking
-            )
+            last = sweep(specification, out, engine=engine, retry_failed=retry_failed, watch=watch, checking=checking)
     except KeyboardInterrupt:
-        say("interrupted; the same command goes on with what is missing")
+        say("interrupted; run the same command to make the missing runs")
         raise typer.Exit(INTERRUPTED) from None
     OUT.print(f"{last.done} runs, {last.made} made now, {last.failed} failed.", highlight=False)
     OUT.print(f"Look at them with: edmsim sweep show {out}", highlight=False, soft_wrap=True, markup=False)
@@ -100,7 +96,7 @@ def _specification(
     chosen = {name: value for name, value in over.items() if value is not None}
     if what.endswith(".toml"):
         if words or chosen:
-            raise InputError(f"a specification says all itself: leave out {' '.join(words) or ', '.join(chosen)}")
+            raise InputError(f"a specification has all settings: leave out {' '.join(words) or ', '.join(chosen)}")
         return read_specification(what)
     kind = "program" if Path(what).is_file() or Path(what).suffix not in ("", ".py") else "environment"
     return Specification.model_validate({kind: what, "grid": _options(words), **chosen})

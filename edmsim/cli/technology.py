@@ -15,17 +15,17 @@ from edmsim.cli.options import takes
     "height_mm", "wire", "machine", "resolution", "seed", wire="brass-254", machine="production", resolution="fast"
 )
 def technology(
-    material: Annotated[str, typer.Argument(help="Workpiece material, a name or an own file.", show_default=False)],
-    passes: Annotated[int, typer.Option(help="How many, rough and trims: 1 to 7.")] = 4,
+    material: Annotated[str, typer.Argument(help="Workpiece material, a name or your own file.", show_default=False)],
+    passes: Annotated[int, typer.Option(help="Number of passes, rough and trims: 1 to 7.")] = 4,
     out: Annotated[
         Path | None,
-        typer.Option(help="File .toml; one that is there gets another height. Default MATERIAL-WIRE.toml."),
+        typer.Option(help="TOML file; the height is added to an existing one. Default: MATERIAL-WIRE.toml."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the interrupted search of that file.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Resume the interrupted search of that file.")] = False,
     quiet: Quiet = False,
     **options: Any,
 ) -> None:
-    """Search offsets and settings of passes by simulated cuts, and write them as a technology."""
+    """Search for offsets and settings of passes by simulated cuts, and write a technology."""
     from edmsim.evaluation.technology import Job, Search, merged, technology_text
     from edmsim.files import make_writable, replacing
     from edmsim.machine.technology import read_technology
@@ -41,7 +41,7 @@ def technology(
     try:
         found = Search(job, (lambda text: None) if quiet else _tell, journal).run(resume)
     except KeyboardInterrupt:
-        say(f"interrupted; the same command with --resume goes on behind the passes in {journal}")
+        say(f"interrupted; run the same command with --resume to continue after the passes in {journal}")
         raise typer.Exit(INTERRUPTED) from None
     source = f"found by simulation: edmsim technology {material} --height {job.height_mm:g} --passes {passes}"
     with replacing(file) as partial:

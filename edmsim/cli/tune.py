@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from edmsim.progress import ShownProgress
     from edmsim.sweep.tune import Tuned
 
-Study = Annotated[Path, typer.Option("--out", help="Folder of the study; one that is there goes on.")]
+Study = Annotated[Path, typer.Option("--out", help="Folder of the study; an existing one is resumed.")]
 Trials = Annotated[int, typer.Option(help="Trials in all.")]
-FirstSeed = Annotated[int, typer.Option("--seed", help="First training seed, and seed of the search.")]
-Seeds = Annotated[int, typer.Option(help="Training seeds a trial is judged by.")]
+FirstSeed = Annotated[int, typer.Option("--seed", help="First training seed, also the seed of the search.")]
+Seeds = Annotated[int, typer.Option(help="Number of training seeds per trial.")]
 Environment = Annotated[
     str,
     typer.Argument(metavar="ENV_ID", help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False),
@@ -30,11 +30,11 @@ Steps = Annotated[int | None, typer.Option(help="Windows of each training; defau
 
 
 def gains(
-    name: Annotated[str, typer.Argument(help="Feed controller, as those with a file in models/gains.",
+    name: Annotated[str, typer.Argument(help="Feed controller with a file in models/gains.",
                                         show_default=False)],
     out: Study,
     method: Annotated[
-        str, typer.Option(help="tpe (Optuna, extra tune), or evolution: trial by trial on this computer.")
+        str, typer.Option(help="tpe (Optuna, extra tune), or evolution, one trial after another on this computer.")
     ] = "tpe",
     trials: Trials = 40,
     seed: FirstSeed = 0,
@@ -42,7 +42,7 @@ def gains(
     ray: Ray = None,
     processes: ProcessCount = None,
 ) -> None:  # fmt: skip
-    """Search the gains of a feed controller."""
+    """Search for gains of a feed controller."""
     from edmsim.sweep.tune import tune_gains
 
     with _searching() as bar:
@@ -64,7 +64,7 @@ def training(
     ray: Ray = None,
     processes: ProcessCount = None,
 ) -> None:
-    """Search the settings of a training (needs the extras rl and tune)."""
+    """Search for settings of a training (extras rl and tune)."""
     from edmsim.sweep.tune import tune_training
 
     with _searching() as bar:
@@ -77,16 +77,16 @@ def training(
 
 def population(
     env_id: Environment,
-    out: Annotated[Path, typer.Option(help="Folder that every computer of the cluster has; what is there goes on.")],
+    out: Annotated[Path, typer.Option(help="Folder that all nodes share; an existing population is resumed.")],
     ray: Annotated[str, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT.")] = "auto",
-    learners: Annotated[int, typer.Option(help="4 or more, a processor each.")] = 8,
-    generations: Annotated[int, typer.Option(help="How often they are compared.")] = 10,
+    learners: Annotated[int, typer.Option(help="Number of learners, at least 4, with a processor each.")] = 8,
+    generations: Annotated[int, typer.Option(help="Number of comparisons of the learners.")] = 10,
     algo: Algorithm = "ppo",
-    steps: Annotated[int | None, typer.Option(help="Windows of a learner in all; default by environment.")] = None,
+    steps: Annotated[int | None, typer.Option(help="Windows per learner; default by environment.")] = None,
     seed: FirstSeed = 0,
     seeds: Seeds = 5,
 ) -> None:
-    """Train a population on a Ray cluster, with settings that follow the best (extras cluster, rl and tune)."""
+    """Train a population on a Ray cluster; settings follow the best learners (extras cluster, rl and tune)."""
     from edmsim.sweep.population import PopulationResult, train_population
 
     made = iter(range(1, learners * generations + 1))
@@ -104,19 +104,19 @@ def population(
 
 
 @takes("machine", SET_UP, machine=Unset(""), material=Unset(""), wire=Unset(""), generator=Unset(""),
-       height_mm=Unset("By default drawn, 4 to 40."))  # fmt: skip
+       height_mm=Unset("Default: drawn, 4 to 40."))  # fmt: skip
 def own(
-    name: Annotated[str, typer.Argument(metavar="FILE.py:CLASS", help="Your controller; its BOUNDS say what is "
-                                        "searched.", show_default=False)],
+    name: Annotated[str, typer.Argument(metavar="FILE.py:CLASS", help="Your controller; its BOUNDS list the "
+                                        "parameters to search.", show_default=False)],
     out: Study,
     trials: Trials = 40,
     seed: FirstSeed = 0,
-    seeds: Annotated[int, typer.Option(help="Drawn machines a trial is judged by.")] = 5,
+    seeds: Annotated[int, typer.Option(help="Number of drawn machines per trial.")] = 5,
     ray: Ray = None,
     processes: ProcessCount = None,
     **options: Any,
 ) -> None:  # fmt: skip
-    """Search the settings of a controller of your own, on drawn machines (needs the extra tune)."""
+    """Search for settings of your controller, on drawn machines (extra tune)."""
     from edmsim.sweep.own import tune_own
     from edmsim.sweep.tune import BEST
 
@@ -142,11 +142,11 @@ def own(
 def drive(
     name: Annotated[str, typer.Argument(metavar="DRIVE", help="Drive: uhu or servo-module.", show_default=False)],
     axis: Annotated[
-        str, typer.Option(help="Of the machine: x, y; others: bench, table, fast, low-impedance.")
+        str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")
     ] = "bench",
-    out: Annotated[Path | None, typer.Option(help="Picture of before and after, .png.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Picture of the axis before and after tuning, .png.")] = None,
 ) -> None:
-    """Tune a servo drive to its axis, and print what to type."""
+    """Tune a servo drive to its axis, and print the lines to type."""
     from edmsim.consoles.servo.command import tune
 
     OUT.print("\n".join(tune(name, axis, out, say)), highlight=False)
@@ -161,7 +161,7 @@ def _searching(what: str = "study") -> Iterator[ShownProgress]:
         try:
             yield bar
         except KeyboardInterrupt:
-            say(f"interrupted; the same command goes on with the {what}")
+            say(f"interrupted; run the same command to resume the {what}")
             raise typer.Exit(INTERRUPTED) from None
 
 

@@ -22,7 +22,7 @@ def warm_up() -> None:
             bar.show("compile", done, total)
         _use_once()
         bar.show("compile", total, total)
-    OUT.print("All that a cut and an environment compile is compiled, for all resolutions.")
+    OUT.print("All code of cuts and environments is compiled, for all resolutions.")
 
 
 def _use_once() -> None:

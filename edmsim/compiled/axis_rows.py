@@ -61,207 +61,166 @@ SENT = 256
 
 DRIVE = np.dtype(
     [
-        ("sample", "i8"),
-        ("epoch_ns", "i8"),
-        ("index", "i8"),
-        ("num", "i8"),
+        # the plant writes
+        ("sample", "i8"),  # address of the compiled function, 0 for a drive without a loop
+        ("epoch_ns", "i8"),  # start of the grid of samples
+        ("index", "i8"),  # number of the next sample
+        ("num", "i8"),  # the period is num / den ns
         ("den", "i8"),
-        ("due_ns", "i8"),
-        ("now_ns", "i8"),
-        ("event", "i8"),
-        ("setpoint", "i8"),
-        ("alarm_ns", "i8"),
-        ("output_ns", "i8"),
-        ("duty_ns", "i8"),
-        ("command", "f8"),
-        ("lines", "i8"),
-        ("busy_ns", "i8"),
-        ("delay_ns", "i8"),
-        ("pwm_ns", "i8"),
-        ("watchdog_ns", "i8"),
-        ("stalled_until_ns", "i8"),
-        ("count_rate_Hz", "f8"),
-        ("index_ns", "i8"),
-        ("n_sent", "i8"),
-        ("sent", "i8", SENT),
+        ("due_ns", "i8"),  # when the next sample is due
+        ("now_ns", "i8"),  # time of this call
+        ("event", "i8"),  # why the sample is called: `SAMPLE` or `WATCHDOG`
+        ("setpoint", "i8"),  # step edges up less those down
+        ("alarm_ns", "i8"),  # when the watchdog is due
+        ("output_ns", "i8"),  # when the last sample's lines take effect
+        ("duty_ns", "i8"),  # when its command does
+        # the drive writes
+        ("command", "f8"),  # -1 to 1 of the motor's supply voltage or, before a velocity amplifier, `REFERENCE_V`
+        ("lines", "i8"),  # output lines: `FAULT`, `FREEWHEEL` and so on
+        ("busy_ns", "i8"),  # a sample longer than the period leaves the grid: the next one follows at once
+        ("delay_ns", "i8"),  # time to compute: lines and command take effect so much later
+        ("pwm_ns", "i8"),  # the command takes effect at the next period of this, if not 0
+        ("watchdog_ns", "i8"),  # longest time without a sample, 0 for none
+        ("stalled_until_ns", "i8"),  # no sample is taken before
+        ("count_rate_Hz", "f8"),  # fastest encoder edges its input takes, 0 for the encoder's own limit
+        ("index_ns", "i8"),  # an index mark shorter than this is not seen
+        ("n_sent", "i8"),  # bytes sent so far
+        ("sent", "i8", SENT),  # last bytes for the serial line with their times, see `put_byte`
+        # its own: parameters, ramps, what it records, what outlasts the power
         ("reg", "i8", 256),
         ("real", "f8", 32),
         ("memory", "i8", 512),
         ("eeprom", "u1", 128),
     ]
 )
-"""A drive. The plant writes ``sample`` (address of the compiled function, 0 for a drive without a loop), the due
-time of the next sample (its number is ``index``, the period ``num / den`` ns), ``now_ns`` and ``event`` at every
-call, ``setpoint``, the step edges up less those down, ``alarm_ns``, when the watchdog is due, ``output_ns`` and
-``duty_ns``, when the last sample's lines and command take effect.
-
-The drive writes ``command``, the share of the motor's supply voltage, or of `REFERENCE_V` where a velocity amplifier
-stands between (-1 to 1, held until the next sample), and its output ``lines``; both take effect ``delay_ns`` later
-(its time to compute), the command at the next period of ``pwm_ns`` if that is not 0. A sample that is ``busy_ns``
-long leaves the grid where that is longer than the period: the next one follows at once. ``watchdog_ns`` (0 for none)
-is the longest time without a sample. No sample is taken before ``stalled_until_ns``. ``count_rate_Hz`` is the fastest
-encoder edges its input takes, 0 for the encoder's own limit; an index mark shorter than ``index_ns`` is not seen.
-``sent`` has the last bytes for the serial line and their times (see `put_byte`), ``n_sent`` counts them. ``reg``,
-``real``, ``memory`` and ``eeprom`` are its own: parameters, ramps, what it records, what outlasts the power. All of
-it is part of the plant's snapshot."""
+"""A drive. All of it is part of the plant's snapshot."""
 
 AXIS = np.dtype(
     [
-        ("time_ns", "i8"),
-        ("count", "i8"),
-        ("illegal", "i8"),
-        ("edges", "i8"),
-        ("index_at", "i8"),
-        ("indexes", "i8"),
-        ("ends", "i8"),
-        ("home", "i8"),
-        ("index_on", "i8"),
-        ("lines", "i8"),
-        ("hand_lines", "i8"),
-        ("wiring", "i8"),
-        ("in_reset", "i8"),
-        ("mark", "i8"),
-        ("cam", "i8"),
-        ("cam_ns", "i8"),
-        ("shares", "i8"),
-        ("apart", "i8"),
-        ("missed", "i8"),
-        ("moved_ns", "i8"),
-        ("true_count", "i8"),
-        ("state", "i8"),
-        ("latched_state", "i8"),
-        ("ready_ns", "f8"),
-        ("unplugged", "i8"),
-        ("swapped", "i8"),
-        ("disturbed", "i8"),
-        ("spike_ns", "f8"),
-        ("noise_key", "u8"),
+        # read for the drive at its sample
+        ("time_ns", "i8"),  # of the sample
+        ("count", "i8"),  # of the encoder, four to a line, since the place where the drive was switched on
+        ("illegal", "i8"),  # how often both phases changed at once, which moves no count
+        ("edges", "i8"),  # all that were counted
+        ("index_at", "i8"),  # count at the last index mark passed
+        ("indexes", "i8"),  # index marks passed
+        ("ends", "i8"),  # end switches that are open: `LOW_END`, `HIGH_END`
+        ("home", "i8"),  # the home cam's switch behind its input filter
+        ("index_on", "i8"),  # whether an index mark is there now
+        ("lines", "i8"),  # input lines: `STOP_IN`, `FAULT_IN`, `ENABLE_IN`, `SHARED_IN`
+        # wires, which no drive sees, as all that follows
+        ("hand_lines", "i8"),  # input lines held active from outside
+        ("wiring", "i8"),  # how the drive hangs on the fault net: `NET_IN`, `NET_OUT`
+        ("in_reset", "i8"),  # whether the drive's logic is held in reset
+        # marks and cam
+        ("mark", "i8"),  # the last index mark below
+        ("cam", "i8"),  # the home switch itself
+        ("cam_ns", "i8"),  # when it last changed
+        ("shares", "i8"),  # axes of equal numbers other than 0 hang on one output, which their drives write in turn
+        ("apart", "i8"),  # contactor open: the motor freewheels
+        # encoder
+        ("missed", "i8"),  # what `count` is behind `true_count`
+        ("moved_ns", "i8"),  # the motor is moved up to this time
+        ("true_count", "i8"),  # by the place
+        ("state", "i8"),  # phases as they are
+        ("latched_state", "i8"),  # phases last counted
+        ("ready_ns", "f8"),  # when the input takes the next edge
+        ("unplugged", "i8"),  # wires `PHASE_A`, `PHASE_B`, `INDEX_WIRE`, whose phases read 1
+        ("swapped", "i8"),  # whether the phases are swapped
+        ("disturbed", "i8"),  # phases that a spike turns over
+        ("spike_ns", "f8"),  # until when; without a spike, when the next begins
+        ("noise_key", "u8"),  # of the spikes' draws
         ("noise_draws", "i8"),
-        ("locked", "i8"),
-        ("damage", "i8"),
-        ("pins", "i8"),
-        ("duty", "f8"),
-        ("zero_um", "f8"),
-        ("low_um", "f8"),
-        ("high_um", "f8"),
-        ("place_um", "f8"),
-        ("speed_um_s", "f8"),
-        ("rotor_um", "f8"),
-        ("speed_rad_s", "f8"),
+        # motor
+        ("locked", "i8"),  # whether the rotor is held
+        ("damage", "i8"),  # `BRIDGE_DAMAGED`, `MAGNETS_DAMAGED`, `WINDING_DAMAGED`
+        ("pins", "i8"),  # outputs in effect
+        ("duty", "f8"),  # command in effect
+        ("zero_um", "f8"),  # place where the drive was switched on
+        ("low_um", "f8"),  # the end switches open below this
+        ("high_um", "f8"),  # and above this
+        ("place_um", "f8"),  # of the table
+        ("speed_um_s", "f8"),  # of the table
+        ("rotor_um", "f8"),  # travel that the rotor's angle stands for
+        ("speed_rad_s", "f8"),  # of the rotor
         ("current_A", "f8"),
-        ("integral_A", "f8"),
-        ("link_V", "f8"),
-        ("peak_A", "f8"),
-        ("winding_K", "f8"),
-        ("hand_Nm", "f8"),
-        ("hand_N", "f8"),
-        ("least_um", "f8"),
-        ("most_um", "f8"),
-        ("stray_um", "f8"),
-        ("trip", "i8"),
-        ("trip_ns", "i8"),
+        ("integral_A", "f8"),  # integral part of the current that a velocity amplifier asks for
+        ("link_V", "f8"),  # the supply's voltage at the bridge
+        ("peak_A", "f8"),  # largest current so far
+        ("winding_K", "f8"),  # the winding's temperature over the surroundings
+        ("hand_Nm", "f8"),  # torque on the shaft from outside
+        ("hand_N", "f8"),  # force on the table from outside
+        # what the machine watches
+        ("least_um", "f8"),  # the table is to be between this
+        ("most_um", "f8"),  # and this
+        ("stray_um", "f8"),  # and not further than so much outside
+        ("trip", "i8"),  # for what the machine stops the axis: `FOLLOWING_ERROR`, `NO_COMMAND`
+        ("trip_ns", "i8"),  # since when
     ]
 )
-"""An axis under a drive with a loop. Read for the drive at its sample, at ``time_ns``: the encoder's ``count``, four
-to a line, since the place ``zero_um`` where the drive was switched on; ``illegal``, how often both phases changed at
-once, which moves no count; ``edges``, all that were counted; ``index_at``, the count at the last index mark passed,
-and how many marks were passed (``indexes``); whether one is there now (``index_on``); ``ends``, the open end
-switches; ``home``, the home cam's switch behind its input filter; ``lines``, its input lines.
-
-The rest no drive sees. Wires: ``hand_lines`` are input lines held active from outside, ``wiring`` how the drive
-hangs on the fault net, ``in_reset`` whether its logic is held in reset. Encoder: ``true_count`` by the place,
-``missed`` what ``count`` is behind that, ``state`` the phases as they are, ``latched_state`` those last counted,
-``ready_ns`` when the input takes the next edge, ``unplugged`` phases (which read 1) and whether they are
-``swapped``; ``disturbed`` phases, which a spike turns over until ``spike_ns`` (without one, the next begins then),
-``noise_key`` and ``noise_draws`` number its draws; ``mark`` is the last index mark below. ``cam`` is the home switch
-itself and ``cam_ns`` when it last changed. Axes of equal ``shares`` other than 0 hang on one output, which the drives
-write in turn; ``apart`` is an axis whose contactor is open, so that its motor freewheels. The switches open below
-``low_um`` and above ``high_um``. Motor, moved to ``moved_ns``: ``pins`` and ``duty`` are the outputs in effect,
-``place_um`` and ``speed_um_s`` of the table, ``rotor_um`` the travel that the rotor's angle stands for, its speed and
-current, ``integral_A`` the integral part of the current that a velocity amplifier asks for, ``link_V`` the supply's
-voltage at the bridge, ``peak_A`` the largest current so far, ``winding_K`` the winding's temperature over the
-surroundings, ``damage`` what was too much. ``locked`` holds the rotor; ``hand_Nm`` and ``hand_N`` are a torque on its
-shaft and a force on the table from outside. What the machine itself looks after: the table is to be between
-``least_um`` and ``most_um``, and not further than ``stray_um`` outside; ``trip`` says for what the machine stops the
-axis (`FOLLOWING_ERROR`, `NO_COMMAND`), and ``trip_ns`` since when."""
+"""An axis under a drive with a loop."""
 
 MOTOR = np.dtype(
     [
+        # supply and bridge
         ("supply_V", "f8"),
         ("supply_ohm", "f8"),
-        ("supply_A", "f8"),
-        ("link_F", "f8"),
-        ("bridge_A", "f8"),
-        ("diode_V", "f8"),
+        ("supply_A", "f8"),  # greatest current of the supply
+        ("link_F", "f8"),  # capacitor at the bridge
+        ("bridge_A", "f8"),  # what the bridge's transistors survive
+        ("diode_V", "f8"),  # drop of a diode
+        # winding
         ("resistance_ohm", "f8"),
         ("inductance_H", "f8"),
-        ("torque_Nm_A", "f8"),
-        ("peak_A", "f8"),
-        ("rated_K", "f8"),
-        ("winding_J_K", "f8"),
-        ("winding_K_W", "f8"),
-        ("inertia_kg_m2", "f8"),
+        ("torque_Nm_A", "f8"),  # also the back-EMF in V s per rad
+        ("peak_A", "f8"),  # demagnetises the motor
+        ("rated_K", "f8"),  # temperature that the winding may have over its surroundings
+        ("winding_J_K", "f8"),  # heat capacity
+        ("winding_K_W", "f8"),  # thermal resistance
+        # rotor
+        ("inertia_kg_m2", "f8"),  # with what turns with it
         ("damping_Nm_s", "f8"),
-        ("friction_Nm", "f8"),
-        ("stiction_Nm", "f8"),
-        ("um_per_rad", "f8"),
-        ("screw_N_m", "f8"),
-        ("screw_N_s_m", "f8"),
+        ("friction_Nm", "f8"),  # while it turns
+        ("stiction_Nm", "f8"),  # before it does
+        # screw and table; on x and y of a machine, the machine's own
+        ("um_per_rad", "f8"),  # travel
+        ("screw_N_m", "f8"),  # spring between nut and table
+        ("screw_N_s_m", "f8"),  # damper
         ("backlash_um", "f8"),
         ("table_kg", "f8"),
-        ("way_N_s_m", "f8"),
+        ("way_N_s_m", "f8"),  # oil film of the ways
         ("way_friction_N", "f8"),
         ("way_stiction_N", "f8"),
-        ("load_N", "f8"),
-        ("counts_per_rad", "f8"),
-        ("on_table", "f8"),
-        ("phase_error", "f8"),
-        ("index_um", "f8"),
-        ("edge_rate_Hz", "f8"),
-        ("spike_rate_Hz", "f8"),
-        ("spike_s", "f8"),
-        ("index_phase_um", "f8"),
+        ("load_N", "f8"),  # pulls steadily, as gravity does on a vertical axis
+        # encoder
+        ("counts_per_rad", "f8"),  # of the rotor: 4 times its lines over 2 pi
+        ("on_table", "f8"),  # 1 where counts are of the table's travel
+        ("phase_error", "f8"),  # by how much of a count every other edge is off
+        ("index_um", "f8"),  # from one index mark to the next
+        ("edge_rate_Hz", "f8"),  # fastest edges it makes
+        ("spike_rate_Hz", "f8"),  # how often on average a spike disturbs its wires, at random
+        ("spike_s", "f8"),  # how long one lasts on average
+        ("index_phase_um", "f8"),  # an index mark begins so far after a multiple of the way between two
         ("index_width_um", "f8"),
-        ("amplifier_rad_s_V", "f8"),
-        ("amplifier_A_s", "f8"),
-        ("amplifier_A", "f8"),
-        ("limit_A", "f8"),
-        ("gain_error", "f8"),
-        ("asymmetry", "f8"),
-        ("offset_V", "f8"),
-        ("drift_V", "f8"),
-        ("warm_s", "f8"),
-        ("cam_low_um", "f8"),
-        ("cam_high_um", "f8"),
-        ("cam_hysteresis_um", "f8"),
-        ("cam_bounce_ns", "f8"),
-        ("cam_filter_ns", "f8"),
+        # velocity amplifier, for which the motor has none where the first is 0
+        ("amplifier_rad_s_V", "f8"),  # the rotor's speed per volt of its reference
+        ("amplifier_A_s", "f8"),  # current per error of speed, A per rad/s
+        ("amplifier_A", "f8"),  # current per integral of that error, A per rad
+        ("limit_A", "f8"),  # greatest current
+        ("gain_error", "f8"),  # share
+        ("asymmetry", "f8"),  # share: faster forward and slower backward by half of it each
+        ("offset_V", "f8"),  # at its input
+        ("drift_V", "f8"),  # of the offset after switching on
+        ("warm_s", "f8"),  # time constant of the drift, 0 for none
+        # home cam, none where low and high are equal
+        ("cam_low_um", "f8"),  # the switch closes between this place of the table
+        ("cam_high_um", "f8"),  # and this
+        ("cam_hysteresis_um", "f8"),  # and opens so far outside
+        ("cam_bounce_ns", "f8"),  # its contact bounces for so long
+        ("cam_filter_ns", "f8"),  # the input takes a level that has stood for so long
     ]
 )
-"""Constants of a direct-current motor with its supply, what it moves, and its encoder.
-
-Supply and bridge: ``supply_V`` behind ``supply_ohm``, at most ``supply_A``, into a capacitor ``link_F`` at the
-bridge; ``bridge_A`` is what its transistors survive, ``diode_V`` the drop of a diode. Winding: ``torque_Nm_A`` is
-the back-EMF in V s per rad, too; ``peak_A`` demagnetises the motor; the winding of heat capacity ``winding_J_K`` and
-thermal resistance ``winding_K_W`` may be ``rated_K`` over its surroundings. Rotor: ``inertia_kg_m2`` with what turns
-with it, ``friction_Nm`` while it turns, ``stiction_Nm`` before it does. Screw: ``um_per_rad`` of travel, its spring
-and damper between nut and table, its backlash. Table: mass, oil film, friction and stiction of the ways, and
-``load_N``, which pulls steadily (gravity of a vertical axis). On x and y of a machine, screw and table are the
-machine's own. Encoder: ``counts_per_rad`` of the rotor (4 times its lines over 2 pi), of the table's travel where
-``on_table`` is 1; ``phase_error``, by how much of a count every other edge is off; ``index_um`` from one index mark
-to the next; ``edge_rate_Hz`` the fastest edges it makes; ``spike_rate_Hz`` how often on average a spike disturbs its
-wires, at random, and ``spike_s`` how long one lasts on average. An index mark begins ``index_phase_um`` after a
-multiple of the way between two and is ``index_width_um`` long.
-
-Velocity amplifier, none where ``amplifier_rad_s_V`` is 0: the rotor's speed per volt of its reference; it turns an
-error of speed into a current with ``amplifier_A_s`` (A per rad/s) and ``amplifier_A`` (A per rad), ``limit_A`` at
-most. It is off by ``gain_error``, a share, faster forward and slower backward by half of ``asymmetry``, a share,
-each, and by ``offset_V`` at its input, which drifts by ``drift_V`` with a time constant ``warm_s`` (0 for none) after
-switching on.
-
-Home cam: the switch closes between ``cam_low_um`` and ``cam_high_um`` of the table's place and opens
-``cam_hysteresis_um`` outside; no cam where both are equal. Its contact bounces for ``cam_bounce_ns``, and the input
-takes a level that has stood for ``cam_filter_ns``."""
+"""Constants of a direct-current motor with its supply, what it moves, and its encoder."""
 
 
 class SampleFunction(Protocol):
@@ -270,7 +229,6 @@ class SampleFunction(Protocol):
     @property
     def address(self) -> int:
         """Where the machine code is."""
-        ...
 
 
 class _Sample:

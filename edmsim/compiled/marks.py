@@ -12,21 +12,9 @@ PART = "edmsim_part"
 
 
 def with_marks(program: str, parts: Sequence[Sequence[str]]) -> str:
-    """Let some functions of a program, before they are inlined, say that they run.
+    """Let functions of each part of a program (a module of numba's LLVM) say, before they are inlined, that they run.
 
     A function that is called by one of another part counts for its own; when it ends, the other goes on.
-
-    Parameters
-    ----------
-    program : str
-        A module of LLVM's language that numba made.
-    parts : sequence of sequences of str
-        Of each part the functions, by their module and name with dots.
-
-    Raises
-    ------
-    LookupError
-        The program has no function of such a name.
     """
     numbers = {_symbol(name): number for number, names in enumerate(parts, 1) for name in names}
     lines: list[str] = []

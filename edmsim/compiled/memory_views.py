@@ -43,14 +43,6 @@ def group_of(name: str, table: np.dtype[np.void], fields: dict[str, GroupField],
 
     Each of the group's fields is looked up where it is used. Handed on as a tuple of arrays, a group would be some
     six hundred numbers in every call of every function, a third of the time to compile.
-
-    Parameters
-    ----------
-    table : dtype
-        Of the record: plain numbers themselves, and the addresses of arrays. It stays as it is while compiled code
-        runs, which need not read it twice.
-    lengths : sequence of str
-        Names of the tuple's numbers.
     """
     made = _Group(name, table, fields, lengths)
 

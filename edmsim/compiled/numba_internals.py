@@ -248,22 +248,7 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
 def whole_program(
     function: Any, signature: tuple[Any, ...], compiled: Callable[[str], None]
 ) -> tuple[llvm.ModuleRef, str]:
-    """Translate a function and all it calls into one module of LLVM's language.
-
-    The functions must not have been compiled before in this process.
-
-    Parameters
-    ----------
-    function : dispatcher
-        Made by ``numba.njit``.
-    compiled : callable
-        Called with the name of every function that is translated.
-
-    Returns
-    -------
-    name : str
-        That of the function in it: ``i32 name(return value's place, exception's place, *arguments)``.
-    """
+    """Translate a function and all it calls into one module of LLVM's language; returns it and its name there."""
     with _without_machine_code(compiled):
         function.compile(signature)
     result = function.overloads[signature]

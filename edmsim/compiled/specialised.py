@@ -48,35 +48,14 @@ _NUMBA_SHARE = 0.7
 
 
 def specialised(function: Callable[..., None], *constants: int) -> Callable[..., None]:
-    """Return ``function(*arguments, *constants)`` in machine code, as a function of its first arguments.
-
-    Parameters
-    ----------
-    function : callable
-        A function of a module, of whole numbers (int64), that numba compiles.
-    *constants : int
-        Its last arguments.
-
-    Raises
-    ------
-    RuntimeError
-        The compiler failed, or no process could be started.
-    IndexError
-        By the function returned: where bounds are checked, an index left its array.
-    """
+    """Return ``function(*arguments, *constants)``, of whole numbers, in machine code of its first arguments."""
     return _run_by(_loaded(_code(function, constants, ())), len(_parameters(function)) - len(constants))
 
 
 def marked(
     function: Callable[..., None], *constants: int, parts: Parts
 ) -> tuple[Callable[..., None], Callable[[], int]]:
-    """Return what `specialised` does, compiled with marks, and a function that says which part it is in.
-
-    Parameters
-    ----------
-    parts : tuple of tuples of str
-        Functions of each part, see `marks.with_marks`.
-    """
+    """Return what `specialised` does, compiled with marks, and a function that says which of the parts it is in."""
     engine = _loaded(_code(function, constants, parts))
     run = _run_by(engine, len(_parameters(function)) - len(constants))
     number = ctypes.c_int64.from_address(engine.get_global_value_address(PART))

@@ -13,16 +13,11 @@ from edmsim.plant.axes.rapid import constants, time_left_s
 from edmsim.plant.plant import Plant
 from edmsim.snapshots import Snapshots
 
-_STEP_SHARE = 1e-6
-"""Share by which a drive's step may differ from the machine's: what rounding leaves."""
+_STEP_SHARE = 1e-6  # share by which a drive's step may differ from the machine's: what rounding leaves
 
 
 class CutAxes(Snapshots):
-    """What a cut asks of its axes, and what befalls them.
-
-    Raises `InputError` if a drive's steps differ from the machine's, or an axis with a fault has no drive with a
-    loop.
-    """
+    """What a cut asks of its axes, and what befalls them; refuses drives whose steps differ from the machine's."""
 
     STATE = ("_since_ns", "_before_um")
 

@@ -1,7 +1,7 @@
 """One control cycle: motor steps, a window of 255 pulses, an observation, a decision.
 
 It serves every cut that Python runs window by window: of a program (`edmsim.cosim.simulation`) and straight ones
-(`edmsim.cosim.straight`). Environments run many lanes in compiled calls, and the terminal's rig decides by
+(`edmsim.cosim.straight`). Environments run many sub-environments in compiled calls, and the terminal's rig decides by
 interrupts; they share what is around it: `WindowObservation.of`, `edmsim.cosim.stops`, the rules of legs.
 """
 
@@ -17,17 +17,7 @@ from edmsim.plant.plant import Plant
 
 
 class Cycle:
-    """Plant, motion and controller in step.
-
-    Parameters
-    ----------
-    motion : Motion
-        What makes the steps; it may be replaced between turns.
-    decide : callable
-        Is shown every whole window; what it wants counts from the next one on.
-    observers : sequence of Observer
-        Are shown every window before anything is decided.
-    """
+    """Plant, motion and controller in step: observers see every window; what `decide` says counts from the next."""
 
     def __init__(
         self, plant: Plant, motion: Motion, decide: Callable[[WindowObservation], None],

@@ -16,10 +16,7 @@ from edmsim.program.path import WireContour
 
 @dataclass
 class ProgramPlace:
-    """How far a program is: the leg, where and after what length of path it began, whether its dwell has begun.
-
-    `lead_um` are u and v where it began.
-    """
+    """How far a program is: the leg, where and after what length of path it began, whether its dwell has begun."""
 
     leg: int = 0
     from_um: tuple[float, float] = (0.0, 0.0)
@@ -30,32 +27,18 @@ class ProgramPlace:
 
 
 class Leg(NamedTuple):
-    """A stretch of path between two stops of the program: threading, a dwell, the end.
-
-    Attributes
-    ----------
-    threads : bool
-        A fresh wire is threaded at the first point.
-    rest_s, dwell_s : float
-        How long the wire waits at the first point before it moves, and at the last one (G4).
-    along_um : float64 array (n,)
-        Length of path up to every point.
-    lead_um : int64 array (n, 2), optional
-        Where the upper guide is, relative to the lower one; None: above it, all along.
-    cut_pass : CutPass, optional
-        The pass it belongs to; None where the contour is cut in one.
-    leads_in : bool
-        Whether it is the way from the start hole to where the pass begins.
-    """
+    """A stretch of path between two stops of the program: threading, a dwell, the end."""
 
     points_um: NDArray[np.int64]
-    threads: bool
+    threads: bool  # a fresh wire is threaded at the first point
+    # rest_s, dwell_s: how long the wire waits at the first point before it moves, and at the last one (G4)
     rest_s: float
     dwell_s: float
-    along_um: NDArray[np.float64]
+    along_um: NDArray[np.float64]  # (n,): length of path up to every point
+    # (n, 2): where the upper guide is, relative to the lower one; None: above it, all along
     lead_um: NDArray[np.int64] | None = None
-    cut_pass: CutPass | None = None
-    leads_in: bool = False
+    cut_pass: CutPass | None = None  # the pass it belongs to; None where the contour is cut in one
+    leads_in: bool = False  # whether it is the way from the start hole to where the pass begins
 
     def started_at(
         self, point_um: tuple[float, float], lead_um: tuple[float, float]

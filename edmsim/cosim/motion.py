@@ -24,15 +24,7 @@ class Motion(Protocol):
         """Length of path behind the wire, over all legs."""
 
     def plan(self, start_ns: int, end_ns: int, certain: bool) -> Sequence[tuple[int, int, int]]:
-        """Return the steps (time in ns, axis, direction) of the window that begins.
-
-        Parameters
-        ----------
-        start_ns, end_ns : int
-            Machine time; the window may end before, but not after `end_ns`.
-        certain : bool
-            Whether it ends just there, unless the wire breaks.
-        """
+        """Return the steps (time in ns, axis, direction) of a window; if not `certain` it may end before `end_ns`."""
 
     def keep(self, start_ns: int, end_ns: int) -> None:
         """Take note of when the window ended: steps planned for later are undone."""
@@ -51,32 +43,7 @@ class _Speeds(NamedTuple):
 
 
 class PlannerMotion(Snapshots):
-    """Motion along a leg that a planner turns into steps.
-
-    Parameters
-    ----------
-    planner : Planner
-        Of the leg.
-    drives : DrivesSteps or None
-        Who makes the planner's steps, if not the motors at once.
-    start_um : float
-        Length of path before the leg.
-    rest_until_ns : int
-        Before that time the wire does not move.
-    command : FeedCommand
-        For the first window.
-    max_feed_um_s : float
-        Greatest feed, either way.
-    offset : PathOffset
-        What leads the guides beside the path.
-    compensation : StepCompensation, optional
-        What adds steps on the way to the motors.
-
-    Attributes
-    ----------
-    command : FeedCommand
-        The last one; its feed counts when its latency is over, the one before until then.
-    """
+    """Motion along a leg that a planner turns into steps; a command's feed counts when its latency is over."""
 
     STATE = ("planner", "rest_until_ns", "command", "_units")
     command: FeedCommand
@@ -157,24 +124,7 @@ class PlannerMotion(Snapshots):
 
 
 class EvenSteps:
-    """Steps of one axis, evenly spaced at a feed that may change between windows.
-
-    Parameters
-    ----------
-    step_um : float
-        Travel of a motor step.
-    feed_um_s : float
-        Negative runs backwards; 0 makes no steps.
-
-    Attributes
-    ----------
-    axis : {0, 1}
-        Which motor steps; it may be changed between windows.
-    feed_um_s : float
-        Feed of the next window.
-    path_um : float
-        Length travelled at these feeds.
-    """
+    """Steps of one axis, evenly spaced; feed (negative runs backwards) and axis may change between windows."""
 
     def __init__(self, step_um: float, feed_um_s: float) -> None:
         self.axis = 0

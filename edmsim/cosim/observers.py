@@ -16,27 +16,13 @@ from edmsim.plant.window import PulseWindow
 
 
 class Turn(NamedTuple):
-    """One turn of the cycle: a window, and how the wire was moved in it.
+    """One turn of the cycle: a window, and how the wire was moved in it."""
 
-    Attributes
-    ----------
-    window : PulseWindow
-        What happened in the gap.
-    time_ns : int
-        Machine time at the window's end.
-    feed_um_s : float
-        Feed in force at the window's end.
-    path_um : float
-        Length of path behind the wire by the position counters, over all legs.
-    opposite : OppositePulses, optional
-        Equalising pulses of the window, if the generator gives any.
-    """
-
-    window: PulseWindow
-    time_ns: int
-    feed_um_s: float
-    path_um: float
-    opposite: OppositePulses | None = None
+    window: PulseWindow  # what happened in the gap
+    time_ns: int  # machine time at the window's end
+    feed_um_s: float  # feed in force at the window's end
+    path_um: float  # length of path behind the wire by the position counters, over all legs
+    opposite: OppositePulses | None = None  # equalising pulses of the window, if the generator gives any
 
 
 class PlantView(Protocol):
@@ -79,15 +65,9 @@ class PlantView(Protocol):
 
 
 class Observer(Protocol):
-    """Looks on at a cut; nothing it does changes the cut. Who derives from it may leave out `begin` and `leg`.
+    """Looks on at a cut and changes nothing; `name` is its place in the checkpoint, and no two share one."""
 
-    Attributes
-    ----------
-    name : str
-        Under this name its snapshot is part of the checkpoint; no two observers of a cut share one.
-    """
-
-    name: ClassVar[str]
+    name: ClassVar[str]  # under this name its snapshot is part of the checkpoint; no two observers of a cut share one
 
     def begin(self, plant: PlantView) -> None:
         """See the plant before the first window."""

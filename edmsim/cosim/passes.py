@@ -11,20 +11,18 @@ import shapely
 
 from edmsim.controllers import FeedController
 from edmsim.cosim.legs import Leg
-from edmsim.cosim.sums import Sums
 from edmsim.machine.machine import Machine
-from edmsim.metrology.loose import lever_mm, loose_pieces
-from edmsim.metrology.passes import WallError, wall_error
+from edmsim.metrology.passes import WallError, lever_mm, loose_pieces, wall_error
 from edmsim.metrology.profile import profile_error
+from edmsim.plant.gap.equalising import OppositePulses
 from edmsim.plant.plant import Plant
+from edmsim.plant.window import PulseWindow
 from edmsim.program.passes import CutPass, Piece
 from edmsim.program.path import CutPath, WireContour
 from edmsim.snapshots import Snapshots
 
-FACE_EVERY = 5
-"""Places of a profile error per place of a pass' face: 0.1 mm (ours: pictures show no more)."""
-LEAST_PIECE_MM2 = 0.02
-"""Smaller pieces of metal are crumbs: less than half of a wire's cross-section (ours)."""
+FACE_EVERY = 5  # places of a profile error per place of a pass' face: 0.1 mm (ours: pictures show no more)
+LEAST_PIECE_MM2 = 0.02  # smaller pieces of metal are crumbs: less than half of a wire's cross-section (ours)
 
 
 class PassSetup(NamedTuple):
@@ -35,61 +33,63 @@ class PassSetup(NamedTuple):
 
 
 @dataclass
+class Sums:
+    """Pulses of each class, energy and voltage over time of a cut; all pulses count, those before a break as well."""
+
+    # the voltage is that of the gap with its sign, equalising pulses included; their supply's energy is by itself
+
+    short: int = 0
+    open: int = 0
+    spark: int = 0
+    arc: int = 0
+    energy: float = 0.0
+    voltage_s: float = 0.0
+    crater_um3: float = 0.0
+    vibration2_pulses: float = 0.0
+    equalising_J: float = 0.0
+
+    def add(self, window: PulseWindow, opposite: OppositePulses | None) -> None:
+        """Add one window and its equalising pulses, if there are any."""
+        duration_s = window.duration_ns * 1e-9
+        net_V = window.mean_voltage_V if opposite is None else opposite.net_voltage_V
+        self.short += window.short
+        self.open += window.open
+        self.spark += window.spark
+        self.arc += window.arc
+        self.energy += window.energy_J
+        self.voltage_s += net_V * duration_s
+        self.equalising_J += 0.0 if opposite is None else opposite.power_W * duration_s
+        self.crater_um3 += window.crater_um3
+        self.vibration2_pulses += window.vibration2_um2 * window.pulses
+
+    @property
+    def pulses(self) -> int:
+        """Pulses of all classes."""
+        return self.short + self.open + self.spark + self.arc
+
+
+@dataclass
 class PassRecord:
-    """What became of a pass.
+    """What became of a pass."""
 
-    Attributes
-    ----------
-    contour : int
-        Number of the contour, from 1.
-    number : int
-        Of the pass, from 1.
-    piece : {"profile", "tab"}
-    reversed : bool
-    offset_um : float
-    begin_s, end_s : float
-        Machine time, from when it begins to cut: a lead-in comes before.
-    begin_um, end_um : float
-        Length of wire path, over all passes.
-    sums : Sums
-        Pulses, energy and craters of the pass.
-    wall : WallError or None
-        The wall that it left; None while it is not finished.
-    face_um : tuple of tuple of float
-        Profile error behind it, slice by slice from the lowest one, at every `FACE_EVERY`-th place of `profile_error`
-        of the whole contour; none while it is not finished.
-    """
-
-    contour: int
-    number: int
-    piece: Piece
+    contour: int  # number of the contour, from 1
+    number: int  # of the pass, from 1
+    piece: Piece  # {"profile", "tab"}
     reversed: bool
     offset_um: float
-    begin_s: float
+    begin_s: float  # begin_s, end_s: machine time, from when it begins to cut: a lead-in comes before
     end_s: float
-    begin_um: float
+    begin_um: float  # begin_um, end_um: length of wire path, over all passes
     end_um: float
-    sums: Sums = field(default_factory=Sums)
-    wall: WallError | None = None
+    sums: Sums = field(default_factory=Sums)  # pulses, energy and craters of the pass
+    wall: WallError | None = None  # the wall that it left; None while it is not finished
+    # profile error behind it, slice by slice from the lowest one, at every `FACE_EVERY`-th place of
+    # `profile_error` of the whole contour; none while it is not finished
     face_um: tuple[tuple[float, ...], ...] = ()
 
 
 class PassLog(Snapshots):
-    """Keeps what every pass of a cut did, and looks after loose pieces.
-
-    Parameters
-    ----------
-    path : CutPath
-    legs : sequence of Leg
-        Of the whole cut.
-
-    Attributes
-    ----------
-    records : list of PassRecord
-        One per pass begun, in order.
-    notices : list of str
-        What a user should know of pieces that came loose.
-    """
+    """Keeps what every pass of a cut did, a record each, and looks after loose pieces, of which `notices` tell."""
 
     STATE = ("records", "notices", "_before", "_open")
     records: list[PassRecord]

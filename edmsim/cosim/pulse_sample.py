@@ -19,14 +19,11 @@ from edmsim.plant.plant import Plant
 if TYPE_CHECKING:
     import pyarrow as pa
 
-KINDS = ("short", "open", "spark", "arc")
-"""Classes of pulses; `PulseSample.kind` counts them from 0."""
-SETTLE_S = 3.0
-"""Machine time before the first pulse is looked at (ours: several times what a gap takes to settle)."""
+KINDS = ("short", "open", "spark", "arc")  # classes of pulses; `PulseSample.kind` counts them from 0
+SETTLE_S = 3.0  # machine time before the first pulse is looked at (ours: several times what a gap takes to settle)
 PULSES = 4096
 """Pulses looked at (ours: the spectrum's lines are some 20 Hz apart at 100 us, and a share is known to 1 %)."""
-AIR_SHARE = 0.9
-"""From this share of open pulses on a window is taken for one without metal near (ours)."""
+AIR_SHARE = 0.9  # from this share of open pulses on a window is taken for one without metal near (ours)
 
 
 @dataclass(frozen=True)

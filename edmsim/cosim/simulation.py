@@ -1,7 +1,7 @@
-"""A cut of a program: its legs one after the other, threading between contours, dwells, and how it ends.
+"""A cut of a program: its legs in turn, threading between contours, dwells, and its end.
 
-Controllers see what a machine would let them see; the plant sees motor steps and the generator's setting; nothing
-else passes between them (see `edmsim.cosim.cycle`).
+The controller observes only what a real machine measures; the plant gets only motor steps and the generator's setting
+(see `edmsim.cosim.cycle`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation
-from edmsim.controllers.axis.elcam.cam_reach import check_cams
 from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation, check_cams
 from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
@@ -29,9 +28,8 @@ from edmsim.cosim.cycle import Cycle
 from edmsim.cosim.legs import Leg, ProgramPlace, legs_of
 from edmsim.cosim.motion import PlannerMotion
 from edmsim.cosim.observers import Observer
-from edmsim.cosim.passes import PassLog, PassSetup
+from edmsim.cosim.passes import PassLog, PassSetup, Sums
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
-from edmsim.cosim.sums import Sums
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import held_period_us
@@ -46,7 +44,7 @@ from edmsim.snapshots import like, state_of, take_state, with_prefix
 
 
 class Progress(NamedTuple):
-    """How far a cut is, for a progress display; `wall_time_s` is the computer's time that went into it so far."""
+    """Progress of a cut for a display; `wall_time_s` is the computer's time so far."""
 
     path_um: float
     total_um: float
@@ -58,70 +56,7 @@ class Progress(NamedTuple):
 
 
 class Simulation:
-    """One cut in progress.
-
-    Parameters
-    ----------
-    controller : FeedController
-        Fresh; it is reset at the start of every leg.
-    planner : str
-        ``poscal``, ``poscal-literal``, ``dda`` or ``sine-table``. It counts steps in place of um where the table
-        travels further than 16 bits of um (row T-61). A controller that makes the steps of one itself (`RunsPath`)
-        takes its place.
-    max_time_s : float, optional
-        Machine time after which the cut is stopped.
-    steps : tuple of LowerRegion
-        Where the workpiece is less high than `machine.height_mm`; see `edmsim.program.heights`.
-    mechanics : {"modal", "mujoco"}
-        What moves table and wire; see `Plant`.
-    observers : sequence of Observer
-        Who is shown every window.
-    max_feed_um_s : float, optional
-        Greatest feed a controller may command, by default the machine's own, or that of the 1982 controller where its
-        file has none; the planner's, where that is less.
-    drives : mapping of str to drive, optional
-        Drives of the axes by name; see `Plant`.
-    compensation : Elcam, optional
-        Tables of the table's errors, and cams, of `edmsim.controllers.axis.elcam.file.load_tables`.
-    stuck_wire_sensor : bool
-        Whether the sensor does not see a wire break; the machine then goes on without a wire (`Plant.go_bare`).
-    axis_faults : sequence of AxisFault
-        What breaks at axes under drives with a loop, and when.
-    setups : sequence of PassSetup
-        Setting of the passes of the path, from rough to last; where there are fewer than passes, the last holds on.
-        By default all passes have `machine` and `controller`.
-    metal : KerfField, optional
-        What an earlier cut left of the workpiece, in place of a fresh blank: it is copied.
-    approach : PassSetup, optional
-        Setting of the lead-ins of a path in passes; by default that of the first pass.
-    waits : bool
-        Whether it waits before every pass but the first until `begin_pass` says how that is cut.
-
-    Attributes
-    ----------
-    cause : StopCause
-        Why the cut ended; `StopCause.RUNNING` while it has not.
-    outcome, reason : str or None
-        How the cut ended, as a report says it, and why.
-    elcam : Elcam or None
-        The tables of the table's errors, and the cams.
-    max_feed_um_s : float
-        Greatest feed in force.
-    missed_windows : int
-        Windows whose counts the controller did not read in time (row T-44).
-    refused : str or None
-        Why the generator last refused a setting the controller wanted.
-    passes : PassLog
-        What every pass did, if the path has passes.
-    waiting : bool
-        Whether it waits for `begin_pass`.
-
-    Raises
-    ------
-    InputError
-        An unknown planner or resolution, a step that does not fit the machine's height, a table too large for the
-        position counters, or a drive by whose steps the table goes another way than the machine's.
-    """
+    """One cut in progress."""
 
     STATE = (
         "_at", "_motion", "controller", "_compensation", "_offset", "sums", "refused", "cause", "reason", "passes",
@@ -132,24 +67,24 @@ class Simulation:
         self,
         machine: Machine,
         path: CutPath,
-        controller: FeedController,
+        controller: FeedController,  # fresh; it is reset at the start of every leg
         *,
-        planner: str = "poscal",
+        planner: str = "poscal",  # a controller that makes its own steps (`RunsPath`) takes its place
         seed: int = 0,
         resolution: str = "default",
-        max_time_s: float | None = None,
-        steps: tuple[LowerRegion, ...] = (),
+        max_time_s: float | None = None,  # of the machine, after which the cut is stopped
+        steps: tuple[LowerRegion, ...] = (),  # where the workpiece is less high than the machine's set-up
         mechanics: str = "modal",
         observers: Sequence[Observer] = (),
-        max_feed_um_s: float | None = None,
+        max_feed_um_s: float | None = None,  # the machine's, or else that of the 1982 controller, by default
         drives: Mapping[str, AxisDrive] | None = None,
-        compensation: Elcam | None = None,
-        stuck_wire_sensor: bool = False,
+        compensation: Elcam | None = None,  # tables of the table's errors, and cams
+        stuck_wire_sensor: bool = False,  # it then goes on without a wire (`Plant.go_bare`)
         axis_faults: Sequence[AxisFault] = (),
-        setups: Sequence[PassSetup] = (),
-        approach: PassSetup | None = None,
-        metal: KerfField | None = None,
-        waits: bool = False,
+        setups: Sequence[PassSetup] = (),  # of the passes from rough to last; of fewer, the last holds on
+        approach: PassSetup | None = None,  # of the lead-ins of a path in passes; the first pass's by default
+        metal: KerfField | None = None,  # what an earlier cut left of the workpiece: it is copied
+        waits: bool = False,  # before every pass but the first, until `begin_pass` says how that is cut
     ) -> None:
         self.machine = machine
         self.path = path
@@ -202,7 +137,7 @@ class Simulation:
 
     @property
     def controller(self) -> FeedController:
-        """The feed controller at work."""
+        """The present feed controller."""
         return self._setup.controller
 
     def machine_of(self, number: int) -> Machine:
@@ -218,7 +153,7 @@ class Simulation:
 
     @property
     def described_setups(self) -> list[tuple[str, str]]:
-        """Machine and controller of every pass in words: what a checkpoint belongs to."""
+        """Machine and controller of every pass as text, to compare with a checkpoint's."""
         return [(one.machine.model_dump_json(), repr(one.controller)) for one in self._setups]
 
     def _take_setup(self, leg: Leg) -> Machine:
@@ -283,7 +218,7 @@ class Simulation:
 
     @property
     def commanded_um(self) -> tuple[float, float]:
-        """Where the program has come to: what the motors stand at, less their compensation and the path's offset."""
+        """Position in the program: that of the motors without compensation and the path's offset."""
         x, y = self.plant.commanded_um
         off_x, off_y = (0.0, 0.0) if self._compensation is None else self._compensation.offset_um
         lateral_x, lateral_y = self._offset.lateral_um
@@ -298,17 +233,17 @@ class Simulation:
 
     @property
     def outcome(self) -> str | None:
-        """How the cut ended, as a report says it."""
+        """Outcome of the cut, as in the report."""
         return None if self.cause is StopCause.RUNNING else WORDS[self.cause].report
 
     @property
     def path_um(self) -> float:
-        """Length of path behind the wire, over all legs."""
+        """Path length the wire has travelled, over all legs."""
         return self._motion.path_um
 
     @property
     def position_um(self) -> tuple[float, float]:
-        """What the position counters show."""
+        """Position by the position counters."""
         return self._motion.planner.position_um
 
     @property
@@ -318,7 +253,7 @@ class Simulation:
 
     @property
     def leg_from_um(self) -> float:
-        """Length of path before the present leg."""
+        """Path length at the beginning of the present leg."""
         return self._at.start_um
 
     @property
@@ -452,25 +387,7 @@ class Simulation:
         return self._next_leg()
 
     def begin_pass(self, path: CutPath, setups: Sequence[PassSetup]) -> StopCause:
-        """Go on with the pass that it waits for.
-
-        Parameters
-        ----------
-        path : CutPath
-            The same path up to here; the passes to come may have other offsets.
-        setups : sequence of PassSetup
-            Setting of all passes, from rough to last.
-
-        Returns
-        -------
-        StopCause
-            `StopCause.RUNNING`, or why the cut ends before the pass has begun.
-
-        Raises
-        ------
-        InputError
-            It waits for no pass, or the path has other passes.
-        """
+        """Begin the pass that the simulation waits for; later passes may have other offsets and settings."""
         if not self.waiting:
             raise InputError("a pass is under way: the next one begins when it is over")
         legs = [leg for contour in path.contours for leg in legs_of(contour)]
@@ -484,20 +401,7 @@ class Simulation:
         return self.cause
 
     def rethread(self, setup: PassSetup, approach: PassSetup) -> None:
-        """Thread a fresh wire where the last one broke, and go on along the pass with a setting.
-
-        Parameters
-        ----------
-        setup : PassSetup
-            Of this pass from here on, and of the passes of its number that come later.
-        approach : PassSetup
-            Of the rest of a lead-in.
-
-        Raises
-        ------
-        InputError
-            The cut has not ended by a broken wire.
-        """
+        """Thread a new wire at the place of the break, and continue with this pass's setting."""
         if self.cause is not StopCause.WIRE_BREAK:
             raise InputError("no wire broke: there is nothing to thread")
         place_um = (*self.plant.commanded_um, *self.plant.lead_um) if self._leans else self.plant.commanded_um
@@ -529,9 +433,7 @@ class Simulation:
             self.missed_windows,
         )
         self._cycle.motion = self._motion = self._begin_leg()
-        self.passes.begin_leg(
-            at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums
-        )
+        self.passes.begin_leg(at.leg + 1, self.legs[at.leg + 1], self.plant.time_ns * 1e-9, self.path_um, self.sums)
         return StopCause.RUNNING
 
     def _thread_at(self, point_um: NDArray[np.int64], lead_um: tuple[float, float]) -> float:
@@ -559,7 +461,7 @@ class Simulation:
         return arrays, state_of(self)
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
-        """Take back a `snapshot` of the same cut, with the same observers; it then continues bit for bit."""
+        """Load a `snapshot` of the same cut, with the same observers; the cut then continues bit for bit."""
         self._at = like(self._at, values["at"])
         self._cycle.motion = self._motion = self._begin_leg()
         self.plant.restore(with_prefix(arrays, "plant."))

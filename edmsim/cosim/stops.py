@@ -1,6 +1,7 @@
 """Why a cut, an episode or a dialogue stops: one list of causes, one judge, one limit switch.
 
-Both functions are compiled, so that environments call them for every lane; Python calls them as any other function.
+Both functions are compiled, so that environments call them for every sub-environment; Python calls them as any other
+function.
 """
 
 from __future__ import annotations
@@ -31,24 +32,12 @@ class StopCause(IntEnum):
 
 
 class Words(NamedTuple):
-    """What a cause is called.
+    """What a cause is called."""
 
-    Attributes
-    ----------
-    report : str
-        In ``report.json``.
-    info : str
-        In an environment's ``info["cause"]``.
-    episode : str
-        In an evaluation.
-    level : str
-        How grave it is, as rerun says it: INFO, WARN, ERROR, CRITICAL.
-    """
-
-    report: str
-    info: str
-    episode: str
-    level: str
+    report: str  # in ``report.json``
+    info: str  # in an environment's ``info["cause"]``
+    episode: str  # in an evaluation
+    level: str  # how grave it is, as rerun says it: INFO, WARN, ERROR, CRITICAL
 
 
 WORDS = MappingProxyType({
@@ -70,22 +59,8 @@ WORDS = MappingProxyType({
 
 @compiled
 def switches_open(place_um: float, travel_um: float, slack_um: float) -> int:
-    """Tell which end switch of an axis is open.
-
-    Parameters
-    ----------
-    place_um : float
-        Where the axis is.
-    travel_um : float
-        Travel of the table, which begins at 0.
-    slack_um : float
-        How far beyond either end the switch opens: a motor step, so that the ends themselves can be reached.
-
-    Returns
-    -------
-    {-1, 0, 1}
-        The lower one, none, the upper one.
-    """
+    """Tell which end switch of an axis is open: -1 the lower, 0 none, 1 the upper; `slack_um` beyond the travel."""
+    # a motor step of slack, so that the ends themselves can be reached
     if -slack_um <= place_um <= travel_um + slack_um:
         return 0
     return 1 if place_um > 0.0 else -1
@@ -95,30 +70,7 @@ def switches_open(place_um: float, travel_um: float, slack_um: float) -> int:
 def judge(
     broken: bool, out_of_range: bool, switch: bool, tripped: bool, shorted: bool, late: bool, leg_done: bool
 ) -> int:
-    """Tell why the machine stops after a window; of several causes, the first of this list.
-
-    Parameters
-    ----------
-    broken : bool
-        The wire broke.
-    out_of_range : bool
-        The plant's model does not hold any more.
-    switch : bool
-        An end switch is open.
-    tripped : bool
-        A drive reports a fault.
-    shorted : bool
-        A short counts as persistent: by a controller's alarm, or by the time it has lasted.
-    late : bool
-        The time allowed is over.
-    leg_done : bool
-        The leg's end is reached.
-
-    Returns
-    -------
-    int
-        A `StopCause`.
-    """
+    """Tell why the machine stops after a window, as a `StopCause`; of several causes, the first of this list."""
     if broken:
         return _WIRE_BREAK
     if out_of_range:

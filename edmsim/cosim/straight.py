@@ -27,31 +27,18 @@ from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 
-FASTEST_UM_S = 400.0
-"""Feed a controller may command here (ours: above the cutting rate of every set-up measured)."""
-_STEP_UM = 2.0
-"""Spacing of the places at which the kerf is measured."""
-_MARGIN_UM = 200.0
-"""How far beyond the wire's surface its kerf is looked for."""
+FASTEST_UM_S = 400.0  # feed a controller may command here (ours: above the cutting rate of every set-up measured)
+_STEP_UM = 2.0  # spacing of the places at which the kerf is measured
+_MARGIN_UM = 200.0  # how far beyond the wire's surface its kerf is looked for
 
 
 @dataclass(frozen=True)
 class Cut:
-    """A straight cut along +x, with what was seen once it had settled.
+    """A straight cut along +x, with what was seen once it had settled; if the wire broke, the last window says so."""
 
-    Attributes
-    ----------
-    plant : Plant
-        As the cut left it.
-    windows : list of PulseWindow
-        The measured ones; if the wire broke, the last of them says so.
-    from_um, travel_um : float
-        Commanded place at the first measured window, and travel from there.
-    """
-
-    plant: Plant
-    windows: list[PulseWindow]
-    from_um: float
+    plant: Plant  # as the cut left it
+    windows: list[PulseWindow]  # the measured ones; if the wire broke, the last of them says so
+    from_um: float  # from_um, travel_um: commanded place at the first measured window, and travel from there
     travel_um: float
 
     @property
@@ -121,10 +108,7 @@ class Cut:
 
     @cached_property
     def kerf_um(self) -> NDArray[np.float64]:
-        """Width of the kerf, one per slice from the bottom: cut area over length, up to where the wire has passed.
-
-        Raises `InputError` if the measured travel is shorter than the wire's own half.
-        """
+        """Width of the kerf, one per slice from the bottom: cut area over length, up to where the wire has passed."""
         radius = self.plant.machine.wire_diameter_um / 2
         x = np.arange(self.from_um, self.from_um + self.travel_um - radius - SLOT_GAP_UM, 2 * _STEP_UM)
         if not len(x):
@@ -146,18 +130,7 @@ class Cut:
 
 
 class Traverse(EvenSteps):
-    """A cut along an axis at a fixed feed or a controller's, window by window.
-
-    Parameters
-    ----------
-    feed : float or FeedController
-        In um/s, 0 to `FASTEST_UM_S`, or who decides it, up to that speed either way.
-
-    Attributes
-    ----------
-    alarm : str or None
-        Why the controller last wanted to stop, if it did; nothing stops here.
-    """
+    """A cut along an axis at a fixed feed or a controller's, window by window; its alarm is only noted."""
 
     def __init__(self, plant: Plant, feed: float | FeedController) -> None:
         feed_um_s = real(feed)
@@ -201,18 +174,7 @@ def cut_straight(
     seconds: float,
     resolution: str | Resolution = "fast",
 ) -> Cut:
-    """Cut along +x from a begun slot.
-
-    Parameters
-    ----------
-    settle_s, seconds : float
-        Machine time that is not measured, and time that is; shorter if the wire breaks.
-
-    Returns
-    -------
-    Cut
-        If the wire broke before it had settled, of the time until then.
-    """
+    """Cut along +x from a begun slot; if the wire broke before it settled, the result is of the time until then."""
     plant = begin(machine, seed, resolution=resolution)
     traverse = Traverse(plant, feed)
     start_um = plant.commanded_um[0]

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +19,11 @@ from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.parts import check_laws, cut_part, is_part
 from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
+from edmsim.progress import in_threads
+from edmsim.recording.report import FigureKind, kinds_of
 
 CONFIDENCE = 0.95
-RESAMPLES = 2000
-"""Bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)."""
+RESAMPLES = 2000  # bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)
 
 
 @dataclass(frozen=True)
@@ -37,46 +35,16 @@ class Figure:
     high: float
 
 
-class FigureKind(NamedTuple):
-    """What a figure of a controller is, and how it is shown.
-
-    Attributes
-    ----------
-    meaning, head : str
-        What it is called, with its unit; and shorter, over a column on the screen.
-    digits : int
-        Decimals.
-    is_share : bool
-        Whether it is shown in percent.
-    is_rare : bool
-        Whether 0 is common, and its interval hard to read.
-    in_narrow : bool
-        Whether a narrow terminal shows it.
-    """
-
-    meaning: str
-    head: str
-    digits: int = 1
-    is_share: bool = False
-    is_rare: bool = False
-    in_narrow: bool = False
-
-
+_OF_CUTS = kinds_of(Result)
 FIGURES = {
-    "score": FigureKind("score", "score", digits=2, in_narrow=True),
-    "rate_mm2_min": FigureKind("cutting rate, mm2/min", "mm2/min", in_narrow=True),
-    "oracle_share": FigureKind("share of the oracle's rate", "of oracle", is_share=True),
-    "short_share": FigureKind("short pulses", "short", is_share=True, in_narrow=True),
-    "open_share": FigureKind("open pulses", "open", is_share=True, in_narrow=True),
-    "total_return": FigureKind("return", "return"),
-    "error_um": FigureKind("path error rms, um", "path um"),
-    "edge_error_um": FigureKind("edge error rms, um", "edge um", in_narrow=True),
-    "ra_um": FigureKind("Ra, um", "Ra um", digits=2, in_narrow=True),
-    "time_s": FigureKind("time of finished cuts, s", "s", in_narrow=True),
-    "breaks_per_m": FigureKind("wire breaks per m", "breaks/m", is_rare=True),
-    "jams_per_m": FigureKind("jams per m", "jams/m", is_rare=True),
-    "cost": FigureKind("cost", "cost", digits=2),
-}
+    "score": FigureKind("", "score", 2), "rate_mm2_min": _OF_CUTS["rate_mm2_min"],
+    "oracle_share": FigureKind("%", "share of the oracle's rate"),
+    **{name: _OF_CUTS[name] for name in (
+        "short_share", "open_share", "total_return", "error_um", "edge_error_um", "ra_um",
+    )},
+    "time_s": FigureKind("s", "time of finished cuts"), "breaks_per_m": FigureKind("", "wire breaks per m"),
+    "jams_per_m": FigureKind("", "jams per m"), "cost": _OF_CUTS["cost"],
+}  # fmt: skip
 """Figures of a controller by name."""
 
 
@@ -100,6 +68,14 @@ class Comparison:
     seeds: tuple[int, ...]
     results: dict[str, list[Result]]
     figures: dict[str, dict[str, Figure]]
+
+    @classmethod
+    def of(cls, env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]) -> Comparison:
+        """Return the comparison of cuts, those of score 0 and 1 among them."""
+        lines = lines_of(env_id)
+        oracle, blind = results[lines.reference], results[lines.blind]
+        figures = {name: figures_of(made, oracle, blind) for name, made in results.items()}
+        return cls(env_id, resolution, seeds, results, figures)
 
 
 def evaluate(
@@ -147,9 +123,7 @@ def evaluate(
     results = run(env_id, list(dict.fromkeys([*controllers, lines.blind, lines.reference])), seeds, resolution, watch,
                   record)  # fmt: skip
     used = arguments_with(env_id).resolution if resolution is None else resolution
-    return Comparison(env_id, used, held_back(seeds), results, {
-        name: figures_of(made, results[lines.reference], results[lines.blind]) for name, made in results.items()
-    })  # fmt: skip
+    return Comparison.of(env_id, used, held_back(seeds), results)
 
 
 def run(
@@ -159,21 +133,13 @@ def run(
     """Make every controller's cuts; see `evaluate` for the arguments, `options` are those of the environment."""
     # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
-    if is_part(env_id):
-        make = partial(cut_part, env_id, resolution=resolution, **options)
-    else:
-        make = partial(cut, env_id, resolution=resolution, record=record, **options)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        futures = {pool.submit(make, seed, name): (name, seed) for name, seed in jobs}
-        try:
-            for done, future in enumerate(as_completed(futures), 1):
-                future.result()
-                if watch is not None:
-                    watch(done, len(jobs))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    made = {job: future.result() for future, job in futures.items()}
+
+    def make(job: tuple[str, int]) -> Result:
+        if is_part(env_id):
+            return cut_part(env_id, job[1], job[0], resolution, **options)
+        return cut(env_id, job[1], job[0], resolution, record, **options)
+
+    made = dict(zip(jobs, in_threads(make, jobs, watch), strict=True))
     return {name: [made[name, seed] for seed in held_back(seeds)] for name in controllers}
 
 
@@ -213,15 +179,11 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
         raise InputError(f"{seeds} seeds give no interval; it takes 2 or more")
 
 
-def figures_of(
-    results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
-) -> dict[str, Figure]:
-    """Return a controller's figures from its cuts and those of the reference and of the blind one, seed by seed.
-
-    Rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut; the
-    share of the oracle's rate is the mean rate over the oracle's mean rate. The score is the interquartile mean of
-    `scores`.
-    """
+def figures_of(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]) -> dict[str, Figure]:
+    """Return a controller's figures from its cuts and those of the reference and of the blind one, seed by seed."""
+    # rates, shares and errors are means over the cuts; breaks and jams are all of them over all the length cut;
+    # the share of the oracle's rate is the mean rate over the oracle's mean rate; the score is the
+    # interquartile mean of `scores`
 
     def measured(name: str) -> NDArray[np.float64]:
         values = np.array([getattr(r, name) for r in results], np.float64)
@@ -247,13 +209,9 @@ def figures_of(
     }
 
 
-def scores(
-    results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]
-) -> NDArray[np.float64]:
-    """Return the score of every cut: 0 for what the blind one earns on the same machine, 1 for the reference.
-
-    A machine on which the reference earns no more tells nothing, and is left out.
-    """
+def scores(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]) -> NDArray[np.float64]:
+    """Return the score of every cut: 0 for what the blind one earns on the same machine, 1 for the reference."""
+    # a machine on which the reference earns no more tells nothing, and is left out
     made, most, least = (np.array([r.total_return for r in of]) for of in (results, oracle, blind))
     tells = most > least
     return np.asarray((made - least)[tells] / (most - least)[tells])
@@ -261,27 +219,31 @@ def scores(
 
 def interquartile_mean(values: NDArray[np.float64]) -> Figure:
     """Mean of the middle half of values, with its bootstrap interval, as Agarwal et al. (NeurIPS 2021) recommend."""
-    return _with_interval(values, _of_middle)
+    return _of_one(_of_middle, values)
 
 
 def median(values: NDArray[np.float64]) -> Figure:
     """Median with its bootstrap interval."""
-    return _with_interval(values, np.median)
+    return _of_one(np.median, values)
 
 
-def _with_interval(values: NDArray[np.float64], statistic: Callable[..., Any]) -> Figure:
+def _with_interval(statistic: Callable[..., Any], *columns: NDArray[np.float64]) -> Figure:
+    """Return a statistic with its percentile bootstrap interval; rows of several columns are drawn together."""
     from scipy.stats import bootstrap
 
-    if len(values) == 0:
-        return Figure(np.nan, np.nan, np.nan)
-    value = float(statistic(values))
-    if len(values) < 2 or np.ptp(values) == 0.0:
-        return Figure(value, value, value) if len(values) > 1 else Figure(value, np.nan, np.nan)
     interval = bootstrap(
-        (values,), statistic, vectorized=True, n_resamples=RESAMPLES,
+        columns, statistic, paired=len(columns) > 1, vectorized=True, n_resamples=RESAMPLES,
         confidence_level=CONFIDENCE, method="percentile", rng=np.random.default_rng(0),
     ).confidence_interval
-    return Figure(value, float(interval.low), float(interval.high))
+    return Figure(float(statistic(*columns)), float(interval.low), float(interval.high))
+
+
+def _of_one(statistic: Callable[..., Any], values: NDArray[np.float64]) -> Figure:
+    """Return a statistic that values of one size have without an interval, and none at all have not."""
+    if len(values) > 1 and np.ptp(values) > 0.0:
+        return _with_interval(statistic, values)
+    value = float(statistic(values)) if len(values) else np.nan
+    return Figure(value, *[value if len(values) > 1 else np.nan] * 2)
 
 
 def _of_middle(values: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
@@ -296,34 +258,22 @@ def mean(values: NDArray[np.float64]) -> Figure:
 
 
 def per_metre(events: NDArray[np.float64], metres: NDArray[np.float64]) -> Figure:
-    """Events over length cut, with an interval.
-
-    Of cuts without any event the bootstrap can say nothing; the upper end is then the rate at which none in this
-    length would be seen in 5 % of such comparisons (Poisson: ``-ln 0.05`` events, the "rule of three").
-    """
+    """Events over length cut, with an interval."""
+    # of cuts without any event the bootstrap can say nothing; the upper end is then the rate at which none in
+    # this length would be seen in 5 % of such comparisons (Poisson: -ln 0.05 events, the "rule of three")
     if events.any() or metres.sum() == 0:
         return ratio(events, metres)
     return Figure(0.0, 0.0, float(-np.log(1.0 - CONFIDENCE) / metres.sum()))
 
 
 def ratio(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> Figure:
-    """Sum over sum, with its bootstrap interval (percentile; pairs are drawn together).
-
-    The interval is NaN where cuts are so few that none of those drawn may have a divisor.
-    """
-    from scipy.stats import bootstrap
-
+    """Sum over sum, with its bootstrap interval; NaN where so few have a divisor that a draw may have none."""
     if len(upper) == 0 or lower.sum() == 0:
         return Figure(np.nan, np.nan, np.nan)
-    value = float(upper.sum() / lower.sum())
     without = float(np.mean(lower == 0)) ** len(lower)  # share of the draws with nothing to divide by
     if len(upper) < 2 or without * RESAMPLES > 1e-3:
-        return Figure(value, np.nan, np.nan)
-    interval = bootstrap(
-        (upper, lower), _of_sums, paired=True, vectorized=True, n_resamples=RESAMPLES,
-        confidence_level=CONFIDENCE, method="percentile", rng=np.random.default_rng(0),
-    ).confidence_interval
-    return Figure(value, float(interval.low), float(interval.high))
+        return Figure(float(upper.sum() / lower.sum()), np.nan, np.nan)
+    return _with_interval(_of_sums, upper, lower)
 
 
 def _of_sums(upper: NDArray[np.float64], lower: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:

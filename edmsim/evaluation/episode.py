@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from edmsim.envs.reward import REFERENCE_S
 from edmsim.evaluation.lines import lines_of
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.metrology.profile import profile_error
+from edmsim.recording.report import HOTTEST, LENGTH, OPENS, RA, RATE, SHORTS, TIME, FigureKind
 from edmsim.recording.rerun.playback import RECORDING
 
 if TYPE_CHECKING:
@@ -31,20 +32,17 @@ HELD_BACK = 1_000_000
 """First seed of the comparisons. No gain is ever looked for at or above it; training draws its seeds from 32 bits and
 meets one of these by chance only."""
 EPISODES = {
-    "Contour": 4, "Corner": 48, "MaxRate": 40, "ThinWire": 12, "Trim": 24, "Part": 8, "MaxRateShift": 7,
-    "ThinWireShift": 6,
+    "Contour": 4, "Corner": 48, "MaxRate": 40, "ThinWire": 12, "Trim": 24, "Part": 8, "ThinWireShift": 6,
 }
 """Held-back seeds that an environment's benchmark has, where they are not `USUAL_EPISODES`."""
-USUAL_EPISODES = 12
-"""Ours: a comparison takes minutes, and its intervals are a few percent of a score wide."""
+USUAL_EPISODES = 12  # ours: a comparison takes minutes, and its intervals are a few percent of a score wide
 FINISHED, BROKEN, JAMMED = (
     WORDS[cause].episode for cause in (StopCause.FINISHED, StopCause.WIRE_BREAK, StopCause.PERSISTENT_SHORT)
 )
 STOPPED = "stopped"
 """How an episode can end, beside its time. Jammed: a short stayed, or the wire was driven into the metal beyond what
 the model holds for. Stopped: the controller gave up."""
-ORACLE = "oracle"
-"""The reference of a task, whose return is a score of 1: see `edmsim.evaluation.lines`."""
+ORACLE = "oracle"  # the reference of a task, whose return is a score of 1: see `edmsim.evaluation.lines`
 
 
 class Result(NamedTuple):
@@ -83,19 +81,19 @@ class Result(NamedTuple):
     seed: int
     controller: str
     outcome: str
-    time_s: float
-    length_mm: float
+    time_s: Annotated[float, TIME]
+    length_mm: Annotated[float, LENGTH]
     area_mm2: float
-    rate_mm2_min: float
-    total_return: float
+    rate_mm2_min: Annotated[float, RATE]
+    total_return: Annotated[float, FigureKind("", "return", column="total_return")]
     wires_lost: int
-    cost: float
-    short_share: float
-    open_share: float
-    error_um: float
-    edge_error_um: float
-    hottest_K: float
-    ra_um: float = math.nan
+    cost: Annotated[float, FigureKind("", "cost", 2)]
+    short_share: Annotated[float, SHORTS]
+    open_share: Annotated[float, OPENS]
+    error_um: Annotated[float, FigureKind("µm", "path error rms", column="path_error_um")]
+    edge_error_um: Annotated[float, FigureKind("µm", "edge error rms", column="error_rms_um")]
+    hottest_K: Annotated[float, HOTTEST]
+    ra_um: Annotated[float, RA] = math.nan
 
     @property
     def broke(self) -> bool:
@@ -154,24 +152,7 @@ def recording_folder(record: Path, env_id: str, seed: int, controller: str) -> P
 
 
 class Episode:
-    """One cut in progress.
-
-    Parameters
-    ----------
-    task : Task
-        Is reset with the seed.
-    controller : FeedController
-        Gets the set-up and is reset at the beginning of every leg.
-    name : str
-        What the controller is called in the result.
-    record : path, optional
-        Folder for a recording of the cut; none is made if not given.
-
-    Attributes
-    ----------
-    last : StepResult or None
-        What the last window brought; None before the first.
-    """
+    """One cut in progress; `last` is what the last window brought. It is recorded where a folder is named."""
 
     def __init__(
         self, task: Task, controller: FeedController, seed: int, name: str, record: Path | None = None

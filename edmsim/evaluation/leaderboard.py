@@ -10,9 +10,9 @@ from typing import Any
 
 from edmsim import __version__
 from edmsim.errors import InputError
-from edmsim.evaluation.compare import Comparison, figures_of
+from edmsim.evaluation.compare import Comparison
 from edmsim.evaluation.episode import Result
-from edmsim.evaluation.lines import lines_of
+from edmsim.evaluation.table import plain_number
 from edmsim.files import replacing
 
 FORMAT = "edmsim-leaderboard-1"
@@ -46,21 +46,12 @@ def write(file: Path, comparisons: Sequence[Comparison]) -> None:
     for made in comparisons:
         before = board.get(made.env_id)
         if before is not None and (before.seeds, before.resolution) == (made.seeds, made.resolution):
-            made = _of(made.env_id, made.resolution, made.seeds, {**before.results, **made.results})
+            made = Comparison.of(made.env_id, made.resolution, made.seeds, {**before.results, **made.results})
         board[made.env_id] = made
     environments = {env_id: _entry(board[env_id]) for env_id in sorted(board)}
     document = {"format": FORMAT, "edmsim_version": __version__, "environments": environments}
     with replacing(file) as partial:
         partial.write_text(_laid_out(document), encoding="utf-8")
-
-
-def _of(
-    env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]
-) -> Comparison:
-    lines = lines_of(env_id)
-    return Comparison(env_id, resolution, seeds, results, {
-        name: figures_of(cuts, results[lines.reference], results[lines.blind]) for name, cuts in results.items()
-    })  # fmt: skip
 
 
 def _comparison(env_id: str, entry: dict[str, Any]) -> Comparison:
@@ -70,12 +61,10 @@ def _comparison(env_id: str, entry: dict[str, Any]) -> Comparison:
         return {key: math.nan if value is None else value for key, value in zip(columns, cut, strict=True)}
 
     results = {
-        name: [
-            Result(seed=seed, controller=name, **values(cut)) for seed, cut in zip(seeds, cuts, strict=True)
-        ]
+        name: [Result(seed=seed, controller=name, **values(cut)) for seed, cut in zip(seeds, cuts, strict=True)]
         for name, cuts in entry["controllers"].items()
     }
-    return _of(env_id, entry["resolution"], seeds, results)
+    return Comparison.of(env_id, entry["resolution"], seeds, results)
 
 
 def _entry(comparison: Comparison) -> dict[str, Any]:
@@ -83,16 +72,12 @@ def _entry(comparison: Comparison) -> dict[str, Any]:
     left_out = ["seed", "controller"] + (["ra_um"] if all(math.isnan(cut.ra_um) for cut in cuts) else [])
     columns = [name for name in Result._fields if name not in left_out]
     rows = {
-        name: [[_number(getattr(cut, column)) for column in columns] for cut in cuts]
+        name: [[plain_number(getattr(cut, column)) for column in columns] for cut in cuts]
         for name, cuts in comparison.results.items()
     }
     return {
         "resolution": comparison.resolution, "seeds": list(comparison.seeds), "columns": columns, "controllers": rows,
     }
-
-
-def _number(value: Any) -> Any:
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _laid_out(document: dict[str, Any]) -> str:

@@ -36,20 +36,7 @@ def check_laws(laws: Sequence[str]) -> None:
 
 
 def cut_part(env_id: str, seed: int, law: str, resolution: str | None = None, **options: Any) -> Result:
-    """Cut a part; the reference rehearses it with several constants, and the cut that earns most counts.
-
-    Parameters
-    ----------
-    env_id : str
-    seed : int
-        Of everything that is drawn.
-    law : str
-        See `edmsim.envs.pass_laws.from_text`; ``oracle`` is the reference.
-    resolution : {"fast", "default", "fine"}, optional
-        Of the plant; the environment's if not given.
-    **options
-        Arguments of the environment in place of its own.
-    """
+    """Cut a part; the reference rehearses it with several constants, and the cut that earns most counts."""
     if resolution is not None:
         options["resolution"] = resolution
     if law != ORACLE:

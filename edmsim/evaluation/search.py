@@ -7,9 +7,7 @@ the environment's mean return; of the oracle, which is the bound of it, the cutt
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -17,6 +15,7 @@ from edmsim.controllers import FeedController
 from edmsim.envs.episode import Task
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK, ORACLE, Episode, Result
+from edmsim.progress import in_threads
 
 Ranges = dict[str, tuple[float, float]]
 BOUNDS: dict[str, Ranges] = {
@@ -72,13 +71,11 @@ def run_all(
 ) -> list[Result]:
     """Make all cuts, each with a fresh controller, as many at a time as there are cores, or threads are given."""
 
-    def run(env_id: str, seed: int) -> Result:
+    def run(job: tuple[str, int]) -> Result:
         law = controller()
-        return Episode(Task(env_id, resolution="fast"), law, seed, law.name).run()
+        return Episode(Task(job[0], resolution="fast"), law, job[1], law.name).run()
 
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
-        jobs = [pool.submit(run, env_id, seed) for env_id in ENV_IDS for seed in seeds]
-        return [job.result() for job in jobs]
+    return in_threads(run, [(env_id, seed) for env_id in ENV_IDS for seed in seeds], threads=threads)
 
 
 def score(results: Sequence[Result]) -> float:

@@ -18,14 +18,10 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import busy_us, least_period_us, period_range_us
 from edmsim.plant.window import PlantError
 
-SHORTENING = 0.95
-"""Period from step to step of the search (ours: the limit is known to 5 %)."""
-SHORTEST_PAUSE_US = 1.0
-"""Pause the search ends with (ours: less than a fifth of the channels have deionised by then)."""
-LEAST_POWER = 0.1
-"""Share of the generator's greatest power at which the search begins, where it is not said (ours)."""
-JAMMED_SHARE = 0.5
-"""A step with this share of shorts is a jam (ours: as the shorted windows of the `counts` law)."""
+SHORTENING = 0.95  # period from step to step of the search (ours: the limit is known to 5 %)
+SHORTEST_PAUSE_US = 1.0  # pause the search ends with (ours: less than a fifth of the channels have deionised by then)
+LEAST_POWER = 0.1  # share of the generator's greatest power at which the search begins, where it is not said (ours)
+JAMMED_SHARE = 0.5  # a step with this share of shorts is a jam (ours: as the shorted windows of the `counts` law)
 OPEN_SHARE = 0.1
 """Share of open pulses at which the rate is looked for (ours: shorts stay few, and not many pulses are lost)."""
 
@@ -89,14 +85,8 @@ def quick_counts(open_share: float) -> str:
 
 
 def highest_stable_rate(
-    machine: Machine,
-    *,
-    seeds: Sequence[int] = (1, 2),
-    hold_s: float = 1.0,
-    approach_s: float = 3.0,
-    longest_period_us: float | None = None,
-    controller: str | None = None,
-    resolution: str = "fast",
+    machine: Machine, *, seeds: Sequence[int] = (1, 2), hold_s: float = 1.0, approach_s: float = 3.0,
+    longest_period_us: float | None = None, controller: str | None = None, resolution: str = "fast",
     watch: Callable[[int, StablePeriod], None] | None = None,
 ) -> StableRate:
     """Search the highest cutting rate that a set-up holds in a straight cut without a break and without a jam.
@@ -171,15 +161,7 @@ def shorten_pauses(
     machine: Machine, seed: int, controller: FeedController, *, hold_s: float, approach_s: float,
     resolution: str = "fast", watch: Callable[[StablePeriod], None] | None = None,
 ) -> tuple[list[StablePeriod], Cause]:
-    """Cut straight, beginning at a machine's period, and shorten it step by step to the end.
-
-    Returns
-    -------
-    list of Held
-        The steps held; none where the wire broke while the feed found its level.
-    {"break", "jam", "generator"}
-        What ended it.
-    """
+    """Cut straight and shorten a machine's period step by step to the end; return steps held, and what ended it."""
     plant = begin(machine, seed, resolution=resolution)
     traverse, held = Traverse(plant, controller), list[StablePeriod]()
     period_us, shortest_us = machine.t_period_us, shortest_period_us(machine)

@@ -1,10 +1,12 @@
-"""An evaluation as a table on the screen or in Markdown, and as JSON."""
+"""An evaluation as a table on the screen or in Markdown, as JSON, and as a page with figures."""
 
 from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,12 +14,23 @@ import numpy as np
 from edmsim import __version__
 from edmsim.evaluation.compare import FIGURES, Comparison, Figure
 from edmsim.evaluation.lines import lines_of
+from edmsim.files import make_writable, replacing
+from edmsim.recording.figures.palette import BLUE, MUTED
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
     from rich.console import RenderableType
 
-WIDE = 170
-"""Columns of a terminal from which on the table shows intervals."""
+WIDE = 170  # columns of a terminal from which on the table shows intervals
+HEADS = {
+    "score": "score", "rate_mm2_min": "mm2/min", "oracle_share": "of oracle", "short_share": "short",
+    "open_share": "open", "total_return": "return", "error_um": "path um", "edge_error_um": "edge um",
+    "ra_um": "Ra um", "time_s": "s", "breaks_per_m": "breaks/m", "jams_per_m": "jams/m", "cost": "cost",
+}  # fmt: skip
+"""What stands over a column on the screen."""
+NARROW = {"score", "rate_mm2_min", "short_share", "open_share", "edge_error_um", "ra_um", "time_s"}
+"""Figures that a narrow terminal shows."""
+RARE = {"breaks_per_m", "jams_per_m"}  # figures of which 0 is common, and its interval hard to read
 
 
 def shown(name: str, figure: Figure) -> str:
@@ -25,10 +38,11 @@ def shown(name: str, figure: Figure) -> str:
     if math.isnan(figure.value):
         return ""
     kind = FIGURES[name]
-    values = [100 * v if kind.is_share else v for v in (figure.value, figure.low, figure.high)]
-    unit = " %" if kind.is_share else ""
+    is_share = kind.unit == "%"
+    values = [100 * v if is_share else v for v in (figure.value, figure.low, figure.high)]
+    unit = " %" if is_share else ""
     texts = [f"{v:.0f}" if abs(v) >= 99.5 else f"{v:.{kind.digits}f}" for v in values]
-    if kind.is_rare and figure.value == 0.0:
+    if name in RARE and figure.value == 0.0:
         return f"none (at most {texts[2]})"
     between = "" if math.isnan(figure.low) else f" ({texts[1]} to {texts[2]})"
     return f"{texts[0]}{unit}{between}"
@@ -41,9 +55,7 @@ def ranked(comparison: Comparison, by: str = "score") -> list[str]:
 
 def columns(comparison: Comparison) -> list[str]:
     """Return the figures that the environment has."""
-    return [
-        name for name in FIGURES if any(not math.isnan(f[name].value) for f in comparison.figures.values())
-    ]
+    return [name for name in FIGURES if any(not math.isnan(f[name].value) for f in comparison.figures.values())]
 
 
 def render(comparison: Comparison, width: int) -> RenderableType:
@@ -57,8 +69,8 @@ def render(comparison: Comparison, width: int) -> RenderableType:
     from edmsim.screen import ScreenTable
 
     wide = width >= WIDE
-    used = [name for name in columns(comparison) if wide or FIGURES[name].in_narrow]
-    heads = [FIGURES[name].head for name in used] + ([] if wide else ["breaks", "jams"])
+    used = [name for name in columns(comparison) if wide or name in NARROW]
+    heads = [HEADS[name] for name in used] + ([] if wide else ["breaks", "jams"])
     table = ScreenTable(
         "controller", numbers=heads, title=_title(comparison), box=None, padding=(0, 2, 0, 0), title_justify="left"
     )
@@ -95,15 +107,7 @@ def as_json(
     comparisons: Sequence[Comparison], places: Mapping[str, Sequence[Any]] | None = None,
     policies: Mapping[str, Sequence[Any]] | None = None,
 ) -> str:
-    """Return everything as JSON: a list of environments, then of policies; what was not measured is null.
-
-    Parameters
-    ----------
-    places : mapping of str to sequence of NamedTuple, optional
-        By environment, what controllers did elsewhere.
-    policies : mapping of str to sequence of NamedTuple, optional
-        By policy, its scores.
-    """
+    """Return environments, with what was done elsewhere, then policies, as JSON; what is unknown is null."""
     found = [_plain(comparison) for comparison in comparisons]
     for entry in found if places else ():
         entry["places"] = [_flat(row) for row in (places or {}).get(entry["env_id"], ())]
@@ -114,7 +118,7 @@ def as_json(
 def _flat(row: Any) -> dict[str, Any]:
     """Return a row as plain data, its figures with their intervals."""
     return {
-        key: {k: _number(v) for k, v in vars(value).items()} if isinstance(value, Figure) else _number(value)
+        key: _ends(value) if isinstance(value, Figure) else plain_number(value)
         for key, value in row._asdict().items()
     }
 
@@ -126,17 +130,22 @@ def _plain(comparison: Comparison) -> dict[str, Any]:
         "seeds": list(comparison.seeds),
         "edmsim_version": __version__,
         "controllers": {
-            name: {key: {k: _number(v) for k, v in vars(figure).items()} for key, figure in figures.items()}
+            name: {key: _ends(figure) for key, figure in figures.items()}
             for name, figures in comparison.figures.items()
         },
         "cuts": [
-            {key: _number(value) for key, value in result._asdict().items()}
+            {key: plain_number(value) for key, value in result._asdict().items()}
             for results in comparison.results.values() for result in results
         ],
     }  # fmt: skip
 
 
-def _number(value: Any) -> Any:
+def _ends(figure: Figure) -> dict[str, Any]:
+    return {key: plain_number(value) for key, value in vars(figure).items()}
+
+
+def plain_number(value: Any) -> Any:
+    """Return None for NaN."""
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
@@ -147,10 +156,58 @@ def _title(comparison: Comparison) -> str:
 def markdown_table(comparison: Comparison) -> list[str]:
     """Return the lines of the table in Markdown, the best controller first, with all intervals."""
     used = columns(comparison)
-    heads = " | ".join(FIGURES[name].meaning for name in used)
+    heads = " | ".join(FIGURES[name].heading for name in used)
     lines = [f"| controller | {heads} |", "|---" * (len(used) + 1) + "|"]
     for controller in ranked(comparison):
         cells = (shown(name, comparison.figures[controller][name]) for name in used)
         lines.append(f"| `{controller}` | " + " | ".join(cells) + " |")
     lines += ["", f"{len(comparison.seeds)} cuts each, resolution `{comparison.resolution}`."]
     return lines
+
+
+NAME_LETTERS = 48  # a controller of more letters is named without its parameters in a figure: the table has them
+
+
+def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
+    """Write the page, and the figures beside it as ``NAME-ENVIRONMENT.png``; see `draw`."""
+    make_writable(file.parent)
+    parts = ["# Controllers compared", ""]
+    for made in comparisons:
+        name = f"{file.stem}-{re.sub(r'[^0-9A-Za-z]+', '-', made.env_id.rpartition('/')[2])}.png"
+        with replacing(file.with_name(name)) as partial:
+            draw_returns(made).savefig(partial, format="png", dpi=110)
+        lines = lines_of(made.env_id)
+        parts += [
+            f"## {made.env_id}", "", f"![Return of every cut, and the mean of each controller]({name})", "",
+            "*Returns of the same machines under all controllers: a dot for each machine; the line is the mean with "
+            "its 95 % interval.*", "", *markdown_table(made), "",
+            f"Score: 0 is what `{lines.blind}` earns, 1 what `{lines.reference}` earns.", "",
+        ]  # fmt: skip
+    with replacing(file) as partial:
+        partial.write_text("\n".join(parts), encoding="utf-8")
+
+
+def draw_returns(made: Comparison) -> Drawing:
+    """Draw the returns of every controller, the best mean on top: a dot for a machine, the mean with its interval."""
+    # a machine has the same height within the row of each controller
+    # a machine has the same height within the row of each controller
+    from matplotlib.figure import Figure as Drawing
+
+    names = ranked(made, "total_return")
+    figure = Drawing(figsize=(7.2, 0.9 + 0.42 * len(names)), layout="constrained")
+    axes = figure.add_subplot()
+    within = np.linspace(0.28, -0.28, len(made.seeds))
+    for row, name in enumerate(reversed(names)):
+        returns = [cut.total_return for cut in made.results[name]]
+        mean = made.figures[name]["total_return"]
+        axes.plot(returns, row + within, ".", color=MUTED, ms=4)
+        axes.plot([mean.low, mean.high], [row, row], color=BLUE, lw=1.2)
+        axes.plot([mean.value, mean.value], [row - 0.3, row + 0.3], color=BLUE, lw=2.0)
+    axes.set_yticks(range(len(names)), [_short(name) for name in reversed(names)])
+    axes.set_xlabel("return of a cut")
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= NAME_LETTERS else f"{name.partition(':')[0]} ..."

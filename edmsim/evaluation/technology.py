@@ -36,12 +36,11 @@ from edmsim.program.path import CutPath, WireContour
 
 
 class PassTarget(NamedTuple):
-    """What is asked of a pass: Ra, feed at 25.4 mm, stock to take, and with which generator.
+    """What is asked of a pass: Ra, feed at 25.4 mm, stock to take, and with which generator."""
 
-    The numbers are those of a shop's table for 1 to 7 passes (brass 0.254 mm, steel, 25.4 mm, second hand). Shops
-    flush a rough pass with several bar and trims with less; on-times fall from pass to pass, and tension rises: by
-    numbers of ours.
-    """
+    # the numbers are those of a shop's table for 1 to 7 passes (brass 0.254 mm, steel, 25.4 mm, second hand).
+    # Shops flush a rough pass with several bar and trims with less; on-times fall from pass to pass, and
+    # tension rises: by numbers of ours
 
     ra_um: float
     feed_mm_min: float
@@ -62,36 +61,24 @@ TARGETS = (
     PassTarget(0.18, 3.56, 1.3, "fine", 0.1, 1.5, 0.15),
 )
 """The passes, from rough to last."""
-AT_MM = 25.4
-"""Height to which these feeds belong."""
+AT_MM = 25.4  # height to which these feeds belong
 FEED_EXPONENT = -0.3
 """Feed asked of a trim over the height to this power: a taller wall is more metal, and trims of tall parts are slower
 in all tables (ours, within 0 to -1)."""
 
-GENTLE = 1.25
-"""Period of the rough pass over the one at which the wire broke (ours: it holds for other seeds, too)."""
-SHORTENING = 0.87
-"""From period to period of that search (ours)."""
-NO_GAIN = 1.02
-"""A shorter period that does not cut faster by more than this ends it as well (ours)."""
-START_OF = 1.6
-"""The search begins at this many times the period that gives the generator's own mean power (ours)."""
-MOST_BREAKS = 6
-"""So often a period that broke the wire is lengthened again (ours)."""
+GENTLE = 1.25  # period of the rough pass over the one at which the wire broke (ours: it holds for other seeds, too)
+SHORTENING = 0.87  # from period to period of that search (ours)
+NO_GAIN = 1.02  # a shorter period that does not cut faster by more than this ends it as well (ours)
+START_OF = 1.6  # the search begins at this many times the period that gives the generator's own mean power (ours)
+MOST_BREAKS = 6  # so often a period that broke the wire is lengthened again (ours)
 POWER = 1.8
 """What a trim's pulses would take if all of them ignited, over the stock it is to take (ours: half stay open)."""
-STOCK_SHARE, STOCK_UM = 0.15, 1.5
-"""A pass takes what it should within this share, or these um (ours)."""
-SHALLOWER_UM = 3.0
-"""A trim that jammed is tried again so much further off the wall (ours)."""
-MOST_TRIES = 4
-"""Cuts per trim: the last one counts even if it takes more or less than it should (ours)."""
-RA_SHARE = 0.12
-"""Ra is that asked for within this share (ours)."""
-FEED_REACHED = 0.85
-"""A trim that keeps less of its feed than this gets more power (ours)."""
-ROUGH_MM, TRIM_MM = 1.6, 1.8
-"""Length of the straight cuts (ours: 16 places are measured)."""
+STOCK_SHARE, STOCK_UM = 0.15, 1.5  # a pass takes what it should within this share, or these um (ours)
+SHALLOWER_UM = 3.0  # a trim that jammed is tried again so much further off the wall (ours)
+MOST_TRIES = 4  # cuts per trim: the last one counts even if it takes more or less than it should (ours)
+RA_SHARE = 0.12  # Ra is that asked for within this share (ours)
+FEED_REACHED = 0.85  # a trim that keeps less of its feed than this gets more power (ours)
+ROUGH_MM, TRIM_MM = 1.6, 1.8  # length of the straight cuts (ours: 16 places are measured)
 MARGIN_MM, HOLE_MM, LEAD_MM = 3.0, 0.3, 0.5
 
 
@@ -126,11 +113,7 @@ class Job:
     def setup(self, generator: str, **choices: Any) -> Machine:
         """Return a machine with one of the generators at some setting."""
         return Machine.load(
-            self.machine,
-            material=self.material,
-            wire=self.wire,
-            generator=generator,
-            height_mm=self.height_mm,
+            self.machine, material=self.material, wire=self.wire, generator=generator, height_mm=self.height_mm,
             **choices,
         )
 
@@ -142,13 +125,7 @@ class Job:
 def straight_path(
     offsets_mm: Sequence[float], length_mm: float, machine: Machine, edge_mm: NDArray[np.float64] | None = None
 ) -> CutPath:
-    """Return a straight edge in passes in the middle of the table, cut from a start hole, the part below it.
-
-    Parameters
-    ----------
-    edge_mm : float64 array (n, 2), optional
-        Another open edge, which begins at (0, 0) along +x; the part lies to its right.
-    """
+    """Return a straight edge, or another open one along +x, in passes, cut from a start hole, the part below it."""
     middle = np.array(machine.base.table.centre_um) * 1e-3 - (length_mm / 2, 0.0)
     edge = np.array([[0.0, 0.0], [length_mm, 0.0]]) if edge_mm is None else edge_mm
     edge, count = edge + middle, len(edge) - 1
@@ -193,15 +170,7 @@ class Cut(NamedTuple):
 
 
 class Search:
-    """The search for the passes of one height.
-
-    Parameters
-    ----------
-    tell : callable
-        Called with a line of text for every cut.
-    journal : path, optional
-        File that keeps the passes found, so that an interrupted search goes on behind them.
-    """
+    """The search for the passes of one height; the journal keeps passes found, so that an interrupted one goes on."""
 
     def __init__(self, job: Job, tell: Callable[[str], None], journal: Path | None = None) -> None:
         job.check()
@@ -385,15 +354,7 @@ def _plain(job: Job) -> dict[str, Any]:
 
 
 def cut_pass(job: Job, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
-    """Cut one pass along a straight edge, on the metal that the pass before it left.
-
-    Parameters
-    ----------
-    number : int
-        Of the pass; odd ones run forward.
-    metal : KerfField or None
-        None for the rough pass.
-    """
+    """Cut one pass along a straight edge, odd ones forward, on the metal that the pass before it left."""
     machine = job.machine_of(one)
     path = straight_path((offset_mm,) * (2 if number > 1 else 1), ROUGH_MM if number == 1 else TRIM_MM, machine)
     return _run(job, machine, one, path, number, metal)
@@ -403,14 +364,8 @@ def _run(job: Job, machine: Machine, one: PassSetting, path: CutPath, number: in
     path = _only(path, number)
     approach = PassSetup(machine, from_text(one.controller(0.25)))
     simulation = Simulation(
-        machine,
-        path,
-        from_text(one.controller()),
-        planner="exact",
-        seed=job.seed + 101 * number,
-        resolution=job.resolution,
-        metal=metal,
-        approach=approach if number == 1 else None,
+        machine, path, from_text(one.controller()), planner="exact", seed=job.seed + 101 * number,
+        resolution=job.resolution, metal=metal, approach=approach if number == 1 else None,
     )
     outcome = simulation.run()
     record = simulation.passes.records[-1]

@@ -15,8 +15,7 @@ from edmsim.evaluation.table import shown
 if TYPE_CHECKING:
     from edmsim.screen import ScreenTable
 
-USUAL_CUTS = 6
-"""Ours: in each of some eight places, and those at finer resolutions take long."""
+USUAL_CUTS = 6  # ours: in each of some eight places, and those at finer resolutions take long
 
 
 class Place(NamedTuple):
@@ -41,10 +40,7 @@ BEYOND = 1.5, 0.5
 
 
 def places(env_id: str) -> tuple[Place, ...]:
-    """Return where controllers are taken to: finer resolutions, and beyond the ranges of height and tension.
-
-    A place is left out where an environment has no such range.
-    """
+    """Return finer resolutions, and places beyond the ranges of height and tension, where there are such ranges."""
     family = make_family(env_id)
     more, less = BEYOND
     found = [

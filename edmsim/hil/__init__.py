@@ -1,7 +1,7 @@
 """The gap for real controllers: boards of open machines on serial lines, samples of voltage and current, an FMU.
 
-Nothing here decides about the feed: the connected controller does. `Rig` runs without a clock, for a firmware's
-unit tests; `edmsim.hil.session` puts it behind pseudo-terminals in real time.
+The connected controller sets the feed. `Rig` runs without a clock, for unit tests of firmware;
+`edmsim.hil.session` connects it to pseudo-terminals in real time.
 """
 
 from edmsim.hil.delays import delay_table

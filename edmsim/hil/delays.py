@@ -1,4 +1,4 @@
-"""A table of ignition delays over gap and voltage, for circuit simulators: how long a switch for the gap waits."""
+"""A table of ignition delays over gap and voltage, for circuit simulators."""
 
 from __future__ import annotations
 
@@ -18,27 +18,19 @@ from edmsim.plant.workpiece.blanks import started_slot
 GAPS_UM = (4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0)
 VOLTAGES_V = (60.0, 80.0, 100.0, 120.0)
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
-DRAWS = 200
-"""Pulses of a gap at a voltage (ours: a median is known to a tenth of the delays' spread)."""
-WAIT_US = 10_000.0
-"""What has not ignited by then never does."""
+DRAWS = 200  # pulses of a gap at a voltage (ours: a median is known to a tenth of the delays' spread)
+WAIT_US = 10_000.0  # what has not ignited by then never does
 
 
 class Delays(NamedTuple):
-    """Delays of a gap at a voltage.
-
-    Attributes
-    ----------
-    short, ignited : float
-        Shares of pulses that were shorts, and that ignited within `WAIT_US`.
-    us : tuple of float
-        `QUANTILES` of the delays of all that were no shorts, in us; NaN where the quantile has not ignited.
-    """
+    """Delays of a gap at a voltage."""
 
     gap_um: float
     open_V: float
+    # shares of pulses that were shorts, and that ignited within `WAIT_US`
     short: float
     ignited: float
+    # `QUANTILES` of the delays of all that were no shorts, in us; NaN where the quantile has not ignited
     us: tuple[float, ...]
 
 
@@ -53,8 +45,8 @@ def delay_table(
 ) -> list[Delays]:
     """Draw delays of a set-up at gaps and voltages.
 
-    Every pulse is the first of a wire at rest in clean water, in a slot whose gap is the same all round; the height
-    is the machine's. In a cut, debris, gas and the wire's swing change what is drawn.
+    Every pulse is the first one of a wire at rest in clean water, in a slot with the same gap all round and the
+    machine's height. In a cut, debris, gas and the wire's vibration change the delays.
 
     Parameters
     ----------
@@ -64,12 +56,12 @@ def delay_table(
         Pulses of each.
     seed : int
     watch : callable, optional
-        Called with the number of rows made, and of all.
+        Called with the numbers of finished and of all rows.
 
     Raises
     ------
     InputError
-        If a voltage cannot be, or there is nothing to draw.
+        If a voltage cannot be used, or there is nothing to draw.
     """
     if draws < 1 or not gaps_um or not voltages_V:
         raise InputError("a table of delays needs gaps, voltages, and 1 or more pulses of each")

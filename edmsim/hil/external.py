@@ -1,8 +1,8 @@
-"""A cut whose motion another program makes: it says where the axes are to be, and sees what the gap shows.
+"""A cut whose motion comes from another program: it sets the axes' positions and reads the gap's measurements.
 
-`ExternalMotion` is a feed controller that makes the steps itself, so `edmsim.cut` cuts with it as with any, and
-leaves the same report, tables and recording. The program file says what the workpiece is and what the contour is
-measured by; the other program reads the same file by itself.
+`ExternalMotion` is a feed controller that makes the steps itself. `edmsim.cut` uses it like any other and writes the
+same report, tables and recording. The program file defines the workpiece and the nominal contour; the other program
+reads the same file.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _NEAR_UM = 1000.0
 
 
 class Link(Protocol):
-    """The other program, as the cut sees it."""
+    """Connection to the other program."""
 
     def place_um(self) -> tuple[float, float]:
-        """Where it wants x and y now, in um of its own coordinates."""
+        """Present target of x and y, in um of its own coordinates."""
 
     def finished(self) -> bool:
-        """Whether it has come to the end."""
+        """Whether it has reached its end."""
 
     def show(self, observation: WindowObservation) -> None:
-        """Take in what a machine shows of a window."""
+        """Send the observation of a window."""
 
 
 class ExternalMotion:
@@ -46,7 +46,7 @@ class ExternalMotion:
     ----------
     link : Link
     time_scale : float
-        Machine seconds per second of the other program's clock: with 10 its feeds count a tenth.
+        Machine seconds per second of the other program's clock: with 10, its feeds are divided by ten.
     """
 
     name: ClassVar[str] = "external"
@@ -61,7 +61,7 @@ class ExternalMotion:
         self._before = deque([(0.0, 0.0)], _FEED_WINDOWS)
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-        """Take in the path; the other program stands at its start then."""
+        """Read the path; the other program is then at its start."""
         if self._run is not None:
             raise InputError("another program moves the axes along one contour without dwells: cut the others apart")
         table = machine.base.table
@@ -69,27 +69,27 @@ class ExternalMotion:
         self._rapid_um_s = table.rapid_um_s.value
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
-        """Begin where the other program stands."""
+        """Begin at the other program's position."""
         self._run = _Followed(self._link, self._points, self._step_um, self._rapid_um_s, self._time_scale)
         return FeedCommand(0.0)
 
     def path_run(self, planner: str) -> _Followed | None:
-        """Return what follows the other program."""
+        """Return the path run that follows the other program."""
         return self._run
 
     def update(self, window: WindowObservation) -> FeedCommand:
-        """Show the window; the feed is what the axes have made of it."""
+        """Send the window; the feed is the axes' actual one."""
         self._link.show(window)
         time_s, path_um = self._before[0]
         self._before.append((window.time_s, window.path_um))
         return FeedCommand((window.path_um - path_um) / max(window.time_s - time_s, window.duration_s))
 
     def snapshot(self) -> ControllerState:
-        """Nothing: where the other program is cannot be written down."""
+        """Return nothing: the state of the other program cannot be saved."""
         return {}
 
     def restore(self, state: ControllerState) -> None:
-        """Refuse: the other program is not where it was."""
+        """Refuse: the state of the other program cannot be restored."""
         raise InputError("a cut that another program moves cannot be resumed: cut it again")
 
 
@@ -122,7 +122,7 @@ class _Followed(Snapshots):
 
     @property
     def done(self) -> bool:
-        """Whether the other program has come to its end, and the axes are where it left them."""
+        """Whether the other program has ended, and the axes are at its last position."""
         if not self._link.finished():
             return False
         if self._end is None:
@@ -130,7 +130,7 @@ class _Followed(Snapshots):
         return max(abs(way) for way in self._ways(self._end)) < self._step_um
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
-        """Wait until the window is due, and step to where the axes are wanted then."""
+        """Wait until the window is due, and step to the axes' target."""
         if self._target[0] != start_ns:  # else the same window once more, which turned out to be shorter
             self._wait(start_ns)
             self._target = start_ns, self._end or self._link_um()

@@ -17,9 +17,7 @@ from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 _SCRIPT = Path(__file__).with_name("fmu_slave.py")
 
 
-def export_fmu(
-    file: str | Path, *, resolution: str = "fast", gap_um: float = SLOT_GAP_UM, **machine: Any
-) -> float:
+def export_fmu(file: str | Path, *, resolution: str = "fast", gap_um: float = SLOT_GAP_UM, **machine: Any) -> float:
     """Write an FMU, FMI 3.0 for co-simulation, of a wire at the end of a slot.
 
     Parameters

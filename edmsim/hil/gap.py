@@ -1,4 +1,4 @@
-"""A wire in a gap whose axes and generator somebody else commands: the plant in frames of some pulses."""
+"""A wire in a gap whose axes and generator are commanded from outside: the plant in frames of some pulses."""
 
 from __future__ import annotations
 
@@ -20,64 +20,45 @@ from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
 
 
 class Output(NamedTuple):
-    """What is asked of the generator for a frame.
+    """Generator command for a frame."""
 
-    Attributes
-    ----------
-    pulses : int
-        1 to 255.
-    open_V, peak_A : float or None
-        Voltage until ignition and peak current; None leaves what the generator's file says.
-    """
-
-    pulses: int
+    pulses: int  # 1 to 255
     on: bool
     t_on_us: float
     t_period_us: float
+    # voltage until ignition and peak current; None leaves what the generator's file says
     open_V: float | None = None
     peak_A: float | None = None
 
 
 class Frame(NamedTuple):
-    """Some pulses, as they were.
+    """The pulses of a frame."""
 
-    Attributes
-    ----------
-    window : PulseWindow
-        Their sums.
-    pulses : record array (n,)
-        Rows of `edmsim.plant.kernel.state.PULSE`, one for every pulse.
-    timing : Timing
-        The generator's setting for them.
-    on : bool
-        Whether the generator ran: else the pulses are moments without one.
-    """
-
-    window: PulseWindow
-    pulses: NDArray[np.void]
-    timing: Timing
-    on: bool
+    window: PulseWindow  # their sums
+    pulses: NDArray[np.void]  # (n,): rows of `edmsim.plant.kernel.state.PULSE`, one for every pulse
+    timing: Timing  # the generator's setting for them
+    on: bool  # whether the generator ran: else the pulses are moments without one
 
 
 class Gap:
-    """A wire at the end of a begun slot along +x, with commanded axes.
+    """A wire at the end of a short slot along +x, with commanded axes.
 
     Parameters
     ----------
     machine : Machine
     seed : int
-        Same seed, same commands at the same times: same bits.
+        The same seed and the same commands at the same times give the same result, bit for bit.
     resolution : str or Resolution
     gap_um : float
-        Gap all round the wire at the start; behind it the slot is open.
+        Gap round the wire at the start; behind it the slot is open.
 
     Attributes
     ----------
     plant : Plant
     setpoints : Setpoints
-        Where the axes are wanted.
+        Targets of the axes.
     lost : str
-        Why there is no wire any more; nothing as long as there is one.
+        Reason why the wire is lost; empty while there is a wire.
     """
 
     def __init__(
@@ -102,20 +83,20 @@ class Gap:
 
     @property
     def place_um(self) -> tuple[float, float]:
-        """Place of the position counters from where the wire was at first."""
+        """Position by the counters, relative to the wire's first position."""
         x, y = self.plant.commanded_um
         return x - self.origin_um[0], y - self.origin_um[1]
 
     def run(self, output: Output) -> Frame:
         """Run a frame at a setting of the generator.
 
-        A wire that breaks, or is driven where the model does not hold, is gone: `lost` says why, and until `thread`
-        all pulses are open.
+        If the wire breaks or leaves the model's valid range, `lost` has the reason, and all pulses are open until
+        `thread`.
 
         Raises
         ------
         InputError
-            If the generator refuses the setting; the gap stays as it was.
+            If the generator refuses the setting; the gap is then unchanged.
         """
         self._set(output)
         plant, start_ns = self.plant, self.plant.time_ns
@@ -134,7 +115,7 @@ class Gap:
         return Frame(window, pulses, plant.timing, output.on)
 
     def thread(self) -> None:
-        """Thread a fresh wire where the axes are; on this bench that takes no time."""
+        """Thread a new wire at the axes' position; on this bench it takes no time."""
         self.plant.rethread(self.plant.commanded_um, 0)
         self.lost = ""
 
@@ -149,7 +130,7 @@ class Gap:
         }  # fmt: skip
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot` of a gap of the same set-up; raises `InputError` for a damaged one."""
+        """Load a `snapshot` of a gap with the same set-up; raises `InputError` for a damaged one."""
         own = {name: value for name, value in state.items() if name.startswith("gap.")}
         if set(own) != {f"gap.{name}" for name in ("places", "targets", "velocity", "until_ns", "choices", "lost")}:
             raise InputError("this is not a snapshot of a gap: its setpoints are missing")

@@ -17,21 +17,14 @@ from edmsim.plant.kernel.state import OPEN, SHORT
 
 Pins = dict[str, float]
 
-ALERT_PULSES = 512
-"""Pulses whose sparks the duty of ALRT counts (Powercore V2)."""
-AMP_V_A = 0.012
-"""Volts per ampere on AMP (Powercore V2)."""
+ALERT_PULSES = 512  # pulses whose sparks the duty of ALRT counts (Powercore V2)
+AMP_V_A = 0.012  # volts per ampere on AMP (Powercore V2)
 
 
 class PowercoreV2:
     """Powercore V2: no serial line; ALRT is the share of sparks among the last 512 pulses, AMP the current.
 
     A current trip marks an ignition, so a short counts as a spark: the current flows in both.
-
-    Attributes
-    ----------
-    enabled : bool
-        Level of the enable input.
     """
 
     name: ClassVar[str] = "powercore-v2"
@@ -72,10 +65,8 @@ SUPPLY_V, POWER_LIMIT_W, TRIP_A, MOST_INPUT_A = 48.0, 75.0, 8.0, 7.3
 INTERVAL_PULSES, MOST_SUCCESS = 10, 0.8
 """Pulses over which the success rate is taken, and the rate from which pulses are skipped."""
 SHORTED_SKIP_S, POWER_SKIP_S, TELEMETRY_S, SAMPLE_S, BOOT_S, EDGE_S = 0.25, 0.01, 1.0, 0.01, 2.0, 1.0
-_TICK_S = 1e-6
-"""Times are sums of floats."""
-INPUT_SAMPLES = 100
-"""Samples of the input current that its average is of: a second."""
+_TICK_S = 1e-6  # times are sums of floats
+INPUT_SAMPLES = 100  # samples of the input current that its average is of: a second
 DUTY, FREQUENCY_HZ, VOLTAGE_V, ON_US, LEAST_OFF_US = (0.01, 0.12), (5e3, 1e4), (64.0, 100.0), (1.0, 25.0), 88.0
 _HELP = (
     "ERROR: Unknown command",
@@ -87,8 +78,7 @@ _HELP = (
     "  EDM_ISOFREQUENCY_MODE - Enter EDM Isofrequency Mode",
 )
 _NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)", re.ASCII)
-_WHOLE = re.compile(r"\s*([-+]?\d+)", re.ASCII)
-"""Numbers as C reads them: of spaces and digits, only those of ASCII."""
+_WHOLE = re.compile(r"\s*([-+]?\d+)", re.ASCII)  # numbers as C reads them: of spaces and digits, only those of ASCII
 
 
 def _number(text: str) -> float:
@@ -104,13 +94,7 @@ def _whole(text: str) -> int:
 
 
 class PowercoreV3:
-    """Powercore V3: lines at 115,200 baud, FEEDBACK and enable.
-
-    Attributes
-    ----------
-    enabled : bool
-        Level of the enable input.
-    """
+    """Powercore V3: lines at 115,200 baud, FEEDBACK and enable."""
 
     name: ClassVar[str] = "powercore"
     generator: ClassVar[str] = "powercore-v3"

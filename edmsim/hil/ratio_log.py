@@ -1,4 +1,4 @@
-"""A log of ratios and places, as a controller of an open machine writes one; ``edmsim calibrate`` reads it."""
+"""A log of ratios and positions like that of an open machine's controller, for ``edmsim calibrate``."""
 
 from __future__ import annotations
 
@@ -15,15 +15,7 @@ COLUMNS = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_per
 
 
 class RatioLog:
-    """Writes a row some times a second: shares of short and open pulses since the row before, and where the axes are.
-
-    Moments in which the board had the generator off are not pulses.
-
-    Parameters
-    ----------
-    rate_Hz : float
-        Rows per second, 2 to 100; a frame has at least one.
-    """
+    """Writes shares of short and open pulses and the axes' positions, 2 to 100 rows per second, without time off."""
 
     def __init__(self, file: Path, rig: Rig, rate_Hz: float) -> None:
         if not LEAST_HZ <= rate_Hz <= MOST_HZ:

@@ -1,4 +1,4 @@
-"""A board on its gap, and the lines by which the other side moves the axes: everything of the bench but its clock."""
+"""A board at its gap, and the motion port: the bench without its clock."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ from edmsim.hil.spark import Pulser
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 
-MOST_LINE = 127
-"""Longest line in bytes (Powercore V3)."""
+MOST_LINE = 127  # longest line in bytes (Powercore V3)
 _MOST_STEPS = 100_000
 _MOST_HZ = 1000.0
 
 
 class Board(Protocol):
-    """A pulse generator's board as its host sees it."""
+    """Interface of a pulse generator's board to its host."""
 
     name: ClassVar[str]
     generator: ClassVar[str]
@@ -29,19 +28,19 @@ class Board(Protocol):
 
     @property
     def listens(self) -> bool:
-        """Whether it reads its line now."""
+        """Whether it reads its serial port now."""
 
     def output(self) -> Output:
-        """What it asks of the generator for the next frame."""
+        """Return the generator command for the next frame."""
 
     def see(self, frame: Frame) -> None:
-        """Take in the frame that is over."""
+        """Read the finished frame."""
 
     def line(self, text: str) -> str:
         """Answer a line of its serial port."""
 
     def unasked(self) -> str:
-        """Return what it has to say by itself."""
+        """Return its unsolicited output."""
 
     def pins(self) -> Pins:
         """Levels of its outputs: duty as a share, or volts."""
@@ -67,7 +66,7 @@ class PlainGenerator:
         return Output(pulses, self.enabled, on_us, period_us, own.open_voltage_V, own.peak_current_A)
 
     def see(self, frame: Frame) -> None:
-        """Take no note."""
+        """Ignore the frame."""
 
     def line(self, text: str) -> str:
         """Answer nothing."""
@@ -82,9 +81,7 @@ class PlainGenerator:
         return {}
 
 
-BOARDS: dict[str, Callable[[], Board]] = {
-    board.name: board for board in (PowercoreV3, PowercoreV2, Pulser)
-}  # fmt: skip
+BOARDS: dict[str, Callable[[], Board]] = {board.name: board for board in (PowercoreV3, PowercoreV2, Pulser)}
 """Boards by name."""
 
 
@@ -103,7 +100,7 @@ class Rig:
     board : str or Board
         ``powercore`` (V3), ``powercore-v2`` or ``spark``.
     machine : Machine, optional
-        With the board's generator; the usual one by default.
+        Set-up with the board's generator; by default the usual one.
     seed : int
     gap_um : float, optional
         See `Gap`.
@@ -136,7 +133,7 @@ class Rig:
         return self.gap.time_s
 
     def watch(self, watcher: Callable[[Frame], None]) -> None:
-        """Show somebody every frame from now on."""
+        """Call an observer with every frame from now on."""
         self._watchers.append(watcher)
 
     def frame(self) -> Frame:

@@ -1,7 +1,7 @@
-"""Gap voltage and current as a converter samples them: by an iterator, from C, and in a file.
+"""Samples of gap voltage and current, as of a converter: by an iterator, from C, and in a file.
 
-The model's edges are upright, and between pulses there is nothing. Without a low-pass a sample is the value at its
-instant, as a sample-and-hold takes it; with one, voltage and current pass a filter of first order before.
+The model's edges are vertical, and voltage and current are 0 between pulses. Without a low-pass a sample is the value
+at its instant; with one, voltage and current pass a first-order filter before.
 """
 
 from __future__ import annotations
@@ -25,10 +25,8 @@ from edmsim.plant.kernel.state import OPEN, SHORT
 
 Array = NDArray[np.float64]
 LEAST_HZ, MOST_HZ = 1e4, 1e5
-_FINE_US = 1.0
-"""The filter goes on in steps of at most this (ours: below a tenth of any pulse of these boards)."""
-COUNT_V, COUNT_A = 0.01, 0.01
-"""A count of a WAV file."""
+_FINE_US = 1.0  # the filter goes on in steps of at most this (ours: below a tenth of any pulse of these boards)
+COUNT_V, COUNT_A = 0.01, 0.01  # a count of a WAV file
 _COUNTS = 32767
 READ = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_float), ctypes.c_int64
@@ -37,7 +35,7 @@ READ = ctypes.CFUNCTYPE(
 
 
 class Sensing(NamedTuple):
-    """How voltage and current are measured.
+    """Properties of the voltage and current measurement.
 
     Attributes
     ----------
@@ -46,9 +44,9 @@ class Sensing(NamedTuple):
     low_pass_Hz : float
         Corner of the filter before the converter; 0 for none.
     noise_V, noise_A : float
-        Standard deviations of what the converter adds.
+        Standard deviations of the converter's noise.
     seed : int
-        Of the noise.
+        Seed of the noise.
     """
 
     rate_Hz: float = 5e4
@@ -58,7 +56,7 @@ class Sensing(NamedTuple):
     seed: int = 0
 
     def check(self) -> None:
-        """Raise `InputError` for what cannot be measured so."""
+        """Raise `InputError` for values that cannot be used."""
         if not LEAST_HZ <= self.rate_Hz <= MOST_HZ:
             raise InputError(f"samples are taken at {LEAST_HZ:g} to {MOST_HZ:g} Hz, not {self.rate_Hz:g}")
         if not 0 <= self.low_pass_Hz < math.inf:
@@ -69,13 +67,7 @@ class Sensing(NamedTuple):
 
 
 class Sampler:
-    """Makes samples of frames that follow each other.
-
-    Parameters
-    ----------
-    start_us : float
-        Machine time from which samples are taken.
-    """
+    """Makes samples of frames that follow each other, from a machine time on."""
 
     def __init__(self, sensing: Sensing, start_us: float = 0.0) -> None:
         sensing.check()
@@ -144,7 +136,7 @@ def _edges(frame: Frame) -> tuple[Array, Array]:
 
 
 class SampleReader:
-    """Samples of a rig, one after the other, as many as are asked for; the rig runs on as they are taken.
+    """Iterator over samples of a rig; the rig runs as samples are read.
 
     Parameters
     ----------
@@ -155,7 +147,7 @@ class SampleReader:
     ----------
     c_read : ctypes function
         ``int64_t read(float *voltage_V, float *current_A, int64_t n)`` for a firmware in C: fills both buffers and
-        returns `n`. It lives as long as the reader does.
+        returns `n`. It is valid while the reader exists.
 
     Examples
     --------
@@ -203,11 +195,6 @@ class SampleFile:
     """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``.
 
     A WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count.
-
-    Parameters
-    ----------
-    start_s : float
-        Machine time from which samples are taken.
     """
 
     def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:
@@ -245,7 +232,7 @@ class SampleFile:
 
     @property
     def notice(self) -> str:
-        """What the user should know of the file; nothing if there is nothing."""
+        """Notice about the file for the user; may be empty."""
         most = f"{_COUNTS * COUNT_V:g} V or {_COUNTS * COUNT_A:g} A"
         return (
             f"{self._clipped} samples are beyond {most}, which is the most a WAV file holds" if self._clipped else ""

@@ -1,8 +1,8 @@
 """The bench in real time: a pseudo-terminal for the board's serial line, another for the axes.
 
-Lines are answered as soon as they come, between two frames, so an answer waits for a frame's computing at most. Who
-does not read loses what finds no room, and gets no more answers; who sends faster than lines are taken has to wait,
-as with a USB port. So nobody on the other side can hold up the gap.
+Lines are answered between two frames, so an answer waits for at most one frame's calculation. If the other side does
+not read, output that does not fit into the buffer is lost, and further lines are not answered. If it sends too fast,
+it has to wait, as with a USB port. So the other side cannot block the gap.
 """
 
 from __future__ import annotations
@@ -19,24 +19,16 @@ from edmsim.hil.rig import MOST_LINE, Rig
 
 _WAITING_LINES, _LINES_A_FRAME = 64, 16
 """Lines that wait at a port before no more are read, and lines taken between two frames (ours)."""
-_MOST_UNSENT = 4096
-"""Bytes that wait for room on their way out (ours)."""
-HALF_LINE_S = 1.0
-"""A line without an end is taken after so long a silence, as Powercore V3 takes it."""
+_MOST_UNSENT = 4096  # bytes that wait for room on their way out (ours)
+HALF_LINE_S = 1.0  # a line without an end is taken after so long a silence, as Powercore V3 takes it
 TOO_LONG = f"ERROR: line too long (max {MOST_LINE} bytes)\r\n"
 
 
 class Lines:
-    """Bytes as they come, cut into lines.
-
-    Attributes
-    ----------
-    ready : deque of (str or None)
-        Lines that wait to be taken; None stands for one that was too long.
-    """
+    """Bytes as they come, cut into lines."""
 
     def __init__(self) -> None:
-        self.ready: deque[str | None] = deque()
+        self.ready: deque[str | None] = deque()  # lines that wait to be taken; None stands for one that was too long
         self._partial = bytearray()
         self._too_long = False
         self._heard_s = 0.0
@@ -106,13 +98,7 @@ class Port:
 
 
 class Session:
-    """A rig behind its ports.
-
-    Parameters
-    ----------
-    speed : float
-        Machine seconds per second.
-    """
+    """A rig behind its ports, at `speed` machine seconds per second."""
 
     def __init__(self, rig: Rig, speed: float = 1.0) -> None:
         if not speed > 0:
@@ -124,15 +110,7 @@ class Session:
         self._lost = ""
 
     def run(self, seconds: float | None, stop: Callable[[], bool], say: Callable[[str], None]) -> None:
-        """Run until somebody stops it, or some machine time is over.
-
-        Parameters
-        ----------
-        stop : callable
-            Asked between frames.
-        say : callable
-            Prints a line for the user.
-        """
+        """Run until somebody stops it (`stop` is asked between frames), or some machine time is over."""
         began, from_s = time.monotonic(), self.rig.time_s
         while not stop() and (seconds is None or self.rig.time_s - from_s < seconds):
             due = began + (self.rig.time_s - from_s) / self._speed

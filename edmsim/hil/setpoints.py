@@ -8,24 +8,11 @@ AXES = ("X", "Y")
 VELOCITY_COUNTS_S = 0.5
 """How long a velocity counts (ours): a sender of velocities repeats them, and a machine whose controller has
 gone stands still, as one does whose step pulses stop."""
-_NEAR = 1e-6
-"""Share of a step within which a step's place is reached: places are sums of floats."""
+_NEAR = 1e-6  # share of a step within which a step's place is reached: places are sums of floats
 
 
 class Setpoints:
-    """Setpoints of x and y.
-
-    Parameters
-    ----------
-    place_um : (float, float)
-        Where they are.
-    step_um : float
-        Travel of a motor step.
-    max_um_s : float
-        Greatest speed of an axis.
-    travel_um : float
-        Travel of an axis, from 0: no setpoint goes further.
-    """
+    """Setpoints of x and y, from 0 to the travel, which move in motor steps up to a speed."""
 
     def __init__(self, place_um: tuple[float, float], step_um: float, max_um_s: float, travel_um: float) -> None:
         self._step_um, self._max_um_s, self._travel_um = step_um, max_um_s, travel_um

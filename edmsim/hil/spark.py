@@ -23,22 +23,13 @@ _INVALID = 255
 _CURRENT_CHANGE_S, _POLARITY_CHANGE_S = 0.001, 0.02
 """How long the driver is suppressed after a change while it is active."""
 _IGNITION_UNIT_US, _MOST_IGNITION_US = 5.0, 1000.0
-_LEAST_PAUSE_US = 5.0
-"""Shortest pause (manual: "a few us")."""
-_FRAME_US = 5000.0
-"""Pulses of a frame take about that long (ours: hosts poll at 10 Hz to 1 kHz)."""
-_WATER_C = 25
-"""Temperature of the heatsink that the register shows (ours: the board's cooling is not modelled)."""
+_LEAST_PAUSE_US = 5.0  # shortest pause (manual: "a few us")
+_FRAME_US = 5000.0  # pulses of a frame take about that long (ours: hosts poll at 10 Hz to 1 kHz)
+_WATER_C = 25  # temperature of the heatsink that the register shows (ours: the board's cooling is not modelled)
 
 
 class Pulser:
-    """The board's registers, each of a byte.
-
-    Attributes
-    ----------
-    enabled : bool
-        Level of GATE: without it no current flows.
-    """
+    """The board's registers, each of a byte; `enabled` is the level of GATE, without which no current flows."""
 
     name: ClassVar[str] = "spark"
     generator: ClassVar[str] = "spark-pulser"

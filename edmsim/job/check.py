@@ -1,4 +1,4 @@
-"""A program looked at before it is cut: its path, what to know about it, and how long it takes at least."""
+"""Check of a program before it is cut: its path, notices about it, and its least time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from edmsim.program.path import CutPath
 
 @dataclass(frozen=True)
 class PassEstimate:
-    """What a technology makes expect of a pass, over all contours: offset, length with approaches, time, Ra."""
+    """Expected values of a pass by the technology, over all contours: offset, length with approaches, time, Ra."""
 
     number: int
     offset_mm: float
@@ -35,7 +35,7 @@ class PassEstimate:
 
 @dataclass(frozen=True)
 class Check:
-    """What is known of a cut without simulating it.
+    """Properties of a cut that need no simulation.
 
     Attributes
     ----------
@@ -43,17 +43,17 @@ class Check:
         The wire's path, with the notices of the reading.
     machine : Machine
     cutting_s : float
-        Time of the path at `feed_um_s`: no cut takes less.
+        Least time of the path, at `feed_um_s`.
     feed_um_s : float
-        Greatest feed there can be.
+        Highest possible feed.
     limited_by : {"machine", "generator"}
-        Whether it is the machine's greatest feed, or the one at which every pulse would have to remove all it can.
+        Limit of this feed: the machine's largest, or the one at which every pulse removes as much as it can.
     waiting_s : float
-        Time of threading, ways between contours and dwells.
+        Time of threading, moves between contours and dwells.
     passes : tuple of PassEstimate
-        What the technology expects of the passes; none for a cut in one.
+        Expected values of the passes by the technology; empty for a cut in one pass.
     program : Program
-        What was read.
+        The program as read.
     """
 
     path: CutPath
@@ -67,7 +67,7 @@ class Check:
 
     @property
     def expected_s(self) -> float:
-        """The machining time that the technology makes expect; 0 for a cut in one pass."""
+        """Machining time by the technology; 0 for a cut in one pass."""
         return sum(one.seconds for one in self.passes) + (self.waiting_s if self.passes else 0.0)
 
     @property
@@ -82,14 +82,14 @@ class Check:
 
 
 def check(program: str | Path, settings: CutSettings) -> Check:
-    """Read a program, offset it and estimate its time, as a cut with these settings would begin.
+    """Read a program, offset it and estimate its time, as for a cut with these settings.
 
     Parameters
     ----------
     program : path
         G-code or drawing.
     settings : CutSettings
-        As a cut takes them; a workpiece of several heights counts with the lowest for the time.
+        Those of a cut; the time is that of the lowest height.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     Raises
     ------
     UnknownWordsError
-        The program has words that are not known: all of them.
+        If the program has unknown words; lists all of them.
     InputError
         As `edmsim.cut`.
     """
@@ -129,11 +129,9 @@ def _estimates(found: Passes) -> tuple[PassEstimate, ...]:
 
 
 def greatest_feed_um_s(machine: Machine, height_mm: float) -> tuple[float, Literal["machine", "generator"]]:
-    """Return the greatest feed there can be, and what limits it.
-
-    Every pulse that ignites at once removes what its energy melts; the kerf is as wide as the wire and twice the
-    expected gap. No cut is faster than that, most are slower: pulses stay open, or short.
-    """
+    """Return the highest possible feed and its limit."""
+    # every pulse that ignites at once removes what its energy melts, from a kerf as wide as the wire and twice
+    # the gap; most cuts are slower: pulses stay open, or short
     own = machine.base.table.max_feed_um_s
     limit_um_s = MAX_FEED_UM_S if own is None else own.value
     power_W = mean_current_A(machine) * machine.material.burning_voltage_V.value

@@ -13,10 +13,8 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.files import read_arrays, replacing
 
-NAME = "checkpoint.npz"
-"""File in the output folder; gone when the results are there."""
-FORMAT = 7
-"""Raised when what a checkpoint holds changes: one of another format is refused."""
+NAME = "checkpoint.npz"  # file in the output folder; gone when the results are there
+FORMAT = 7  # raised when what a checkpoint holds changes: one of another format is refused
 
 
 def save(simulation: Simulation, folder: Path, settings: Mapping[str, Any], wall_time_s: float) -> None:

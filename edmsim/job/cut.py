@@ -1,6 +1,6 @@
-"""One cut from program file to outputs: what `edmsim.cut` and ``edmsim cut`` do.
+"""One cut from program file to outputs: `edmsim.cut` and ``edmsim cut``.
 
-Ctrl-C, SIGTERM and SIGHUP (its terminal closes) end it only where nothing is left half done.
+Ctrl-C, SIGTERM and SIGHUP (its terminal closes) end it only at points where no work is half done.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
+from edmsim.controllers.pulse_counters import percent_of_window
 from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
@@ -31,7 +32,6 @@ from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked
 from edmsim.job import checkpoint
 from edmsim.job.passes import with_passes
-from edmsim.job.progress import CutProgress
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, Running
 from edmsim.machine.files import own_mjcf_text
@@ -46,7 +46,7 @@ from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath, load_program, plan_path
 from edmsim.program.taper import GuideHeights
 from edmsim.progress import ShownProgress, in_notebook
-from edmsim.recording.report import outcome_text
+from edmsim.recording.report import duration_text, outcome_text
 
 _ENDING = {
     signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL,
@@ -86,10 +86,7 @@ class NotedSignals:
 
 @contextmanager
 def noted() -> Iterator[NotedSignals]:
-    """Note these signals in place of what they do otherwise.
-
-    Only the main thread may, and a handler that is not Python's own is the caller's affair.
-    """
+    """Defer these signals in the main thread if there is no other handler."""
     interrupts = NotedSignals()
     taken = {}
     if threading.current_thread() is threading.main_thread():
@@ -103,8 +100,7 @@ def noted() -> Iterator[NotedSignals]:
             signal.signal(number, usual)
 
 
-CHECKPOINT_EVERY_S = 60.0
-"""Wall time between checkpoints of a long cut."""
+CHECKPOINT_EVERY_S = 60.0  # wall time between checkpoints of a long cut
 
 
 _Options = ParamSpec("_Options")
@@ -141,11 +137,11 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     Raises
     ------
     InputError
-        Anything that cannot be used; nothing has been written then.
+        If the program or an option cannot be used. No file has been written then.
     EdmsimError
-        The results could not be written, on a full disk say; the checkpoint then holds the cut.
+        If the results cannot be written, for example on a full disk. You can resume from the checkpoint.
     KeyboardInterrupt
-        Ctrl-C, SIGTERM or SIGHUP, at any time; the checkpoint in the folder, if there is one, then holds the cut.
+        On Ctrl-C, SIGTERM or SIGHUP. You can resume from the checkpoint in the folder, if there is one.
     """
     running = Running.model_validate({name: options.pop(name) for name in Running.model_fields if name in options})
     watch, enter, out = running.watch, running.enter, running.out
@@ -176,7 +172,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
 
 
 def make_controller(choice: str | FeedController) -> FeedController:
-    """Make a feed controller that a machine could have, or take one; see `edmsim.controllers.from_text`."""
+    """Return a feed controller for a cut, from its text or as given; see `edmsim.controllers.from_text`."""
     controller = from_text(choice, cutting=True) if isinstance(choice, str) else check_is_controller(choice)
     if isinstance(controller, SeesTruth):
         raise InputError(
@@ -212,7 +208,7 @@ def planned(
 
 
 def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights | None:
-    """Return where the control takes the guides to be, of known errors; None if the upper one does not move."""
+    """Return the guides' positions as known to the control; None if the upper guide does not move."""
     travel, clearance_mm = machine.base.guides.upper_travel_mm, machine.base.guides.clearance_mm.value
     if travel is None:
         return None
@@ -224,7 +220,7 @@ def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights 
 
 
 class Prepared(NamedTuple):
-    """What a cut is made of, before anything is simulated; of one in passes, the settings are the technology's."""
+    """All inputs of a cut before the simulation; for a cut in passes, with the settings of the technology."""
 
     settings: CutSettings
     machine: Machine
@@ -241,13 +237,7 @@ def prepared(
     program: str | Path, settings: CutSettings,
     plan: Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath] = planned,
 ) -> Prepared:
-    """Read all that a cut needs, and refuse what it cannot be made with; nothing is simulated.
-
-    Parameters
-    ----------
-    plan : callable, optional
-        Plans the path; by default every call plans the path again.
-    """
+    """Read and check all inputs of a cut, without simulation."""
     found = with_passes(program, settings, plan)
     settings, path = found.settings, found.path
     machine, file = settings.load_machine(), settings.compensation
@@ -335,19 +325,10 @@ def _notices(simulation: Simulation, settings: CutSettings) -> list[str]:
 
 
 class _Run:
-    """A cut under way, and what its folder keeps of it: a checkpoint until the results are there.
-
-    Parameters
-    ----------
-    folder : Path or None
-        Where nobody else works.
-    made_with : mapping
-        What the checkpoint belongs to.
-    """
+    """A cut under way, and what its folder keeps of it: a checkpoint until the results are there."""
 
     def __init__(
-        self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any],
-        signals: NotedSignals,
+        self, simulation: Simulation, folder: Path | None, made_with: Mapping[str, Any], signals: NotedSignals
     ) -> None:
         self._simulation, self._folder, self._made_with, self._signals = simulation, folder, made_with, signals
         self._before_s = self.wall_time_s = 0.0
@@ -415,3 +396,36 @@ class _Run:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
+
+
+_EVERY_S = 0.1  # between two looks at a cut: windows are shorter (ours)
+
+
+class CutProgress:
+    """What `edmsim.cut` calls back, as a bar."""
+
+    def __init__(self, bar: ShownProgress, name: str) -> None:
+        self._bar, self._name = bar, name
+        self._last: Progress | None = None
+        self._drawn_s = 0.0
+
+    def enter(self, phase: str) -> None:
+        """Name what is being done from now on, or how it ended."""
+        self._draw(phase, at_once=True)
+
+    def show(self, progress: Progress) -> None:
+        """Take in a window."""
+        self._last = progress
+        now = time.monotonic()
+        if now < self._drawn_s + _EVERY_S:
+            return
+        self._drawn_s = now
+        short, open_ = percent_of_window(progress.short), percent_of_window(progress.open)
+        self._draw(f"{progress.feed_um_s:.1f} um/s, short {short:.0f} %, open {open_:.0f} %")
+
+    def _draw(self, words: str, at_once: bool = False) -> None:
+        share, times = 0.0, ""
+        if (last := self._last) is not None:
+            share = min(1.0, last.path_um / last.total_um)
+            times = f"{duration_text(last.time_s)} simulated in {duration_text(last.wall_time_s)}, "
+        self._bar.show(self._name, share, 1.0, times + words, at_once)

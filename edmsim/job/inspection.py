@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,40 +16,48 @@ from edmsim.cosim.stops import StopCause
 from edmsim.machine.setting import discharge_current_A
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
-from edmsim.metrology.profile import ProfileError, corners, element_errors, error_stats, profile_error
-from edmsim.metrology.reach import mean_error_um, unreachable_um, worst_place
+from edmsim.metrology.passes import unknown_wall
+from edmsim.metrology.profile import ElementError, ProfileError, corners, element_errors, error_stats, profile_error
+from edmsim.metrology.reach import WorstPlace, mean_error_um, unreachable_um, worst_place
 from edmsim.metrology.roughness import electrolysed_um, face_roughness_um, heat_affected_um, roughness_um
 from edmsim.metrology.shares import error_shares, motor_offsets_um, share_stats, table_error
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording.quality import HeightError, KerfSlice, PassFigures, Quality, Reach, TableShare, Totals, Wall
+from edmsim.recording.report import (
+    Corner,
+    Element,
+    ErrorPlace,
+    HeightError,
+    Kerf,
+    KerfSlice,
+    Offset,
+    Origin,
+    PassFigures,
+    ProfileErrors,
+    ReachableError,
+    Report,
+    Spread,
+    Surface,
+    TableShare,
+    Totals,
+    Wall,
+)
 from edmsim.recording.scene import ErrorMap, PassFace, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
-_NEAR_MM = 0.5
-"""A window belongs to a place of the profile only within this distance of the wire."""
+_NEAR_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
 
-_HEIGHT_STEP_UM = 10.0
-"""The local height is looked up this often along the path."""
+_HEIGHT_STEP_UM = 10.0  # the local height is looked up this often along the path
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """Everything measured on the part.
+    """Everything measured on the part."""
 
-    Attributes
-    ----------
-    quality : Quality
-        Figures of the report.
-    scene : Scene
-        Geometry of the pictures.
-    error_um : float64 array (windows,)
-        Profile error at the place of every window; NaN where none was measured.
-    """
-
-    quality: Quality
-    scene: Scene
+    part: Report  # with the figures of the part alone
+    scene: Scene  # geometry of the pictures
+    # (windows,): profile error at the place of every window; NaN where none was measured
     error_um: NDArray[np.float64]
 
 
@@ -122,13 +130,7 @@ def _area_mm2(simulation: Simulation, from_um: float, to_um: float) -> float:
 
 
 def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
-    """Measure the part as it is now, finished or not.
-
-    Parameters
-    ----------
-    windows : WindowTable
-        What was recorded of every window.
-    """
+    """Measure the part as it is now, finished or not."""
     field, machine = simulation.plant.field, simulation.machine
     profiles = [_error_of_edge(field, contour) for contour in simulation.path.contours]
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
@@ -163,9 +165,9 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     )
     in_passes = bool(simulation.passes.records)
     commanded_um = windows.ways_um()[0] if in_passes else np.concatenate([commanded for commanded, _, _ in ways_um])
-    quality = _quality(simulation, profiles, scene, table, _reach(contours, profiles, left_um, shares))
+    part = _part(simulation, profiles, scene, left_um, table)
     led_mm = scene.lead_mm(windows.ways_um()[-1], np.array([0.5 * machine.height_mm]))[:, 0]
-    return Inspection(quality, scene, _error_per_window(commanded_um + 1e3 * led_mm, profiles))
+    return Inspection(part, scene, _error_per_window(commanded_um + 1e3 * led_mm, profiles))
 
 
 def _pass_faces(records: list[PassRecord], profiles: list[ProfileError]) -> tuple[PassFace, ...]:
@@ -200,30 +202,42 @@ def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:
     return found if contour.offset_um else replace(found, error_um=np.full_like(found.error_um, np.nan))
 
 
-def _reach(
-    contours: tuple[WireContour, ...], profiles: list[ProfileError], left_um: list[NDArray[np.float64]],
-    shares: list[NDArray[np.float64] | None],
-) -> Reach:
+def _profile_errors(
+    contours: tuple[WireContour, ...], profiles: list[ProfileError], left_um: list[NDArray[np.float64]], scene: Scene,
+    origin_mm: tuple[float, float],
+) -> ProfileErrors:
     """Set the profile error beside what the wire can reach."""
     reached = [p.error_um - left for p, left in zip(profiles, left_um, strict=True)]
-    elements = [
-        element_errors(number, *of_contour)
-        for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
-    ]
-    return Reach(
-        reachable_um=error_stats(np.concatenate([error.ravel() for error in reached])),
-        mean_um=mean_error_um(contours, profiles, left_um),
-        worst=worst_place(contours, profiles, left_um, shares, reachable=False),
-        worst_reachable=worst_place(contours, profiles, left_um, shares, reachable=True),
-        elements=tuple(element for of_contour in elements for element in of_contour),
-    )
+    shares = [edge.shares_um for edge in scene.maps]
+
+    def worst(reachable: bool) -> ErrorPlace:
+        return _place(worst_place(contours, profiles, left_um, shares, reachable=reachable), origin_mm)
+
+    left = _spread([error.ravel() for error in reached])
+    return ProfileErrors(
+        **_spread([p.error_um.ravel() for p in profiles]), at=worst(False),
+        reachable=ReachableError(**left, at=worst(True)), shares=_share_stats(scene),
+    )  # fmt: skip
+
+
+def _place(worst: WorstPlace | None, origin_mm: tuple[float, float]) -> ErrorPlace:
+    if worst is None:
+        return ErrorPlace()
+    x_mm, y_mm = worst.x_mm - origin_mm[0], worst.y_mm - origin_mm[1]
+    return ErrorPlace(x_mm, y_mm, worst.error_um, worst.why, worst.made_by)
+
+
+def _element(found: ElementError, origin_mm: tuple[float, float]) -> Element:
+    """Return an element in the program's coordinates."""
+    row = asdict(found)
+    for name, zero_mm in zip(("x_mm", "y_mm", "end_x_mm", "end_y_mm"), origin_mm * 2, strict=True):
+        row[f"program_{name}"] = row.pop(name) - zero_mm
+    return Element(**row)
 
 
 def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray[np.float64], ...]]:
-    """Return the ways of commanded position, guides and wire, (n, 2) each, contour by contour.
-
-    A contour begins where a wire was threaded: the longest times between two windows.
-    """
+    """Return the ways of commanded position, guides and wire, (n, 2) each, contour by contour."""
+    # a contour begins where a wire was threaded: the longest times between two windows
     commanded, following, lag, time_s, path_um = windows.ways_um()
     if simulation.passes.records:
         return _last_ways_um(
@@ -242,12 +256,8 @@ def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray
 
 
 def _last_ways_um(
-    records: list[PassRecord],
-    contours: int,
-    commanded: NDArray[np.float64],
-    following: NDArray[np.float64],
-    lag: NDArray[np.float64],
-    time_s: NDArray[np.float64],
+    records: list[PassRecord], contours: int, commanded: NDArray[np.float64], following: NDArray[np.float64],
+    lag: NDArray[np.float64], time_s: NDArray[np.float64],
 ) -> list[tuple[NDArray[np.float64], ...]]:
     """Return the ways of the last passes, contour by contour: they made the wall."""
     guides, found = commanded - following, []
@@ -275,12 +285,13 @@ def pass_figures(simulation: Simulation) -> tuple[PassFigures, ...]:
 def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[PassFigures]:
     """Return the figures of the passes along one piece, which follow each other on the same face."""
     machines = [simulation.machine_of(record.number) for record in records]
-    lefts = [math.nan if r.wall is None else r.wall.mean_um for r in records]
+    walls = [unknown_wall(()) if r.wall is None else r.wall for r in records]
+    lefts = [wall.mean_um for wall in walls]
     taken = [math.nan, *(before - now for before, now in pairwise(lefts))]
     volumes = [r.sums.crater_um3 / max(r.sums.spark + r.sums.arc, 1) for r in records]
     faces = face_roughness_um(volumes, taken, machines[0].base.discharge.crater_flatness.value)
     found, heated = [], 0.0
-    for record, machine, left, took, ra_um in zip(records, machines, lefts, taken, faces, strict=True):
+    for record, machine, wall, took, ra_um in zip(records, machines, walls, taken, faces, strict=True):
         power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
         ignited = max(record.sums.spark + record.sums.arc, 1)
         own_um = heat_affected_um(machine, record.sums.energy / (ignited * power_W) * 1e6)
@@ -290,18 +301,12 @@ def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[PassF
             _area_mm2(simulation, record.begin_um, record.end_um) if simulation.path.leans
             else length_mm * machine.height_mm
         )
-        wall, pulses = record.wall, max(record.sums.pulses, 1)
-        unknown = (math.nan, math.nan, math.nan, math.nan, ())
-        shape = (
-            unknown
-            if wall is None
-            else (wall.straightness_um, wall.bow_um, wall.ripple_um, wall.ripple_mm, wall.slices_um)
-        )
+        left, pulses = wall.mean_um, max(record.sums.pulses, 1)
         found.append(PassFigures(
             record.contour, record.number, record.piece, record.reversed, record.begin_s, record.end_s, length_mm,
             60 * face_mm2 / seconds if seconds > 0 else math.nan, record.offset_um,
-            record.offset_um - left, left, took, *shape, ra_um, heated, record.sums.short / pulses,
-            record.sums.open / pulses,
+            record.offset_um - left, left, took, wall.straightness_um, wall.bow_um, wall.ripple_um, wall.ripple_mm,
+            list(wall.slices_um), ra_um, heated, record.sums.short / pulses, record.sums.open / pulses,
         ))  # fmt: skip
     return found
 
@@ -345,51 +350,60 @@ def _table(simulation: Simulation, profiles: list[ProfileError]) -> TableShare |
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
     bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
     return TableShare(
-        without_um=error_stats(np.concatenate([t.without_um[k] for t, k in zip(found, cut, strict=True)])),
-        left_um=error_stats(np.concatenate([t.left_um[k] for t, k in zip(found, cut, strict=True)])),
-        profile_without_um=error_stats(np.concatenate([b.ravel() for b in bare])),
+        without_um=_spread([t.without_um[k] for t, k in zip(found, cut, strict=True)]),
+        left_um=_spread([t.left_um[k] for t, k in zip(found, cut, strict=True)]),
+        profile_without_um=_spread([b.ravel() for b in bare]),
         compensated=compensated,
     )
 
 
-def _quality(
-    simulation: Simulation, profiles: list[ProfileError], scene: Scene, table: TableShare | None, reach: Reach
-) -> Quality:
+def _spread(errors_um: list[NDArray[np.float64]]) -> Spread:
+    return Spread(**error_stats(np.concatenate(errors_um)))
+
+
+def _part(
+    simulation: Simulation, profiles: list[ProfileError], scene: Scene, left_um: list[NDArray[np.float64]],
+    table: TableShare | None,
+) -> Report:
+    """Return the report with what was measured on the part."""
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
-    error = error_stats(np.concatenate([p.error_um.ravel() for p in profiles]))
+    contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
     widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]
-    kerf = width_stats(np.concatenate([w.width_um.ravel() for w in widths]))
+    kerf = Kerf(**width_stats(np.concatenate([w.width_um.ravel() for w in widths])))
     ignited = sums.spark + sums.arc
     flatness = machine.base.discharge.crater_flatness.value
     power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
     discharge_us = sums.energy / (max(ignited, 1) * power_W) * 1e6
-    gap_um, length_mm = (kerf["mean"] - machine.wire_diameter_um) / 2, simulation.path_um * 1e-3
+    gap_um = ((math.nan if kerf.mean is None else kerf.mean) - machine.wire_diameter_um) / 2
+    length_mm, origin_mm = simulation.path_um * 1e-3, simulation.path.origin_mm
     passes = pass_figures(simulation)
     last = max(passes, key=lambda one: (one.piece == "profile", one.end_s), default=None)
-    return Quality(
-        kerf_mean_um=kerf["mean"],
-        kerf_min_um=kerf["min"],
-        kerf_max_um=kerf["max"],
-        profile_max_um=error["max"],
-        profile_rms_um=error["rms"],
-        profile_p95_um=error["p95"],
-        profile_shares=_share_stats(scene),
-        corners=scene.corners,
-        ra_um=last.ra_um if last else roughness_um(sums.crater_um3 / ignited, flatness) if ignited else math.nan,
-        heat_affected_um=(
-            last.heat_affected_um if last else heat_affected_um(machine, discharge_us) if ignited else math.nan
-        ),
-        electrolysed_um=electrolysed_um(machine, sums.voltage_s / length_mm, gap_um) if length_mm else math.nan,
-        section=_section(widths, machine.height_mm),
-        table=table,
-        reach=reach,
-        offset_um=math.nan if simulation.path.offset_um is None else simulation.path.offset_um,
-        passes=passes,
-        heights=_heights(profiles, machine.height_mm),
+    offset_mm = math.nan if simulation.path.offset_um is None else simulation.path.offset_um * 1e-3
+    mean_um = mean_error_um(contours, profiles, left_um)
+    elements = (
+        found
+        for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
+        for found in element_errors(number, *of_contour)
     )
+    return Report(
+        origin_mm=Origin(*origin_mm), kerf_um=kerf, kerf_section=_section(widths, machine.height_mm),
+        profile_error_um=_profile_errors(contours, profiles, left_um, scene, origin_mm),
+        offset=Offset(offset_mm, mean_um, round(offset_mm - mean_um * 1e-3, 4)),
+        elements=[_element(found, origin_mm) for found in elements], table_error_um=table,
+        corners=[
+            Corner(c.x_mm - origin_mm[0], c.y_mm - origin_mm[1], c.x_mm, c.y_mm, c.turn_deg, c.error_um)
+            for c in scene.corners
+        ],
+        heights=_heights(profiles, machine.height_mm), passes=list(passes),
+        surface=Surface(
+            last.ra_um if last else roughness_um(sums.crater_um3 / ignited, flatness) if ignited else None,
+            last.heat_affected_um if last else heat_affected_um(machine, discharge_us) if ignited else None,
+            electrolysed_um(machine, sums.voltage_s / length_mm, gap_um) if length_mm else None,
+        ),
+    )  # fmt: skip
 
 
-def _heights(profiles: list[ProfileError], height_mm: float) -> tuple[HeightError, ...]:
+def _heights(profiles: list[ProfileError], height_mm: float) -> list[HeightError]:
     """Return the profile error slice by slice, over all contours."""
     error_um = np.concatenate([p.error_um for p in profiles], axis=1)
     slice_mm = height_mm / len(error_um)
@@ -398,7 +412,7 @@ def _heights(profiles: list[ProfileError], height_mm: float) -> tuple[HeightErro
         known = row[np.isfinite(row)]
         mean, rms = (float(known.mean()), float(np.sqrt(np.mean(known**2)))) if len(known) else (math.nan, math.nan)
         found.append(HeightError((number + 0.5) * slice_mm, mean, rms))
-    return tuple(found)
+    return found
 
 
 def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:
@@ -408,21 +422,21 @@ def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:
     return share_stats(np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split]))
 
 
-def _section(widths: list[KerfWidth], height_mm: float) -> tuple[KerfSlice, ...]:
+def _section(widths: list[KerfWidth], height_mm: float) -> list[KerfSlice]:
     """Put the walls measured along all contours together, slice by slice."""
     part = np.concatenate([w.part_um for w in widths], axis=1)
     rest = np.concatenate([w.width_um for w in widths], axis=1) - part
     slice_mm = height_mm / len(part)
-    return tuple(
+    return [
         KerfSlice((number + 0.5) * slice_mm, int(np.isfinite(ours).sum()), _wall(ours), _wall(others))
         for number, (ours, others) in enumerate(zip(part, rest, strict=True))
-    )
+    ]
 
 
 def _wall(distance_um: NDArray[np.float64]) -> Wall:
     known = distance_um[np.isfinite(distance_um)]
     if not len(known):
-        return Wall(math.nan, math.nan, math.nan)
+        return Wall()
     low, high = np.percentile(known, (5, 95))
     return Wall(float(known.mean()), float(low), float(high))
 

@@ -37,42 +37,18 @@ _Plan = Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan
 
 
 class Passes(NamedTuple):
-    """A cut as a technology sets it.
+    """A cut as a technology sets it."""
 
-    Attributes
-    ----------
-    settings : CutSettings
-        With the technology's machine, wire, planner and the setting of the rough pass.
-    setups : tuple of PassSetup
-        One per pass; none for a cut in one pass.
-    table : PassTable or None
-        What the technology says.
-    technology : Technology or None
-    """
-
-    settings: CutSettings
+    settings: CutSettings  # with the technology's machine, wire, planner and the setting of the rough pass
     path: CutPath
-    setups: tuple[PassSetup, ...] = ()
+    setups: tuple[PassSetup, ...] = ()  # one per pass; none for a cut in one pass
     approach: PassSetup | None = None
-    table: PassTable | None = None
+    table: PassTable | None = None  # what the technology says
     technology: Technology | None = None
 
 
 def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Plan) -> Passes:
-    """Plan a cut, in passes where the settings ask for some or the program has some.
-
-    Parameters
-    ----------
-    program : path or Program
-    settings : CutSettings
-    plan : callable
-        Plans the path of a program, settings, the machines of the passes, and the passes a contour is to have.
-
-    Raises
-    ------
-    InputError
-        There is no technology, or an option contradicts it.
-    """
+    """Plan a cut, in passes where the settings ask for some or the program has some."""
     if settings.passes is None:
         path = plan(program, settings, [settings.load_machine()], None)
         if path.conditions.settings:

@@ -1,4 +1,4 @@
-"""What a cut leaves: what is recorded while it runs, its report, tables, drawing and metal, and their files."""
+"""Results of a cut: its recordings, report, tables, drawing and remaining metal, and their files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from edmsim import __version__
 from edmsim.cosim.pulse_sample import PULSES, PulseSample, cutting_feed_um_s, sample_pulses
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import EdmsimError, InputError, one_of
-from edmsim.files import make_writable, together
+from edmsim.files import locked, make_writable, together
 from edmsim.job.inspection import inspect, totals
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine
@@ -23,8 +23,11 @@ from edmsim.plant.resolution import resolution as resolution_named
 from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
-from edmsim.recording.html_report import card
-from edmsim.recording.report import build_report, cut_id, outcome_text, summary
+from edmsim.recording.cut_folder import read_cut
+from edmsim.recording.figures.catalogue import pictures
+from edmsim.recording.figures.profile import profile_png
+from edmsim.recording.html_report import card, write_html
+from edmsim.recording.report import Report, build_report, cut_id, outcome_text, summary
 from edmsim.recording.scene import Scene
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import CUT_KEY, WindowTable
@@ -36,21 +39,11 @@ if TYPE_CHECKING:
 
 
 class Recorders(NamedTuple):
-    """The observers of a cut.
+    """The observers of a cut."""
 
-    Attributes
-    ----------
-    windows : WindowTable
-        A row per window.
-    frames : Frames
-        The wire's shape, thinned.
-    closeups : Closeups
-        Windows kept pulse by pulse.
-    """
-
-    windows: WindowTable
-    frames: Frames
-    closeups: Closeups
+    windows: WindowTable  # a row per window
+    frames: Frames  # the wire's shape, thinned
+    closeups: Closeups  # windows kept pulse by pulse
 
 
 def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: str) -> Recorders:
@@ -62,15 +55,15 @@ def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: st
     return Recorders(windows, Frames(size.slices), Closeups(size.slices, size.rays, middle))
 
 
-def sample_like(report: Mapping[str, Any], windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
+def sample_like(report: Report, windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
     """Look at single pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
 
     The workpiece has its greatest height, and modes move the wire, whatever moved it in the cut.
 
     Parameters
     ----------
-    report : mapping
-        The cut's report, as ``report.json`` holds it.
+    report : Report
+        Of the cut.
     windows : pyarrow.Table
         The cut's table of windows.
     pulses : int
@@ -90,7 +83,7 @@ def sample_like(report: Mapping[str, Any], windows: pa.Table, *, pulses: int = P
     )
 
 
-def sample_or_reason(report: Mapping[str, Any], windows: pa.Table) -> PulseSample | str:
+def sample_or_reason(report: Report, windows: pa.Table) -> PulseSample | str:
     """Return what `sample_like` does, or why it cannot."""
     try:
         return sample_like(report, windows)
@@ -104,29 +97,29 @@ _SPECK_SHARE = 0.01
 
 @dataclass(frozen=True)
 class CutResult:
-    """What a cut leaves.
+    """Results of a cut.
 
     Attributes
     ----------
-    report : dict
+    report : Report
         The fields of ``report.json``.
     windows : pyarrow.Table
-        A row per window of 255 pulses: ``windows.parquet``; its metadata hold the `CutSettings`.
+        A row per window of 255 pulses: ``windows.parquet``; its metadata have the `CutSettings`.
     path : CutPath
         The wire's path.
     field : KerfField
-        The metal that is left.
+        The remaining metal.
     frames : Frames
-        The wire's shape, thinned.
+        The wire's shape in a subset of windows.
     scene : Scene
         The drawing: nominal and cut edges, errors, corners.
     closeups : Closeups
-        Windows kept pulse by pulse: thinned, and all of them around events.
+        Windows with every pulse: a subset, and all of them around events.
     machine : Machine
         The set-up.
     """
 
-    report: dict[str, Any]
+    report: Report
     windows: pa.Table
     path: CutPath
     field: KerfField
@@ -147,18 +140,18 @@ class CutResult:
 
     @property
     def _title(self) -> str:
-        return str(self.report["settings"]["program"])
+        return str(self.report.settings["program"])
 
     def plot(self, figure: str = "profile") -> Figure:
-        """Draw a figure of the cut; as the last line of a notebook's cell it shows by itself.
+        """Draw a figure of the cut; a notebook shows it if it is the last line of a cell.
 
         Parameters
         ----------
         figure : str
-            ``"profile"``, the picture of ``profile.png``: part, error and process; or one of those that
-            ``edmsim report`` writes: ``"profile-error"``, ``"error-shares"``, ``"corner"``, ``"kerf-section"``,
-            ``"pulses"``, ``"short-open"``, ``"ignition-delay"``, ``"wire-spectrum"``. The last two simulate single
-            pulses of a straight cut with the same set-up, which takes some seconds.
+            ``"profile"``, the picture of ``profile.png``: part, error and process; or a figure of ``edmsim report``:
+            ``"profile-error"``, ``"error-shares"``, ``"corner"``, ``"kerf-section"``, ``"pulses"``, ``"short-open"``,
+            ``"ignition-delay"``, ``"wire-spectrum"``. The last two simulate single pulses of a straight cut with the
+            same set-up, which takes some seconds.
 
         Returns
         -------
@@ -168,7 +161,7 @@ class CutResult:
         Raises
         ------
         InputError
-            There is no such figure, or this cut has no single pulses to show.
+            If there is no such figure, or this cut has no single pulses.
         """
         from edmsim.recording.figures import profile_figure
         from edmsim.recording.figures.catalogue import OF_CUT, OF_SAMPLE
@@ -186,23 +179,23 @@ class CutResult:
         self, slice_index: int | None = None, *, coordinates: Literal["program", "table"] = "program",
         specks: bool = False,
     ) -> MultiPolygon:
-        """Return the metal removed from one slice as shapely polygons in mm; holes in them are what stays.
+        """Return the metal removed from one slice as shapely polygons in mm; holes are remaining metal.
 
         Parameters
         ----------
         slice_index : int, optional
-            0 is the bottom; the slice at mid height if not given, of a stepped workpiece at that of its lowest place.
+            0 is the bottom; by default the slice at mid height, for a stepped workpiece that of its lowest part.
         coordinates : {"program", "table"}
-            Those of the program or drawing, so that the contour lies on it; or the table's, which `windows`, `path`
-            and `field` have. They differ by ``path.origin_mm``.
+            Those of the program or drawing, or the table's, as in `windows`, `path` and `field`. They differ by
+            ``path.origin_mm``.
         specks : bool
-            Keep single craters beside the kerf and crumbs of metal in it as well: what is smaller than a hundredth
-            of the wire's cross-section.
+            Whether to keep single craters next to the kerf and crumbs of metal in it, smaller than a hundredth of
+            the wire's cross-section.
 
         Raises
         ------
         InputError
-            There is no such slice, or there are no such coordinates.
+            If there is no such slice, or there are no such coordinates.
         """
         if coordinates not in ("program", "table"):
             raise InputError(f"there are no coordinates '{coordinates}'; there are: program, table")
@@ -217,27 +210,26 @@ class CutResult:
     def write_traces(
         self, file: str | Path, *, every_us: float = 0.5, begin_s: float = 0.0, end_s: float = math.inf
     ) -> None:
-        """Write gap voltage and current as an oscilloscope would sample them to a Parquet file.
+        """Write samples of gap voltage and current, as of an oscilloscope, to a Parquet file.
 
-        Kept are the last 96 pulses of some windows: a thinned run over the whole cut, and every window around
-        retracts and corners (`closeups`). Each sample says which class its pulse was, as the model knows it: what a
-        discriminator has to find out.
+        The file has the last 96 pulses of some windows: a subset over the whole cut, and every window around retracts
+        and corners (`closeups`). Each sample has the true class of its pulse, as a label for a discriminator.
 
         Parameters
         ----------
         file : path
             Columns ``window_t_s`` (s, the ``t_s`` of the row of `windows`), ``time_us`` (since that window's
-            begin), ``voltage_V``, ``current_A``, ``pulse`` (counts the pulses kept of a window) and ``kind``
-            (``open``, ``spark``, ``arc`` or ``short``).
+            begin), ``voltage_V``, ``current_A``, ``pulse`` (number of the pulse in its window's excerpt) and
+            ``kind`` (``open``, ``spark``, ``arc`` or ``short``).
         every_us : float
-            Time between samples, above 0. Edges are upright: the model has no rise times, lines or noise.
+            Time between samples, above 0. Edges are vertical: the model has no rise times, lines or noise.
         begin_s, end_s : float
-            Windows that end within this span of machine time.
+            Only windows that end within this span of machine time.
 
         Raises
         ------
         InputError
-            The time between samples is not above 0, or the file cannot be written.
+            If the time between samples is not above 0, or the file cannot be written.
         """
         from edmsim.recording.traces import write_traces
 
@@ -247,7 +239,7 @@ class CutResult:
     def write(self, folder: str | Path, enter: Callable[[str], None] | None = None) -> None:
         """Write ``report.json`` and ``.html``, ``windows.parquet``, ``profile.png``, ``part.npz`` and ``cut.rrd``.
 
-        They appear together, when all are written, and replace those of a former cut.
+        They appear together when all are written, and overwrite those of an earlier cut.
 
         Parameters
         ----------
@@ -258,29 +250,23 @@ class CutResult:
         Raises
         ------
         InputError
-            The folder cannot be written to.
+            If the folder cannot be written to.
         OSError
-            It could be, and then no more: the disk is full, say.
+            If writing fails later, for example on a full disk.
         """
-        from edmsim.recording import (
-            profile_figure,
-            write_figure,
-            write_html,
-            write_json,
-            write_recording,
-            write_scene,
-            write_windows,
-        )
+        from edmsim.recording import write_html, write_json, write_recording, write_scene, write_windows
+        from edmsim.recording.figures.profile import profile_png
 
         make_writable(Path(folder))
         tell, title = enter or (lambda _: None), self._title
         with together(Path(folder), "report.json") as target:
             tell("figures")
             write_windows(self.windows, target / "windows.parquet")
-            write_figure(profile_figure(self.scene, self.windows, self.report, title), target / "profile.png")
+            picture = profile_png(self.scene, self.windows, self.report, title)
+            (target / "profile.png").write_bytes(picture)
             write_scene(self.scene, target / "part.npz")
             sample = sample_or_reason(self.report, self.windows)
-            write_html(self.report, self.windows, self.scene, sample, title, target / "report.html")
+            write_html(self.report, self.windows, self.scene, sample, title, picture, target / "report.html")
             tell("recording")
             write_recording(
                 target / "cut.rrd", self.scene, self.windows, self.frames, self.closeups, self.machine, self.report,
@@ -293,35 +279,13 @@ def result_of(
     simulation: Simulation, recorders: Recorders, settings: CutSettings, made_with: Mapping[str, Any],
     notices: Sequence[str], wall_time_s: float,
 ) -> CutResult:
-    """Measure a cut that is over.
-
-    Parameters
-    ----------
-    recorders : Recorders
-        What was recorded of it.
-    settings : CutSettings
-        The options it was made with.
-    made_with : mapping
-        The report's settings.
-    notices : sequence of str
-        What the user should know about this cut.
-    wall_time_s : float
-        Time of the computer.
-    """
+    """Measure a cut that is over."""
     found = inspect(simulation, recorders.windows)
     windows = recorders.windows.to_arrow(found.error_um)
     assert simulation.outcome is not None
     report = build_report(
-        outcome=simulation.outcome,
-        reason=simulation.reason,
-        windows=windows,
-        totals=totals(simulation, recorders.windows, wall_time_s),
-        quality=found.quality,
-        notices=notices,
-        seed=settings.seed,
-        settings=made_with,
-        version=__version__,
-        origin_mm=simulation.path.origin_mm,
+        found.part, windows, totals(simulation, recorders.windows, wall_time_s), outcome=simulation.outcome,
+        reason=simulation.reason, notices=notices, seed=settings.seed, settings=made_with, version=__version__,
     )
     whose = cut_id(report)
     return CutResult(
@@ -329,3 +293,29 @@ def result_of(
         simulation.path, simulation.plant.field, recorders.frames, replace(found.scene, cut=whose),
         recorders.closeups, simulation.machine,
     )  # fmt: skip
+
+
+FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
+
+
+def remake(
+    directory: str | Path, figures: str | Path | None, kind: str, leave_out: Callable[[str], None]
+) -> list[Path]:
+    """Write a folder's ``report.html`` again, or its figures as files of their own; returns the files written."""
+    if kind not in FORMATS:
+        raise InputError(f"figures cannot be written as '{kind}'; there are: {one_of(kind, FORMATS)}")
+    cut = read_cut(directory)
+    sample = sample_or_reason(cut.report, cut.windows)
+    target = Path(directory if figures is None else figures)
+    if figures is None:
+        with locked(target):
+            profile = profile_png(cut.scene, cut.windows, cut.report, cut.title)
+            write_html(*cut, sample, cut.title, profile, target / "report.html")
+        return [target / "report.html"]
+    make_writable(target)
+    written = []
+    for picture in pictures(*cut, sample, leave_out):
+        file = target / f"{picture.name}.{kind}"
+        picture.figure.savefig(file)
+        written.append(file)
+    return written

@@ -47,10 +47,8 @@ if TYPE_CHECKING:
 else:  # only named in signatures: to load them takes the compiler, and seconds, which a command's help does not have
     FeedController, Progress = (type(name, (), {}) for name in ("FeedController", "Progress"))
 
-METADATA_KEY = b"edmsim"
-"""Under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON."""
-MOST_GUIDE_ERROR_MM = 5.0
-"""Further from where the file says, no guide is (ours)."""
+METADATA_KEY = b"edmsim"  # under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON
+MOST_GUIDE_ERROR_MM = 5.0  # further from where the file says, no guide is (ours)
 
 
 def _words(value: object) -> object:
@@ -77,86 +75,85 @@ class CutSettings(SetUpOptions, MachineOption):
     """
 
     heights: Annotated[Sequence[Height], Flag("height-at", "MM:MM", many=True)] = ()
-    """From that length of wire path on, lead-in included, the workpiece is so high: pairs (from_mm, height_mm), or
-    texts ``12.5:30``."""
+    """Height of the workpiece from a length of wire path on, lead-in included: pairs (from_mm, height_mm), or texts
+    ``12.5:30``."""
     height_areas: Sequence[Area] = ()
-    """Pairs (polygon, height_mm): inside the polygon (of shapely, or its corners, in mm of the program) the workpiece
-    is so high, whatever `heights` says; the first of overlapping ones holds."""
+    """Pairs (polygon, height_mm): height of the workpiece inside a polygon (of shapely, or its corners, in mm of the
+    program), which overrides `heights`; of overlapping ones the first applies."""
     constants: Annotated[
         Mapping[str, float] | Sequence[tuple[str, float]], Flag("constant", "NAME=NUMBER", many=True)
     ] = ()
-    """Constants of machine, wire and material with values other than those of their files:
-    ``gap.critical_um=5``."""
+    """Overrides of constants of machine, wire and material: ``gap.critical_um=5``."""
     controller: Annotated[
         str | FeedController,
         Names(lambda: resolve_name("edmsim.controllers:choices")(cutting=True), "with parameters, "
               "fixed:feed_um_s=20"),
     ] = "counts"  # fmt: skip
-    """Feed controller by name, a policy, a class in an own file, or an object that is one."""
+    """Feed controller: a name, a policy, a class in your own file, or an object."""
     planner: Annotated[str, Names(registered("edmsim.controllers.planner.registry:PLANNERS"))] = "poscal"
-    """What makes motor steps of path and speed. With the controller ``mcu`` its timers make those of
-    poscal-literal."""
+    """Planner of the motor steps from path and speed. With the controller ``mcu`` and poscal-literal its timers make
+    the steps."""
     drive: Annotated[str, Names(_drives, "with parameters, uhu:proportional_gain=600")] = "stepper"
-    """What drives x and y."""
+    """Drive of x and y."""
     compensation: Annotated[str | None, _FILE] = None
     """File of cam tables: errors of the table's screws and ways, as ``edmsim measure table`` writes them, and cams
     that the upper guide follows."""
     mechanics: Annotated[str, Names(registered("edmsim.plant.plant:MECHANICS"))] = "modal"
     """Integrator of table and wire."""
     resolution: Annotated[str, Names(registered("edmsim.plant.resolution:RESOLUTIONS"))] = "default"
-    """How finely the gap is computed."""
+    """Resolution of the gap."""
     offset: str | Number = "auto"
     """Wire offset in mm, or auto (the wire's radius and the expected side gap), or none."""
     ignore: Annotated[Words, Flag(metavar="WORDS")] = ()
     """Words of a G-code program to leave out, ``M77``, or letters, ``U``."""
     layers: Annotated[Words, Flag(metavar="NAMES")] = ()
-    """Layers of a drawing to cut; by default all that are shown."""
+    """Layers of a drawing to cut; by default all visible ones."""
     offsets: Annotated[str | None, _FILE] = None
-    """File with a G-code program's offset registers, lines as ``D1 = 0.155`` in mm, for the offset auto; by default
+    """File with a G-code program's offset registers, lines like ``D1 = 0.155`` in mm, for the offset auto; by default
     the program's own."""
     dialect: Annotated[str, Names(lambda: ("auto", *resolve_name("edmsim.program.dialects:DIALECTS")))] = "auto"
-    """Dialect of a G-code program; iso for none, auto: recognised by its words."""
+    """Dialect of a G-code program; iso for none; auto recognises it by its words."""
     conditions: Annotated[str | None, _FILE] = None
     """File with settings of the machining conditions that a G-code program calls: a table ``[C001]`` for each."""
     upper_layer: Annotated[str | None, Flag(metavar="LAYER")] = None
-    """Layer of a drawing with the contours of the workpiece's upper face, one for each of the lower face, with as
-    many lines and arcs: the wall between them is ruled."""
+    """Layer of a drawing with the contours of the workpiece's upper face, one for each of the lower face, with the
+    same number of lines and arcs: the wall between them is ruled."""
     taper_deg: Annotated[Number, Flag("taper-deg")] = 0.0
-    """Angle between the part's wall and the vertical, in degrees: positive where the part is smaller above than in
-    the plane that is drawn, the lower face. What a program says of taper comes before it."""
+    """Angle between the part's wall and the vertical, in degrees: positive if the part is smaller above than at the
+    lower face, which is drawn. Taper words of a program take precedence."""
     taper_corners: Annotated[str, Names(registered("edmsim.program.outline:Corners"))] = "conical"
-    """What corners and arcs become higher up: conical (both become cones), sharp (corners stay sharp, arcs become
+    """Shape of corners and arcs higher up: conical (both become cones), sharp (corners stay sharp, arcs become
     cones), cylindrical (corners stay sharp, arcs keep their radius) or rounded (arcs keep their radius, corners
     become cones)."""
     guide_errors_mm: Annotated[tuple[Number, Number] | None, Flag(metavar="LOWER:UPPER")] = None
-    """How much higher the lower and the upper guide are than the machine's file says, in mm, as
-    ``edmsim measure guides`` finds: the control then leads them accordingly; by default none."""
+    """Height errors of the lower and the upper guide in mm, true less file, as ``edmsim measure guides`` finds them;
+    the control compensates them. By default none."""
     unit: str | None = None
-    """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default what the drawing says."""
+    """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default that of the drawing."""
     passes: WholeNumber | None = None
-    """Number of passes for every contour, rough and trims, with offsets and settings of a technology; by default in
-    one, or as the program does."""
+    """Number of passes for every contour, rough and trims, with offsets and settings of a technology; by default
+    one, or those of the program."""
     technology: str | None = None
-    """Technology of the passes, a name or an own TOML file; by default the one for the material. It decides machine,
+    """Technology of the passes, a name or your own TOML file; by default that of the material. It sets machine,
     wire, generator, pulses, controller and planner."""
     tab_mm: Number = 1.5
     """Length of the edge in mm, at the end of a closed contour in passes, that is cut last and holds the piece; 0 for
     none."""
     overlap_mm: Number = 0.1
-    """How far passes go on over what is already cut, in mm."""
+    """Distance in mm by which passes continue over what is already cut."""
     after_tab: Annotated[str, Names(registered("edmsim.program.passes:AfterTab"))] = "stop"
-    """What comes before the tab is cut: stop, for the piece to be held, or cut, and the slug falls."""
+    """Before the tab is cut: stop, to hold the piece; or cut, and the slug falls."""
     stuck_wire_sensor: bool = False
-    """The wire's sensor is stuck: a break goes unseen, and the machine goes on without a wire."""
+    """The wire sensor is stuck: it misses a break, and the machine goes on without a wire."""
     axis_faults: Annotated[
         Sequence[str], Flag("axis-fault", "AXIS:FAULT@SECONDS", many=True),
         Names(registered("edmsim.plant.axes.faults:FAULTS"), "several at several times"),
     ] = ()
-    """What breaks at an axis under a drive with a loop, and from which time on: ``x:stuck@2.5``."""
+    """Fault of an axis under a drive with a loop, and its time in s: ``x:stuck@2.5``."""
     seed: WholeNumber = 0
-    """Seed of every draw: same seed, same cut."""
+    """Seed of all random draws; the same seed gives the same cut."""
     max_time_s: Number | None = None
-    """Machine time in s after which to stop; no limit by default."""
+    """Machine time in s after which to stop; by default no limit."""
 
     @model_validator(mode="wrap")
     @classmethod
@@ -278,15 +275,10 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @classmethod
     def of_report(cls, report: Mapping[str, Any]) -> CutSettings:
-        """Return the settings of the cut that a report tells of, as ``report.json`` holds it.
-
-        An option that a report of an earlier version does not have is at its default.
-        """
+        """Return the settings of the cut that a report is of, ``report.json`` or a `Report`."""
         settings = {**report["settings"], "seed": report["seed"]}
         offset_um = settings["offset_um"]  # None: the contours have those of their registers
-        settings |= {
-            "tension": settings["tension_N"], "offset": "auto" if offset_um is None else offset_um * 1e-3
-        }
+        settings |= {"tension": settings["tension_N"], "offset": "auto" if offset_um is None else offset_um * 1e-3}
         return cls(**{name: settings[name] for name in cls.model_fields if name in settings})
 
     @property
@@ -320,11 +312,11 @@ class Running(Options):
     """How a cut is run, not what is cut."""
 
     out: Annotated[str | Path | None, Flag(metavar="PATH")] = None
-    """Folder for the outputs, which appear in it together."""
+    """Folder for the outputs."""
     resume: bool = False
-    """Continue the interrupted cut of that folder."""
+    """Resume the interrupted cut of that folder."""
     overwrite: bool = False
-    """Give up the interrupted cut of that folder for this one."""
+    """Discard the interrupted cut of that folder and start a new one."""
     watch: Callable[[Progress], None] | None = None
     """Called with a `Progress` after every window. In a notebook a bar is shown if there is none; with
     ``EDMSIM_PROGRESS=0`` in the environment there is no bar."""

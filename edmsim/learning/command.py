@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
-from edmsim.learning import hyperparameters, policy_file
+from edmsim.learning import hyperparameters, policy_file, safe
 from edmsim.learning.curve import in_words
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Policy
@@ -19,36 +19,21 @@ if TYPE_CHECKING:
     from edmsim.learning.train import TrainingProgress
     from edmsim.screen import ScreenTable
 
-CURVE_POINTS = 200
-"""Points of the learning curve that is put into words (ours)."""
+CURVE_POINTS = 200  # points of the learning curve that is put into words (ours)
 
 
 class TrainOptions(NamedTuple):
-    """Options of a training besides the algorithm.
+    """Options of a training besides the algorithm."""
 
-    Attributes
-    ----------
-    settings : path or None
-        File of hyperparameters that differ (see `edmsim.learning.hyperparameters.load`).
-    residual : str or None
-        Law that the policy adds to.
-    teacher : str or None
-        Controller that imitation follows.
-    start : str or None
-        Policy that the training begins with, as ``policy:NAME`` or a file of it.
-    record_every : int or None
-        One in `record_every` of the first lane's episodes is recorded into the folder ``episodes``.
-    live : bool
-        Whether these are shown in rerun's viewer as they end.
-    """
-
-    settings: Path | None = None
-    residual: str | None = None
-    teacher: str | None = None
+    settings: Path | None = None  # file of hyperparameters that differ (see `edmsim.learning.hyperparameters.load`)
+    residual: str | None = None  # law that the policy adds to
+    teacher: str | None = None  # controller that imitation follows
     privileged_critic: bool = False
-    start: str | None = None
+    start: str | None = None  # policy that the training begins with, as ``policy:NAME`` or a file of it
+    # one in `record_every` of the first sub-environment's episodes is recorded into the folder ``episodes``
     record_every: int | None = None
-    live: bool = False
+    live: bool = False  # whether these are shown in rerun's viewer as they end
+    safe: int | None = None  # machines on which what was learned must not earn less than the start
 
     def policy(self) -> Policy | None:
         """Return the policy that the training begins with."""
@@ -61,6 +46,7 @@ class TrainOptions(NamedTuple):
         words += [] if self.teacher is None else ["--teacher", self.teacher]
         words += ["--privileged-critic"] if self.privileged_critic else []
         words += [] if self.start is None else ["--start", self.start]
+        words += [] if self.safe is None else ["--safe", str(self.safe)]
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:
@@ -87,32 +73,15 @@ def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int,
     options: TrainOptions = TrainOptions(),  # noqa: B008 - it cannot be changed
 ) -> ScreenTable | None:
-    """Train a policy, write it as ``policy.json`` and ``policy.npz`` into the folder, and measure it.
-
-    Parameters
-    ----------
-    env_id, algo, out, steps, seed, resume
-        See `train.train`.
-    episodes : int
-        Held-back episodes at every resolution, 2 or more, or 0 not to measure.
-    options : TrainOptions
-
-    Returns
-    -------
-    ScreenTable or None
-        The scores; None without episodes.
-
-    Raises
-    ------
-    InputError
-        An argument that cannot be used, or the extra ``rl`` is not installed.
-    """
+    """Train a policy, write ``policy.json`` and ``policy.npz`` into the folder; returns its scores of `episodes`."""
     from edmsim.progress import ShownProgress
 
     if episodes < 0 or episodes == 1:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
     from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
 
+    if options.safe is not None:
+        safe.check(options.safe, options.start)
     if resume and options.words():
         raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
     named = resolve(env_id)
@@ -139,6 +108,10 @@ def run(
         policy_file.write(card, packed, file)
         if returns:
             bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*returns, strict=True))}")
+        if options.safe is not None and options.start is not None:
+            verdict = safe.accept(done.env_id, file, options.start, options.safe, bar.show)
+            bar.show("accept", 1, 1, verdict.words())
+            card, packed = policy_file.load(str(file)).card, file.with_suffix(".npz").read_bytes()
         if not episodes:
             return None
         scores = measure(done.env_id, str(file), episodes, bar.show)
@@ -147,7 +120,7 @@ def run(
 
 
 def _recorders(options: TrainOptions, out: Path) -> list[Any]:
-    """Return what records episodes of the first lane, if that is wanted."""
+    """Return what records episodes of the first sub-environment, if that is wanted."""
     if options.record_every is None and not options.live:
         return []
     from edmsim.envs.record_episodes import EVERY, RecordEpisodes

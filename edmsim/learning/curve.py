@@ -15,22 +15,12 @@ import numpy as np
 
 AT_ENDS = 10
 """Points of a curve's first and last part; their means say where it begins and ends (ours: single ones are noise)."""
-RISEN = 0.2
-"""Share of the whole rise from which on a curve has begun to rise (ours)."""
-LEAST_RISE = 3.0
-"""Least rise that counts, over the spread of the first part (ours)."""
+RISEN = 0.2  # share of the whole rise from which on a curve has begun to rise (ours)
+LEAST_RISE = 3.0  # least rise that counts, over the spread of the first part (ours)
 
 
 def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
-    """Say from when on a learning curve rises.
-
-    Parameters
-    ----------
-    steps : sequence of int
-        Steps or decisions so far.
-    returns : sequence of float
-        Mean return of the last episodes there; NaN before the first has ended.
-    """
+    """Say from when on a learning curve rises: mean returns (NaN before the first ended) over steps or decisions."""
     known = [(step, value) for step, value in zip(steps, returns, strict=True) if not math.isnan(value)]
     if not known:
         return "no episode has ended"

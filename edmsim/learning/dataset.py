@@ -1,8 +1,8 @@
 """Records of controllers for offline learning, as data sets of Minari (extra ``offline``), for `edmsim dataset`.
 
-Every controller cuts whole episodes of the environment, whose action is the feed, with a decision every window. An
-episode is a file of its own while they are made, so that an interrupted recording goes on where it was; the data sets
-are put together from them in the end.
+Every controller cuts whole episodes of the environment; the action is the feed, with a decision in every window.
+During the recording every episode is a separate file, so you can resume an interrupted recording; the data sets are
+assembled from these files at the end.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def record(
     env_id: str, controllers: Sequence[str], steps: int, out: Path, *, seed: int = 0,
     watch: Callable[[str, int, int], None] | None = None,
 ) -> list[Recorded]:
-    """Record controllers until each has made a number of steps, episodes to their end.
+    """Record whole episodes of controllers until each has made a number of steps.
 
     Parameters
     ----------
@@ -71,12 +71,12 @@ def record(
     controllers : sequence of str
         See `edmsim.controllers.from_text`; each makes a data set ``edmsim/NAME/CONTROLLER-v0``.
     steps : int
-        Of each controller; the last episode goes beyond it.
+        Least number of steps per controller; the last episode is recorded to its end.
     out : path
-        Folder of the data sets, which readers find by ``MINARI_DATASETS_PATH``. What an interrupted recording of the
-        same left there is used.
+        Folder of the data sets; set ``MINARI_DATASETS_PATH`` to it to read them. An interrupted recording with the
+        same options is resumed.
     seed : int
-        Of the first episode; the following ones count from there, below those held back.
+        Seed of the first episode; the next ones count up from it, below the held-back seeds.
     watch : callable, optional
         Called with controller, steps and all steps after every episode.
 
@@ -87,8 +87,8 @@ def record(
     Raises
     ------
     InputError
-        An unknown environment or controller, or none, no steps, a folder of another recording, or Minari is not
-        installed.
+        If an environment or controller is unknown or missing, there are no steps, the folder has another recording,
+        or Minari is not installed.
     """
     minari = _minari()
     if steps < 1:
@@ -158,7 +158,7 @@ def _episode(env: Any, name: str, seed: int) -> dict[str, NDArray[Any]]:
     controller = from_text(name)
     edm: EdmEnv = env.unwrapped
     observation, info = env.reset(seed=seed)
-    law = edm.lane_law(controller)
+    law = edm.attach_controller(controller)
     law.begin()
     observations, step_infos, actions, rewards = [observation], [info], [], []
     terminated = truncated = False

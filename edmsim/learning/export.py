@@ -1,4 +1,4 @@
-"""From a policy of stable-baselines3 to plain arrays and a card (extra ``rl``)."""
+"""Export of a policy of stable-baselines3 to plain arrays and a card (extra ``rl``)."""
 
 from __future__ import annotations
 
@@ -22,64 +22,56 @@ if TYPE_CHECKING:
 PACKAGES = ("edmsim", "stable-baselines3", "sb3-contrib", "torch", "gymnasium", "numpy")
 
 
-def export_sb3(model: Any, lanes: Any, file: str | Path) -> Policy:
-    """Write the policy of your own learner, with its lanes' normalisation, for ``--controller policy:FILE``.
+def export_sb3(model: Any, vec_env: Any, file: str | Path) -> Policy:
+    """Write the policy of your own learner, with its environments' normalisation, for ``--controller policy:FILE``.
 
     Parameters
     ----------
     model : learner of stable_baselines3 or sb3_contrib
         PPO, SAC, TQC, recurrent PPO, A2C, TRPO, TD3 or DDPG, with ``MlpPolicy`` (``MlpLstmPolicy``) and Tanh or ReLU.
-    lanes : VecEnv
-        What it learns on: `edmsim.envs.make_sb3_vec_env`, or a `DummyVecEnv` of environments of edmsim, in a
-        `VecNormalize` or none.
+    vec_env : VecEnv
+        Its environments: `edmsim.envs.make_sb3_vec_env`, or a `DummyVecEnv` of environments of edmsim, with or
+        without a `VecNormalize`.
     file : path
-        ``NAME.json``; ``NAME.npz`` comes beside it.
+        ``NAME.json``; ``NAME.npz`` is written next to it.
 
     Returns
     -------
     Policy
-        As it is read from the files.
+        The policy as read from the files.
 
     Raises
     ------
     InputError
-        Another environment, wrapper or network than a policy file can describe.
+        If a policy file cannot describe the environment, wrapper or network.
 
     Examples
     --------
     >>> from edmsim.learning import export_sb3
-    >>> export_sb3(model, lanes, "policy.json")  # doctest: +SKIP
+    >>> export_sb3(model, vec_env, "policy.json")  # doctest: +SKIP
     """
     target = Path(file)
     if target.suffix != ".json":
         raise InputError("name the policy's file NAME.json; its arrays come into NAME.npz beside it", target)
     algorithm = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", type(model).__name__).lower()
-    made = _exported(model, lanes, algorithm, "edmsim.learning.export_sb3", model.seed)
+    made = _exported(model, vec_env, algorithm, "edmsim.learning.export_sb3", model.seed)
     make_writable(target.parent)
     write(*made, target)
     return load(str(target))
 
 
 def export(trained: Trained, command: str) -> tuple[Card, bytes]:
-    """Return a trained policy as `policy_file.write` wants it.
-
-    Parameters
-    ----------
-    trained : Trained
-        Of `train.train`.
-    command : str
-        What made it.
-    """
+    """Return a trained policy as `policy_file.write` wants it; `command` is what made it."""
     return _exported(trained.model, trained.normalise, trained.run.algo, command, trained.run.seed)
 
 
-def _exported(model: Any, lanes: Any, algorithm: str, command: str, seed: int | None) -> tuple[Card, bytes]:
-    network, wrapped = network_of(model), around(lanes)
+def _exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int | None) -> tuple[Card, bytes]:
+    network, wrapped = network_of(model), around(vec_env)
     env_id, environment = wrapped.environment()
     family = arguments_with(env_id, **environment)
     entries = family.entries()
-    if lanes.observation_space != model.observation_space or lanes.action_space != model.action_space:
-        raise InputError("the learner has other observations or actions than these lanes: give those it learnt on")
+    if vec_env.observation_space != model.observation_space or vec_env.action_space != model.action_space:
+        raise InputError("the learner has other observations or actions than this environment: give its own")
     weights, biases, lstm = _arrays(network, len(entries))
     packed = pack(weights, biases, lstm)
     mean, variance, epsilon, clip = _normalisation(wrapped.normalise, len(entries))

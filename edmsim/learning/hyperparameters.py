@@ -1,4 +1,4 @@
-"""Hyperparameters: ``models/training/ALGO.toml``, and ``NAME-ALGO.toml`` there where a task wants others."""
+"""Hyperparameters: ``models/training/ALGO.toml``, or ``NAME-ALGO.toml`` for a task with its own."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Network(_Strict):
         Neurons of the hidden layers.
     activation : {"tanh", "relu"}
     log_std_init : float, optional
-        PPO: natural logarithm of the noise on the first actions; stable-baselines3's own if not given.
+        PPO: natural logarithm of the noise on the first actions; by default that of stable-baselines3.
     first_action : list of float, optional
-        PPO: the actions (-1..1) around which exploring begins, one per entry; around 0 if not given.
+        PPO: the actions (-1..1) around which exploration begins, one per entry; by default 0.
     lstm : int, optional
         Recurrent PPO: cells of the LSTM before the hidden layers.
     """
@@ -46,14 +46,14 @@ class Network(_Strict):
 
 
 class Lagrangian(_Strict):
-    """Lagrangian PPO: how costs become part of the reward (see `edmsim.learning.lagrangian`).
+    """Costs as part of the reward in Lagrangian PPO (see `edmsim.learning.lagrangian`).
 
     Attributes
     ----------
     multiplier : float
-        Reward that a cost of 1 takes at first.
+        Initial reduction of the reward by a cost of 1.
     rate : float
-        Change of the multiplier per cost beyond the limit, and rollout.
+        Change of the multiplier per rollout and cost above the limit.
     """
 
     multiplier: Annotated[Number, Field(ge=0)]
@@ -61,14 +61,14 @@ class Lagrangian(_Strict):
 
 
 class Hyperparameters(_Strict):
-    """What a training is made with.
+    """Hyperparameters of a training.
 
     Attributes
     ----------
     steps : int
-        Windows in all, over all lanes.
+        Total number of windows, over all sub-environments.
     num_envs : int
-        Lanes side by side.
+        Number of sub-environments.
     environment : dict
         Arguments of the environment.
     algorithm : dict
@@ -77,13 +77,13 @@ class Hyperparameters(_Strict):
     lagrangian : Lagrangian, optional
         Of Lagrangian PPO.
     residual : str, optional
-        The classic law that the policy adds to (see `edmsim.learning.residual`).
+        The classic law to which the policy adds (see `edmsim.learning.residual`).
     residual_um_s : float
-        What an action of 1 adds to that law's feed (ours: a fifth of what cuts, so that the law still cuts with it).
+        Change of that law's feed by an action of 1 (ours: a fifth of a cutting feed; the law keeps control).
     teacher : str, optional
-        Imitation: the controller that is followed (see `edmsim.learning.imitation`).
+        Imitation: the controller to imitate (see `edmsim.learning.imitation`).
     privileged_critic : bool
-        PPO: whether the value network sees the truth (see `edmsim.learning.privileged`).
+        PPO: whether the value network gets the true state (see `edmsim.learning.privileged`).
     """
 
     steps: Annotated[WholeNumber, Field(gt=0)]
@@ -101,14 +101,14 @@ class Hyperparameters(_Strict):
 def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameters:
     """Return the hyperparameters of an environment and an algorithm.
 
-    A user's environment has those of the one of ours it derives from; arguments it was registered with stay.
+    Your own environment has those of its base class in edmsim; the arguments of its registration stay.
 
     Parameters
     ----------
     env_id, algo : str
     settings : path, optional
-        A TOML file with what differs: ``steps``, ``num_envs`` and so on, and entries of the tables ``algorithm``,
-        ``environment``, ``network`` and ``lagrangian``. The ``best.toml`` of `edmsim tune` is one.
+        A TOML file with overrides: ``steps``, ``num_envs`` and so on, and entries of the tables ``algorithm``,
+        ``environment``, ``network`` and ``lagrangian``; for example the ``best.toml`` of `edmsim tune`.
 
     Raises
     ------

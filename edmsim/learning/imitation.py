@@ -1,8 +1,8 @@
-"""Imitation of a teacher, who may see what no machine shows, in the states that the learner comes to (extra ``rl``).
+"""Imitation of a teacher, which may know the true state, in the states visited by the learner (extra ``rl``).
 
-The learner cuts, and in every state the teacher says what it would do there; the policy's mean follows that. So it
-learns for its own states, not for the teacher's (DAgger, Ross et al., AISTATS 2011), and where the teacher knows more
-than the policy sees, it learns the mean of what the teacher does (Chen et al., CoRL 2019).
+The learner cuts; in every state the teacher gives the action it would take, and the policy's mean is fitted to it. So
+the policy learns for its own states, not for the teacher's (DAgger, Ross et al., AISTATS 2011). If the teacher knows
+more than the policy, the policy learns the mean of the teacher's actions (Chen et al., CoRL 2019).
 """
 
 from __future__ import annotations
@@ -26,28 +26,17 @@ LEAST_RATE = 0.02
 
 # untyped where the extra is missing
 class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Lanes with a teacher each; they keep what was seen, and what the teacher would have done.
-
-    Parameters
-    ----------
-    teacher : str
-        See `edmsim.controllers.from_text`. It is shown every window, and every wire that is lost.
-
-    Raises
-    ------
-    InputError
-        There is no such controller, or the environment has no action for what it wants.
-    """
+    """Sub-environments with a teacher each, who is shown every window; they keep what was seen and taught."""
 
     def __init__(self, venv: EdmVecEnv, teacher: str) -> None:
         super().__init__(venv)
-        self._laws = [venv.env.lane_law(lane, from_text(teacher)) for lane in range(self.num_envs)]
+        self._laws = [venv.env.attach_controller(index, from_text(teacher)) for index in range(self.num_envs)]
         self._observations: Any = None
         self._states: list[NDArray[np.float32]] = []
         self._teacher_actions: list[NDArray[np.float32]] = []
 
     def reset(self) -> Any:
-        """Begin an episode, and the teacher, in every lane."""
+        """Begin an episode, and the teacher, in every sub-environment."""
         self._observations = self.venv.reset()
         for law in self._laws:
             law.begin()
@@ -62,8 +51,8 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
     def step_wait(self) -> Any:
         """Run a step, which the teachers see."""
         self._observations, rewards, done, infos = self.venv.step_wait()
-        for lane in np.flatnonzero(done):
-            self._laws[lane].begin()
+        for index in np.flatnonzero(done):
+            self._laws[index].begin()
         return self._observations, rewards, done, infos
 
     def taken(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -1,7 +1,7 @@
-"""Lagrangian PPO: the reward less a multiple of ``info["cost"]``, as much as keeps costs to a limit (extra ``rl``).
+"""Lagrangian PPO: the reward minus a multiple of ``info["cost"]`` that keeps the cost at a limit (extra ``rl``).
 
-The multiplier is what a mean cost beyond the limit makes it grow to, and shrinks again below the limit (Tessler,
-Mankowitz and Mannor, "Reward constrained policy optimization", ICLR 2019, arXiv:1805.11074).
+The multiplier grows while the mean cost is above the limit, and shrinks below it (Tessler, Mankowitz and Mannor,
+"Reward constrained policy optimization", ICLR 2019, arXiv:1805.11074).
 """
 
 from __future__ import annotations
@@ -15,23 +15,12 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 # untyped where the extra is missing
 class CostVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Lanes whose rewards are less a multiple of their costs.
-
-    Parameters
-    ----------
-    multiplier : float
-        Reward that a cost of 1 takes.
-
-    Attributes
-    ----------
-    ended : list of float
-        Costs of the episodes that ended since `Multiplier` looked last.
-    """
+    """Sub-environments whose rewards are less `multiplier` times their costs."""
 
     def __init__(self, venv: VecEnv, multiplier: float) -> None:
         super().__init__(venv)
         self.multiplier = multiplier
-        self.ended: list[float] = []
+        self.ended: list[float] = []  # costs of the episodes that ended since `Multiplier` looked last
         self._cost = np.zeros(self.num_envs)
 
     def reset(self) -> Any:
@@ -50,27 +39,19 @@ class CostVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
 
 class Multiplier(BaseCallback):  # type: ignore[misc, unused-ignore]
-    """Raises the multiplier after a rollout whose episodes cost more than the limit, and lowers it otherwise.
+    """Raises the multiplier by `rate` per mean cost of a rollout's episodes beyond the limit, or lowers it."""
 
-    Parameters
-    ----------
-    limit : float
-        Mean cost of an episode.
-    rate : float
-        Change of the multiplier per cost beyond the limit, and rollout.
-    """
-
-    def __init__(self, lanes: CostVecEnv, limit: float, rate: float) -> None:
+    def __init__(self, vec_env: CostVecEnv, limit: float, rate: float) -> None:
         super().__init__()
-        self._lanes, self._limit, self._rate = lanes, limit, rate
+        self._vec_env, self._limit, self._rate = vec_env, limit, rate
 
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_end(self) -> None:
-        if self._lanes.ended:
-            beyond = float(np.mean(self._lanes.ended)) - self._limit
-            self._lanes.multiplier = max(0.0, self._lanes.multiplier + self._rate * beyond)
+        if self._vec_env.ended:
+            beyond = float(np.mean(self._vec_env.ended)) - self._limit
+            self._vec_env.multiplier = max(0.0, self._vec_env.multiplier + self._rate * beyond)
             self.logger.record("cost/mean_of_episodes", beyond + self._limit)
-            self.logger.record("cost/multiplier", self._lanes.multiplier)
-            self._lanes.ended = []
+            self.logger.record("cost/multiplier", self._vec_env.multiplier)
+            self._vec_env.ended = []

@@ -1,4 +1,4 @@
-"""Learners of stable-baselines3 and sb3-contrib with the lanes they learn on (extra ``rl``)."""
+"""Learners of stable-baselines3 and sb3-contrib with the sub-environments they learn on (extra ``rl``)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from edmsim.controllers import from_text
-from edmsim.envs.as_action import target_share
+from edmsim.envs.attached_controller import target_share
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
@@ -36,30 +36,18 @@ except ImportError as error:
 KINDS: dict[str, Any] = {
     "ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC, "imitation": Imitation,
 }
-REPLAYS = ("sac", "tqc")
-"""Algorithms with a replay buffer."""
-CRITICS = ("ppo", "ppo-lag")
-"""Algorithms whose critic may be privileged."""
+REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
+CRITICS = ("ppo", "ppo-lag")  # algorithms whose critic may be privileged
 _DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
 
 
 @dataclass(frozen=True)
-class TrainingLanes:
-    """The environments of a training.
+class TrainingEnvs:
+    """The environments of a training."""
 
-    Attributes
-    ----------
-    edm : EdmVecEnv
-        The lanes themselves.
-    costs : CostVecEnv or None
-        With Lagrangian PPO.
-    learned_on : VecEnv
-        With all wrappers but the normalisation.
-    """
-
-    edm: Any
-    costs: CostVecEnv | None
-    learned_on: Any
+    edm: Any  # the sub-environments themselves
+    costs: CostVecEnv | None  # with Lagrangian PPO
+    learned_on: Any  # with all wrappers but the normalisation
 
 
 def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
@@ -97,33 +85,25 @@ def residual_of(parameters: Hyperparameters) -> Residual | None:
     return residual
 
 
-def lanes_of(env_id: str, parameters: Hyperparameters, seed: int, multiplier: float | None = None) -> TrainingLanes:
-    """Make the lanes of a training.
-
-    Parameters
-    ----------
-    seed : int
-        Of the first reset.
-    multiplier : float, optional
-        Lagrangian PPO: that of a checkpoint.
-    """
+def vec_env_of(env_id: str, parameters: Hyperparameters, seed: int, multiplier: float | None = None) -> TrainingEnvs:
+    """Make the environments of a training; `seed` is of the first reset, `multiplier` a checkpoint's."""
     edm = make_sb3_vec_env(env_id, parameters.num_envs, seed=seed, **parameters.environment)
-    lanes: Any = edm
+    vec_env: Any = edm
     residual, costs = residual_of(parameters), None
     if residual is not None:
-        lanes = ResidualVecEnv(edm, residual)
+        vec_env = ResidualVecEnv(edm, residual)
     if parameters.teacher is not None:
-        lanes = TaughtVecEnv(edm, parameters.teacher)
+        vec_env = TaughtVecEnv(edm, parameters.teacher)
     if parameters.privileged_critic:
-        lanes = PrivilegedVecEnv(lanes)
+        vec_env = PrivilegedVecEnv(vec_env)
     if parameters.lagrangian is not None:
-        lanes = costs = CostVecEnv(lanes, parameters.lagrangian.multiplier if multiplier is None else multiplier)
-    return TrainingLanes(edm, costs, lanes)
+        vec_env = costs = CostVecEnv(vec_env, parameters.lagrangian.multiplier if multiplier is None else multiplier)
+    return TrainingEnvs(edm, costs, vec_env)
 
 
-def new(algo: str, lanes: TrainingLanes, parameters: Hyperparameters, seed: int) -> tuple[Any, VecNormalize]:
-    """Return a learner that knows nothing yet, and its normalised lanes."""
-    normalise = VecNormalize(lanes.learned_on, gamma=parameters.algorithm["gamma"])
+def new(algo: str, vec_env: TrainingEnvs, parameters: Hyperparameters, seed: int) -> tuple[Any, VecNormalize]:
+    """Return a learner that knows nothing yet, and its normalised sub-environments."""
+    normalise = VecNormalize(vec_env.learned_on, gamma=parameters.algorithm["gamma"])
     network = parameters.network
     policy: Any = "MlpLstmPolicy" if network.lstm else "MlpPolicy"
     options: dict[str, Any] = {"net_arch": network.widths, "activation_fn": ACTIVATIONS[network.activation]}
@@ -133,7 +113,7 @@ def new(algo: str, lanes: TrainingLanes, parameters: Hyperparameters, seed: int)
         options["lstm_hidden_size"] = network.lstm
     if parameters.privileged_critic:
         policy = AsymmetricPolicy
-        options["shown_entries"] = int(np.prod(lanes.edm.observation_space.shape))
+        options["shown_entries"] = int(np.prod(vec_env.edm.observation_space.shape))
     model = KINDS[algo](policy, normalise, policy_kwargs=options, seed=seed, device=_DEVICE, **parameters.algorithm)
     if network.first_action is not None:
         model.policy.action_net.bias.data = torch.tensor(network.first_action)
@@ -141,10 +121,10 @@ def new(algo: str, lanes: TrainingLanes, parameters: Hyperparameters, seed: int)
 
 
 def load(
-    algo: str, lanes: TrainingLanes, parameters: Hyperparameters, seed: int, checkpoint: Path
+    algo: str, vec_env: TrainingEnvs, parameters: Hyperparameters, seed: int, checkpoint: Path
 ) -> tuple[Any, VecNormalize]:
-    """Return the learner of a checkpoint, which goes on with the settings given, and its normalised lanes."""
-    normalise = VecNormalize.load(str(checkpoint / "normalise.pkl"), lanes.learned_on)
+    """Return the learner of a checkpoint, which goes on with the settings given, and its normalised environments."""
+    normalise = VecNormalize.load(str(checkpoint / "normalise.pkl"), vec_env.learned_on)
     normalise.gamma = parameters.algorithm["gamma"]
     kind = KINDS[algo]
     model = kind.load(checkpoint / "model.zip", env=normalise, device=_DEVICE, seed=seed, **parameters.algorithm)
@@ -153,8 +133,8 @@ def load(
     return model, normalise
 
 
-def callbacks(lanes: TrainingLanes, parameters: Hyperparameters) -> list[BaseCallback]:
+def callbacks(vec_env: TrainingEnvs, parameters: Hyperparameters) -> list[BaseCallback]:
     """Return what the algorithm wants done between its steps."""
-    if lanes.costs is None or parameters.lagrangian is None:
+    if vec_env.costs is None or parameters.lagrangian is None:
         return []
-    return [Multiplier(lanes.costs, lanes.edm.env.family.cost_limit, parameters.lagrangian.rate)]
+    return [Multiplier(vec_env.costs, vec_env.edm.env.family.cost_limit, parameters.lagrangian.rate)]

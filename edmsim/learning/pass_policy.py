@@ -11,13 +11,7 @@ from edmsim.learning.policy_file import Policy, load
 
 
 class PassPolicy:
-    """Decides as a trained policy does; see `edmsim.envs.pass_laws.PassLaw`.
-
-    Parameters
-    ----------
-    policy : Policy
-        Of `edmsim.learning.policy_file.load`, trained in Part.
-    """
+    """Decides as a policy trained in Part does; see `edmsim.envs.pass_laws.PassLaw`."""
 
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
@@ -34,13 +28,7 @@ class PassPolicy:
 
 
 def from_name(name: str) -> PassPolicy:
-    """Make it of a policy's file, or of a name under ``models/policies``.
-
-    Raises
-    ------
-    InputError
-        See `edmsim.learning.policy_file.load`; or it decides window by window.
-    """
+    """Make it of a policy's file, or of a name under ``models/policies``."""
     policy = load(name)
     if not isinstance(policy.arguments(), Part):
         raise InputError(f"the policy {name} was trained in {policy.card.env_id}: it decides on windows, not passes")

@@ -1,4 +1,4 @@
-"""A trained policy as a feed controller: it is shown, and asked for, what it would be in its environment."""
+"""A trained policy as a feed controller, with the observations and actions of its environment."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
 from edmsim.envs import servo
 from edmsim.envs.knobs import least_setting_us, to_detents
 from edmsim.envs.observation_builder import ObservationBuilder, window_of
-from edmsim.envs.path_follower import LANE, SHORTED_S, SHORTED_SHARE
+from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE, SUB_ENV
 from edmsim.envs.sensors import EXACT
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Polyline
-from edmsim.learning.policy_file import Policy, load
+from edmsim.learning.policy_file import Policy
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, ignition_wait_us, open_V
 from edmsim.snapshots import Snapshots
 
 Floats = NDArray[np.float64]
-_LANE = np.zeros(1, np.int64)
+_ONLY = np.zeros(1, np.int64)
 
 
 class PolicyController(Snapshots):
-    """Commands what a trained policy would do in its environment.
+    """Runs a trained policy as in its environment.
 
-    Where the environment would end the episode for a short that stays, it raises the alarm.
+    If the environment would end the episode because a short lasts, it raises the alarm.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class PolicyController(Snapshots):
     """
 
     name: ClassVar[str] = "policy"
-    STATE = (
+    STATE: ClassVar[tuple[str, ...]] = (
         "_law", "_law_um_s", "_feed_um_s", "_limit_um_s", "_path_um", "_setting_us", "_rows", "_builder", "_servo",
         "_memory",
     )  # fmt: skip
@@ -47,7 +47,7 @@ class PolicyController(Snapshots):
         self.policy = policy
         self._family = policy.family()
         self._builder = ObservationBuilder(self._family, 1, EXACT)  # the machine measures as it does
-        self._rows: NDArray[np.void] = np.zeros(1, LANE)  # what the environment's lane would have
+        self._rows: NDArray[np.void] = np.zeros(1, SUB_ENV)  # what the environment's sub-environment would have
         self._servo: NDArray[np.void] = np.zeros(1, servo.SERVO)
         self._memory: Floats = policy.fresh_memory()
         residual = policy.card.residual
@@ -86,7 +86,7 @@ class PolicyController(Snapshots):
         self._limit_um_s = max_feed_um_s
         self._feed_um_s = self._family.first_feed_um_s
         self._path_um = self._start_um
-        self._rows[:] = np.zeros((), LANE)
+        self._rows[:] = np.zeros((), SUB_ENV)
         self._builder.begin(0, self._rows[0], self._machine)
         servo.begin(self._servo[0], self._feed_um_s)
         self._memory = self.policy.fresh_memory()
@@ -109,10 +109,14 @@ class PolicyController(Snapshots):
         if self._law is not None:
             self._law_um_s = self._law.update(window).feed_um_s
         if self._builder.sums[0]["duration_ns"] >= round((self._family.decision_s or 0.0) * 1e9):
-            self._builder.end_step(_LANE)
-            self._builder.begin_step(_LANE)
+            self._end_step()
             self._decide()
         return self._command()
+
+    def _end_step(self) -> None:
+        """Put what the step showed into the observation, and begin the next."""
+        self._builder.end_step(_ONLY)
+        self._builder.begin_step(_ONLY)
 
     def wire_lost(self) -> FeedCommand:
         """Go on with the next wire, which begins at the first setting, as the first one did."""
@@ -127,8 +131,7 @@ class PolicyController(Snapshots):
         servo.begin(self._servo[0], self._feed_um_s)
         if self._family.counts_threading:  # threading ends a step of the environment
             if self._builder.sums[0]["duration_ns"]:
-                self._builder.end_step(_LANE)
-                self._builder.begin_step(_LANE)
+                self._end_step()
             self._decide()
         return self._command()
 
@@ -151,7 +154,7 @@ class PolicyController(Snapshots):
         self._machine = self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _look(self, window: WindowObservation) -> np.void:
-        """Add a window to what the step showed; returns the row that the environment's lane would have."""
+        """Add a window to what the step showed; returns the row that the environment's sub-environment would have."""
         assert self._machine is not None
         row: np.void = self._rows[0]
         row["travel_um"], self._path_um = window.path_um - self._path_um, window.path_um
@@ -162,14 +165,14 @@ class PolicyController(Snapshots):
         record = window_of(window)
         row["elapsed_ns"] += record[0]["duration_ns"]
         self._builder.take_scale(0, row)
-        self._builder.add(_LANE, self._rows, record)
+        self._builder.add(_ONLY, self._rows, record)
         return row
 
     def _respond(self, window: WindowObservation) -> None:
         """Let the servo answer a window."""
         short, open_ = (np.array([count / WINDOW_PULSES]) for count in (window.short, window.open))
         servo.respond(
-            _LANE, self._servo, short, open_, np.array([window.duration_s]), self._limit_um_s,
+            _ONLY, self._servo, short, open_, np.array([window.duration_s]), self._limit_um_s,
             *self._family.servo_gains,
         )
 
@@ -210,8 +213,3 @@ class PolicyController(Snapshots):
             with suppress(InputError):
                 self._setting_us = setting_us
                 break
-
-
-def from_name(name: str) -> PolicyController:
-    """Make the controller of a policy: of its file, or of a name under ``models/policies``."""
-    return PolicyController(load(name))

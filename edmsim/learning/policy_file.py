@@ -1,6 +1,6 @@
-"""A trained policy as two files: ``NAME.json`` says what it is, ``NAME.npz`` holds its network as plain arrays.
+"""A trained policy as two files: ``NAME.json``, its description, and ``NAME.npz``, its network as plain arrays.
 
-Neither holds code: reading one runs nothing that came with it.
+Neither has code, so reading a policy never runs code of its author.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import hashlib
 import io
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -24,6 +25,7 @@ from edmsim.envs.registry import arguments_with, make_family
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, one_of
 from edmsim.files import read_arrays
+from edmsim.learning import held
 
 FORMAT = "edmsim-policy-1"
 ACTION_MEANINGS = {
@@ -31,8 +33,7 @@ ACTION_MEANINGS = {
     "offset": "offset from the path, left positive",
 }
 """What an entry of an action is, by its name (`Family.action_names`)."""
-_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}
-"""The same of Part, where a pass is decided on."""
+_OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}  # the same of Part, where a pass is decided on
 Floats = NDArray[np.float64]
 
 
@@ -48,7 +49,7 @@ class ObservedEntry(_Strict):
     name, meaning : str
         See `edmsim.envs.observation`.
     mean, variance : float
-        What it is normalised with.
+        Its normalisation.
     """
 
     name: str
@@ -65,7 +66,7 @@ class Residual(_Strict):
     law : str
         See `edmsim.controllers.from_text`.
     range_um_s : float
-        What an action of 1 adds, um/s.
+        Change of the feed by an action of 1, um/s.
     """
 
     law: str
@@ -91,8 +92,28 @@ class Residual(_Strict):
         return np.float32(min(max((law_um_s + added_um_s) / family.max_feed_um_s, -1.0), 1.0))
 
 
+class Hold(_Strict):
+    """The law whose heat flux a policy's one action sets (see `edmsim.learning.held`).
+
+    Attributes
+    ----------
+    law : str
+        `heat-flux`, with its parameters.
+    low, high : float
+        Fluxes, divided by the critical one, of actions -1 and 1; the logarithm is linear between them.
+    """
+
+    law: str
+    low: Annotated[FiniteFloat, Field(gt=0)]
+    high: Annotated[FiniteFloat, Field(gt=0)]
+
+    def flux(self, action: float) -> float:
+        """Return what an action within -1..1 asks for."""
+        return float(self.low * (self.high / self.low) ** (0.5 * (action + 1.0)))
+
+
 class Card(_Strict):
-    """What a policy is: the contents of ``NAME.json``.
+    """Description of a policy: the contents of ``NAME.json``.
 
     Attributes
     ----------
@@ -112,24 +133,26 @@ class Card(_Strict):
     activation : {"tanh", "relu"}
         Of the hidden layers.
     lstm : int, optional
-        Cells of an LSTM before the hidden layers; none where there is no number.
+        Cells of an LSTM before the hidden layers; by default no LSTM.
     residual : Residual, optional
-        The law that the first action is added to; none where the action is the environment's.
+        The law to which the first action is added; by default the action is the environment's.
+    hold : Hold, optional
+        The law whose flux the action sets, in place of the environment's actions; decisions are the environment's.
     output : {"clip", "tanh"}
-        What brings the outputs into -1..1.
+        Function that limits the outputs to -1..1.
     arrays_sha256 : str
-        Of ``NAME.npz``.
+        Hash of ``NAME.npz``.
     algorithm : str
     command : str
-        What made it.
+        The command of the training.
     trained_in : str, optional
-        The version it was trained in, where that is withdrawn since; none where it is `env_id`.
+        The version it was trained in, if it has been withdrawn since; by default `env_id`.
     seed : int or None
-        None where the learner had none.
+        None if the learner had none.
     steps : int
     versions : dict
     scores : list of dict
-        What it was measured at, beside a classic controller.
+        Its scores, with those of a classic controller.
     """
 
     format: Literal["edmsim-policy-1"]
@@ -143,6 +166,7 @@ class Card(_Strict):
     activation: Literal["tanh", "relu"]
     lstm: Annotated[int, Field(gt=0)] | None = None
     residual: Residual | None = None
+    hold: Hold | None = None
     output: Literal["clip", "tanh"]
     arrays_sha256: str
     algorithm: str
@@ -190,7 +214,7 @@ class Policy:
     weights : tuple of float array (inputs, outputs)
     biases : tuple of float array (outputs,)
     lstm : Lstm or None
-        What comes before the layers; None where the policy has no memory.
+        The LSTM before the layers; None if the policy has none.
     """
 
     card: Card
@@ -244,7 +268,7 @@ class Policy:
 
 
 def meanings(family: EnvArguments) -> list[str]:
-    """Return what the entries of an environment's actions are."""
+    """Return the meanings of the entries of an environment's actions."""
     named = ACTION_MEANINGS if isinstance(family, Family) else _OF_PASSES
     return [named[name] for name in family.action_names]
 
@@ -260,7 +284,7 @@ def pack(weights: list[Floats], biases: list[Floats], lstm: Lstm | None = None) 
 
 
 def digest(packed: bytes) -> str:
-    """Return what `Card.arrays_sha256` must say."""
+    """Return the value for `Card.arrays_sha256`."""
     return hashlib.sha256(packed).hexdigest()
 
 
@@ -270,11 +294,55 @@ def write(card: Card, packed: bytes, file: Path) -> None:
     file.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
-def locate(name: str) -> Path:
-    """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``.
+def write_hold(
+    file: Path, *, env_id: str, environment: dict[str, Any], hold: Hold, mean: Floats, variance: Floats,
+    lstm: tuple[Floats, Floats, Floats] | None, weights: list[Floats], biases: list[Floats], algorithm: str,
+    command: str, seed: int, steps: int, activation: Literal["tanh", "relu"] = "tanh",
+) -> Policy:
+    """Write a policy of your own learner that says what heat flux a law holds; returns it as it is read again.
 
-    Raises `InputError` if there is none.
+    Parameters
+    ----------
+    file : Path
+        ``NAME.json``; ``NAME.npz`` comes beside it.
+    env_id, environment
+        The environment whose observations and decisions these are, and its arguments.
+    hold : Hold
+    mean, variance : (entries,)
+        Of the environment's entries, and of those of `edmsim.learning.held`.
+    lstm : tuple of arrays or None
+        See `Lstm`.
+    weights, biases : list of arrays
+        Of the layers behind it; the last one's outputs are the servo's target and the hold, each -1 to 1.
+    algorithm, command, seed, steps, activation
+        See `Card`.
+
+    Raises
+    ------
+    InputError
+        The parts do not fit each other.
     """
+    entries = [*arguments_with(env_id, **environment).entries(), *held.ENTRIES]
+    memory = None if lstm is None else Lstm(*lstm)
+    packed = pack(weights, biases, memory)
+    observation = [
+        {"name": entry.name, "meaning": entry.meaning, "mean": float(m), "variance": float(v)}
+        for entry, m, v in zip(entries, mean, variance, strict=True)
+    ]
+    card = Card.model_validate({
+        "format": FORMAT, "env_id": env_id, "environment": environment, "observation": observation,
+        "epsilon": 1e-8, "clip": 10.0, "action": [ACTION_MEANINGS["target"], held.HOLDS],
+        "widths": [len(bias) for bias in biases[:-1]], "activation": activation,
+        "lstm": None if memory is None else memory.memory_weights.shape[0], "hold": hold, "output": "clip",
+        "arrays_sha256": digest(packed), "algorithm": algorithm, "command": command, "seed": seed, "steps": steps,
+        "versions": {name: version(name) for name in ("edmsim", "numpy")},
+    })
+    write(card, packed, file)
+    return load(str(file))
+
+
+def locate(name: str) -> Path:
+    """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``."""
     file = Path(name)
     if file.suffix not in (".json", ".npz"):
         if name not in models.policies():
@@ -325,7 +393,8 @@ def _check_environment(card: Card, file: Path) -> None:
         family = arguments_with(card.env_id, **card.environment)
     except (InputError, TypeError, ValueError) as error:
         raise InputError(f"the policy's environment cannot be made: {error}", file) from None
-    expected = [entry.name for entry in family.entries()]
+    behind = held.ENTRIES if card.hold else ()
+    expected = [entry.name for entry in (*family.entries(), *behind)]
     found = [entry.name for entry in card.observation]
     if found != expected:
         raise InputError(
@@ -334,7 +403,9 @@ def _check_environment(card: Card, file: Path) -> None:
         )
     if card.residual is not None:
         _check_residual(card.residual, family, file)
-    commands = meanings(family)
+    if card.hold is not None:
+        _check_hold(card.hold, family, file)
+    commands = [ACTION_MEANINGS["target"], held.HOLDS] if card.hold else meanings(family)
     if card.action != commands:
         raise InputError(
             f"the policy commands {', '.join(card.action)}; {card.env_id} takes {', '.join(commands)}: it was "
@@ -350,6 +421,16 @@ def _check_residual(residual: Residual, family: EnvArguments, file: Path) -> Non
         raise InputError(f"the law that the policy adds to: {error}", file) from None
     if not isinstance(family, Family) or family.action != "speed" or family.decision_s is not None:
         raise InputError("a policy that adds to a law commands a speed every window; its environment does not", file)
+
+
+def _check_hold(hold: Hold, family: EnvArguments, file: Path) -> None:
+    """Refuse a law that holds no flux, and an environment where none can be measured."""
+    try:
+        held.flux_law(hold.law)
+    except InputError as error:
+        raise InputError(f"the law below the policy: {error}", file) from None
+    if not isinstance(family, Family) or not family.locates_discharges:
+        raise InputError("a policy that says what flux is held needs discharges that are located", file)
 
 
 def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, ...], Lstm | None]:

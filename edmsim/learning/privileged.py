@@ -23,17 +23,11 @@ TRUTHS = ("gap_um", "wire_temperature_K", "debris", "error_um")
 
 # untyped where the extra is missing
 class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Lanes whose observations have the truth behind what a machine shows.
-
-    Parameters
-    ----------
-    venv : VecEnv
-        An `EdmVecEnv`, with any wrappers around it.
-    """
+    """Sub-environments whose observations have the truth behind what a machine shows."""
 
     def __init__(self, venv: VecEnv) -> None:
-        lanes: Any = venv.unwrapped
-        self._names = tuple(lanes.env.family.drawn_constants)
+        vec_env: Any = venv.unwrapped
+        self._names = tuple(vec_env.env.family.drawn_constants)
         shown = venv.observation_space
         assert isinstance(shown, gym.spaces.Box)
         more = np.full(len(TRUTHS) + len(self._names), np.inf, np.float32)
@@ -52,17 +46,17 @@ class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         observations, rewards, done, infos = self.venv.step_wait()
         truths = np.array([[info[name] for name in TRUTHS] for info in infos], np.float32)
         ended = np.flatnonzero(done)
-        for lane in ended:
-            last = infos[lane]["terminal_observation"]
-            infos[lane]["terminal_observation"] = np.concatenate([last, truths[lane], self._constants[lane]])
+        for index in ended:
+            last = infos[index]["terminal_observation"]
+            infos[index]["terminal_observation"] = np.concatenate([last, truths[index], self._constants[index]])
         truths[ended] = 0.0
         self._draw(ended)
         return self._with(observations, truths), rewards, done, infos
 
-    def _draw(self, lanes: Sequence[int] | NDArray[np.int64] | range) -> None:
+    def _draw(self, indices: Sequence[int] | NDArray[np.int64] | range) -> None:
         infos = self.unwrapped.reset_infos
-        for lane in lanes:
-            self._constants[lane] = [infos[lane]["drawn"][name] for name in self._names]
+        for index in indices:
+            self._constants[index] = [infos[index]["drawn"][name] for name in self._names]
 
     def _with(self, observations: Any, truths: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.concatenate([observations, truths, self._constants], axis=1)
@@ -83,15 +77,7 @@ class VisibleEntries(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore
 
 
 class AsymmetricPolicy(ActorCriticPolicy):  # type: ignore[misc, unused-ignore]
-    """An actor-critic whose actor sees the first entries of an observation only.
-
-    Parameters
-    ----------
-    *args, **kwargs
-        Of stable-baselines3's `ActorCriticPolicy`.
-    shown_entries : int
-        Entries that the actor sees; the critic sees all.
-    """
+    """An actor-critic whose actor sees only the first `shown_entries` of an observation."""
 
     def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
         self._shown_entries = shown_entries

@@ -17,54 +17,41 @@ from edmsim.learning.policy_file import Residual
 
 # untyped where the extra is missing
 class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Lanes whose first action is added to what a classic law commands in each (Johannink et al., ICRA 2019).
-
-    Parameters
-    ----------
-    venv : EdmVecEnv
-        With ``action="speed"`` and a decision every window.
-    residual : Residual
-        The law, which must leave the generator alone, and what an action of 1 adds to its feed.
-
-    Raises
-    ------
-    InputError
-        The law turns the generator's knobs, or there is none of this name.
-    """
+    """Environments whose first action is added to what a law commands in each (Johannink et al., ICRA 2019)."""
 
     def __init__(self, venv: EdmVecEnv, residual: Residual) -> None:
         super().__init__(venv)
         self.residual = residual
-        lanes = venv.env
-        family = lanes.family
+        envs = venv.env
+        family = envs.family
         assert isinstance(family, Family)
         self._family = family
-        self._laws = [lanes.lane_law(lane, residual.make()) for lane in range(self.num_envs)]
+        self._laws = [envs.attach_controller(index, residual.make()) for index in range(self.num_envs)]
         self._feed_um_s = np.zeros(self.num_envs)
 
     def reset(self) -> Any:
-        """Begin an episode, and the law, in every lane."""
+        """Begin an episode, and the law, in every sub-environment."""
         observations = self.venv.reset()
-        for lane, law in enumerate(self._laws):
-            self._take(lane, law.begin())
+        for index, law in enumerate(self._laws):
+            self._take(index, law.begin())
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Add the actions to what the laws command."""
         total = np.array(actions, np.float32)
-        for lane, feed_um_s in enumerate(self._feed_um_s):
-            total[lane, 0] = self.residual.action(self._family, feed_um_s, total[lane, 0])
+        for index, feed_um_s in enumerate(self._feed_um_s):
+            total[index, 0] = self.residual.action(self._family, feed_um_s, total[index, 0])
         self.venv.step_async(total)
 
     def step_wait(self) -> Any:
         """Run a step, which the laws see, and take what they command for the next."""
         observations, rewards, done, infos = self.venv.step_wait()
-        for lane, law in enumerate(self._laws):
-            self._take(lane, law.begin() if done[lane] else law.command())
+        for index, law in enumerate(self._laws):
+            self._take(index, law.begin() if done[index] else law.command())
         return observations, rewards, done, infos
 
-    def _take(self, lane: int, command: FeedCommand) -> None:
+    def _take(self, index: int, command: FeedCommand) -> None:
         if command.t_on_us is not None or command.t_period_us is not None:
             law = self.residual.law
             raise InputError(f"'{law}' turns the generator's knobs: a policy adds to a law that only feeds")
-        self._feed_um_s[lane] = command.feed_um_s
+        self._feed_um_s[index] = command.feed_um_s

@@ -1,4 +1,4 @@
-"""What makes a policy of stable-baselines3: its learner's network, and the wrappers of its lanes (extra ``rl``)."""
+"""What makes a policy of stable-baselines3: its learner's network and its environment's wrappers (extra ``rl``)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from edmsim.learning.privileged import PrivilegedVecEnv, VisibleEntries
 from edmsim.learning.residual import ResidualVecEnv
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
-_AROUND_LANES = (
+_AROUND = (
     VecMonitor, VecCheckNan, VecVideoRecorder, VecNormalize, CostVecEnv, TaughtVecEnv, PrivilegedVecEnv,
     ResidualVecEnv,
 )  # fmt: skip
@@ -39,25 +39,13 @@ _AROUND_ONE = (
 
 
 class PolicyNetwork(NamedTuple):
-    """What of a learner turns an observation into an action.
-
-    Attributes
-    ----------
-    activation : str
-        Between them.
-    lstm : torch.nn.LSTM or None
-        Before them.
-    output : {"clip", "tanh"}
-        What brings the last one's outputs into -1..1.
-    shown : int or None
-        Entries of the observation that the actor sees; all where there is no number.
-    """
+    """What of a learner turns an observation into an action."""
 
     layers: list[Any]
-    activation: str
-    lstm: Any
-    output: str
-    shown: int | None
+    activation: str  # between them
+    lstm: Any  # before them
+    output: str  # what brings the last one's outputs into -1..1
+    shown: int | None  # entries of the observation that the actor sees; all where there is no number
 
     @property
     def widths(self) -> list[int]:
@@ -93,7 +81,7 @@ def network_of(model: Any) -> PolicyNetwork:
     else:
         raise InputError(f"{what} has no actor with a mean: use PPO, SAC, TQC, recurrent PPO, A2C or TD3")
     if type(features) not in (FlattenExtractor, VisibleEntries):
-        raise InputError(f"{what} looks at what {type(features).__name__} makes of observations: use MlpPolicy")
+        raise InputError(f"{what} uses the observations that {type(features).__name__} returns: use MlpPolicy")
     shown = int(features.shown.sum()) if isinstance(features, VisibleEntries) else None
     return PolicyNetwork(layers[::2], _activation(layers, what), _lstm(policy, what), output, shown)
 
@@ -124,19 +112,11 @@ def _lstm(policy: Any, what: str) -> Any:
 
 
 class Around(NamedTuple):
-    """What a learner's lanes are.
+    """What a learner's sub-environments are."""
 
-    Attributes
-    ----------
-    family : EnvArguments
-        Their arguments.
-    residual : Residual or None
-        The law that actions are added to.
-    """
-
-    family: EnvArguments
+    family: EnvArguments  # their arguments
     normalise: VecNormalize | None
-    residual: Residual | None
+    residual: Residual | None  # the law that actions are added to
 
     def environment(self) -> tuple[str, dict[str, Any]]:
         """Return id and arguments of the environment of edmsim that a card names."""
@@ -146,38 +126,33 @@ class Around(NamedTuple):
         return env_id, {name: value for name, value in arguments.items() if plain(getattr(usual, name)) != value}
 
 
-def around(lanes: Any) -> Around:
-    """Look through the wrappers around a learner's lanes.
-
-    Raises `InputError` for lanes that are not of edmsim, or a wrapper that may change what is seen or done.
-    """
+def around(vec_env: Any) -> Around:
+    """Look through the wrappers around a learner's environment; refuse what may change what is seen or done."""
     normalise = residual = None
-    while isinstance(lanes, VecEnvWrapper):
-        if not isinstance(lanes, _AROUND_LANES):
-            raise _unknown(lanes)
-        if isinstance(lanes, VecNormalize) and lanes.norm_obs:
+    while isinstance(vec_env, VecEnvWrapper):
+        if not isinstance(vec_env, _AROUND):
+            raise _unknown(vec_env)
+        if isinstance(vec_env, VecNormalize) and vec_env.norm_obs:
             if normalise is not None:
-                raise InputError("the lanes are normalised twice: a policy file holds one VecNormalize")
-            normalise = lanes
-        if isinstance(lanes, ResidualVecEnv):
-            residual = lanes.residual
-        lanes = lanes.venv
-    if isinstance(lanes, EdmVecEnv):
-        return Around(lanes.env.family, normalise, residual)
-    env = lanes.envs[0] if isinstance(lanes, DummyVecEnv) else lanes
+                raise InputError("the environment is normalised twice: a policy file holds one VecNormalize")
+            normalise = vec_env
+        if isinstance(vec_env, ResidualVecEnv):
+            residual = vec_env.residual
+        vec_env = vec_env.venv
+    if isinstance(vec_env, EdmVecEnv):
+        return Around(vec_env.env.family, normalise, residual)
+    env = vec_env.envs[0] if isinstance(vec_env, DummyVecEnv) else vec_env
     while isinstance(env, gym.Wrapper):
         if not isinstance(env, _AROUND_ONE):
             raise _unknown(env)
         env = env.env
     if not isinstance(env, EdmEnv):
-        raise InputError(
-            f"{type(env).__name__} is not an environment of edmsim: make it by make_sb3_vec_env"
-        )
+        raise InputError(f"{type(env).__name__} is not an environment of edmsim: make it by make_sb3_vec_env")
     return Around(env.family, normalise, residual)
 
 
 def _unknown(wrapper: Any) -> InputError:
     return InputError(
-        f"{type(wrapper).__name__} around the lanes may change what is seen or done, and no policy file says how: "
-        "leave it away; to normalise, use VecNormalize"
+        f"{type(wrapper).__name__} around the environment may change what is seen or done, and no policy file says "
+        "how: leave it away; to normalise, use VecNormalize"
     )

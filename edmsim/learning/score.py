@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from edmsim.envs.registry import find
+from edmsim.envs.shift import Shift
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result
@@ -26,20 +28,21 @@ RESOLUTIONS = ("fast", "default", "fine")
 
 
 class Measured(NamedTuple):
-    """What a policy's cuts are compared with, and at which resolutions.
-
-    Attributes
-    ----------
-    rivals, resolutions : tuple of str
-    """
+    """What a policy's cuts are compared with, and at which resolutions."""
 
     rivals: tuple[str, ...]
     resolutions: tuple[str, ...]
 
 
 def measured_with(env_id: str) -> Measured:
-    """Return rivals and resolutions of an environment; parts take long, and are cut as the policy learnt it only."""
-    return Measured(("technology", "corrected"), ("fast",)) if is_part(env_id) else Measured(RIVALS, RESOLUTIONS)
+    """Return rivals and resolutions of an environment; parts and shifts take long, and are cut as they are learnt."""
+    if is_part(env_id):
+        return Measured(("technology", "corrected"), ("fast",))
+    return Measured(("adaptive-hold",), ("fast",)) if _is_shift(env_id) else Measured(RIVALS, RESOLUTIONS)
+
+
+def _is_shift(env_id: str) -> bool:
+    return issubclass(find(env_id)[0], Shift)
 
 
 class Score(NamedTuple):
@@ -120,13 +123,7 @@ def score(results: Sequence[Result], resolution: str) -> Score:
 
 
 def write_card(policy: str, scores: Sequence[Score]) -> None:
-    """Write scores of `measure` into a policy's card, in the place of those at the same resolutions.
-
-    Parameters
-    ----------
-    policy : str
-        Either of its files, or a name under ``models/policies``.
-    """
+    """Write scores of `measure` into a policy's card, in the place of those at the same resolutions."""
     stored, file = policy_file.load(policy), policy_file.locate(policy)
     measured = {row.resolution for row in scores}
     others = [row for row in stored.card.scores if row["resolution"] not in measured]

@@ -18,14 +18,14 @@ SCALES = (
 """Arguments of an environment that say how much an action of 1 is."""
 
 
-def start_sb3(model: Any, lanes: Any, policy: str | Policy) -> None:
+def start_sb3(model: Any, vec_env: Any, policy: str | Policy) -> None:
     """Let a learner's first policy be one from a file; critics and noise stay as the learner has them.
 
     Parameters
     ----------
     model : learner of stable_baselines3 or sb3_contrib
         Of a kind that `export_sb3` takes.
-    lanes : VecEnv
+    vec_env : VecEnv
         What it learns on, in a `VecNormalize`, which takes the policy's statistics and goes on from them.
     policy : str or Policy
         Either of its files, or a name under ``models/policies``, with ``policy:`` before it or not.
@@ -38,10 +38,10 @@ def start_sb3(model: Any, lanes: Any, policy: str | Policy) -> None:
     Examples
     --------
     >>> from edmsim.learning import start_sb3
-    >>> start_sb3(model, lanes, "policy:GapFeed-ppo")  # doctest: +SKIP
+    >>> start_sb3(model, vec_env, "policy:GapFeed-ppo")  # doctest: +SKIP
     """
     policy_file = load(policy.removeprefix("policy:")) if isinstance(policy, str) else policy
-    network, wrapped = network_of(model), around(lanes)
+    network, wrapped = network_of(model), around(vec_env)
     _check(policy_file, network, wrapped)
     with torch.no_grad():
         for layer, weight, bias in zip(network.layers, policy_file.weights, policy_file.biases, strict=True):
@@ -69,10 +69,12 @@ def _put(parameter: Any, values: Any) -> None:
 def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
     """Refuse a policy that the learner cannot begin with."""
     card, family, theirs = policy.card, wrapped.family, policy.family()
+    if card.hold is not None:
+        raise InputError(f"the policy says what flux '{card.hold.law}' holds; no environment has that action")
     if network.shown is not None:
         raise InputError("a policy file has no statistics of what only a privileged critic sees: start without one")
     if wrapped.normalise is None:
-        raise InputError("a policy brings the statistics of its observation: wrap the lanes in VecNormalize")
+        raise InputError("a policy brings the statistics of its observation: wrap the environment in VecNormalize")
     if card.residual != wrapped.residual:
         both = card.residual, wrapped.residual
         laws = [f"to {each.law} by {each.range_um_s:g} um/s" if each else "to no law" for each in both]

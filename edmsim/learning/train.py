@@ -29,8 +29,7 @@ try:
 except ImportError as error:
     raise InputError(f"training needs {error.name}: pip install 'edmsim[rl]'") from error
 
-CHECKPOINTS = 20
-"""Checkpoints over a whole training (ours: at most a twentieth of it is lost)."""
+CHECKPOINTS = 20  # checkpoints over a whole training (ours: at most a twentieth of it is lost)
 
 
 class TrainingProgress(NamedTuple):
@@ -75,14 +74,14 @@ class Trained(NamedTuple):
     model : learner of stable_baselines3 or sb3_contrib
     normalise : stable_baselines3 VecNormalize
         With the statistics the policy's observations are normalised with.
-    lanes : edmsim.learning.learners.TrainingLanes
+    vec_env : edmsim.learning.learners.TrainingEnvs
     """
 
     run: TrainingRun
     hyperparameters: Hyperparameters
     model: Any
     normalise: Any
-    lanes: learners.TrainingLanes
+    vec_env: learners.TrainingEnvs
 
 
 def train(
@@ -104,11 +103,11 @@ def train(
         Windows in all; those of the hyperparameters if not given.
     seed : int
         Same seed, same policy on the same kind of processor, if the training was not interrupted: where it was,
-        the lanes begin new episodes.
+        the sub-environments begin new episodes.
     resume : bool
         Go on from the folder's last checkpoint, with its hyperparameters.
     watch : callable, optional
-        Called with a `TrainingProgress` after every step of all lanes.
+        Called with a `TrainingProgress` after every step of all sub-environments.
     parameters : Hyperparameters, optional
         What to train with; that of ``models/training`` by default.
     callbacks : sequence of BaseCallback
@@ -158,7 +157,7 @@ def _learn(
     left = trained.run.steps - trained.model.num_timesteps
     try:
         if left > 0:
-            more = [*learners.callbacks(trained.lanes, trained.hyperparameters), *callbacks]
+            more = [*learners.callbacks(trained.vec_env, trained.hyperparameters), *callbacks]
             trained.model.learn(left, callback=[keeper, *more], reset_num_timesteps=reset)
     finally:
         keeper.save(at_end=True)
@@ -170,15 +169,15 @@ def _begin(run: TrainingRun, parameters: Hyperparameters, last: Path | Policy | 
     before: dict[str, Any] = _run_state(last) if isinstance(last, Path) else {"done": 0, "multiplier": None}
     # other episodes after a break
     first = int(np.random.SeedSequence((run.seed, before["done"])).generate_state(1)[0])
-    lanes = learners.lanes_of(run.env_id, parameters, first, before["multiplier"])
+    vec_env = learners.vec_env_of(run.env_id, parameters, first, before["multiplier"])
     if isinstance(last, Path):
-        made = learners.load(run.algo, lanes, parameters, run.seed, last)
+        made = learners.load(run.algo, vec_env, parameters, run.seed, last)
     else:
-        made = learners.new(run.algo, lanes, parameters, run.seed)
+        made = learners.new(run.algo, vec_env, parameters, run.seed)
     if isinstance(last, Policy):
         start_sb3(*made, last)
-    lanes.edm.seed(first)  # the learner seeds them with its own seed, that a break would repeat
-    return Trained(run, parameters, *made, lanes)
+    vec_env.edm.seed(first)  # the learner seeds them with its own seed, that a break would repeat
+    return Trained(run, parameters, *made, vec_env)
 
 
 def _run_state(checkpoint: Path) -> dict[str, Any]:
@@ -220,7 +219,7 @@ class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
         self._trained.normalise.save(str(partial / "normalise.pkl"))
         if self._trained.run.algo in learners.REPLAYS:
             model.save_replay_buffer(partial / "replay.pkl")
-        costs = self._trained.lanes.costs
+        costs = self._trained.vec_env.costs
         run_state = {
             **asdict(self._trained.run), "done": done, "multiplier": None if costs is None else costs.multiplier,
             "hyperparameters": self._trained.hyperparameters.model_dump(mode="json"),

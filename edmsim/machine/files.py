@@ -19,14 +19,9 @@ _Part = TypeVar("_Part", bound=Part)
 
 
 def read(part: type[_Part], kind: Kind, name: str) -> _Part:
-    """Read one part of a set-up from a name under `models/` or the path of an own TOML file.
+    """Read a part of a set-up from a name under `models/` or an own TOML file.
 
     A file that says ``like = "agiecut-dem15"`` has the constants of that one of ours where it gives none itself.
-
-    Raises
-    ------
-    InputError
-        Unknown name (which exist is said), a file that cannot be read, or a wrong or missing key.
     """
     if name.endswith(".toml"):
         file, text = name, _own_file(name)
@@ -70,10 +65,7 @@ def read_base(name: str) -> Base:
 
 
 def own_mjcf(name: str, file: str) -> str:
-    """Return which MJCF a user's machine file means: the absolute path of the one beside it, or a name of ours.
-
-    Raises `InputError` if there is neither.
-    """
+    """Return which MJCF a user's machine file means: the absolute path of the one beside it, or a name of ours."""
     sibling = Path(file).absolute().parent / name
     if sibling.is_file():
         return str(sibling)

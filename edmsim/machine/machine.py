@@ -55,11 +55,11 @@ class Machine(SetUp):
     tension : float
         Wire tension in newton.
     height_mm : float
-        Workpiece height; the greatest one, if it changes. The guides stand off it.
+        Workpiece height; the greatest one, if it changes. The guides keep a clearance from it.
     t_on_us, t_period_us : float
         Setting of the pulse generator.
 
-    The operator's choices of `load` are attributes, too: what is set in place of the files' constants, or None.
+    The operator's choices of `load` are attributes, too; None where the files' constants hold.
     """
 
     @staticmethod
@@ -70,13 +70,13 @@ class Machine(SetUp):
         Parameters
         ----------
         name : str
-            A name under `models/machines`, or the path of an own TOML file.
+            A name under `models/machines`, or the path of your own TOML file.
         {options}
 
         Raises
         ------
         InputError
-            Unknown name (which exist is said), a wrong or missing key, or a setting that cannot run.
+            If a name is unknown, a key is wrong or missing, or a setting cannot run.
         """
         try:
             chosen = SetUpOptions.model_validate(options)
@@ -99,9 +99,9 @@ class Machine(SetUp):
         return machine
 
     def with_(self, **changes: float | str | None) -> Machine:
-        """Return a copy with other operator's choices, checked: tension, height, diameter, or a setting of `load`.
+        """Return a checked copy with other operator's choices: tension, height, diameter, or a setting of `load`.
 
-        None puts the files' constant in force again where there is one.
+        None restores the files' constant, if there is one.
         """
         known = {"tension", "height_mm", "t_on_us", "t_period_us", "wire_diameter_um", *Choices.model_fields}
         unknown = set(changes) - known
@@ -112,7 +112,7 @@ class Machine(SetUp):
         return machine
 
     def with_pulses(self, t_on_us: float, t_period_us: float) -> Machine:
-        """Return a copy with another setting of the pulses; only they are checked, so it takes a fifth of `with_`."""
+        """Return a copy with another pulse setting; only the pulses are checked, which is faster than `with_`."""
         pulses = {"t_on_us": finite("t_on_us", t_on_us), "t_period_us": finite("t_period_us", t_period_us)}
         machine = self.model_copy(update=pulses)
         check_pulses(machine)
@@ -121,23 +121,22 @@ class Machine(SetUp):
     def uncertain(self) -> dict[str, Constant]:
         """Return the constants of machine, wire and material that have a range.
 
-        Their names are section and key: ``"gap.critical_um"``, ``"wire.strength_MPa"``. The ranges of the
-        generator are not among them: they bound what an operator may set, not what is known.
+        Their names are section and key: ``"gap.critical_um"``, ``"wire.strength_MPa"``. The ranges of the generator
+        are not included: they are limits of settings, not uncertainties.
         """
         return uncertain(self)
 
     def sample(self, rng: np.random.Generator, only: Iterable[str] | None = None) -> Machine:
         """Draw a machine within the ranges of its uncertain constants.
 
-        Each constant is drawn by itself: log-uniformly where its range is positive and spans a factor of 3 or
-        more, uniformly otherwise. The operator's choices stay, whatever is drawn of the constants in whose
-        place they are. A set-up that `check` refuses, say because the wire drawn does not hold the tension, is
-        drawn again, so the machines follow the ranges as far as these choices allow.
+        Each constant is drawn independently: log-uniformly if its range is positive and spans a factor of 3 or more,
+        otherwise uniformly. The operator's choices stay. A set-up that `check` refuses, for example because the drawn
+        wire does not hold the tension, is drawn again.
 
         Parameters
         ----------
         rng : numpy.random.Generator
-            Same state, same machine. What one constant is drawn as does not depend on `only`, unless a
+            The same state gives the same machine. The drawn value of a constant does not depend on `only`, unless a
             set-up had to be drawn again.
         only : iterable of str, optional
             Sections (``"gap"``) and constants (``"dielectric.conductivity_uS_cm"``) to draw; the others keep
@@ -151,7 +150,7 @@ class Machine(SetUp):
         Raises
         ------
         InputError
-            An unknown name, or a constant without a range; or no set-up that can run was drawn.
+            If a name is unknown, a constant has no range, or no drawn set-up can run.
         """
         return sample(self, rng, only)
 

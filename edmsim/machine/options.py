@@ -60,18 +60,10 @@ class Limits:
 
 @dataclass(frozen=True)
 class Names:
-    """Names that an option may have, from the registry that knows them.
-
-    Attributes
-    ----------
-    listed : callable
-        Returns the names.
-    or_else : str
-        What else it may be, for the help; if that is empty, other names are refused.
-    """
+    """Names that an option may have, from the registry that knows them."""
 
     listed: Callable[[], Iterable[str]]
-    or_else: str = ""
+    or_else: str = ""  # what else it may be, for the help; if that is empty, other names are refused
 
 
 @dataclass(frozen=True)
@@ -94,11 +86,11 @@ class Options(BaseModel):
 class PartOptions(Options):
     """Which files a set-up is read from, and what every set-up has a value for."""
 
-    material: Annotated[str, Names(lambda: available("materials"), "an own TOML file")] = "tool-steel"
+    material: Annotated[str, Names(lambda: available("materials"), "your own TOML file")] = "tool-steel"
     """Material of the workpiece."""
-    wire: Annotated[str, Names(lambda: available("wires"), "an own TOML file")] = "brass"
-    """Wire, with a diameter in um if it is not the usual one: ``copper-100``."""
-    generator: Annotated[str, Names(lambda: available("generators"), "an own TOML file")] = "iso-pulse"
+    wire: Annotated[str, Names(lambda: available("wires"), "your own TOML file")] = "brass"
+    """Wire, optionally with a diameter in um: ``copper-100``."""
+    generator: Annotated[str, Names(lambda: available("generators"), "your own TOML file")] = "iso-pulse"
     """Pulse generator."""
     # from sheet to the tallest machines' work areas (ours)
     height_mm: Annotated[Number, Limits(0.5, 400.0, "workpiece height")] = 20.0
@@ -123,13 +115,12 @@ class Choices(Options):
     """
 
     open_voltage_V: Annotated[Number | None, Limits(10.0, 500.0)] = None
-    """Voltage until ignition in V; by default the generator's own. It drives the discharge, too, where the generator
-    has no supply of its own for that."""
+    """Voltage until ignition in V; by default the generator's own. It also drives the discharge if the generator
+    has no separate supply for it."""
     peak_current_A: Annotated[Number | None, Limits(0.1, 2000.0)] = None
-    """Peak current of a discharge in A, at most what the supply drives through the generator's resistor, which is the
-    default."""
+    """Peak current of a discharge in A, at most that through the generator's own resistor, which is the default."""
     resistance_ohm: Annotated[Number | None, Limits(0.01, 10_000.0)] = None
-    """Resistor in series with the gap in ohm, in place of the generator's own and of a peak current."""
+    """Resistor in series with the gap in ohm, replacing the generator's own and a peak current."""
     ignition_wait_us: Annotated[Number | None, Limits(0.1, 10_000.0)] = None
     """Longest wait for ignition in us, by default the generator's own; an iso-pulse generator has none."""
     pulse_shape: Annotated[str | None, Names(registered("edmsim.machine.setting:PULSE_FORMS"))] = None
@@ -137,14 +128,14 @@ class Choices(Options):
     wire_speed_m_s: Annotated[Number | None, Limits(0.001, 15.0)] = None
     """Speed of the running wire in m/s; by default the machine's own."""
     flushing_lower_Pa: Annotated[Number | None, Limits(0.0, 3e6, "pressure of the lower nozzle")] = None
-    """Pressure of the lower nozzle in Pa over the surroundings, 0 where it is off; by default the machine's own."""
+    """Pressure of the lower nozzle in Pa over the surroundings, 0 for off; by default the machine's own."""
     flushing_upper_Pa: Annotated[Number | None, Limits(0.0, 3e6, "pressure of the upper nozzle")] = None
-    """Pressure of the upper nozzle in Pa, likewise."""
+    """Pressure of the upper nozzle in Pa, as for the lower one."""
     standoff_lower_mm: Annotated[Number | None, Limits(0.0, 100.0, "stand-off of the lower nozzle")] = None
-    """Distance of the lower nozzle from the workpiece in mm; by default it lies on it. Off the workpiece its water
-    escapes sideways, and less of the pressure is left."""
+    """Distance of the lower nozzle from the workpiece in mm; by default 0. With a stand-off water escapes
+    sideways, and the pressure falls."""
     standoff_upper_mm: Annotated[Number | None, Limits(0.0, 100.0, "stand-off of the upper nozzle")] = None
-    """Distance of the upper nozzle from the workpiece in mm, likewise."""
+    """Distance of the upper nozzle from the workpiece in mm, as for the lower one."""
 
 
 class SetUpOptions(Choices, PartOptions):
@@ -157,7 +148,7 @@ USUAL_MACHINE = "agiecut-dem15"
 class MachineOption(Options):
     """The machine by name, where it is one option of several."""
 
-    machine: Annotated[str, Names(lambda: available("machines"), "an own TOML file")] = USUAL_MACHINE
+    machine: Annotated[str, Names(lambda: available("machines"), "your own TOML file")] = USUAL_MACHINE
     """Machine by name."""
 
 

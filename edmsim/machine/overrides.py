@@ -40,13 +40,7 @@ KINDS = _kinds()
 
 
 def checked_constants(constants: Mapping[str, float] | Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:
-    """Return values of constants as pairs, by name; raises `InputError` where they are invalid.
-
-    Parameters
-    ----------
-    constants : mapping of str to float, or pairs
-        ``{"gap.critical_um": 5.0}``: section, or wire or material, and key; in the unit that the key ends in.
-    """
+    """Return constants as pairs by name: ``{"gap.critical_um": 5.0}``, section (or wire or material) and key."""
     try:
         pairs = sorted((str(name), finite(str(name), value)) for name, value in dict(constants).items())
     except (TypeError, ValueError):
@@ -78,15 +72,7 @@ def check_names(names: Iterable[str]) -> None:
 
 
 def with_overrides(machine: Machine, constants: Iterable[tuple[str, float]]) -> Machine:
-    """Return the set-up with other values of some constants, checked as those of a file are.
-
-    A constant that was given has no range: it is not drawn, and may lie beyond what was published.
-
-    Raises
-    ------
-    InputError
-        A name that is not a constant, or a value that it cannot have.
-    """
+    """Return the set-up with other values of constants, checked as a file's, which are not drawn and may be any."""
     changed: dict[str, Constant] = {}
     for name, value in constants:
         check_names([name])

@@ -79,10 +79,7 @@ def share_of(bounds: tuple[float, float], value: float) -> float:
 
 
 def choose(machine: SetUp, only: Iterable[str]) -> dict[str, Constant]:
-    """Return the constants with a range that sections and names mean, in the order of the files.
-
-    Raises `InputError` for an unknown name, or a constant without a range.
-    """
+    """Return the constants with a range that sections and names mean, in the order of the files."""
     known = uncertain(machine)
     names = _chosen(known, only)
     return {name: constant for name, constant in known.items() if name in names}

@@ -9,12 +9,9 @@ from edmsim.errors import CombinationError, InputError, one_of
 from edmsim.machine.options import Choices, SetUpOptions, bare_name, limits_of, unit_of
 from edmsim.machine.parts import Constant, SetUp
 
-WINDOW_PULSES = 255
-"""Pulses of a window: the cycle of the analyser that counts them (row T-40)."""
-WIRE_DIAMETER_UM = (20.0, 400.0)
-"""Wire diameters of the field (thesis 1982, section 2.7.1)."""
-LIMITS = limits_of(SetUpOptions)
-"""Limits of the options of a set-up, by name."""
+WINDOW_PULSES = 255  # pulses of a window: the cycle of the analyser that counts them (row T-40)
+WIRE_DIAMETER_UM = (20.0, 400.0)  # wire diameters of the field (thesis 1982, section 2.7.1)
+LIMITS = limits_of(SetUpOptions)  # limits of the options of a set-up, by name
 
 
 class PulseForm(NamedTuple):
@@ -148,20 +145,12 @@ def standoffs_mm(machine: SetUp) -> tuple[float, float]:
 
 
 class GuideBends(NamedTuple):
-    """Where a leaning wire bends.
+    """Where a leaning wire bends."""
 
-    Attributes
-    ----------
-    stiff_mm : float
-        How far inside the guides, because the wire is stiff.
-    radius_mm : float
-        Of the guides' edges: they take the bend further in by that radius times the tangent of half the angle.
-    lower_error_mm, upper_error_mm : float
-        How much higher the guides are than the control knows.
-    """
-
-    stiff_mm: float
+    stiff_mm: float  # how far inside the guides, because the wire is stiff
+    # of the guides' edges: they take the bend further in by that radius times the tangent of half the angle
     radius_mm: float
+    # how much higher the guides are than the control knows
     lower_error_mm: float
     upper_error_mm: float
 

@@ -21,8 +21,7 @@ from edmsim.machine.parts import Part
 from edmsim.numeric import Number
 
 _MOST_BYTES = 1_000_000
-_BEYOND = 1.6
-"""How many times lower or higher than any of its heights a technology is used (ours)."""
+_BEYOND = 1.6  # how many times lower or higher than any of its heights a technology is used (ours)
 
 _Above = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 _Any = Annotated[Number, Field(allow_inf_nan=False)]
@@ -130,17 +129,11 @@ class AtHeight(Part):
 
 
 class PassTable(NamedTuple):
-    """What a technology says of a cut: offsets and settings of its passes, from rough to last.
-
-    Attributes
-    ----------
-    approach_share : float
-        Feed of a lead-in over that of the rough pass.
-    """
+    """What a technology says of a cut: offsets and settings of its passes, from rough to last."""
 
     offsets_mm: tuple[float, ...]
     settings: tuple[PassSetting, ...]
-    approach_share: float
+    approach_share: float  # feed of a lead-in over that of the rough pass
     notices: tuple[str, ...]
 
 
@@ -273,19 +266,7 @@ def _ours(name: str) -> tuple[str, str]:
 
 
 def nearest_technology(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
-    """Return the one of ours for a material or, if there is none, for the material that is removed most like it.
-
-    Parameters
-    ----------
-    material : str
-    machine, wire : str, optional
-        That it has to be for.
-
-    Raises
-    ------
-    InputError
-        There is none for the machine and the wire, or no such material.
-    """
+    """Return ours for a material, or for the one that is removed most like it, for a machine and a wire if said."""
     known = [read_technology(name) for name in available_technologies()]
     fitting = [one for one in known if machine in (None, one.machine) and wire in (None, one.wire)]
     if not fitting:
@@ -300,10 +281,7 @@ def _removal_mm3_J(material: str) -> float:
 
 
 def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
-    """Return the one of ours for a material, and for a machine and a wire if those are said.
-
-    Raises `InputError` if there is none; it says how to find one.
-    """
+    """Return the one of ours for a material, and for a machine and a wire if those are said."""
     known = [read_technology(name) for name in available_technologies()]
     for one in known:
         if one.material == material and machine in (None, one.machine) and wire in (None, one.wire):

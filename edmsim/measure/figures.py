@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from edmsim.recording.scene import ErrorMap
 
 _COLOURS = VERMILION, BLUE
-_SMOOTHED_MM = 1.0
-"""Length along the edge over which the wall is averaged: its roughness is several um (ours)."""
+_SMOOTHED_MM = 1.0  # length along the edge over which the wall is averaged: its roughness is several um (ours)
 _STEP_MM = 0.02
 
 

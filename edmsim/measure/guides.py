@@ -22,28 +22,18 @@ from edmsim.metrology.profile import ProfileError, profile_error, slice_heights_
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.path import plan_path
 
-SIDE_MM = 3.0
-"""Sides of the block (ours: most of each lies away from its corners)."""
-CORNER_MM = 0.6
-"""So near to its corners a wall is not looked at (ours: what is cut twice there, or from the side)."""
+SIDE_MM = 3.0  # sides of the block (ours: most of each lies away from its corners)
+CORNER_MM = 0.6  # so near to its corners a wall is not looked at (ours: what is cut twice there, or from the side)
 
 
 class GuidesFound(NamedTuple):
-    """What a test cut says of the guides.
+    """What a test cut says of the guides."""
 
-    Attributes
-    ----------
-    lower_mm, upper_mm : float
-        How much higher the guides are than the machine's file says.
-    uncertainty_mm : (float, float)
-        Standard errors of these.
-    heights_mm, shift_um : float64 arrays (slices,)
-        By how much the walls were moved the way they lean, slice by slice.
-    """
-
+    # how much higher the guides are than the machine's file says
     lower_mm: float
     upper_mm: float
-    uncertainty_mm: tuple[float, float]
+    uncertainty_mm: tuple[float, float]  # standard errors of these
+    # (slices,): by how much the walls were moved the way they lean, slice by slice
     heights_mm: NDArray[np.float64]
     shift_um: NDArray[np.float64]
 
@@ -63,22 +53,7 @@ def measure_guides(
     machine: Machine, angle_deg: float = 10.0, errors_mm: tuple[float, float] = (0.0, 0.0), *, seed: int = 0,
     resolution: str = "fast", watch: Callable[[Progress], None] | None = None,
 ) -> GuidesFound:
-    """Cut a test block and find from its walls where the guides are.
-
-    Parameters
-    ----------
-    angle_deg : float
-        By which its walls lean.
-    errors_mm : (float, float)
-        Errors of the guides that the control knows already.
-
-    Raises
-    ------
-    InputError
-        The angle is too small, or beyond the guides.
-    EdmsimError
-        The cut did not come to its end.
-    """
+    """Cut a block whose walls lean by an angle, and find from them where the guides are, less the errors known."""
     if not 1.0 <= angle_deg <= 30.0:
         raise InputError(f"a test block's walls cannot lean by {angle_deg:g} degrees: give 1 to 30")
     guides = guides_of(machine, errors_mm)

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 
 Floats = NDArray[np.float64]
-COVERAGE = 2.0
-"""Standard deviations on either side of a mean that repeatability and accuracy take in (ISO 230-2)."""
+COVERAGE = 2.0  # standard deviations on either side of a mean that repeatability and accuracy take in (ISO 230-2)
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["TableMeasurement", "load_tables", "measure_table"]
 
 _INTERFEROMETER = data_of("interferometer")
-_BEYOND_MM = 1.0
-"""How far the first and the last point of a compensation table lie outside the travel (ours)."""
+_BEYOND_MM = 1.0  # how far the first and the last point of a compensation table lie outside the travel (ours)
 Floats = NDArray[np.float64]
 
 

@@ -27,8 +27,7 @@ _SIDE_FROM, _SIDE_TO = np.array([0, 1, 3, 0]), np.array([1, 2, 2, 3])
 # lie on its left. 16 and 17 are 5 and 10, two opposite corners above, with the middle above as well.
 _SIDES = np.array([(0, 0), (0, 3), (1, 0), (1, 3), (2, 1), (0, 3), (2, 0), (2, 3), (3, 2),
                    (0, 2), (1, 0), (1, 2), (3, 1), (0, 1), (3, 0), (0, 0), (0, 1), (3, 0)])
-_SECOND = {5: (2, 1), 10: (3, 2), 16: (2, 3), 17: (1, 2)}
-"""The second edge, where there are two."""
+_SECOND = {5: (2, 1), 10: (3, 2), 16: (2, 3), 17: (1, 2)}  # the second edge, where there are two
 _RIGHT, _UP = np.array([1, 0]), np.array([0, 1])
 
 
@@ -40,18 +39,7 @@ def check_slices(field: KerfField, slices: Sequence[int]) -> None:
 
 
 def cut_edges(field: KerfField, slice_index: int) -> MultiLineString:
-    """Return the edges of what was cut from one slice, as closed lines in mm.
-
-    Parameters
-    ----------
-    slice_index : int
-        0 (bottom) to ``n_slices - 1``.
-
-    Raises
-    ------
-    InputError
-        If there is no such slice.
-    """
+    """Return the edges of what was cut from one slice, 0 at the bottom, as closed lines in mm."""
     segments = next(edge_segments(field, [slice_index]))
     loose = shapely.multilinestrings(np.asarray(shapely.linestrings(segments), object))
     return MultiLineString(list(shapely.get_parts(shapely.line_merge(loose))))
@@ -67,35 +55,15 @@ def filled(rings: MultiLineString) -> BaseGeometry:
 
 
 def contour(field: KerfField, slice_index: int) -> MultiPolygon:
-    """Return the metal removed from one slice as polygons in mm: the kerf.
-
-    Holes in a polygon are the metal the wire went round: the part, or the slug. Start holes and the air
-    outside the blank are not removed metal and do not belong to it.
-
-    Parameters
-    ----------
-    slice_index : int
-        0 (bottom) to ``n_slices - 1``.
-
-    Raises
-    ------
-    InputError
-        If there is no such slice.
-    """
+    """Return the metal removed from one slice as polygons in mm: the kerf."""
+    # holes in a polygon are the metal the wire went round: the part, or the slug. Start holes and the air
+    # outside the blank are not removed metal and do not belong to it
     area = filled(cut_edges(field, slice_index))
     return MultiPolygon(list(shapely.get_parts(area)))
 
 
 def without_specks(area: MultiPolygon, least_mm2: float) -> MultiPolygon:
-    """Return polygons and holes of at least an area: craters beside the kerf and crumbs of metal in it are left out.
-
-    Parameters
-    ----------
-    area : MultiPolygon
-        In mm, as `contour` returns it.
-    least_mm2 : float
-        What is smaller goes.
-    """
+    """Return polygons and holes of at least an area: without craters beside the kerf and crumbs of metal in it."""
     return MultiPolygon([
         Polygon(part.exterior, [hole for hole in part.interiors if Polygon(hole).area >= least_mm2])
         for part in area.geoms if Polygon(part.exterior).area >= least_mm2
@@ -103,11 +71,8 @@ def without_specks(area: MultiPolygon, least_mm2: float) -> MultiPolygon:
 
 
 def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[np.float64]]:
-    """Yield, for each of `slices`, the edges as loose segments: array (m, 2, 2) of ``[end, (x, y)]`` in mm.
-
-    What was cut lies to the left of every segment. Ends that meet are equal to the last bit.
-    Raises `InputError` for a slice that does not exist.
-    """
+    """Yield, for each of `slices`, the edges as loose segments: array (m, 2, 2) of ``[end, (x, y)]`` in mm."""
+    # what was cut lies to the left of every segment; ends that meet are equal to the last bit
     check_slices(field, slices)
     squares = _traced_tiles(field)
     stock = _stock_parts(field)
@@ -119,13 +84,8 @@ def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[n
 
 
 def metal_at(field: KerfField, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Metal fraction (0..1) at any points of all slices, bilinear between cell centres.
-
-    Returns
-    -------
-    array (n_slices, n)
-        Where no tile was ever allocated the wire has not been: that counts as metal.
-    """
+    """Metal fraction (n_slices, n) at any points of all slices, bilinear between cell centres."""
+    # where no tile was ever allocated the wire has not been: that counts as metal
     place = points_um / field.cell_um - 0.5
     cell = np.floor(place).astype(np.int64)
     share = place - cell

@@ -26,8 +26,7 @@ Floats = NDArray[np.float64]
 
 KERF_STEP_MM = 0.05
 KERF_CLEARANCE_MM = 0.5
-MAX_KERF_OVER_WIRE = 3.0
-"""Wider than this many wire diameters, a kerf was opened by another cut."""
+MAX_KERF_OVER_WIRE = 3.0  # wider than this many wire diameters, a kerf was opened by another cut
 
 
 @dataclass(frozen=True)

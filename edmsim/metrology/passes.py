@@ -1,4 +1,4 @@
-"""The wall after a pass: how far from the drawing it is, how straight over the height, and its ripples."""
+"""After a pass: its wall, how far from the drawing it is, how straight, its ripples; and pieces that come loose."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from edmsim.geometry import Polyline, arc_lengths, left_of
+from edmsim.metrology.edges import contour
 from edmsim.metrology.kerf import MAX_KERF_OVER_WIRE, wall_distance_um
 from edmsim.metrology.profile import BLANK_EDGE_MM, clear_of_steps, depth_in_blank, finite_mean, slice_heights_mm
 from edmsim.plant.workpiece.kerf_field import KerfField
@@ -18,54 +20,26 @@ from edmsim.program.passes import CutPass
 Floats = NDArray[np.float64]
 
 STEP_MM = 0.05
-CLEARANCE_MM = 0.4
-"""Nearer than this to a corner, or to either end of a pass, the wall is not looked at."""
-FEWEST_WAVES = 3
-"""Waves that must have been cut before a wavelength is reported (ours)."""
+CLEARANCE_MM = 0.4  # nearer than this to a corner, or to either end of a pass, the wall is not looked at
+FEWEST_WAVES = 3  # waves that must have been cut before a wavelength is reported (ours)
 
 
 @dataclass(frozen=True)
 class WallError:
-    """What of a wall a pass left, over the drawing: positive is metal left on the part.
+    """What of a wall a pass left, over the drawing: positive is metal left on the part."""
 
-    Attributes
-    ----------
-    places : int
-        Places along the pass that were measured.
-    mean_um : float
-        Over all places and heights; NaN where there are none, as all others then.
-    rms_um : float
-        Scatter about that mean.
-    slices_um : tuple of float
-        Mean at every height, from the lowest slice.
-    bow_um : float
-        Mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle.
-    straightness_um : float
-        From the lowest to the highest of the heights.
-    ripple_um : float
-        Scatter along the path of the mean over the height.
-    ripple_mm : float
-        Wavelength with the most of it; NaN where the pass is too short to tell.
-    """
-
-    places: int
-    mean_um: float
-    rms_um: float
-    slices_um: tuple[float, ...]
-    bow_um: float
-    straightness_um: float
-    ripple_um: float
-    ripple_mm: float
+    places: int  # places along the pass that were measured
+    mean_um: float  # over all places and heights; NaN where there are none, as all others then
+    rms_um: float  # scatter about that mean
+    slices_um: tuple[float, ...]  # mean at every height, from the lowest slice
+    bow_um: float  # mid height over the mean of both ends: positive for a wall that is convex, thicker in the middle
+    straightness_um: float  # from the lowest to the highest of the heights
+    ripple_um: float  # scatter along the path of the mean over the height
+    ripple_mm: float  # wavelength with the most of it; NaN where the pass is too short to tell
 
 
 def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diameter_um: float) -> WallError:
-    """Measure the wall on the part's side of a pass, across its path; a wall that leans square to itself.
-
-    Parameters
-    ----------
-    part_side : {"left", "right"}
-        Of the contour, looking along it.
-    """
+    """Measure the wall on the part's side of a pass, across its path; a wall that leans square to itself."""
     reach_um = MAX_KERF_OVER_WIRE * wire_diameter_um / 2
     left = (part_side == "left") != cut_pass.reversed
     line = _line_of(cut_pass.way.at_mid_height(), cut_pass)
@@ -74,7 +48,7 @@ def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diamet
         known = _looked_at(field, line, s_mm)
         s_mm = s_mm[known]
         if not len(s_mm):
-            return _unknown((math.nan,) * field.n_slices)
+            return unknown_wall((math.nan,) * field.n_slices)
         away_um, solid = _wall_um(field, line, s_mm, left, reach_um)
         return _summed(s_mm, np.where(solid, cut_pass.offset_um - away_um, np.nan))
     # of a leaning wire slice by slice, at the same shares of the length of its path
@@ -113,7 +87,8 @@ def _wall_um(
     return away_um, clear_of_steps(field, points) >= BLANK_EDGE_MM
 
 
-def _unknown(slices_um: tuple[float, ...]) -> WallError:
+def unknown_wall(slices_um: tuple[float, ...]) -> WallError:
+    """Return the error of a wall of which nothing is known but, perhaps, some slices."""
     return WallError(0, math.nan, math.nan, slices_um, math.nan, math.nan, math.nan, math.nan)
 
 
@@ -121,7 +96,7 @@ def _summed(s_mm: Floats, error_um: Floats) -> WallError:
     slices = finite_mean(error_um, axis=1)
     known = error_um[np.isfinite(error_um)]
     if not len(known):
-        return _unknown(tuple(slices.tolist()))
+        return unknown_wall(tuple(slices.tolist()))
     heights = slices[np.isfinite(slices)]
     along = finite_mean(error_um - slices[:, None], axis=0)
     ends = (heights[0] + heights[-1]) / 2
@@ -144,3 +119,38 @@ def _wavelength_mm(s_mm: Floats, along_um: Floats) -> float:
     spread = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values))))
     spread[:FEWEST_WAVES] = 0.0
     return len(values) * STEP_MM / int(spread.argmax())
+
+
+RIM_CELLS = 1.5
+"""How far beyond its outline a loose piece is taken, in cells: partly filled cells of its rim belong to it (ours)."""
+
+
+def loose_pieces(field: KerfField, least_mm2: float) -> list[shapely.Polygon]:
+    """Return the pieces of `least_mm2` that are cut all round in every slice that has them, in um on the table."""
+    holes = shapely.union_all([shapely.Point(x, y).buffer(r) for x, y, r in field.stock.holes_um])
+    found: shapely.Geometry | None = None
+    for number in range(field.n_slices):
+        cut_um = shapely.transform(contour(field, number), lambda mm: mm * 1e3).union(holes)
+        islands = [
+            shapely.Polygon(ring)
+            for part in shapely.get_parts(cut_um) if isinstance(part, shapely.Polygon)
+            for ring in part.interiors
+        ]  # fmt: skip
+        metal = shapely.union_all([island for island in islands if island.area >= least_mm2 * 1e6])
+        if field.relief is not None:  # what has no metal at this height holds nothing
+            metal = metal.union(field.relief.voids_um[number])
+        found = metal if found is None else found.intersection(metal)
+    pieces = [] if found is None else [p for p in shapely.get_parts(found) if isinstance(p, shapely.Polygon)]
+    gone = shapely.union_all(field.gone)
+    rim = RIM_CELLS * field.cell_um
+    return [
+        shapely.Polygon(piece.exterior).buffer(rim)
+        for piece in pieces
+        if piece.area >= least_mm2 * 1e6 and not gone.contains(piece.representative_point())
+    ]
+
+
+def lever_mm(piece: shapely.Polygon, last_um: tuple[float, float]) -> float:
+    """Return how far the piece's centre is from where it was held last: what it would tip about."""
+    x, y = piece.centroid.x, piece.centroid.y
+    return float(np.hypot(x - last_um[0], y - last_um[1])) * 1e-3

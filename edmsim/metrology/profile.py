@@ -22,10 +22,8 @@ from edmsim.program.taper import Ruled
 
 Floats = NDArray[np.float64]
 
-BLANK_EDGE_MM = 0.15
-"""Nearer than this to the blank's own side or start hole, that edge could be taken for the cut's."""
-GRAIN_UM = 12.0
-"""Metal (or a hole in it) thinner than this is a loose grain or sliver in the kerf, no wall."""
+BLANK_EDGE_MM = 0.15  # nearer than this to the blank's own side or start hole, that edge could be taken for the cut's
+GRAIN_UM = 12.0  # metal (or a hole in it) thinner than this is a loose grain or sliver in the kerf, no wall
 
 
 def wire_line(contour: WireContour) -> Polyline:
@@ -54,8 +52,7 @@ def clear_of_steps(field: KerfField, points_mm: Floats) -> Floats:
 PROFILE_STEP_MM = 0.02
 LEAD_IN_REACH_MM = 0.25
 """Arc length on both sides of the lead-in's end that may carry its witness mark: about one wire."""
-FRONT_MM = 0.25
-"""Nearer than this to where the cut stopped, the rounded front would be taken for the wall."""
+FRONT_MM = 0.25  # nearer than this to where the cut stopped, the rounded front would be taken for the wall
 FARTHEST_WALL_MM = 1.0
 NEAR_SEGMENTS = 8
 """Segments, those with the nearest middles, that are tried for the nearest wall: more cannot crowd there."""
@@ -246,8 +243,7 @@ def finite_mean(values: Floats, axis: int) -> Floats:
     return np.asarray(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0), np.float64)
 
 
-CORNER_REACH_MM = 0.15
-"""Arc length on both sides of a corner over which its error is taken."""
+CORNER_REACH_MM = 0.15  # arc length on both sides of a corner over which its error is taken
 
 
 class CornerError(TypedDict):
@@ -287,8 +283,7 @@ def corners(contour: WireContour, profile: ProfileError, min_turn_deg: float = 1
     return found
 
 
-_ROUND_MM = 0.003
-"""Points of an arc lie on its circle within this: chord tolerance and rounding (ours)."""
+_ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord tolerance and rounding (ours)
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
 
-EDGE_CORNER_DEG = 15.0
-"""A vertex of the drawn edge that turns by less is one of the chords of an arc (ours)."""
+EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is one of the chords of an arc (ours)
 
 
 @dataclass(frozen=True)

@@ -28,28 +28,17 @@ from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
 
-_JUMP_UM = 300.0
-"""Places of a way further apart than this are not joined (ours: a window is some um of way)."""
+_JUMP_UM = 300.0  # places of a way further apart than this are not joined (ours: a window is some um of way)
 
-SHARES = ("path", "planner", "drive", "wire", "gap")
-"""Names of the shares, in the order of `error_shares`."""
+SHARES = ("path", "planner", "drive", "wire", "gap")  # names of the shares, in the order of `error_shares`
 
 
 def error_shares(profile: ProfileError, contour: WireContour, ways_um: Sequence[Floats]) -> Floats:
-    """Split the profile error of one contour, whose offset is above 0.
-
-    Parameters
-    ----------
-    ways_um : three arrays (n, 2)
-        Ways of commanded position, guides and wire along the contour in order of time, at most some um between two
-        places; in um on the table.
-
-    Returns
-    -------
-    array (5, places)
-        Shares in um at ``profile.points_mm``, in the order of `SHARES`; positive where metal is left. They add up to
-        ``profile.mean_um``, and are NaN where that is, and everywhere for a contour that was not begun.
-    """
+    """Split the profile error of a contour, offset above 0, into `SHARES` (5, places) that add up to ``mean_um``."""
+    # ways are those of commanded position, guides and wire in order of time, in um on the table; all shares are
+    # NaN where the error is, and everywhere for a contour that was not begun
+    # ways are those of commanded position, guides and wire in order of time, in um on the table; all shares are
+    # NaN where the error is, and everywhere for a contour that was not begun
     points = profile.points_mm * 1000
     planned_um = contour.points_um.astype(np.float64)
     away = np.stack([_distance(points, _chords(planned_um)), *(_distance(points, _joined(way)) for way in ways_um)])
@@ -78,21 +67,9 @@ def _distance(points: Floats, chords: Floats) -> Floats:
 
 
 def share_stats(shares_um: Floats, error_um: Floats) -> dict[str, dict[str, float]]:
-    """Return for every share its ``mean``, ``rms``, ``max`` (of the magnitude) and ``of_mean_square``.
-
-    Parameters
-    ----------
-    shares_um : array (5, n)
-        Of one contour or of several, one behind the other; see `error_shares`.
-    error_um : array (n,)
-        The error they add up to.
-
-    Returns
-    -------
-    dict
-        By the names of `SHARES`, in um; ``of_mean_square`` is the mean of share times error over that of the error's
-        square: these add up to 1, and one that makes up for others is negative. All are NaN if nothing was measured.
-    """
+    """Return for every share its ``mean``, ``rms``, ``max`` (of the magnitude) and ``of_mean_square``."""
+    # the last is the mean of share times error over that of the error's square: these add up to 1, and one that
+    # makes up for others is negative
     known = np.isfinite(shares_um).all(axis=0)
     shares, error = shares_um[:, known], error_um[known]
     if not len(error):
@@ -108,33 +85,22 @@ def share_stats(shares_um: Floats, error_um: Floats) -> dict[str, dict[str, floa
 
 
 _PATH = PLACES.index(PATH)
-_NEAR_MM = 1e-3
-"""The tangent at a point is that between places so far to its sides (ours)."""
+_NEAR_MM = 1e-3  # the tangent at a point is that between places so far to its sides (ours)
 
 
 @dataclass(frozen=True)
 class TableError:
-    """Displacement of a part's wall by the table at the points of a `ProfileError`, positive where metal is left.
+    """Displacement of a part's wall by the table at the points of a `ProfileError`, positive where metal is left."""
 
-    Attributes
-    ----------
-    without_um : array (n,)
-        With the table alone.
-    left_um : array (n,)
-        With the compensation that was in force; the same if there was none.
-    """
-
-    without_um: Floats
-    left_um: Floats
+    without_um: Floats  # (n,): with the table alone
+    left_um: Floats  # (n,): with the compensation that was in force; the same if there was none
 
 
 def table_error(
     machine: Machine, contour: WireContour, profile: ProfileError, elcam: Elcam | None, start_um: float = 0.0
 ) -> TableError:
-    """Return what the table contributes to a profile error, by its errors where the wire passes.
-
-    The table is taken as it comes to rest there, backlash left out. Before the contour lie `start_um` of path.
-    """
+    """Return what the table contributes to a profile error, by its errors where the wire passes."""
+    # the table is taken as it comes to rest there, backlash left out; before the contour lie `start_um` of path
     line = Polyline(contour.nominal_mm, contour.closed)
     towards_left = left_of(line.tangent(profile.s_mm, _NEAR_MM))
     away = -towards_left if contour.part_side == "left" else towards_left
@@ -166,11 +132,9 @@ class MotorOffsets(NamedTuple):
 
 
 def motor_offsets_um(machine: Machine, motors_um: Floats, path_um: Floats, elcam: Elcam | None) -> MotorOffsets:
-    """Return by how much motors at some places (n, 2) are off the program and off where the table truly is.
-
-    The compensation is that of the motors' places, which differ from the program's by itself only, and of the lengths
-    of path (n,) at which they were there.
-    """
+    """Return by how much motors at some places (n, 2) are off the program and off where the table truly is."""
+    # the compensation is that of the motors' places, which differ from the program's by itself only, and of the
+    # lengths of path (n,) at which they were there
     table = StillTable(machine, nuts=False)
     by_path = elcam is not None and any(_PATH in (one.master, one.row_axis) for one in elcam.tables.values())
     states = np.column_stack([motors_um, path_um if by_path else np.zeros(len(motors_um))])

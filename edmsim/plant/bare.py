@@ -19,26 +19,7 @@ def pass_window(
     state: NDArray[np.void], window: NDArray[np.void], drives: Drives, timing: Timing, events: NDArray[np.int64],
     step_um: float, pulses: int,
 ) -> None:
-    """Let pulses pass that find no wire: open ones, of the longest wait there is.
-
-    The axes take their steps as in a rapid (`edmsim.plant.axes.rapid`).
-
-    Parameters
-    ----------
-    state, window : record arrays (1,)
-        A plant's scalars (`STATE`), whose time goes on, and its window (`WINDOW`), which is filled.
-    timing : Timing
-        The generator's setting.
-    step_um : float
-        Travel of a motor step.
-    pulses : int
-        How many.
-
-    Raises
-    ------
-    InputError
-        An event is invalid, or out of order.
-    """
+    """Let pulses pass that find no wire, open ones of the longest wait; the axes take their steps as in a rapid."""
     if wrong := wrong_step(events, int(state["time_ns"][0]), drives.axes.loops > 0):
         raise InputError(wrong)
     period_ns = timing.period_ns

@@ -53,12 +53,10 @@ CARVE_BEFORE_UM, CARVE_BEFORE_SPACINGS = 12.0, 0.75
 nearer, the more the further they are apart, and what is not reached stays in the kerf."""
 LEAST_ENERGY_J = 1e-9
 """Energy of a discharge below which its gas has no life to speak of (ours); a generator switched off has none."""
-LEAST_PARTICLE_UM = 0.05
-"""Debris is taken to be no finer than this in the mean (ours: it then ignites nothing)."""
+LEAST_PARTICLE_UM = 0.05  # debris is taken to be no finer than this in the mean (ours: it then ignites nothing)
 JET_REACH_MM = 3.0
 """A jet has turned into the kerf over this height from the face, half of a nozzle's usual bore (ours)."""
-PRIMED_SPAN = 3.0
-"""The chance of a primed site ends this many widths above the critical gap."""
+PRIMED_SPAN = 3.0  # the chance of a primed site ends this many widths above the critical gap
 
 
 def _patch_m2(machine: Machine, res: Resolution) -> float:

@@ -16,34 +16,11 @@ from edmsim.plant.kernel.memory import CALL
 from edmsim.plant.kernel.state import BROKEN, NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
 from edmsim.plant.plant import Plant
 
-_LEAST_PLANTS = 4
-"""Plants a thread is woken for, at the least (ours): to wake it takes a good part of a window."""
+_LEAST_PLANTS = 4  # plants a thread is woken for, at the least (ours): to wake it takes a good part of a window
 
 
 class Fleet:
-    """Plants of one resolution, each at its own work.
-
-    A plant's bits depend neither on how many there are nor on the number of threads.
-
-    Parameters
-    ----------
-    plants : sequence of Plant
-        They belong to the fleet from now on: their scalars move into its arrays.
-    threads : int
-        Threads that share a call; 1 or more.
-
-    Attributes
-    ----------
-    states : (n,) `STATE`
-        Scalars of every plant.
-    windows : (n,) `WINDOW`
-        What happened in every plant's last window.
-
-    Raises
-    ------
-    InputError
-        If there are no plants, or their resolutions or mechanics differ.
-    """
+    """Plants of one resolution and mechanics; the bits of one depend on neither their number nor the threads."""
 
     def __init__(self, plants: Sequence[Plant], threads: int = 1) -> None:
         kinds = {(plant.resolution, plant.mechanics) for plant in plants}
@@ -51,8 +28,8 @@ class Fleet:
             raise InputError("a fleet needs plants of one resolution and one mechanics")
         self.plants = list(plants)
         self.threads = threads
-        self.states: NDArray[np.void] = np.zeros(len(plants), STATE)
-        self.windows: NDArray[np.void] = np.zeros(len(plants), WINDOW)
+        self.states: NDArray[np.void] = np.zeros(len(plants), STATE)  # (n,) `STATE` of every plant
+        self.windows: NDArray[np.void] = np.zeros(len(plants), WINDOW)  # (n,) `WINDOW`: every plant's last
         self._addresses = np.zeros(len(plants), np.int64)
         for i, plant in enumerate(plants):
             self.replace(i, plant)
@@ -65,35 +42,13 @@ class Fleet:
         self._addresses[i] = plant.address
 
     def advance(
-        self, lanes: NDArray[np.int64], steps: NDArray[np.int64], counts: NDArray[np.int64]
+        self, indices: NDArray[np.int64], steps: NDArray[np.int64], counts: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """Fire 255 pulses in some of the plants.
-
-        Parameters
-        ----------
-        lanes : int64 (m,)
-            The plants that take part.
-        steps : int64 (n, most, 3), C-contiguous
-            Motor steps of every plant (see `Plant.advance`).
-        counts : int64 (n,)
-            How many of them each plant makes.
-
-        Returns
-        -------
-        int64 (m,)
-            How each window ended: `state.FINE`, or what `Plant.left_validity` tells of.
-
-        Raises
-        ------
-        InputError
-            If a step is invalid, or out of order.
-        WireBrokenError
-            If the wire of one of them broke in a window before.
-        """
-        calls = np.empty((len(lanes), CALL), np.int64)
-        calls[:, 0] = self._addresses[lanes]
-        calls[:, 1] = steps.ctypes.data + lanes * steps.strides[0]
-        calls[:, 2] = counts[lanes]
+        """Fire 255 pulses in plants (m,), with `counts` (n,) `steps` (n, most, 3); returns how windows ended."""
+        calls = np.empty((len(indices), CALL), np.int64)
+        calls[:, 0] = self._addresses[indices]
+        calls[:, 1] = steps.ctypes.data + indices * steps.strides[0]
+        calls[:, 2] = counts[indices]
         calls[:, 3] = WINDOW_PULSES
         self._fire(calls)
         status = calls[:, 4]
@@ -102,14 +57,14 @@ class Fleet:
         lacking = np.flatnonzero(status == NO_TILES)
         if len(lacking):
             for k in lacking:
-                self.plants[lanes[k]].make_tiles()
+                self.plants[indices[k]].make_tiles()
             again = calls[lacking]
             self._fire(again)
             calls[lacking] = again
         if np.any((status == STEP_WRONG) | (status == STEP_EARLY)):
             raise InputError("a motor step has a wrong axis or direction, or is out of order")
         for k in np.flatnonzero(status == BROKEN):
-            plant = self.plants[lanes[k]]
+            plant = self.plants[indices[k]]
             raise plant.left_validity(BROKEN, plant.window())
         return status
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -15,14 +16,18 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant import constants
 from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives
 from edmsim.plant.axes.faults import FAULTS
+from edmsim.plant.axes.trips import reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.bare import pass_window
+from edmsim.plant.gap.equalising import OppositePulses, opposite_pulses
+from edmsim.plant.gap.rays import Rays
 from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
 from edmsim.plant.kernel.state import (
     BARE,
     BROKEN,
     FINE,
+    GRID,
     NO_TILES,
     PULSE,
     STATE,
@@ -33,10 +38,10 @@ from edmsim.plant.kernel.state import (
     Arrays,
     Propagators,
     Scratch,
+    Timing,
 )
 from edmsim.plant.mechanics.model import ModalModel
 from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
-from edmsim.plant.readings import PlantReadings
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.settings import GeneratorSettings
@@ -50,8 +55,7 @@ if TYPE_CHECKING:
 
     from edmsim.machine.machine import Machine
 
-MECHANICS = ("modal", "mujoco")
-"""Integrators of table and wire."""
+MECHANICS = ("modal", "mujoco")  # integrators of table and wire
 _OF_WIRE, _CHANGING = lasting(Arrays, CHANGING), lasting(Arrays, WALL, CHANGING)
 _NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
 
@@ -69,7 +73,7 @@ def shapes() -> list[tuple[int, int, int, bool]]:
     ]
 
 
-class Plant(PlantReadings):
+class Plant:
     """A wire-EDM machine at work.
 
     Parameters
@@ -77,23 +81,22 @@ class Plant(PlantReadings):
     machine : Machine
         The set-up.
     seed : int
-        Same seed, same set-up, same motion: same bits.
+        The same seed, set-up and motion give the same result, bit for bit.
     stock : Stock, optional
-        The workpiece; without one, a block with a straight edge just in front of the wire (towards +x).
+        The workpiece; by default a block with a straight edge just in front of the wire (towards +x).
     position_um : sequence of float, optional
-        Where the wire starts: x and y on the table, whose middle it is if not given, and u and v, if they are not 0.
+        Start position of the wire: x and y on the table, by default its middle, and u and v, by default 0.
     resolution : {"fast", "default", "fine"} or Resolution
     mechanics : {"modal", "mujoco"}
-        What moves table and wire: the exact propagation of their modes, or MuJoCo stepping the full model, whose
-        motors can lose steps and whose ways rub.
+        Mechanics of table and wire: the exact propagation of their modes, or MuJoCo with the full model, with lost
+        steps and friction.
     drives : mapping of str to drive, optional
-        By axis, ``x y u v`` (see `edmsim.controllers.axis`); an axis that is not named has a stepper. The plant
-        works with copies of them.
+        By axis, ``x y u v`` (see `edmsim.controllers.axis`); other axes have a stepper. The plant uses copies.
 
     Attributes
     ----------
     drives : dict of str to drive
-        The plant's own drives by axis: their records change with it, parameters may be written between windows.
+        The plant's own drives by axis: you may write their parameters between windows.
 
     Examples
     --------
@@ -202,14 +205,14 @@ class Plant(PlantReadings):
         self, seed: int, *, stock: Stock | None = None, position_um: Sequence[float] | None = None,
         machine: Machine | None = None,
     ) -> None:
-        """Start again at rest: fresh workpiece and wire, the generator on, at the setting of the first machine.
+        """Reset to rest: new workpiece and wire, the generator on, at the setting of the first machine.
 
         Parameters
         ----------
         seed, stock, position_um
             See `Plant`.
         machine : Machine, optional
-            Another set-up to go on with, as a plant made with it would, with fresh copies of the drives given.
+            Another set-up, as for a new plant, with new copies of the given drives.
         """
         if machine is not None:
             self._set_up(machine, self._drives.options)
@@ -232,10 +235,10 @@ class Plant(PlantReadings):
         constants.stand_upright(self._arrays)
 
     def change_setup(self, machine: Machine) -> None:
-        """Go on with another setting of the same machine, as from one pass to the next.
+        """Continue with another setting of the same machine, as for the next pass.
 
-        Metal, clock, axes and the stream of random draws stay. The generator is on at the new machine's setting; the
-        wire hangs at rest under its new tension, in water that is clean again.
+        Metal, clock, axes and the random generator stay. The pulse generator is on at the new setting; the wire is at
+        rest under its new tension, in clean water.
 
         Parameters
         ----------
@@ -245,7 +248,7 @@ class Plant(PlantReadings):
         Raises
         ------
         InputError
-            It differs in what cannot change during a cut: machine, wire, material or height.
+            If machine, wire, material or height differ: they cannot change during a cut.
         """
         first = self._first_machine
         for name in ("base", "wire", "wire_diameter_um", "material", "height_mm"):
@@ -262,12 +265,12 @@ class Plant(PlantReadings):
             self._model.restore(lost)
 
     def drift(self, machine: Machine) -> None:
-        """Go on with water that has become another in the course of a cut: nothing else changes, nothing is at rest.
+        """Change the water during a cut; nothing else changes or comes to rest.
 
         Parameters
         ----------
         machine : Machine
-            That of the plant but for its dielectric and the pressures of its nozzles; the pulses stay those in force.
+            The plant's, with another dielectric and other nozzle pressures; the present pulse setting stays.
         """
         now = self.machine
         self._first_machine = machine
@@ -294,26 +297,26 @@ class Plant(PlantReadings):
     def switch_generator(self, on: bool) -> None:
         """Run or stop the generator from the next window on.
 
-        Stopped, windows keep their length and table and wire move, but there is neither voltage nor current: what a
-        window then counts are moments without a pulse, shorts where the wire touches.
+        With the generator stopped, windows keep their length and table and wire move, without voltage or current. A
+        window then counts opens, and shorts where the wire touches.
         """
         self._set(self.machine.t_on_us, self.machine.t_period_us, on)
 
     def rethread(self, position_um: Sequence[float], duration_ns: int) -> float:
-        """Cut the wire, move to another place with the generator off, and thread a fresh wire there.
+        """Cut the wire, move to another place with the generator off, and thread a new wire there.
 
         Parameters
         ----------
         position_um : sequence of float
-            Of x and y, and of u and v, if they move as well. An axis whose drive has a loop goes to the nearest whole
-            step, at the table's rapid speed.
+            Of x and y, and of u and v, if they move as well. An axis whose drive has a loop moves to the nearest
+            whole step, at the table's rapid speed.
         duration_ns : int
-            For moving and threading. If such an axis is not in place by then, the time goes on until it is.
+            For moving and threading. It is extended until such an axis is in place.
 
         Returns
         -------
         float
-            How long (s) axes would take that are not waited for, as they take too long; 0 if there are none.
+            Time (s) of axes that are too slow to wait for; 0 if there are none.
         """
         table_q, table = self._arrays.table_q.copy(), self.machine.base.table
         step_um, rapid_um_s = table.step_um.value, table.rapid_um_s.value
@@ -325,12 +328,12 @@ class Plant(PlantReadings):
         return late_s
 
     def take_metal(self, metal: KerfField) -> None:
-        """Go on with a copy of the metal that another cut left, of as many slices and as large cells.
+        """Continue with a copy of the remaining metal of another cut, with as many slices and as large cells.
 
         Raises
         ------
         InputError
-            It has others.
+            If slices or cells differ.
         """
         own = self.field
         if (metal.n_slices, metal.cell_um, metal.index.shape) != (own.n_slices, own.cell_um, own.index.shape):
@@ -343,7 +346,7 @@ class Plant(PlantReadings):
         self._state["traces"] = 0
 
     def take_out(self, piece: shapely.Polygon) -> float:
-        """Take a loose piece of metal out of the workpiece, in every slice; return how much it was in mm3.
+        """Remove a loose piece of metal from the workpiece, in every slice; return its volume in mm3.
 
         Parameters
         ----------
@@ -356,27 +359,25 @@ class Plant(PlantReadings):
         return taken_um2 * self._constants.slice_um * 1e-9
 
     def break_axis(self, axis: str, fault: str) -> None:
-        """Let an axis whose drive has a loop have a fault, one of `edmsim.plant.axes.faults.FAULTS`."""
+        """Give an axis whose drive has a loop a fault of `edmsim.plant.axes.faults.FAULTS`."""
         FAULTS[fault](self._drives.axes, AXIS_NAMES.index(axis))
 
     def watch_pulses(self) -> None:
-        """From the next window on, keep what every pulse was (`last_pulses`); the cut stays the same to the bit."""
+        """Record every pulse from the next window on (`last_pulses`); the cut stays the same, bit for bit."""
         self._pulses = np.zeros(WINDOW_PULSES, PULSE)
         self._memory.put_own(pulses=self._pulses)
 
-    def advance(
-        self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = WINDOW_PULSES
-    ) -> PulseWindow:
+    def advance(self, steps: Sequence[tuple[int, int, int]] = (), pulses: int = WINDOW_PULSES) -> PulseWindow:
         """Fire 255 pulses, or fewer.
 
         Parameters
         ----------
         steps : sequence of (time_ns, axis, direction)
             Motor steps of the window in order of time: machine time in ns, 0 for x, 1 for y, 2 for u, 3 for v,
-            +1 or -1. To a drive with a loop a step is an edge at its input. Where there is one, 4, 5 and 6 are the
-            drives' input lines stop, fault and enable, and the number behind is the line's level, 0 or 1.
+            +1 or -1. For a drive with a loop a step is an edge at its input; then 4, 5 and 6 are the drives' input
+            lines stop, fault and enable, and the last number is the line's level, 0 or 1.
         pulses : int
-            1 to 255. Craters are carved at a window's end, so the same pulses in shorter windows have other bits.
+            1 to 255. Craters are carved at a window's end: the same pulses in shorter windows give other results.
 
         Returns
         -------
@@ -385,10 +386,9 @@ class Plant(PlantReadings):
         Raises
         ------
         InputError
-            If a step has another axis or direction, or lies in the past or out of order; or a window has no such
-            number of pulses.
+            If a step has another axis or direction or is in the past or out of order, or if `pulses` is out of range.
         PlantError
-            If the wire broke in a window before (`WireBrokenError`), or the model left the range it holds for
+            If the wire broke in an earlier window (`WireBrokenError`), or the model left its valid range
             (`WireLostError`, `WireInMetalError`, `NotFiniteError`).
         """
         if not 1 <= pulses <= WINDOW_PULSES:
@@ -419,27 +419,27 @@ class Plant(PlantReadings):
         return window
 
     def go_bare(self) -> None:
-        """Go on without the wire, which broke: its sensor did not see it.
+        """Continue without a wire after a break that its sensor missed.
 
-        Until `rethread` or `reset`, all pulses of a window are open, and the axes take their steps as in a rapid.
+        Until `rethread` or `reset`, all pulses of a window are open, and the axes move as in a rapid.
         """
         self._state["broken"] = BARE
 
     def advance_pulse(self, steps: Sequence[tuple[int, int, int]] = ()) -> PulseWindow:
-        """Fire one pulse, to look at pulses one by one; whether the wire breaks is not looked at.
+        """Fire one pulse, for studies of single pulses; breaks of the wire are not checked.
 
-        The window's end comes after every pulse then, and its crater is carved each time. That is slower, and
-        differs in bits from the same pulses in windows of 255.
+        Every pulse is a window with its crater carved at the end. This is slower, and the results differ from those
+        of the same pulses in windows of 255.
 
         Parameters
         ----------
         steps : sequence of (time_ns, axis, direction)
-            Motor steps of the pulse's period, as `advance` takes them.
+            Motor steps of the pulse's period, as for `advance`.
 
         Returns
         -------
         PulseWindow
-            Of the one pulse; its deflection is the wire's when the pulse began.
+            Of the one pulse; its deflection is the wire's at the pulse's begin.
 
         Raises
         ------
@@ -483,7 +483,7 @@ class Plant(PlantReadings):
         self._memory.put_own(tiles=self.field.tiles, tile_index=self.field.index, levels=self.field.levels)
 
     def window(self) -> PulseWindow:
-        """Return what happened in the last window.
+        """Return the last window.
 
         Raises
         ------
@@ -493,7 +493,7 @@ class Plant(PlantReadings):
         return read_window(self._window_bytes)
 
     def left_validity(self, status: int, window: PulseWindow) -> PlantError:
-        """Return the error that tells how a window left the model's range."""
+        """Return the error for a window that left the model's range."""
         return left_validity(status, window, self.time_ns * 1e-9, self.commanded_um)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
@@ -508,7 +508,7 @@ class Plant(PlantReadings):
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take back a `snapshot` of a plant of the same set-up and resolution; a damaged one is an `InputError`."""
+        """Load a `snapshot` of a plant with the same set-up and resolution; a damaged one raises `InputError`."""
         check_snapshot(state, self.snapshot(), self._sizes)
         self._drives.check(state, int(state["state"]["time_ns"][0]))
         t_on, t_period, on = (float(v) for v in state["setting"])
@@ -541,3 +541,174 @@ class Plant(PlantReadings):
         self._window[:] = state["window"]
         self._pulses = state["pulses"].copy()
         self._memory.put_own(pulses=self._pulses)
+
+    def __repr__(self) -> str:
+        """Say what is set up, and where and when it is."""
+        res, (x, y) = self.resolution, self.commanded_um
+        generator = "on" if self.generator_on else "off"
+        return (
+            f"<Plant of {self.machine!r}\n"
+            f"  {self.mechanics}, {res.slices} slices x {res.rays} rays x {res.modes} modes\n"
+            f"  at X {x / 1e3:.3f} Y {y / 1e3:.3f} mm on the table after {self.time_ns * 1e-9:.3f} s and "
+            f"{self.pulses} pulses, generator {generator}>"
+        )
+
+    @property
+    def time_ns(self) -> int:
+        """Machine time in ns."""
+        return int(self._state["time_ns"][0])
+
+    @property
+    def pulses(self) -> int:
+        """Pulses fired so far."""
+        return int(self._state["pulses"][0])
+
+    @property
+    def commanded_um(self) -> tuple[float, float]:
+        """Setpoint of x and y: the position that the motor steps add up to."""
+        x, y = self._state["commanded_um"][0, :2]
+        return float(x), float(y)
+
+    @property
+    def lead_um(self) -> tuple[float, float]:
+        """Setpoint of u and v: by how much the upper guide is to lead the lower one."""
+        u, v = self._state["commanded_um"][0, 2:]
+        return float(u), float(v)
+
+    @property
+    def axes_um(self) -> tuple[float, float, float, float]:
+        """Where the axes x, y, u, v are, less what the table rings after motor steps."""
+        x, y, u, v = self._state["axis_um"][0]
+        return float(x), float(y), float(u), float(v)
+
+    @property
+    def place_um(self) -> tuple[float, float]:
+        """Where the axes really are: the position counter knows neither of ringing nor of lost steps (row T-19)."""
+        x, y = self._state["axis_um"][0, :2] + (self._arrays.table_shape * self._arrays.table_q).sum(axis=1)
+        return float(x), float(y)
+
+    @property
+    def machine(self) -> Machine:
+        """The set-up, with the pulse setting in force."""
+        return self._setting.machine
+
+    @property
+    def generator_on(self) -> bool:
+        """Whether the generator runs; a fresh plant's does."""
+        return self._setting.on
+
+    @property
+    def following_error_um(self) -> tuple[float, float]:
+        """How far x and y are behind their commanded position; nil under a stepper, which nobody looks after."""
+        return self.following_error_in_um(self._state[0])
+
+    def following_error_in_um(self, state: np.void) -> tuple[float, float]:
+        """Return the following error that a record of `STATE` of this plant tells, also a former one."""
+        x, y = state["commanded_um"][:2] - state["indicated_um" if self._drives.axes.errs else "axis_um"][:2]
+        return float(x), float(y)
+
+    @property
+    def drive_faults(self) -> int:
+        """Which axes have to stop: bit 0 for x, 1 for y, 2 for u, 3 for v.
+
+        Its drive reports a fault, or commands what is not a share of its supply; or the table is further from where
+        its steps lead it than the wire's radius, so that the wire does not touch its path any more.
+        """
+        return self._drives.faults()
+
+    @property
+    def fault_reason(self) -> str:
+        """Why the axes of `drive_faults` have to stop, in words; nothing if there are none."""
+        return reason(self._drives)
+
+    @property
+    def away_um(self) -> NDArray[np.float64]:
+        """How far x, y, u and v are from where their steps lead them; 0 under a stepper, which nobody looks after."""
+        return self._drives.away_um(self._state)
+
+    def reason_of_delay(self, late_s: float) -> str:
+        """Say which axes are not in place, if any, and what keeps them; they would take so long (s) to be."""
+        return "" if self.in_place else reason_of_delay(self._drives, self.away_um, self._constants.step_um, late_s)
+
+    @property
+    def in_place(self) -> bool:
+        """Whether all axes whose drives have a loop are within a step of where their steps lead them."""
+        return bool(np.all(self.away_um <= self._constants.step_um))
+
+    @property
+    def own_step_um(self) -> dict[str, float]:
+        """What a step edge asks an axis' drive to move its table by, for every axis whose drive has a loop."""
+        return {name: self._drives.step_um(k) for k, name in enumerate(AXIS_NAMES) if self._drives.has_loop(k)}
+
+    @property
+    def window_ns(self) -> int:
+        """Duration of a window at the present setting; 0 where the period varies (row T-42)."""
+        return WINDOW_PULSES * self._setting.timing.period_ns
+
+    @property
+    def longest_window_ns(self) -> int:
+        """Upper bound of a window's duration at the present setting."""
+        return self.window_ns or WINDOW_PULSES * math.ceil(self._setting.timing.grid_us * GRID * 1e3)
+
+    @property
+    def removed_mm3(self) -> float:
+        """Metal removed so far: what is carved from the kerf field, and what waits for it on the rays."""
+        return float(self.field.removed_um2 + self._arrays.pending_um2.sum()) * self._constants.slice_um * 1e-9
+
+    @property
+    def craters_mm3(self) -> float:
+        """Metal the discharges removed so far, added up crater by crater."""
+        s = self._state[0]
+        pending_um3 = float(self._arrays.carry_um2.sum()) * self._constants.slice_um
+        return float(s["crater_um3"] - s["missed_um3"] - pending_um3) * 1e-9
+
+    @property
+    def broken_height_mm(self) -> float:
+        """Height above the workpiece's lower face at which the wire broke."""
+        middle = float(self._state["broken_slice"][0]) + 0.5
+        return middle * self._constants.slice_um * 1e-3
+
+    def deflections_um(self) -> NDArray[np.float64]:
+        """Deflection of the wire now, (slices, 2): x and y from the line between the guides."""
+        return self._arrays.shape @ self._arrays.wire_q.T
+
+    def coverage(self) -> NDArray[np.float64]:
+        """Share of the wire's front that gas covers now, (slices,) from the lowest: 0 to 1."""
+        return self._arrays.covered[: len(self._arrays.debris)].copy()
+
+    def rays(self) -> Rays:
+        """Every slice's rays as the loop sees them: as they were traced, less what craters took since."""
+        return Rays(*(getattr(self._arrays, name).copy() for name in Rays._fields))
+
+    @property
+    def timing(self) -> Timing:
+        """The generator's present setting as the loop has it: voltages, currents, times."""
+        return self._setting.timing
+
+    def leakage_S(self) -> float:
+        """Return the conductance of the water between wire and metal, by the rays as they are; 0 without a wire."""
+        if self._state["broken"][0] == BARE:
+            return 0.0
+        reach_um = np.maximum(self._arrays.distance[:, : self._arrays.edge_um.shape[1]], 1.0)
+        return float((1.0 / reach_um.astype(np.float64)).sum()) * self._constants.leak_S_um
+
+    def opposite_pulses(self) -> OppositePulses | None:
+        """Return the equalising pulses of the last window, fired at the present setting; None without a supply."""
+        circuit = self.machine.generator.equalising if self.generator_on else None
+        if circuit is None:
+            return None
+        return opposite_pulses(read_window(self._window_bytes), self.timing, circuit, self.leakage_S())
+
+    def last_pulses(self) -> NDArray[np.void]:
+        """Return the pulses of the last window as rows of `state.PULSE`, (n,); none if they are not watched."""
+        fired = sum(self._window["counts"][0].tolist()) if len(self._pulses) else 0
+        # as bytes: numpy copies records field by field, which takes twenty times as long
+        return self._pulses.view(np.uint8)[: fired * PULSE.itemsize].copy().view(PULSE)
+
+    def walls_um(self, slice_index: int) -> tuple[tuple[float, float], NDArray[np.float32]]:
+        """Return where a slice's wire was when its rays were last traced, and every ray's gap then (rays,).
+
+        Ray ``k`` looks along the angle ``2 pi k / rays``; one that met no metal within reach has a gap beyond 1e6.
+        """
+        x, y = self._arrays.reference_um[:, slice_index]
+        return (float(x), float(y)), self._arrays.edge_um[slice_index].copy()

@@ -9,29 +9,20 @@ from edmsim.errors import InputError, one_of
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely the plant is resolved.
+    """How finely the plant is resolved."""
 
-    Attributes
-    ----------
-    slices, rays, modes : int
-        Slices of the workpiece's height, rays around the wire, modes of the wire in each plane.
-    cell_um : float
-        Side of a cell of the kerf field: small against the gap, large enough for a few MB per 10 mm.
-    film_from_um : float
-        Front gap in the kerf below which a slice's own film is followed pulse by pulse; the mean film of all slices
-        damps the wire at any gap.
-    film_spans : int
-        Spans into which the time from a discharge to the period's end is cut where a slice's own film is followed.
-    trace_windows : int
-        Windows after which what fell on the rays is carved from the field and they are traced again.
-    """
-
+    # slices of the workpiece's height, rays around the wire, modes of the wire in each plane
     slices: int
     rays: int
     modes: int
+    # side of a cell of the kerf field: small against the gap, large enough for a few MB per 10 mm
     cell_um: float = 4.0
+    # front gap in the kerf below which a slice's own film is followed pulse by pulse; the mean film of all slices
+    # damps the wire at any gap
     film_from_um: float = 12.0
+    # spans into which the time from a discharge to the period's end is cut where a slice's own film is followed
     film_spans: int = 1
+    # windows after which what fell on the rays is carved from the field and they are traced again
     trace_windows: int = 1
 
 

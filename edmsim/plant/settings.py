@@ -14,8 +14,7 @@ from edmsim.plant.resolution import Resolution
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
 
-_MOST = 128
-"""Settings that are kept, some 10 kB each; a knob with detents comes back to them."""
+_MOST = 128  # settings that are kept, some 10 kB each; a knob with detents comes back to them
 
 
 class GeneratorSetting(NamedTuple):
@@ -29,13 +28,7 @@ class GeneratorSetting(NamedTuple):
 
 
 class GeneratorSettings:
-    """The settings of one machine.
-
-    Parameters
-    ----------
-    machine : Machine
-        At its first setting.
-    """
+    """The settings of one machine."""
 
     def __init__(self, machine: Machine, resolution: Resolution) -> None:
         self._machine, self._resolution = machine, resolution

@@ -16,27 +16,11 @@ from edmsim.plant.workpiece.kerf_field import FULL
 
 _Snapshot = Mapping[str, NDArray[Any]]
 
-_MOST = 1 << 62
-"""Counts and times (ns) stay below this: a hundred years."""
+_MOST = 1 << 62  # counts and times (ns) stay below this: a hundred years
 
 
 def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None:
-    """Refuse what is not a snapshot of a plant.
-
-    Parameters
-    ----------
-    state : mapping of str to array
-        What claims to be one.
-    like : mapping of str to array
-        One of the same plant.
-    sizes : ArraySizes
-        Of that plant.
-
-    Raises
-    ------
-    InputError
-        An array is missing or of another shape or type, holds what is not a number, or leads beyond another array.
-    """
+    """Refuse what is not a snapshot of a plant: an array is missing, unlike `like`'s, or leads beyond another."""
     for name, own in like.items():
         stored = state.get(name)
         rows = slice(1, None) if name in ("field.tiles", "field.gone") else slice(None)

@@ -151,9 +151,7 @@ def read_window(row: memoryview) -> PulseWindow:
     )
 
 
-def left_validity(
-    status: int, window: PulseWindow, time_s: float, commanded_um: tuple[float, float]
-) -> PlantError:
+def left_validity(status: int, window: PulseWindow, time_s: float, commanded_um: tuple[float, float]) -> PlantError:
     """Return the error that tells why a window did not begin, or how, when and where it left the model's range."""
     if status == BROKEN:
         reason = "the wire is broken: thread a new one (Plant.rethread), or begin again (Plant.reset)"

@@ -15,54 +15,30 @@ from edmsim.compiled.elementary import exponential
 from edmsim.compiled.jit import compiled
 from edmsim.plant.kernel.state import Array, Arrays
 
-VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12
-"""CODATA 2018."""
-VACUUM_PERMEABILITY_N_A2 = 1.25663706212e-6
-"""CODATA 2018."""
+VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12  # CODATA 2018
+VACUUM_PERMEABILITY_N_A2 = 1.25663706212e-6  # CODATA 2018
 
 
 class HeatLaw(NamedTuple):
-    """Rates of the wire's heat balance in one slice.
+    """Rates of the wire's heat balance in one slice."""
 
-    Attributes
-    ----------
-    kelvin_per_J : float
-        Temperature rise of a slice's wire per joule.
-    cooling_m2K_J : float
-        Cooling per us of a slice's wire per W/(m2 K): its surface over its heat capacity, times 1e-6.
-    conduction_per_us : float
-        Exchange with each neighbour.
-    run_per_us : float
-        Share of a slice's wire replaced by the next one's per us (wire running speed over slice height).
-    joule_K_per_A2_us : float
-        Rise per ampere squared and us of the current in the slice, at the water's temperature.
-    resistance_per_K : float
-        Relative rise of the wire's resistivity per kelvin.
-    water_K : float
-        Temperature of the water that is not at the wire, and of the wire that enters.
-    boiling_K, superheat_K, film_W_m2K : float
-        Where water boils on the wire, and the boiling curve from there on (see `heat_transfer_W_m2K`).
-    dry_share : float
-        Share of the heat transfer that gas all around the front takes away.
-    melting_K : float
-        The wire gets no hotter.
-    spot_K_m_J, spot_m2, spreading_m2_us : float
-        Where discharges have heated one place: the rise of a metre of wire per joule, the square of the least length
-        that can give way, and the growth of the square of the length that the heat has spread over.
-    """
-
-    kelvin_per_J: float
+    kelvin_per_J: float  # temperature rise of a slice's wire per joule
+    # cooling per us of a slice's wire per W/(m2 K): its surface over its heat capacity, times 1e-6
     cooling_m2K_J: float
-    conduction_per_us: float
+    conduction_per_us: float  # exchange with each neighbour
+    # share of a slice's wire replaced by the next one's per us (wire running speed over slice height)
     run_per_us: float
-    joule_K_per_A2_us: float
-    resistance_per_K: float
-    water_K: float
+    joule_K_per_A2_us: float  # rise per ampere squared and us of the current in the slice, at the water's temperature
+    resistance_per_K: float  # relative rise of the wire's resistivity per kelvin
+    water_K: float  # temperature of the water that is not at the wire, and of the wire that enters
+    # where water boils on the wire, and the boiling curve from there on (see `heat_transfer_W_m2K`)
     boiling_K: float
     superheat_K: float
     film_W_m2K: float
-    dry_share: float
-    melting_K: float
+    dry_share: float  # share of the heat transfer that gas all around the front takes away
+    melting_K: float  # the wire gets no hotter
+    # where discharges have heated one place: the rise of a metre of wire per joule, the square of the least length
+    # that can give way, and the growth of the square of the length that the heat has spread over
     spot_K_m_J: float
     spot_m2: float
     spreading_m2_us: float

@@ -18,8 +18,7 @@ from edmsim.program.outline import JOIN_TOLERANCE_MM
 
 Floats = NDArray[np.float64]
 
-SAME_PLACE_MM = 1e-6
-"""Places closer than this many mm differ by numerical noise only."""
+SAME_PLACE_MM = 1e-6  # places closer than this many mm differ by numerical noise only
 
 RADIUS_TOLERANCE_MM = 0.005
 """Least allowed difference in mm between the start and end radius of an arc (ours: rounding of some um)."""
@@ -30,15 +29,9 @@ COARSEST_MM = 0.0254
 
 @dataclass(frozen=True)
 class Rounding:
-    """What follows from the last decimal place that a program writes.
+    """What follows from the last decimal place that a program writes."""
 
-    Attributes
-    ----------
-    resolution_mm : float
-        Value of the last place in mm; 0 where the numbers are exact.
-    """
-
-    resolution_mm: float = 0.0
+    resolution_mm: float = 0.0  # value of the last place in mm; 0 where the numbers are exact
 
     @property
     def radius_mm(self) -> float:
@@ -77,22 +70,10 @@ def sweep_of(start: complex, end: complex, centre: complex, turn: int) -> float:
     return (turn * cmath.phase((end - centre) / (start - centre))) % math.tau
 
 
-def centre_from_radius(
-    start: complex, end: complex, radius: float, turn: int, tolerance_mm: float
-) -> complex | None:
-    """Return the centre of the arc with a given radius, or None if there is none.
-
-    Parameters
-    ----------
-    start, end : complex
-        End points ``x + 1j * y`` in mm.
-    radius : float
-        In mm; negative asks for the arc of more than half a circle, as usual for the word R.
-    turn : int
-        +1 counter-clockwise, -1 clockwise.
-    tolerance_mm : float
-        By this much the radius may be smaller than half the distance of the ends.
-    """
+def centre_from_radius(start: complex, end: complex, radius: float, turn: int, tolerance_mm: float) -> complex | None:
+    """Return the centre of the arc with a radius, negative for more than half a circle, or None if there is none."""
+    # by `tolerance_mm` the radius may be smaller than half the distance of the ends
+    # by `tolerance_mm` the radius may be smaller than half the distance of the ends
     chord = end - start
     half = abs(chord) / 2
     if half < SAME_PLACE_MM or abs(radius) < half - tolerance_mm:
@@ -105,24 +86,9 @@ def centre_from_radius(
 def arc_points(
     start: complex, end: complex, centre: complex, turn: int, full: bool, chords: int = 1
 ) -> list[complex]:
-    """Return the points of an arc after its start, up to and with its end, as chords within the tolerance.
-
-    Parameters
-    ----------
-    start, end : complex
-        End points ``x + 1j * y`` in mm.
-    centre : complex
-        Centre in mm. If the two radii differ a little the radius changes evenly along the arc.
-    turn : int
-        +1 counter-clockwise, -1 clockwise.
-    full : bool
-        Whether it is a full circle, whose ends need not be equal to the last bit.
-
-    Raises
-    ------
-    InputError
-        The centre is too far away for distinct chords.
-    """
+    """Return the points of an arc after its start, as chords within the tolerance."""
+    # the ends of a full circle need not be equal; if the two radii differ a little the radius changes evenly
+    # if the two radii differ a little the radius changes evenly along the arc
     first, last = start - centre, end - centre
     sweep = math.tau if full else sweep_of(start, end, centre, turn)
     radius = max(abs(first), abs(last))
@@ -146,13 +112,7 @@ def _chord_angle(radius: float) -> float:
 
 
 def extent_mm(points: Floats, elements: Sequence[int]) -> Floats:
-    """Return the extent in X and Y of an edge drawn in chords, whose curves bulge beyond their points.
-
-    Parameters
-    ----------
-    elements : sequence of int
-        For every chord the line, arc or curve it belongs to; empty if nobody knows.
-    """
+    """Return the extent in X and Y of an edge in chords, whose curves, in `elements`, bulge beyond."""
     begins = [0, *(np.flatnonzero(np.diff(elements)) + 1), len(elements)]
     parts = [points[first : last + 1] for first, last in pairwise(begins)]
     high = np.max([points.max(axis=0), *map(_peak, parts)], axis=0)

@@ -20,8 +20,7 @@ from edmsim.program.dialects.freecad import FREECAD, without_line_ends
 from edmsim.program.limits import GREATEST_NUMBER, check_count, check_size
 from edmsim.program.registers import register
 
-VALUES = frozenset("NFDHXYIJRPLQ")
-"""Letters whose numbers are used, by a motion or by the code they belong to."""
+VALUES = frozenset("NFDHXYIJRPLQ")  # letters whose numbers are used, by a motion or by the code they belong to
 BELONGS: dict[float, str] = {64: "PQ", 39: "IJ", 43: "H", 44: "H", 96: "D"}
 """G codes without effect, and the letters in their block that are theirs: the tolerance of a path, the direction of a
 corner, a tool's length, the greatest speed of a spindle."""
@@ -35,8 +34,7 @@ IDLE_CODES = frozenset(
 )
 """Codes without effect on a contour in two axes: exact stop, plane XY, cancelled offsets, tapers, turns and cycles,
 the work offset, the mode of the feed; spindle, water, tank, wire and generator; threading, which G0 does here."""
-UNITS: dict[float, float] = {70: 20, 71: 21}
-"""Codes of some controls for inch and mm, and what they are elsewhere."""
+UNITS: dict[float, float] = {70: 20, 71: 21}  # codes of some controls for inch and mm, and what they are elsewhere
 _USED_G = frozenset({0, 1, 2, 3, 4, 10, 20, 21, 40, 41, 42, 90, 91, 90.1, 91.1, 92, *UNITS})
 KNOWN_G = _USED_G | {n for g, n in IDLE_CODES if g == "G"}
 KNOWN_M = frozenset({0, 1, 2, 30, 98, 99}) | {n for m, n in IDLE_CODES if m == "M"}
@@ -49,15 +47,9 @@ _IGNORED_WORD = re.compile(r"([A-Z])(\d+\.?\d*)?")
 
 @dataclass(frozen=True)
 class Ignored:
-    """Words that a user leaves out of a program.
+    """Words that a user leaves out of a program."""
 
-    Attributes
-    ----------
-    letters : frozenset of str
-        Left out with any number.
-    """
-
-    letters: frozenset[str] = frozenset()
+    letters: frozenset[str] = frozenset()  # left out with any number
     words: frozenset[tuple[str, float]] = frozenset()
 
     @classmethod
@@ -88,20 +80,7 @@ def offered_to_ignore(words: Iterable[str]) -> list[str]:
 
 
 class UnknownWordsError(InputError):
-    """A program has words that are not known here.
-
-    Parameters
-    ----------
-    found : sequence of (str, int)
-        Every one, with its line.
-    hint : str
-        Who knows them, to end the message with.
-
-    Attributes
-    ----------
-    words : dict of str to list of int
-        Each word with its lines.
-    """
+    """A program has words that are not known here: `words` has each with its lines, the hint says who knows them."""
 
     def __init__(self, found: Sequence[tuple[str, int]], file: str | Path, hint: str = "") -> None:
         self.words: dict[str, list[int]] = {}
@@ -179,48 +158,20 @@ class UpperWords:
 
 @dataclass(frozen=True)
 class Block:
-    """One block of a program, as a rule a line.
+    """One block of a program, as a rule a line."""
 
-    Attributes
-    ----------
-    line : int
-        Line in the file, counted from 1.
-    codes : tuple of (str, float)
-        G and M codes in the order they are written.
-    values : dict of str to float
-        All other words but N, as written.
-    pointed : bool
-        Whether any coordinate (X Y I J R) or offset has a decimal point.
-    decimals : int or None
-        Most decimal places of a coordinate; None if there is no coordinate.
-    deletable : bool
-        Whether the line begins with the block delete sign ``/``.
-    idle : tuple of str
-        Words that cannot change a contour, as they stand.
-    ignored : tuple of str
-        Words the user leaves out.
-    offsets : tuple of OffsetValue
-        Registers that the block gives a value, ``D1=0.155``.
-    condition : str or None
-        The machining condition that it calls, as written.
-    upper : UpperWords or None
-        The move of the second plane.
-    label : int or None
-        Its N number, where a subprogram may begin at one.
-    """
-
-    line: int
-    codes: tuple[tuple[str, float], ...]
-    values: dict[str, float]
-    pointed: bool
-    decimals: int | None
-    deletable: bool
-    idle: tuple[str, ...] = ()
-    ignored: tuple[str, ...] = ()
-    offsets: tuple[OffsetValue, ...] = ()
-    condition: str | None = None
-    upper: UpperWords | None = None
-    label: int | None = None
+    line: int  # line in the file, counted from 1
+    codes: tuple[tuple[str, float], ...]  # G and M codes in the order they are written
+    values: dict[str, float]  # all other words but N, as written
+    pointed: bool  # whether any coordinate (X Y I J R) or offset has a decimal point
+    decimals: int | None  # most decimal places of a coordinate; None if there is no coordinate
+    deletable: bool  # whether the line begins with the block delete sign ``/``
+    idle: tuple[str, ...] = ()  # words that cannot change a contour, as they stand
+    ignored: tuple[str, ...] = ()  # words the user leaves out
+    offsets: tuple[OffsetValue, ...] = ()  # registers that the block gives a value, ``D1=0.155``
+    condition: str | None = None  # the machining condition that it calls, as written
+    upper: UpperWords | None = None  # the move of the second plane
+    label: int | None = None  # its N number, where a subprogram may begin at one
 
     @property
     def ends_program(self) -> bool:
@@ -229,10 +180,7 @@ class Block:
 
 
 def read_text(file: Path) -> str:
-    """Return a program's text: UTF-8, or what its byte order mark says.
-
-    Raises `InputError` for no such file, a directory, not readable, or not text.
-    """
+    """Return a program's text: UTF-8, or what its byte order mark says."""
     check_size(file)
     try:
         data = file.read_bytes()
@@ -254,22 +202,13 @@ def read_text(file: Path) -> str:
 
 
 class ProgramBlocks(NamedTuple):
-    """A program split into blocks.
+    """A program split into blocks."""
 
-    Attributes
-    ----------
-    main, behind : list of Block
-        Every block that holds a word; those of subprograms, behind the end of the program.
-    notices : list of str
-        What was left out.
-    conditions : dict of str to dict of str to float
-        Its tables of machining conditions, by condition and column.
-    """
-
+    # main, behind: every block that holds a word; those of subprograms, behind the end of the program
     main: list[Block]
     behind: list[Block]
-    notices: list[str]
-    conditions: dict[str, dict[str, float]]
+    notices: list[str]  # what was left out
+    conditions: dict[str, dict[str, float]]  # its tables of machining conditions, by condition and column
 
 
 @dataclass
@@ -295,27 +234,9 @@ class _Reader:
 
 
 def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) -> ProgramBlocks:
-    """Split a program into blocks.
-
-    Comments, N words, lower case, blanks and empty lines leave no trace. The program ends at M2 or M30, at a
-    second ``%``, or with the text. What stands behind M2 or M30 is read where the program calls subprograms.
-
-    Parameters
-    ----------
-    text : str
-        The program.
-    file : str
-        Name for error messages.
-    ignored : Ignored
-        Words to leave out.
-
-    Raises
-    ------
-    UnknownWordsError
-        Words that are not known, all of them.
-    InputError
-        A number beyond reason, a word twice in a block, a table of conditions with values missing, or no block.
-    """
+    """Split a program into blocks, without comments, N words, blanks and empty lines."""
+    # it ends at M2 or M30, at a second %, or with the text; what stands behind M2 or M30 is read where the
+    # program calls subprograms
     blocks: list[Block] = []
     reader = _Reader(file, ignored, dialect, ConditionTable(dialect, file))
     lines = without_line_ends(re.split(r"\r\n|\r|\n", text))
@@ -493,35 +414,21 @@ def _value(letter: str, number: str, file: str, line: int) -> float:
 
 
 INCH_MM = 25.4
-TABLE_MM = 65.0
-"""Coordinates without a decimal point that span more than this many mm are whole um (row T-61)."""
+TABLE_MM = 65.0  # coordinates without a decimal point that span more than this many mm are whole um (row T-61)
 
-LEAST_WHOLE_UM = 500
-"""They must then span at least this many um (ours: nothing smaller is cut with a wire)."""
+LEAST_WHOLE_UM = 500  # they must then span at least this many um (ours: nothing smaller is cut with a wire)
 
 _INCH: float = 20
 
 
 @dataclass(frozen=True)
 class Units:
-    """Units of a program.
+    """Units of a program."""
 
-    Attributes
-    ----------
-    metric_mm : float
-        What G21 means, in mm: 1, or 0.001 in a program in whole um.
-    stated : frozenset of float
-        Which of G20 and G21 the program has.
-    inch_mm : float
-        What G20 means, in mm: 25.4, or 0.0254 in a program in thousandths.
-    scaled : bool
-        Whether coordinates are in thousandths of the unit that feeds are in.
-    """
-
-    metric_mm: float
-    stated: frozenset[float]
-    inch_mm: float = INCH_MM
-    scaled: bool = False
+    metric_mm: float  # what G21 means, in mm: 1, or 0.001 in a program in whole um
+    stated: frozenset[float]  # which of G20 and G21 the program has
+    inch_mm: float = INCH_MM  # what G20 means, in mm: 25.4, or 0.0254 in a program in thousandths
+    scaled: bool = False  # whether coordinates are in thousandths of the unit that feeds are in
 
     @property
     def only_inches(self) -> bool:
@@ -542,22 +449,7 @@ class Units:
 def units_of(
     blocks: Sequence[Block], file: str, dialect: Dialect = ISO, inches: bool = False
 ) -> tuple[Units, list[str]]:
-    """Return the units of a program and notices of what was decided.
-
-    Parameters
-    ----------
-    file : str
-        Name for error messages.
-    dialect : Dialect
-        FreeCAD scales coordinates with a decimal point, and inches, as well.
-    inches : bool
-        Whether inches are the unit where the program states none.
-
-    Raises
-    ------
-    InputError
-        No unit fits.
-    """
+    """Return the units of a program and notices of what was decided; `inches` where it states none."""
     codes = {UNITS.get(number, number) for block in blocks for letter, number in block.codes if letter == "G"}
     stated = codes & {_INCH, 21} or ({_INCH} if inches else set())
     if dialect is FREECAD:
@@ -609,30 +501,11 @@ def _extent(blocks: Sequence[Block]) -> float:
 
 
 CALL, RETURN = ("M", 98), ("M", 99)
-_DEEPEST = 10
-"""Calls within calls (ours: controls allow 4 to 10)."""
+_DEEPEST = 10  # calls within calls (ours: controls allow 4 to 10)
 
 
 def expanded(main: Sequence[Block], behind: Sequence[Block], file: str) -> tuple[list[Block], list[str]]:
-    """Put subprograms in place of their calls.
-
-    Parameters
-    ----------
-    main, behind : sequence of Block
-        The program, and what stands behind its end.
-    file : str
-        Name for error messages.
-
-    Returns
-    -------
-    notices : list of str
-        Subprograms that nobody calls.
-
-    Raises
-    ------
-    InputError
-        A subprogram that there is not or that has no end, a call that makes no sense, calls without an end.
-    """
+    """Put subprograms, which stand behind the program's end, in place of their calls; notices name those unused."""
     subprograms = _sections(behind, file)
     blocks: list[Block] = []
     called: set[int] = set()

@@ -15,27 +15,16 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.program.outline import JOIN_TOLERANCE_MM
 
-SAME_MM = 1e-6
-"""Points closer than this many mm are one (ours: what arithmetic leaves of equal numbers)."""
+SAME_MM = 1e-6  # points closer than this many mm are one (ours: what arithmetic leaves of equal numbers)
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Points of one entity, or of several joined.
+    """Points of one entity, or of several joined."""
 
-    Attributes
-    ----------
-    points : float64 array (n, 2)
-        In mm, none within `SAME_MM` of the one before.
-    elements : int64 array (n - 1,)
-        Which line or arc each of the chords belongs to; neighbours differ.
-    place : int
-        Place of its first entity in the drawing.
-    """
-
-    points: NDArray[np.float64]
-    elements: NDArray[np.int64]
-    place: int
+    points: NDArray[np.float64]  # (n, 2): in mm, none within `SAME_MM` of the one before
+    elements: NDArray[np.int64]  # (n - 1,): which line or arc each of the chords belongs to; neighbours differ
+    place: int  # place of its first entity in the drawing
 
     @classmethod
     def of(cls, pieces: Sequence[NDArray[np.float64]], place: int) -> Self:
@@ -79,10 +68,8 @@ class Chain:
         return [(part, close and is_short(part)) for part, close in zip(parts, near.tolist(), strict=True)]
 
     def without_short_elements(self) -> Self:
-        """Return a ring without lines and arcs that lie within the tolerance: their ends are one point.
-
-        Of many in a row, those stay whose ends are farther from the last point that stayed, as straight lines.
-        """
+        """Return a ring without lines and arcs that lie within the tolerance: their ends are one point."""
+        # of many in a row, those stay whose ends are farther from the last point that stayed, as straight lines
         parts = self.parts()
         if not any(short for _, short in parts):
             return self
@@ -113,21 +100,13 @@ _NEIGHBOURS = 8
 _WIDEST_MM = 3 * JOIN_TOLERANCE_MM
 """Two ends with something short between them: its length and the tolerance at either end."""
 
-_End = tuple[int, int]
-"""An end of a chain: which chain, and 0 or -1."""
+_End = tuple[int, int]  # an end of a chain: which chain, and 0 or -1
 
 
 def joined_contours(chains: Sequence[Chain]) -> list[Chain]:
-    """Join chains into closed contours, in the order of their first entities.
-
-    A chain that lies within the tolerance is joined away: the ends it meets are one place. Short ones in a row that
-    lead farther than the tolerance are a chain like any other.
-
-    Raises
-    ------
-    InputError
-        A contour that is open or branches.
-    """
+    """Join chains into closed contours, in the order of their first entities."""
+    # a chain that lies within the tolerance is joined away: the ends it meets are one place. Short ones in a
+    # row that lead farther than the tolerance are a chain like any other
     runs = _runs([chain for chain in chains if chain.is_short])
     whole = [*(chain for chain in chains if not chain.is_short), *(run for run in runs if not run.is_short)]
     loose = sorted((chain for chain in whole if not chain.closed), key=lambda chain: chain.place)
@@ -252,10 +231,8 @@ _LEAST_SHARE = 0.25
 
 
 def without_duplicates(chains: Sequence[Chain]) -> list[Chain]:
-    """Return the chains without those that lie on an earlier one from end to end, whatever their direction.
-
-    Candidates share the box around them; boxes are looked up through a grid, with the cells beside it.
-    """
+    """Return the chains without those that lie on an earlier one from end to end, whatever their direction."""
+    # candidates share the box around them; boxes are looked up through a grid, with the cells beside it
     cells: dict[tuple[int, ...], list[tuple[_Box, Chain]]] = {}
     distinct = []
     for chain in chains:

@@ -24,49 +24,32 @@ if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 
-_Tag = tuple[int, bytes, int]
-"""Group code, value, and the line of the code."""
+_Tag = tuple[int, bytes, int]  # group code, value, and the line of the code
 
-_PARTS = frozenset({"VERTEX", "INSERT"})
-"""Kinds that decide what is cut without being cut themselves."""
+_PARTS = frozenset({"VERTEX", "INSERT"})  # kinds that decide what is cut without being cut themselves
 _STRUCTURE = frozenset({"SECTION", "ENDSEC", "BLOCK", "ENDBLK", "SEQEND", "EOF"})
 _MARKERS = {"LWPOLYLINE": b"AcDbPolyline", "SPLINE": b"AcDbSpline"}
 """Kinds that the library reads by their subclass markers (code 100) only, and the markers of their own codes."""
 _COMMON = frozenset({5, 6, 8, 48, 60, 62, 67, 330, 370, 410, 420, 430, 440})
 """Codes before these markers: those that all entities have."""
-_MARKED_FROM = b"AC1015"
-"""A version that has these kinds: in older ones the library looks at no marker."""
+_MARKED_FROM = b"AC1015"  # a version that has these kinds: in older ones the library looks at no marker
 _HEADER = b"0\nSECTION\n2\nHEADER\n9\n$ACADVER\n1\n%b\n0\nENDSEC\n" % _MARKED_FROM
 _FIRST_HANDLE = 0x7F000000
 
 
 @dataclass
 class Regular:
-    """A text that the recovering reader takes.
-
-    Attributes
-    ----------
-    left_out : Counter of str
-        Entities that are not cut, by kind; they are no longer in the text.
-    foreign : list of str
-        Kinds of entities that cannot be cut.
-    """
+    """A text that the recovering reader takes."""
 
     text: bytes = b""
+    # entities that are not cut, by kind; they are no longer in the text
     left_out: Counter[str] = field(default_factory=Counter)
-    foreign: list[str] = field(default_factory=list)
+    foreign: list[str] = field(default_factory=list)  # kinds of entities that cannot be cut
 
 
 def regular(data: bytes) -> Regular:
-    """Return a DXF text with X, Y and Z of every point directly behind one another, and every handle given once.
-
-    DXF asks for no order within an entity. The library wants this one, and drops what comes otherwise.
-
-    Raises
-    ------
-    InputError
-        With its line: something else than a group code or number, an X without its Y, a file that is cut off.
-    """
+    """Return a DXF text with X, Y and Z of every point directly behind one another, and every handle given once."""
+    # DXF asks for no order within an entity; the library wants this one, and drops what comes otherwise
     tags = list(_tags(data))
     begins = [i for i, (code, _, _) in enumerate(tags) if code in (0, 9)]
     section, header, found = "", _HEADER, Regular()
@@ -178,23 +161,8 @@ Found = TypeVar("Found")
 
 
 def look_into(path: Path, look: Callable[[Drawing], Found]) -> tuple[Found, list[str]]:
-    """Open a drawing and return what is found in it.
-
-    Parameters
-    ----------
-    look : callable
-        Takes the document. What it raises besides `InputError` says that the document is damaged.
-
-    Returns
-    -------
-    notices : list of str
-        How the file is irregular, in one, and what of it is not cut.
-
-    Raises
-    ------
-    InputError
-        No DXF drawing, or one so damaged that parts of it are lost.
-    """
+    """Open a drawing and return what `look` finds in it, and notices of what is irregular or not cut."""
+    # what `look` raises besides `InputError` says that the document is damaged
     from ezdxf.filemanagement import readfile
 
     data = _read(path)

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 
-_DEEPEST = 16
-"""Blocks within blocks (ours: deeper ones hold themselves)."""
+_DEEPEST = 16  # blocks within blocks (ours: deeper ones hold themselves)
 
 _MOST_NAMED = 20
 
@@ -41,25 +40,7 @@ _EQUAL = 1e-9
 
 
 class Drawn:
-    """The entities of a drawing's model space that are to be cut.
-
-    Parameters
-    ----------
-    layers : sequence of str
-        Only these are cut, upper or lower case; all that are shown if empty.
-    without : str, optional
-        A layer that is not cut.
-
-    Attributes
-    ----------
-    left_out : dict of str to int
-        What was not cut, with its number.
-
-    Raises
-    ------
-    InputError
-        A layer that the drawing does not have.
-    """
+    """The entities of a drawing's model space that are to be cut, of some layers or of all that are shown."""
 
     def __init__(self, document: Drawing, layers: Sequence[str], without: str | None = None) -> None:
         self._document = document

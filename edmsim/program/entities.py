@@ -25,17 +25,10 @@ _FEWEST_CHORDS = 16
 
 
 def spline_points(entity: Any, tolerance: float) -> NDArray[np.float64]:
-    """Return the points (n, 2) of a SPLINE, in drawing units.
-
-    A periodic spline is drawn between the first and last knot that all its control points bear on; one whose control
-    points are written once, for as many knots as if they were repeated, is closed with the first of them. A spline
-    that is said to be closed and has only fit points is a periodic cubic through them.
-
-    Parameters
-    ----------
-    tolerance : float
-        Largest distance of the chords from the curve, in drawing units.
-    """
+    """Return the points (n, 2) of a SPLINE, in drawing units, as chords within a tolerance."""
+    # a periodic spline is drawn between the first and last knot that all its control points bear on; one whose
+    # control points are written once, for as many knots as if they were repeated, is closed with the first of
+    # them; one that is said to be closed and has only fit points is a periodic cubic through them
     control = np.array([tuple(p)[:2] for p in entity.control_points], np.float64).reshape(-1, 2)
     if len(control) == 0 and entity.closed and len(entity.fit_points) > 2:
         return _through(np.array([tuple(p)[:2] for p in entity.fit_points], np.float64), tolerance)
@@ -89,8 +82,7 @@ def _chords(curve: Any, breaks: NDArray[np.float64], tolerance: float) -> NDArra
     return np.asarray(curve(t))
 
 
-_FRAME = 16
-"""Flag of a vertex that controls a spline and is not on it (DXF reference, VERTEX, code 70)."""
+_FRAME = 16  # flag of a vertex that controls a spline and is not on it (DXF reference, VERTEX, code 70)
 
 _MESHES = {"AcDbPolygonMesh": "polygon mesh", "AcDbPolyFaceMesh": "polyface mesh"}
 
@@ -162,11 +154,9 @@ def _flat(entity: Any, points: NDArray[np.float64], height: float, unit_mm: floa
     return np.array([(point.x, point.y) for point in placed], np.float64)
 
 
-SHAPES = "lines, arcs, circles, polylines, splines or ellipses"
-"""What can be cut, in the words of a message."""
+SHAPES = "lines, arcs, circles, polylines, splines or ellipses"  # what can be cut, in the words of a message
 
-POLYLINES = frozenset({"LWPOLYLINE", "POLYLINE"})
-"""Kinds of several lines and arcs."""
+POLYLINES = frozenset({"LWPOLYLINE", "POLYLINE"})  # kinds of several lines and arcs
 
 _OUTERMOST: dict[str, Callable[[Any], Iterable[Any]]] = {
     "LINE": lambda entity: (entity.dxf.start, entity.dxf.end),
@@ -176,8 +166,7 @@ _OUTERMOST: dict[str, Callable[[Any], Iterable[Any]]] = {
     "SPLINE": lambda entity: (*entity.control_points, *entity.fit_points),
 }
 """Points between which an entity lies, or that its length follows from."""
-CUT = POLYLINES | _OUTERMOST.keys()
-"""Kinds of entities that can be cut."""
+CUT = POLYLINES | _OUTERMOST.keys()  # kinds of entities that can be cut
 UNDRAWN = frozenset({
     "TEXT", "MTEXT", "ATTDEF", "ATTRIB", "RTEXT", "ARCALIGNEDTEXT", "ACAD_TABLE", "DIMENSION", "ARC_DIMENSION",
     "LARGE_RADIAL_DIMENSION", "LEADER", "MLEADER", "MULTILEADER", "TOLERANCE", "POINT", "HATCH", "MPOLYGON", "IMAGE",
@@ -189,10 +178,7 @@ _FLAT = 0.9999
 
 
 def pieces_of(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
-    """Return the lines and arcs of an entity, points (n, 2) in mm each.
-
-    Raises `InputError` for an entity that cannot be cut, lies out of the XY plane, or is too large.
-    """
+    """Return the lines and arcs of an entity, points (n, 2) in mm each."""
     kind = entity.dxftype()
     if kind not in CUT:
         raise InputError(f"{named(kind)} cannot be cut: draw {SHAPES}")

@@ -70,11 +70,9 @@ def length_of(start: complex, moves: Sequence[CutMove]) -> float:
 def first_loop(
     vertices: Sequence[complex], moves: Sequence[CutMove], first: int, last: int, join_mm: float
 ) -> tuple[int, int] | None:
-    """Return the moves ``begin, end`` of the first loop, found through a grid of the join tolerance.
-
-    Areas are differences of sums along the way. A place that is passed again, with nothing enclosed since, is noted
-    once, so that a wire that goes back and forth a hundred thousand times is not compared with all of its past.
-    """
+    """Return the moves ``begin, end`` of the first loop, found through a grid of the join tolerance."""
+    # areas are differences of sums along the way. A place that is passed again, with nothing enclosed since, is noted
+    # once, so that a wire that goes back and forth a hundred thousand times is not compared with all of its past
     swept = _swept(vertices[first], moves[first:last])
     by_cell: dict[tuple[int, int], list[int]] = {}
     for k in range(first, last + 1):
@@ -93,11 +91,9 @@ def first_loop(
 
 
 def closed_run(run: Run, first: int, last: int) -> tuple[Run, tuple[int, int] | None]:
-    """Return a run with the moves ``begin, end`` of its first loop among some moves, None if there is no loop.
-
-    A contour that begins in the middle of a side may end by a move along the whole side: a move that closes a loop by
-    running on over a place where an earlier move ended is split there.
-    """
+    """Return a run with the moves ``begin, end`` of its first loop among some moves, None if there is no loop."""
+    # a contour that begins in the middle of a side may end by a move along the whole side: a move that closes a
+    # loop by running on over a place where an earlier move ended is split there
     vertices, join_mm = vertices_of(run), run.join_mm
     loop = first_loop(vertices, run.moves, first, last, join_mm)
     swept = _swept(vertices[first], run.moves[first:last])
@@ -126,9 +122,7 @@ def _split(run: Run, k: int, chord: int, at: complex) -> tuple[CutMove, CutMove]
     points, above = (vertices_of(run)[k], *move.points), (_upper_start(run, k), *move.upper)
     share = abs(at - points[chord]) / abs(points[chord + 1] - points[chord])
     there = above[chord] + share * (above[chord + 1] - above[chord])
-    return (
-        replace(parts[0], upper=(*move.upper[:chord], there)), replace(parts[1], upper=move.upper[chord:]),
-    )  # fmt: skip
+    return (replace(parts[0], upper=(*move.upper[:chord], there)), replace(parts[1], upper=move.upper[chord:]))
 
 
 def _upper_start(run: Run, k: int) -> complex:
@@ -200,19 +194,11 @@ UNCLEAR_GAP_MM = 0.5
 
 
 def outline_of(run: Run) -> tuple[Outline, list[str]]:
-    """Tell approach, edge, overlap and lead-out of a run apart.
-
-    The edge is the first loop that closes on a place already passed (within the run's ``join_mm``). What comes before
-    it is the program's own approach. What follows and runs along the edge is overlap; what then leaves it is a
-    lead-out. Neither is cut, for the contour is done. Without a loop the edge is open; if compensation was switched
-    on at the thread point its first move is the approach.
-
-    Raises
-    ------
-    InputError
-        Compensation changes twice, a contour is all but closed, or what follows it is not a lead-out but closes a
-        loop or is longer than the contour.
-    """
+    """Tell approach, edge, overlap and lead-out of a run apart."""
+    # the edge is the first loop that closes on a place already passed (within the run's join_mm). What comes
+    # before it is the program's own approach. What follows and runs along the edge is overlap; what then leaves
+    # it is a lead-out. Neither is cut, for the contour is done. Without a loop the edge is open; if
+    # compensation was switched on at the thread point its first move is the approach
     (first, last), count = _edge_section(run.moves), len(run.moves)
     run, loop = closed_run(run, first, last)
     last += len(run.moves) - count  # a move may have been split
@@ -268,9 +254,7 @@ def _overlap(run: Run, begin: int, end: int) -> int:
     return len(run.moves) - end
 
 
-def _refuse_more_than_a_lead_out(
-    run: Run, first: int, edge: tuple[int, int], lead_out: int, *, closed: bool
-) -> None:
+def _refuse_more_than_a_lead_out(run: Run, first: int, edge: tuple[int, int], lead_out: int, *, closed: bool) -> None:
     """Refuse moves after an edge that are a contour of their own, or go on with it where it only touched itself."""
     (begin, end), vertices = edge, vertices_of(run)
     before = range(first + 1, begin) if lead_out == end else range(0)
@@ -430,10 +414,7 @@ def _dwells(run: Run, end: int) -> tuple[tuple[int, float], ...]:
 
 
 def read_gcode(
-    file: str | Path,
-    ignore: Sequence[str] = (),
-    offsets: Mapping[str, float] | None = None,
-    dialect: str = AUTO,
+    file: str | Path, ignore: Sequence[str] = (), offsets: Mapping[str, float] | None = None, dialect: str = AUTO,
     conditions: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Program:
     """Read a G-code program.

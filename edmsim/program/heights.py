@@ -26,45 +26,31 @@ from edmsim.plant.workpiece.height_steps import LowerRegion
 if TYPE_CHECKING:
     from edmsim.program.path import CutPath
 
-Height: TypeAlias = tuple[float, float]
-"""Path length in mm, and the height in mm from there on."""
+Height: TypeAlias = tuple[float, float]  # path length in mm, and the height in mm from there on
 Area: TypeAlias = tuple[BaseGeometry | Sequence[Sequence[float]] | Mapping[str, Any], float]
 """Polygon, its corners or its GeoJSON, in mm of the program, and the height in mm inside it."""
 
 WIRE_MARGIN_MM = 0.4
 """How far beside the wire's surface a stretch's height holds (ours: rays end at 0.08 mm, tiles are made 0.13 mm
 beyond them and are 0.13 mm wide, the rest is for a wire that hangs behind)."""
-RING_MM = 0.035
-"""Resolution of distances to the path (ours: a few of them fit between a kerf's middle and its wall)."""
+RING_MM = 0.035  # resolution of distances to the path (ours: a few of them fit between a kerf's middle and its wall)
 
 
 @dataclass(frozen=True)
 class Heights:
-    """The heights of a workpiece, along the wire's path and in areas of the drawing.
+    """The heights of a workpiece, along the wire's path and in areas of the drawing."""
 
-    Attributes
-    ----------
-    height_mm : float
-        Height where nothing else is said.
-    along : tuple of (from_mm, height_mm)
-        From that length of wire path on (from the first start hole, lead-in included, rapids left out) the
-        workpiece has that height, in rising order.
-    areas : tuple of (polygon, height_mm)
-        Inside the polygon the workpiece has that height, whatever `along` says; the first of overlapping ones
-        holds. Shapely polygons in mm of the program.
-    """
-
-    height_mm: float
+    height_mm: float  # height where nothing else is said
+    # from that length of wire path on (from the first start hole, lead-in included, rapids left out) the
+    # workpiece has that height, in rising order
     along: Sequence[Height] = ()
+    # inside the polygon the workpiece has that height, whatever `along` says; the first of overlapping ones
+    # holds. Shapely polygons in mm of the program.
     areas: Sequence[tuple[shapely.Polygon, float]] = ()
 
     @classmethod
     def of(cls, height_mm: float, along: Sequence[Height], areas: Sequence[Area]) -> Heights:
-        """Check what a user gave.
-
-        Raises `InputError` for a height beyond what machines take, lengths that do not rise, an area that is not a
-        polygon.
-        """
+        """Check what a user gave: heights that machines take, lengths that rise, areas that are polygons."""
         check_height(height_mm)
         return cls(float(height_mm), checked_changes(along), checked_areas(areas))
 
@@ -84,10 +70,7 @@ class Heights:
         return min(self.all_mm)
 
     def steps(self, path: CutPath, wire_diameter_um: float) -> tuple[LowerRegion, ...]:
-        """Return the regions of one height on the table, none if the height never changes.
-
-        Raises `InputError` for a change of height beyond the path's end, or an area that lies beside the blank.
-        """
+        """Return the regions of one height on the table, none if the height never changes."""
         blank = shapely.box(*path.stock_mm)
         steps = [*self._areas(path, blank), *self._stretches(path, wire_diameter_um * 5e-4 + WIRE_MARGIN_MM)]
         if self.greatest_mm == self.lowest_mm:

@@ -29,56 +29,27 @@ from edmsim.program.registers import Offset, OffsetRegisters, register
 
 @dataclass(frozen=True)
 class Arc:
-    """The arc of a G2 or G3 block.
+    """The arc of a G2 or G3 block."""
 
-    Attributes
-    ----------
-    turn : int
-        +1 counter-clockwise (G3), -1 clockwise (G2).
-    relative : complex
-        Centre ``x + 1j * y`` in mm if I J count from the start, or the one found from R.
-    absolute : complex or None
-        Centre if I J are coordinates; None if the block has no I and J for that.
-    absolute_stated : bool or None
-        What the program says of I J: G90.1 (True), G91.1 (False), or nothing.
-    by_radius : bool
-        Whether the block has R, which leaves nothing open.
-    """
-
-    turn: int
-    relative: complex
-    absolute: complex | None
-    absolute_stated: bool | None = None
-    by_radius: bool = False
+    turn: int  # +1 counter-clockwise (G3), -1 clockwise (G2)
+    relative: complex  # centre ``x + 1j * y`` in mm if I J count from the start, or the one found from R
+    absolute: complex | None  # centre if I J are coordinates; None if the block has no I and J for that
+    absolute_stated: bool | None = None  # what the program says of I J: G90.1 (True), G91.1 (False), or nothing
+    by_radius: bool = False  # whether the block has R, which leaves nothing open
 
 
 @dataclass(frozen=True)
 class UpperMotion:
-    """The motion of the second plane that goes with a cutting motion.
+    """The motion of the second plane that goes with a cutting motion."""
 
-    Attributes
-    ----------
-    start, end : complex
-        ``x + 1j * y`` in mm.
-    turn : int
-        +1 counter-clockwise, -1 clockwise, 0 straight.
-    centre : complex or None
-        Centre of its arc; None if it counts from the centre below.
-    from_lower : complex
-        From the centre below to its own.
-    """
-
-    start: complex
+    start: complex  # start, end: ``x + 1j * y`` in mm
     end: complex
-    turn: int = 0
-    centre: complex | None = None
-    from_lower: complex = 0j
+    turn: int = 0  # +1 counter-clockwise, -1 clockwise, 0 straight
+    centre: complex | None = None  # centre of its arc; None if it counts from the centre below
+    from_lower: complex = 0j  # from the centre below to its own
 
     def points(self, chords: int, lower_centre: complex | None, full: bool) -> list[complex]:
-        """Return its points after the start, in at least a number of chords.
-
-        Raises `InputError` if start and end of its arc are not equally far from the centre.
-        """
+        """Return its points after the start, in at least a number of chords."""
         centre = self.centre
         if centre is None and lower_centre is not None:
             centre = lower_centre + self.from_lower
@@ -130,18 +101,11 @@ class CuttingMotion:
 
 @dataclass(frozen=True)
 class Reading:
-    """How a motion is read.
-
-    Attributes
-    ----------
-    centre : complex or None
-        Centre of the arc; None if the motion goes straight to its end.
-    full : bool or None
-        Whether it is a full circle; None where ends that all but meet may mean that or the short arc between them.
-    """
+    """How a motion is read."""
 
     motion: CuttingMotion
-    centre: complex | None = None
+    centre: complex | None = None  # centre of the arc; None if the motion goes straight to its end
+    # whether it is a full circle; None where ends that all but meet may mean that or the short arc between them
     full: bool | None = False
     notices: tuple[str, ...] = ()
 
@@ -182,20 +146,8 @@ class Reading:
 
 
 def prefer_absolute(motions: Sequence[CuttingMotion], rounding: Rounding) -> bool | None:
-    """Decide what I J mean where both readings fit: what most of the arcs mean that fit one reading only.
-
-    Arcs whose ends meet say nothing of it, as any centre fits them.
-
-    Returns
-    -------
-    bool or None
-        None if no arc fits one reading only.
-
-    Raises
-    ------
-    InputError
-        With the line: an arc fits neither way.
-    """
+    """Decide what I J mean where both readings fit: what most of the arcs mean that fit one reading only."""
+    # arcs whose ends meet say nothing of it, as any centre fits them; None if no arc fits one reading only
     arcs = [motion for motion in motions if motion.arc is not None and not motion.ends_meet(rounding)]
     all_fits = [motion.fits(rounding) for motion in arcs]
     for motion, fits in zip(arcs, all_fits, strict=True):
@@ -209,15 +161,7 @@ def prefer_absolute(motions: Sequence[CuttingMotion], rounding: Rounding) -> boo
 
 
 def reading_of(motion: CuttingMotion, absolute: bool | None, rounding: Rounding) -> Reading:
-    """Return how a motion is read.
-
-    Parameters
-    ----------
-    motion : CuttingMotion
-        One that `prefer_absolute` has not refused.
-    absolute : bool or None
-        What I J mean in the program where both readings fit.
-    """
+    """Return how a motion that `prefer_absolute` has not refused is read; `absolute` where both readings fit."""
     arc = motion.arc
     if arc is None:
         return Reading(motion)
@@ -240,9 +184,7 @@ def reading_of(motion: CuttingMotion, absolute: bool | None, rounding: Rounding)
     return Reading(motion, centre, notices=tuple(notices))
 
 
-def _reading_where_ends_meet(
-    motion: CuttingMotion, arc: Arc, absolute: bool | None, rounding: Rounding
-) -> Reading:
+def _reading_where_ends_meet(motion: CuttingMotion, arc: Arc, absolute: bool | None, rounding: Rounding) -> Reading:
     """Tell a full circle from an arc so short that it lies, with its radius, within what rounding explains."""
     stated = arc.absolute_stated
     meant = (absolute if stated is None else stated) if arc.absolute is not None else False
@@ -294,8 +236,7 @@ _SAID_OTHERWISE = frozenset({("G", 17), ("M", 50), ("M", 60), *(("G", code) for 
 _SIDES: dict[float, Side | None] = {40: None, 41: "left", 42: "right", 140: None, 141: "left", 142: "right"}
 _LEANS: dict[Action, int] = {"no taper": 0, "taper left": 1, "taper right": -1}
 _BOTH_SIDES: dict[Action, int | None] = {"two planes off": None, "two planes left": 141, "two planes right": 142}
-_STEEPEST_DEG = 60.0
-"""Angle of a taper (ours: no guides let a wire lean so far)."""
+_STEEPEST_DEG = 60.0  # angle of a taper (ours: no guides let a wire lean so far)
 _LENGTHS = frozenset("XYIJRUVK")
 _ALSO = frozenset("FDH")
 _G10_REGISTERS = {None: "DH", 10.0: "H", 12.0: "D"}

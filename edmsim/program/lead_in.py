@@ -11,8 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 
-HOLE_CLEARANCE_MM = 0.05
-"""Least distance in mm between a hole of our choice and any edge (ours)."""
+HOLE_CLEARANCE_MM = 0.05  # least distance in mm between a hole of our choice and any edge (ours)
 
 _TOLERANCE_MM = 0.001
 _SHARES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15)
@@ -20,34 +19,12 @@ _TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
 
 
 def own_lead_in(
-    start: NDArray[np.float64],
-    away: NDArray[np.float64],
-    edges: BaseGeometry,
-    offset_mm: float,
-    length_mm: float,
+    start: NDArray[np.float64], away: NDArray[np.float64], edges: BaseGeometry, offset_mm: float, length_mm: float,
     hole_radius_mm: float,
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Choose a thread point off the contour, on the waste side.
-
-    Straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
-    shorter.
-
-    Parameters
-    ----------
-    start : float64 array (2,)
-        Where the wire path begins, in mm.
-    away : float64 array (2,)
-        Unit vector away from the part there.
-    edges : geometry
-        Every nominal edge of the job: the wire keeps the offset from it, the hole its radius and a clearance.
-    offset_mm, length_mm, hole_radius_mm : float
-        In mm.
-
-    Raises
-    ------
-    InputError
-        No room.
-    """
+    """Choose a thread point off the contour, on the waste side."""
+    # straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
+    # shorter; the wire keeps the offset from every edge of the job, the hole its radius and a clearance
     for share in _SHARES:
         for turn in _TURNS_DEG:
             cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
@@ -65,10 +42,7 @@ def own_lead_in(
 def check_approach(
     approach: NDArray[np.float64], edge: BaseGeometry, offset_mm: float, hole_radius_mm: float
 ) -> None:
-    """Check the program's own approach (n, 2) in mm, thread point first, start of the wire path last.
-
-    Raises `InputError` if the wire or the start hole would cut into the part.
-    """
+    """Check that on the program's own approach (n, 2) in mm neither wire nor start hole cuts into the part."""
     x, y = approach[0]
     if not clears(approach, edge, offset_mm):
         raise InputError(f"the approach from X{x:.3f} Y{y:.3f} cuts into the part: thread the wire on the "

@@ -16,24 +16,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Lean:
-    """How a wire leans along a path.
+    """How a wire leans along a path."""
 
-    Attributes
-    ----------
-    upper_um : int64 array (n, 2)
-        For each point of the path where the upper guide is, relative to the lower one: axes u and v.
-    bends_mm : float64 array (n, 2)
-        For each point the heights over the workpiece's lower face at which the wire bends, at lower and upper guide.
-    wall : Ruled
-        The part's wall as drawn, in mm on the table.
-    height_mm : float
-        Of the workpiece.
-    """
-
+    # (n, 2): for each point of the path where the upper guide is, relative to the lower one: axes u and v
     upper_um: NDArray[np.int64]
+    # (n, 2): for each point the heights over the workpiece's lower face at which the wire bends, at lower and
+    # upper guide
     bends_mm: Floats
-    wall: Ruled
-    height_mm: float
+    wall: Ruled  # the part's wall as drawn, in mm on the table
+    height_mm: float  # of the workpiece
 
     def shares(self, height_mm: float) -> Floats:
         """Return by what share (n, 1) of the upper guide's lead the wire is led at a height."""
@@ -87,24 +78,8 @@ class Way(NamedTuple):
 def guides_for(
     points_mm: Floats, at_mm: float, slope: Floats, guides: GuideHeights, grid_um: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Return where the guides are, in whole um, for wires that pass points and lean by so much per height.
-
-    Parameters
-    ----------
-    points_mm : float64 array (n, 2)
-        Places of the wire's centre.
-    at_mm : float
-        Height at which they lie.
-    grid_um : int
-        The lower guide's points are whole multiples of it.
-
-    Returns
-    -------
-    points_um : int64 array (n, 2)
-        Of the lower guide.
-    upper_um : int64 array (n, 2)
-        Of the upper one, relative to the lower one.
-    """
+    """Return where the guides are, in whole um, for wires that pass points and lean by so much per height."""
+    # points of the lower guide, whole multiples of `grid_um`, and of the upper one relative to it
     bends = guides.bends_mm(slope)
     lower, upper = (points_mm + slope * (z - at_mm)[:, None] for z in bends.T)
     points = np.round(lower * 1000 / grid_um).astype(np.int64) * grid_um

@@ -10,25 +10,18 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 
-MOST_BYTES = 64_000_000
-"""Size of a file (ours: a million moves take some 20 MB)."""
-MOST_POINTS = 500_000
-"""Points of all outlines, curves as chords (ours: a week of cutting in steps of 40 um)."""
-MOST_CONTOURS = 1000
-"""Contours (ours: the wire is threaded at each)."""
+MOST_BYTES = 64_000_000  # size of a file (ours: a million moves take some 20 MB)
+MOST_POINTS = 500_000  # points of all outlines, curves as chords (ours: a week of cutting in steps of 40 um)
+MOST_CONTOURS = 1000  # contours (ours: the wire is threaded at each)
 MOST_EXTENT_MM = 10_000.0
 """Extent along x or y of what is read at all (ours: twenty times the travel of the largest table there may be)."""
-LONGEST_MM = 50_000.0
-"""Length of an entity, or of the polygon that controls it (ours: weeks of cutting)."""
-FARTHEST_MM = 1e6
-"""Coordinates and radii (ours: doubles tell 0.1 nm apart there)."""
+LONGEST_MM = 50_000.0  # length of an entity, or of the polygon that controls it (ours: weeks of cutting)
+FARTHEST_MM = 1e6  # coordinates and radii (ours: doubles tell 0.1 nm apart there)
 MOST_TABLES = 2.0
 """Extent of a job over the table's travel beyond which it is refused as drawn (ours: what offset and unreachable
 corners take from a drawing is far less; a job between the two is refused by the wire's path)."""
-GREATEST_NUMBER = 1e9
-"""A number in G-code: `FARTHEST_MM` in whole um."""
-LONGEST_DWELL_S = 86_400.0
-"""A dwell: a day (ours)."""
+GREATEST_NUMBER = 1e9  # a number in G-code: `FARTHEST_MM` in whole um
+LONGEST_DWELL_S = 86_400.0  # a dwell: a day (ours)
 
 
 def check_size(file: Path) -> None:
@@ -42,15 +35,7 @@ def check_size(file: Path) -> None:
 
 
 def check_points(points_mm: NDArray[np.float64], what: str, hint: str = "") -> None:
-    """Refuse points (n, 2) in mm that are not finite, lie too far out, span too much or make too long a line.
-
-    Parameters
-    ----------
-    what : str
-        Whose points they are, to begin the message with.
-    hint : str
-        What may be wrong, to end it with.
-    """
+    """Refuse points (n, 2) in mm that are not finite, lie too far out, span too much or make too long a line."""
     if len(points_mm) == 0:
         return
     if not bool((np.abs(points_mm) <= FARTHEST_MM).all()):

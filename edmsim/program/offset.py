@@ -24,8 +24,7 @@ from edmsim.geometry import arc_lengths
 from edmsim.program.outline import Outline, Program, Side, chords_of, signed_area
 from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
 
-QUAD_SEGMENTS = 32
-"""Chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm."""
+QUAD_SEGMENTS = 32  # chords per quarter circle about corners: 0.05 um of chord error at an offset of 0.155 mm
 
 SIMPLIFY_MM = 0.00025
 """Points are dropped where the path moves by less than this many mm (ours: below the whole um to follow)."""
@@ -41,29 +40,8 @@ _MOST_MITRE = 1e3
 def offset_closed(
     edge: NDArray[np.float64], side: Side, distance_mm: float, past_mm: float | None = None
 ) -> NDArray[np.float64]:
-    """Return the closed path beside a closed edge.
-
-    Parameters
-    ----------
-    edge : float64 array (n, 2)
-        In mm, first and last point equal, without self-crossings.
-    side : {"left", "right"}
-        Side of the edge, looking along it.
-    distance_mm : float
-        Offset, 0 or more.
-    past_mm : float, optional
-        The path goes straight past an outer corner, so far from it at most; by default round it, on an arc.
-
-    Returns
-    -------
-    float64 array (m, 2)
-        In the edge's direction, from beside the edge's start, first and last point equal.
-
-    Raises
-    ------
-    InputError
-        The path vanishes or falls apart.
-    """
+    """Return the closed path beside a closed edge (n, 2) in mm, in its direction, from beside its start."""
+    # it goes straight past an outer corner, `past_mm` from it at most; by default round it, on an arc
     if distance_mm == 0:
         return edge.copy()
     counter_clockwise = signed_area(edge) > 0
@@ -96,10 +74,8 @@ def _join(past_mm: float | None) -> dict[str, Any]:
 def _blunted(
     path: NDArray[np.float64], edge: NDArray[np.float64], past_mm: float, *, closed: bool
 ) -> NDArray[np.float64] | None:
-    """Return a path with corners whose tips are cut off on an arc `past_mm` from the edge's corners.
-
-    None where a tip has more than two sides within that: the edge has more corners there.
-    """
+    """Return a path with corners whose tips are cut off on an arc `past_mm` from the edge's corners."""
+    # None where a tip has more than two sides within that: the edge has more corners there
     line = shapely.LineString(edge)
     if closed:  # it begins in the middle of a side, so that every corner has two
         sides = np.hypot(*np.diff(path, axis=0).T)
@@ -199,59 +175,27 @@ def _simplified(path: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 _MOST_NAMED = 5
-_SHARP_DEG = 15.0
-"""Lines that meet at less are taken for tangents (ours)."""
+_SHARP_DEG = 15.0  # lines that meet at less are taken for tangents (ours)
 
 
 @dataclass(frozen=True)
 class Unreachable:
-    """A place of the edge that the wire leaves metal on.
+    """A place of the edge that the wire leaves metal on."""
 
-    Attributes
-    ----------
-    place_mm : (x, y)
-        Where most stays.
-    left_mm : float
-        How much, from the edge to the wire's envelope.
-    radius_mm : float or None
-        Inner radius as drawn, 0 for a sharp corner; None for a groove or a step narrower than the wire.
-    line : int
-        The line of the program, 0 if there is none.
-    """
-
-    place_mm: tuple[float, float]
-    left_mm: float
+    place_mm: tuple[float, float]  # where most stays
+    left_mm: float  # how much, from the edge to the wire's envelope
+    # inner radius as drawn, 0 for a sharp corner; None for a groove or a step narrower than the wire
     radius_mm: float | None
-    line: int
+    line: int  # the line of the program, 0 if there is none
 
 
 def check_reach(
     edge: NDArray[np.float64], path: NDArray[np.float64], distance_mm: float, line_numbers: Sequence[int],
     elements: Sequence[int],
 ) -> list[str]:
-    """Name what of an edge the wire cannot make.
-
-    Parameters
-    ----------
-    edge, path : float64 array (n, 2)
-        Nominal edge and wire path in mm.
-    distance_mm : float
-        The offset between them: wire radius and gap.
-    line_numbers : sequence of int
-        Per chord of the edge.
-    elements : sequence of int
-        Per chord of the edge, which line or arc it belongs to: within one there are no corners.
-
-    Returns
-    -------
-    notices : list of str
-        Inner radii and grooves, the worst first, and all sharp inner corners in one.
-
-    Raises
-    ------
-    InputError
-        A groove, a neck or a radius in which more metal than the offset stays.
-    """
+    """Name what of an edge the wire cannot make: radii and grooves, the worst first, and sharp inner corners."""
+    # within one element, line or arc, there are no corners
+    # within one element, line or arc, there are no corners
     found = unreachable(edge, path, distance_mm, line_numbers, elements)
     corners = [place for place in found if place.radius_mm == 0]
     others = [place for place in found if place.radius_mm != 0]
@@ -318,9 +262,7 @@ def _runs(missed: NDArray[np.bool_], edge: NDArray[np.float64]) -> list[NDArray[
     return [*runs[1:-1], np.concatenate([runs[-1], runs[0]])] if goes_on else runs
 
 
-def _radius_mm(
-    edge: NDArray[np.float64], vertices: NDArray[np.intp], sharp: NDArray[np.bool_]
-) -> float | None:
+def _radius_mm(edge: NDArray[np.float64], vertices: NDArray[np.intp], sharp: NDArray[np.bool_]) -> float | None:
     """Return the inner radius of a run: 0 with one sharp corner, None with more; else that through three points."""
     corners = int(sharp[vertices].sum())
     if corners or len(vertices) < 3:
@@ -357,11 +299,10 @@ _SEPARATION_MM = 0.002
 
 @dataclass(frozen=True)
 class OffsetOutline:
-    """One outline with the wire's path beside it, both in mm in the program's coordinates.
+    """One outline with the wire's path beside it, both in mm in the program's coordinates."""
 
-    Of a tapered outline `path` and `nominal` lie in the program's plane, `surfaces` are its wall and the way of the
-    wire, and `guides` say where the wire bends.
-    """
+    # of a tapered outline `path` and `nominal` lie in the program's plane, `surfaces` are its wall and the way
+    # of the wire, and `guides` say where the wire bends
 
     outline: Outline
     path: NDArray[np.float64]
@@ -390,10 +331,7 @@ class OffsetOutline:
 def offset_outline(
     program: Program, outline: Outline, offset_mm: float, notices: list[str], past_mm: float | None = None
 ) -> OffsetOutline:
-    """Return an outline with its path at an offset; adds what the wire cannot reach to the notices.
-
-    `past_mm` is that of `offset_closed`.
-    """
+    """Return an outline with its path at an offset; adds what the wire cannot reach to the notices."""
     offset_line = offset_closed if outline.closed else offset_open
     points = outline.points_mm
     if outline.wire_side is None:
@@ -414,10 +352,7 @@ def offset_outline(
 def leaning_outline(
     program: Program, outline: Outline, offset_mm: float, guides: GuideHeights | None
 ) -> OffsetOutline:
-    """Return a tapered outline with the wire's way at an offset.
-
-    Raises `InputError` as `wall_and_wire`, or if the machine has no guides that lead.
-    """
+    """Return a tapered outline with the wire's way at an offset."""
     try:
         if guides is None:
             raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "

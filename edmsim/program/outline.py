@@ -155,86 +155,43 @@ class Program:
 
 @dataclass(frozen=True)
 class InForce:
-    """What is in force while a move is cut, besides side and offset.
+    """What is in force while a move is cut, besides side and offset."""
 
-    Attributes
-    ----------
-    condition : str or None
-        The machining condition called last.
-    adaptive : bool or None
-        Whether the feed is to be adaptive; None if the program does not say.
-    tilt_deg : float
-        Angle between wire and vertical; positive where its upper end leans to the left.
-    corners : Corners
-        What a tapered corner becomes.
-    planes_mm : (float, float or None)
-        Heights of the program's plane and of the second plane, as in `Taper`.
-    """
-
-    condition: str | None = None
-    adaptive: bool | None = None
-    tilt_deg: float = 0.0
-    corners: Corners = "conical"
+    condition: str | None = None  # the machining condition called last
+    adaptive: bool | None = None  # whether the feed is to be adaptive; None if the program does not say
+    tilt_deg: float = 0.0  # angle between wire and vertical; positive where its upper end leans to the left
+    corners: Corners = "conical"  # what a tapered corner becomes
+    # heights of the program's plane and of the second plane, as in `Taper`
     planes_mm: tuple[float, float | None] = (0.0, None)
 
 
 @dataclass(frozen=True)
 class CutMove:
-    """A cutting move of a G-code run.
+    """A cutting move of a G-code run."""
 
-    Attributes
-    ----------
-    points : tuple of complex
-        Its points after the start, ``x + 1j * y`` in mm.
-    side : {"left", "right", None}
-        The compensated side.
-    offset : Offset, optional
-        The register in force.
-    upper : tuple of complex
-        For each point that of the second plane; empty if the wire is not led along two contours.
-    """
-
-    points: tuple[complex, ...]
-    side: Side | None
+    points: tuple[complex, ...]  # its points after the start, ``x + 1j * y`` in mm
+    side: Side | None  # the compensated side
     line: int
-    offset: Offset | None = None
+    offset: Offset | None = None  # the register in force
     state: InForce = field(default_factory=InForce)
+    # for each point that of the second plane; empty if the wire is not led along two contours
     upper: tuple[complex, ...] = ()
 
 
 @dataclass(frozen=True)
 class Run:
-    """What G-code cuts between two rapids, or a pass of it.
+    """What G-code cuts between two rapids, or a pass of it."""
 
-    Attributes
-    ----------
-    start : complex
-        Where the wire is threaded, ``x + 1j * y`` in mm; of a later pass, where the one before it ended.
-    on_contour : bool
-        Compensation was on already when the wire was brought there: the point lies on the contour (Robofil).
-    dwells : tuple of (int, float)
-        ``(moves done, seconds)``.
-    join_mm : float
-        Places closer than this are one.
-    stops : tuple of int
-        Moves done at each stop (M0, M1).
-    upper_start : complex
-        Of the second plane, where the wire is threaded.
-    continues : bool
-        Whether the wire stays threaded from the pass before.
-    one_of_several : bool
-        Whether other passes follow, or were before, on the same wire.
-    """
-
-    start: complex
+    start: complex  # where the wire is threaded, ``x + 1j * y`` in mm; of a later pass, where the one before it ended
+    # compensation was on already when the wire was brought there: the point lies on the contour (Robofil)
     on_contour: bool
     moves: tuple[CutMove, ...]
-    dwells: tuple[tuple[int, float], ...]
-    join_mm: float
-    stops: tuple[int, ...] = ()
-    upper_start: complex = 0j
-    continues: bool = False
-    one_of_several: bool = False
+    dwells: tuple[tuple[int, float], ...]  # ``(moves done, seconds)``
+    join_mm: float  # places closer than this are one
+    stops: tuple[int, ...] = ()  # moves done at each stop (M0, M1)
+    upper_start: complex = 0j  # of the second plane, where the wire is threaded
+    continues: bool = False  # whether the wire stays threaded from the pass before
+    one_of_several: bool = False  # whether other passes follow, or were before, on the same wire
 
 
 def vertices_of(run: Run) -> list[complex]:
@@ -258,20 +215,7 @@ _AT_ONCE = 100
 
 
 def refuse_self_crossing(points: NDArray[np.float64], line_numbers: Sequence[int]) -> None:
-    """Check a polyline.
-
-    Parameters
-    ----------
-    points : float64 array (n, 2)
-        In mm; closed if the first and last are equal.
-    line_numbers : sequence of int
-        For each chord the line of the program, 0 if there is none.
-
-    Raises
-    ------
-    InputError
-        With the place and the lines of the two moves that meet.
-    """
+    """Refuse a polyline (n, 2) in mm that crosses itself, with the place and the lines of the two moves that meet."""
     moves = (np.diff(points, axis=0) != 0).any(axis=1)
     if not moves.all():  # the wire turns about a point here, while it moves in the second plane
         points = points[np.append(True, moves)]

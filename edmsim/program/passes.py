@@ -28,12 +28,10 @@ AfterTab = Literal["stop", "cut"]
 """``stop``: the machine stops before the tab is cut, and a piece is glued; ``cut``: it goes on, a slug falls."""
 Piece = Literal["profile", "tab"]
 
-TAB_MM = 1.5
-"""Usual length of a tab: shops leave 1 to 2 mm."""
+TAB_MM = 1.5  # usual length of a tab: shops leave 1 to 2 mm
 OVERLAP_MM = 0.1
 """How far a pass goes on over what another one has cut, at the ends of a tab and of a closed contour (ours)."""
-MOST_PASSES = 9
-"""More passes than any technology has (ours)."""
+MOST_PASSES = 9  # more passes than any technology has (ours)
 
 
 @dataclass(frozen=True)
@@ -166,10 +164,9 @@ class Tilt(NamedTuple):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of path of one pass in mm, before it is put on the grid; of a leaning wire at half the height.
+    """A stretch of path of one pass in mm, before it is put on the grid; of a leaning wire at half the height."""
 
-    Its first `leads` points bring the wire to where it begins.
-    """
+    # its first `leads` points bring the wire to where it begins
 
     number: int
     piece: Piece
@@ -202,18 +199,7 @@ class Stretch:
 
 
 def ways_of(legs: Sequence[OffsetOutline], plan: PassPlan) -> list[Stretch]:
-    """Return the ways of all passes along one outline.
-
-    Parameters
-    ----------
-    legs : sequence of OffsetOutline
-        The outline at the plan's offsets, in their order.
-
-    Raises
-    ------
-    InputError
-        The contour has no edge to run beside, or the tab does not fit it.
-    """
+    """Return the ways of all passes along one outline at the plan's offsets."""
     outline = legs[0].outline
     if outline.wire_side is None:
         raise InputError("the wire follows it as drawn: passes run beside an edge, under G41 or G42")
@@ -294,10 +280,8 @@ def _link(before: _Leg, leg: _Leg) -> Stretch:
 
 
 def _short_mm(rough_mm: float, offset_mm: float) -> float:
-    """Return how far before the end of the rough pass a trim has to end so that no metal is in front of it.
-
-    The rough pass ends in a round front, of which more stands beside the wire the nearer a pass is to the part.
-    """
+    """Return how far before the end of the rough pass a trim has to end so that no metal is in front of it."""
+    # the rough pass ends in a round front, of which more stands beside the wire the nearer a pass is to the part
     nearer = rough_mm - offset_mm
     return math.sqrt(max(2.0 * rough_mm * nearer - nearer**2, 0.0))
 
@@ -418,17 +402,8 @@ def ways_of_group(legs: Sequence[OffsetOutline]) -> list[Stretch]:
 def on_grid(
     ways: Sequence[Stretch], lead: NDArray[np.float64], grid_um: int, waits: Sequence[tuple[int, float]] = ()
 ) -> tuple[CutPass, ...]:
-    """Join ways to passes in whole um, each beginning where the one before ended, the first at the lead's begin.
-
-    Parameters
-    ----------
-    lead : float64 array (k, 2)
-        In mm, from the start hole; the first way's begin is not in it.
-    grid_um : int
-        Points are whole multiples of it.
-    waits : sequence of (int, float)
-        By index into the lead, how long the wire waits there.
-    """
+    """Join ways to passes in whole um, each beginning where the one before ended, the first at the lead's begin."""
+    # the lead (k, 2) leads from the start hole to the first way's begin; `waits` are by index into it
     passes: list[CutPass] = []
     before = lead
     for way in ways:
@@ -444,16 +419,8 @@ def on_grid(
         )
         passes.append(
             CutPass(
-                way.number,
-                way.piece,
-                joined.points_um[moving],
-                int(moves[: len(before) + way.leads].sum()),
-                way.offset_mm * 1000,
-                way.reversed,
-                way.stops_before,
-                way.frees,
-                way.falls,
-                lean,
+                way.number, way.piece, joined.points_um[moving], int(moves[: len(before) + way.leads].sum()),
+                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, lean,
                 tuple((int(place[i]), seconds) for i, seconds in dwells),
             )
         )
@@ -461,9 +428,7 @@ def on_grid(
     return tuple(passes)
 
 
-def _guided(
-    known_mm: NDArray[np.float64], way: Stretch, leads: int, before: CutPass | None, grid_um: int
-) -> Way:
+def _guided(known_mm: NDArray[np.float64], way: Stretch, leads: int, before: CutPass | None, grid_um: int) -> Way:
     """Put a way on the grid behind `leads` points that lead to it: vertical ones, or where the pass before ended."""
     if way.tilt is None:
         return Way(np.round(known_mm * 1000 / grid_um).astype(np.int64) * grid_um)

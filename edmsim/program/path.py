@@ -106,14 +106,11 @@ def load_program(
     raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)
 
 
-LEAD_IN_MM = 1.0
-"""Usual length in mm of a lead-in of ours, from the hole's centre to the wire path."""
+LEAD_IN_MM = 1.0  # usual length in mm of a lead-in of ours, from the hole's centre to the wire path
 
-START_HOLE_RADIUS_MM = 0.25
-"""Usual start-hole radius in mm (ours: a 0.5 mm hole, drilled by a small-hole EDM drill)."""
+START_HOLE_RADIUS_MM = 0.25  # usual start-hole radius in mm (ours: a 0.5 mm hole, drilled by a small-hole EDM drill)
 
-STOCK_MARGIN_MM = 3.0
-"""Blank left around the job in mm, clipped to the table (ours)."""
+STOCK_MARGIN_MM = 3.0  # blank left around the job in mm, clipped to the table (ours)
 
 
 @dataclass(frozen=True)
@@ -240,21 +237,11 @@ class WireContour:
 
 
 class Conditions(NamedTuple):
-    """Machining conditions of a program's passes, and what the user's table says of them.
+    """Machining conditions of a program's passes, and what the user's table says of them."""
 
-    Attributes
-    ----------
-    names : tuple of str or None
-        By pass, from the rough one; None where the program calls none.
-    approach : str, optional
-        Condition of the way from the start hole.
-    settings : mapping of str to mapping of str to float
-        By condition and setting; empty without a table.
-    """
-
-    names: tuple[str | None, ...] = ()
-    approach: str | None = None
-    settings: Mapping[str, Mapping[str, float]] = {}
+    names: tuple[str | None, ...] = ()  # by pass, from the rough one; None where the program calls none
+    approach: str | None = None  # condition of the way from the start hole
+    settings: Mapping[str, Mapping[str, float]] = {}  # by condition and setting; empty without a table
 
 
 NO_CONDITIONS = Conditions()
@@ -504,9 +491,7 @@ def _contour_of(
     before = lead.points if len(lead.points) else ways[0].points[:1]
     first = legs[0].outline
     waits = [(_lead_place(lead, first, i), s) for i, s in first.dwells if i < len(first.approach_mm)]
-    return replace(
-        contour, passes=on_grid(ways, before, grid_um, waits), continues=first.continues
-    )
+    return replace(contour, passes=on_grid(ways, before, grid_um, waits), continues=first.continues)
 
 
 def _as_first(program: Program, legs: list[OffsetOutline]) -> OffsetOutline:
@@ -590,16 +575,10 @@ def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
     moving = np.concatenate([[True], moves])
     place = np.cumsum(moving) - 1
     return WireContour(
-        points_um=points[moving],
-        lead_in_moves=int(moves[: len(lead.points)].sum()),
-        nominal_mm=leg.nominal,
-        closed=outline.closed,
-        part_side=outline.part_side,
-        dwells=tuple((int(place[i]), seconds) for i, seconds in stops),
-        line_numbers=tuple(lines[moves].tolist()),
-        elements=_elements(leg),
-        offset_um=leg.offset_mm * 1000,
-        compensated=outline.wire_side is not None,
+        points_um=points[moving], lead_in_moves=int(moves[: len(lead.points)].sum()), nominal_mm=leg.nominal,
+        closed=outline.closed, part_side=outline.part_side,
+        dwells=tuple((int(place[i]), seconds) for i, seconds in stops), line_numbers=tuple(lines[moves].tolist()),
+        elements=_elements(leg), offset_um=leg.offset_mm * 1000, compensated=outline.wire_side is not None,
     )
 
 
@@ -633,17 +612,10 @@ def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireConto
     own, drawn = len(outline.approach_mm), [(i, s) for i, s in outline.dwells]
     dwells = tuple((int(place[vertices[i - own + count if i >= own else min(i, count)]]), s) for i, s in drawn)
     return WireContour(
-        points_um=points[moving],
-        lead_in_moves=int(moves[:count].sum()),
-        nominal_mm=leg.nominal,
-        closed=outline.closed,
-        part_side=outline.part_side,
-        dwells=dwells,
-        line_numbers=tuple(lines[moves].tolist()),
-        elements=tuple(zip(wall.elements, wall.line_numbers, strict=True)),
-        offset_um=leg.offset_mm * 1000,
-        compensated=outline.wire_side is not None,
-        lean=Lean(leads[moving], bends[moving], wall, guides.height_mm),
+        points_um=points[moving], lead_in_moves=int(moves[:count].sum()), nominal_mm=leg.nominal,
+        closed=outline.closed, part_side=outline.part_side, dwells=dwells, line_numbers=tuple(lines[moves].tolist()),
+        elements=tuple(zip(wall.elements, wall.line_numbers, strict=True)), offset_um=leg.offset_mm * 1000,
+        compensated=outline.wire_side is not None, lean=Lean(leads[moving], bends[moving], wall, guides.height_mm),
     )
 
 

@@ -14,8 +14,7 @@ from edmsim.numeric import real
 
 _ZERO = frozenset({"D0", "H0"})
 _NAME = re.compile(r"([DH])0*(\d{1,4})")
-GREATEST_MM = 10.0
-"""Of an offset (ours: no wire is thicker)."""
+GREATEST_MM = 10.0  # of an offset (ours: no wire is thicker)
 
 
 def register(letter: str, number: str | float) -> str:
@@ -84,23 +83,9 @@ class Offset(NamedTuple):
 
 
 class OffsetRegisters:
-    """The registers of a program while it is read.
+    """The registers of a program while it is read; what the program itself says comes before those of a file."""
 
-    Parameters
-    ----------
-    offsets : mapping of str to float
-        In mm, of a file; what the program itself says comes before it.
-    defined : collection of str
-        Registers that the program gives a value, anywhere.
-    file : str
-        The program, for error messages.
-    zero : bool
-        Whether D0 and H0 are 0 where nobody gives them a value.
-    """
-
-    def __init__(
-        self, offsets: Mapping[str, float], defined: Collection[str], file: str, zero: bool = False
-    ) -> None:
+    def __init__(self, offsets: Mapping[str, float], defined: Collection[str], file: str, zero: bool = False) -> None:
         self._table = dict(offsets)
         self._zero = zero
         self._defined = frozenset(defined)

@@ -30,20 +30,8 @@ class _Section:
 
 
 def passes_of(run: Run) -> list[Run]:
-    """Split a run where compensation or offset changes: a run for each pass.
-
-    Moves under an offset of 0 beside some under a greater one are approach and way out, as where they had none.
-
-    Returns
-    -------
-    list of Run
-        The run itself if it has one pass.
-
-    Raises
-    ------
-    InputError
-        With the line: compensation or offset changes without G40, and what follows lies on nothing that was cut.
-    """
+    """Split a run where compensation or offset changes: a run for each pass."""
+    # moves under an offset of 0 beside some under a greater one are approach and way out, as where they had none
     run = _without_zero_offsets(run)
     sections = _sections(run.moves)
     if len(sections) < 2:

@@ -25,12 +25,9 @@ from edmsim.program.outline import Corners, Outline, Side, Taper
 
 Floats = NDArray[np.float64]
 
-MOST_DEG = 45.0
-"""Greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)."""
-SHARP_DEG = 1.0
-"""Lines and arcs that meet at less are tangents (ours: rounding of drawings)."""
-_MOST_TURN_DEG = 165.0
-"""A corner that turns by more has a mitre longer than seven offsets (ours)."""
+MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
+SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding of drawings)
+_MOST_TURN_DEG = 165.0  # a corner that turns by more has a mitre longer than seven offsets (ours)
 GOUGE_MM = 0.01
 """A wire that comes nearer to a wall than its offset by more spoils it (ours: half of what a rough cut strays)."""
 _NOTHING_MM = 1e-9
@@ -39,25 +36,16 @@ _HEIGHTS = 5
 
 
 class GuideHeights(NamedTuple):
-    """Where the wire bends at its guides, in mm over the workpiece's lower face, and what lies between.
+    """Where the wire bends at its guides, in mm over the workpiece's lower face, and what lies between."""
 
-    Attributes
-    ----------
-    lower_mm, upper_mm : float
-        Of the lower guide, below 0, and of the upper one, above `height_mm`, as the control knows them.
-    height_mm : float
-        Of the workpiece.
-    travel_mm : float
-        How far u and v go, either way.
-    stiff_mm, radius_mm : float
-        How far inside the guides a leaning wire bends, and by which radius of the guides' edges further in: see
-        `edmsim.machine.setting.GuideBends`.
-    """
-
+    # lower_mm, upper_mm: of the lower guide, below 0, and of the upper one, above `height_mm`, as the control
+    # knows them
     lower_mm: float
     upper_mm: float
-    height_mm: float
-    travel_mm: float
+    height_mm: float  # of the workpiece
+    travel_mm: float  # how far u and v go, either way
+    # stiff_mm, radius_mm: how far inside the guides a leaning wire bends, and by which radius of the guides'
+    # edges further in: see `edmsim.machine.setting.GuideBends`
     stiff_mm: float = 0.0
     radius_mm: float = 0.0
 
@@ -75,27 +63,16 @@ class GuideHeights(NamedTuple):
 
 @dataclass(frozen=True)
 class Ruled:
-    """A ruled surface between two lines with as many points each.
+    """A ruled surface between two lines with as many points each."""
 
-    Attributes
-    ----------
-    lower_mm, upper_mm : float64 arrays (n, 2)
-        Points in the program plane and in the second plane.
-    low_mm, high_mm : float
-        Heights of these planes over the workpiece's lower face; unequal.
-    elements, line_numbers : tuple of int
-        For each of the ``n - 1`` chords the line or arc and the program's line it belongs to.
-    vertices : tuple of int
-        For each point of the outline the first of the points here that it became.
-    """
-
-    lower_mm: Floats
+    lower_mm: Floats  # lower_mm, upper_mm: points in the program plane and in the second plane
     upper_mm: Floats
-    low_mm: float
+    low_mm: float  # low_mm, high_mm: heights of these planes over the workpiece's lower face; unequal
     high_mm: float
+    # elements, line_numbers: for each of the ``n - 1`` chords the line or arc and the program's line it belongs to
     elements: tuple[int, ...]
     line_numbers: tuple[int, ...]
-    vertices: tuple[int, ...]
+    vertices: tuple[int, ...]  # for each point of the outline the first of the points here that it became
 
     @property
     def slope(self) -> Floats:
@@ -112,18 +89,7 @@ class Ruled:
 
 
 def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -> tuple[Outline, ...]:
-    """Return outlines whose walls lean by an angle, where they do not already.
-
-    Parameters
-    ----------
-    angle_deg : float
-        Between wall and vertical; positive where the part is smaller above than in the plane that is drawn.
-
-    Raises
-    ------
-    InputError
-        An invalid angle.
-    """
+    """Return outlines whose walls lean by an angle, positive for a part smaller above, where they do not already."""
     if not (math.isfinite(angle_deg) and abs(angle_deg) < MOST_DEG):
         raise InputError(f"the wall cannot lean by {angle_deg:g} degrees: give up to {MOST_DEG:g} either way")
     if angle_deg == 0:
@@ -261,10 +227,7 @@ def _turned(normal: Floats, turn: float, count: int) -> Floats:
 
 
 def mitre(n1: Floats, n2: Floats, d1: float, d2: float) -> Floats:
-    """Return the vector from a corner to where lines at two distances from its chords, to their left, meet.
-
-    Raises `InputError` if the corner turns back on itself.
-    """
+    """Return the vector from a corner to where lines at two distances from its chords, to their left, meet."""
     both, apart = n1 + n2, n1 - n2
     if math.degrees(abs(_turn(n1, n2))) > _MOST_TURN_DEG:
         raise InputError(f"a corner turns by more than {_MOST_TURN_DEG:g} degrees: round it, or cut it without taper")
@@ -308,23 +271,13 @@ def _cylinders(outline: Outline, chords: _Chords) -> dict[int, Floats]:
 
 
 def offset_surface(wall: Ruled, side: Side | None, offset_mm: float) -> Ruled:
-    """Return the way of a wire beside a wall, its centre at every height.
-
-    In a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is
-    ``offset / cos(angle)`` away, the angle that between wall and vertical across the path.
-
-    Parameters
-    ----------
-    side : {"left", "right"} or None
-        Of the wall; None: the wire's centre goes along it.
-    offset_mm : float
-        Wire radius and gap, square to the wire.
-
-    Raises
-    ------
-    InputError
-        The wire does not fit an arc or a corner at some height.
-    """
+    """Return the way of a wire's centre beside a wall, or along it; the offset is square to the wire."""
+    # in a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is offset /
+    # cos(angle) away, the angle that between wall and vertical across the path
+    # in a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is offset /
+    # cos(angle) away, the angle that between wall and vertical across the path
+    # in a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is offset /
+    # cos(angle) away, the angle that between wall and vertical across the path
     if side is None or offset_mm == 0:
         return wall
     slope, sign = wall.slope, _wire_sign(side)
@@ -355,10 +308,7 @@ def _offsets(normals: Floats, slope: Floats, offset_mm: float, closed: bool) -> 
 
 
 def refuse_vanished(wall: Ruled, height_mm: float, what: str) -> None:
-    """Refuse a surface of which a part vanishes, and turns round, at some height of the workpiece.
-
-    Raises `InputError` with the place and the height.
-    """
+    """Refuse a surface of which a part vanishes, and turns round, at some height of the workpiece."""
     low, rise = np.diff(wall.lower_mm, axis=0), np.diff(wall.slope, axis=0)
     along = np.where(np.hypot(*low.T)[:, None] > _NOTHING_MM, low, rise * (1 if wall.high_mm > wall.low_mm else -1))
     faces = [(low + rise * (z - wall.low_mm) * 1.0) for z in (0.0, height_mm)]
@@ -394,10 +344,7 @@ def refuse_crossings(wire: Ruled, height_mm: float) -> None:
 
 
 def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) -> None:
-    """Refuse a wire that comes too near to the wall at some height of the workpiece.
-
-    Raises `InputError` with the height, and by how much.
-    """
+    """Refuse a wire that comes too near to the wall at some height of the workpiece."""
     for z in np.linspace(0.0, height_mm, _HEIGHTS).tolist():
         line, points = shapely.LineString(wall.at(z)), shapely.points(wire.at(z))
         into_mm = offset_mm - float(line.distance(points).min())
@@ -409,10 +356,7 @@ def refuse_gouges(wall: Ruled, wire: Ruled, offset_mm: float, height_mm: float) 
 
 
 def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
-    """Refuse a wire that leans further than the upper guide goes.
-
-    Raises `InputError` with how far it would go, and the greatest angle.
-    """
+    """Refuse a wire that leans further than the upper guide goes."""
     bends = guides.bends_mm(wire.slope)
     lead = wire.slope * (bends[:, 1:] - bends[:, :1])
     k, axis = np.unravel_index(int(np.abs(lead).argmax()), lead.shape)
@@ -429,26 +373,15 @@ def refuse_out_of_reach(wire: Ruled, guides: GuideHeights) -> None:
 
 
 class _Piece(NamedTuple):
-    """A line, an arc or a curve of an outline.
-
-    Attributes
-    ----------
-    first : int
-        Number of its first point along the outline.
-    tangent : float
-        Of the angle between its wall and the vertical, positive to the left.
-    centre : float64 array (2,) or None
-        Of an arc.
-    radius_mm, swept : float
-        Of an arc: positive, and the angle from its first point to its last, left positive.
-    """
+    """A line, an arc or a curve of an outline."""
 
     points: Floats
     element: int
     line: int
-    first: int
-    tangent: float
-    centre: Floats | None = None
+    first: int  # number of its first point along the outline
+    tangent: float  # of the angle between its wall and the vertical, positive to the left
+    centre: Floats | None = None  # of an arc
+    # radius_mm, swept: of an arc: positive, and the angle from its first point to its last, left positive
     radius_mm: float = 0.0
     swept: float = 0.0
 
@@ -481,8 +414,7 @@ def _pieces(outline: Outline) -> list[_Piece]:
     return found
 
 
-_ROUND_MM = 0.003
-"""Points of an arc lie on its circle within this: chord tolerance and rounding (ours)."""
+_ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord tolerance and rounding (ours)
 
 
 def _circle(points: Floats) -> tuple[Floats, float, float] | None:
@@ -645,22 +577,7 @@ def _of_pieces(outline: Outline, low: float, high: float, offset_mm: float) -> t
 
 
 def wall_and_wire(outline: Outline, offset_mm: float, guides: GuideHeights) -> tuple[Ruled, Ruled]:
-    """Return wall and wire of a tapered outline, checked.
-
-    Parameters
-    ----------
-    outline : Outline
-        With a taper.
-    offset_mm : float
-        Wire radius and gap.
-
-    Raises
-    ------
-    InputError
-        Planes or numbers of points that do not fit, an angle out of range, an arc that cannot be what is asked for,
-        a part of the contour that vanishes at some height of the workpiece, a wire that does not fit, or that crosses
-        its own way, guides that do not go so far.
-    """
+    """Return wall and wire of a tapered outline, checked."""
     taper = outline.taper
     assert taper is not None
     low = taper.program_plane_mm

@@ -17,21 +17,9 @@ Floats = NDArray[np.float64]
 
 
 def ruled_between(below: Program, above: Program) -> Program:
-    """Return the program whose walls are ruled between the contours of two.
-
-    Every contour below goes with the contour above whose middle is nearest. Lines and arcs go with each other in
-    order, so that their beginnings lie as near to each other as they can.
-
-    Parameters
-    ----------
-    below, above : Program
-        Of the lower and the upper face of the workpiece, in the same coordinates.
-
-    Raises
-    ------
-    InputError
-        There are not as many contours above as below, or not as many lines and arcs in two that go with each other.
-    """
+    """Return the program whose walls are ruled between the contours of two, the lower and the upper face."""
+    # every contour below goes with the one above whose middle is nearest; lines and arcs go with each other in
+    # order, so that their beginnings lie as near to each other as they can
     if len(below.outlines) != len(above.outlines):
         raise InputError(
             f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as many",

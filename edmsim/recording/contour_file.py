@@ -19,22 +19,9 @@ _COLOURS = {"CUT": (1, "#d55e00"), "NOMINAL": (7, "#1f2933")}
 
 
 def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None) -> None:
-    """Write the cut edges, and the edges as drawn, in mm of the program or drawing.
-
-    Parameters
-    ----------
-    file : path
-        ``.dxf``: polylines on the layers ``CUT`` and ``NOMINAL``, unit mm. ``.csv``: columns ``layer``, ``line`` (a
-        number from 1), ``x_mm``, ``y_mm``. ``.svg``: paths of the classes ``cut`` and ``nominal``, 1 mm a unit.
-    height_mm : float, optional
-        Over the workpiece's lower face: the part's wall there, between the slices next to it. By default all edges of
-        the kerf at mid height.
-
-    Raises
-    ------
-    InputError
-        Another suffix, a height beside the workpiece, or the file cannot be written.
-    """
+    """Write the cut edges as ``.dxf``, ``.csv`` or ``.svg``, and the edges as drawn, in mm of the program."""
+    # at a height over the workpiece's lower face only the part's wall, between the slices next to it; by
+    # default all edges of the kerf at mid height
     writers = {".dxf": _write_dxf, ".csv": _write_csv, ".svg": _write_svg}
     target = Path(file)
     if target.suffix.lower() not in writers:

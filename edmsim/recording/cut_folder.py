@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from edmsim.errors import InputError
-from edmsim.recording.report import cut_id
+from edmsim.recording.report import Report, cut_id
 from edmsim.recording.scene import Scene, read_scene
 from edmsim.recording.windows import CUT_KEY, read_windows
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 class RecordedCut(NamedTuple):
     """What a cut left in its folder: ``report.json``, ``windows.parquet``, ``part.npz``."""
 
-    report: dict[str, Any]
+    report: Report
     windows: pa.Table
     scene: Scene
 
     @property
     def title(self) -> str:
         """The program's name."""
-        return str(self.report["settings"]["program"])
+        return str(self.report.settings["program"])
 
 
 def read_cut(directory: str | Path) -> RecordedCut:
@@ -47,15 +47,16 @@ def read_cut(directory: str | Path) -> RecordedCut:
     return cut
 
 
-def _read_report(file: Path) -> dict[str, Any]:
+def _read_report(file: Path) -> Report:
     try:
         report = json.loads(file.read_text(encoding="utf-8"))
         if not isinstance(report, dict) or "settings" not in report:
             raise ValueError("no settings in it")
+        if missing := [name for name in Report() if name not in report]:
+            made_by = report.get("edmsim_version")
+            raise InputError(f"written by edmsim {made_by} without {missing[0]}: cut again", file)
+        return Report(**report)
     except FileNotFoundError:
         raise InputError("no such file, the folder of a cut is needed", file) from None
-    except (OSError, ValueError, RecursionError) as error:  # brackets within brackets, too
+    except (OSError, ValueError, TypeError, RecursionError) as error:  # brackets within brackets, too
         raise InputError(f"not the report of a cut ({error})", file) from None
-    if "kerf_section" not in report:
-        raise InputError(f"written by edmsim {report.get('edmsim_version')} without kerf_section: cut again", file)
-    return report

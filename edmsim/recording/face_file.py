@@ -17,29 +17,20 @@ from edmsim.recording.scene import Scene
 
 Floats = NDArray[np.float64]
 
-FACE_STEP_MM = 0.02
-"""Distance of the points along the edge (ours: that of the profile error)."""
-FARTHEST_MM = 0.15
-"""Further from the edge as drawn there is no wall of it (ours: half a kerf)."""
+FACE_STEP_MM = 0.02  # distance of the points along the edge (ours: that of the profile error)
+FARTHEST_MM = 0.15  # further from the edge as drawn there is no wall of it (ours: half a kerf)
 
 
-SPECK_SHARE = 0.01
-"""Share of the wire's cross-section below which a closed edge is a speck (ours: a crater or two)."""
+SPECK_SHARE = 0.01  # share of the wire's cross-section below which a closed edge is a speck (ours: a crater or two)
 
 
 class Face(NamedTuple):
-    """The cut face along one contour, from the lower face of the workpiece to the upper one.
+    """The cut face along one contour, from the lower face of the workpiece to the upper one."""
 
-    Attributes
-    ----------
-    points_mm : float64 array (rows, n, 3)
-        Row by row upwards: the lower face, the middle of every slice, the upper face. NaN where nothing was cut.
-    error_um : float64 array (rows, n)
-        Distance from the wall as drawn, in the plane of the row: positive is metal left.
-    """
-
+    # (rows, n, 3): row by row upwards: the lower face, the middle of every slice, the upper face. NaN where
+    # nothing was cut.
     points_mm: Floats
-    error_um: Floats
+    error_um: Floats  # (rows, n): distance from the wall as drawn, in the plane of the row: positive is metal left
     closed: bool
 
     def at(self, height_mm: float) -> Floats:
@@ -123,19 +114,8 @@ def _signed_um(wall: Floats, nominal: Floats, part_side: str) -> Floats:
 
 
 def write_faces(scene: Scene, file: str | Path) -> None:
-    """Write the cut faces of the part.
-
-    Parameters
-    ----------
-    file : path
-        ``.stl``: triangles in mm of the program or drawing, z from the workpiece's lower face. ``.glb``: glTF in one
-        file, coloured by the profile error, in metres and with y upwards as its specification wants.
-
-    Raises
-    ------
-    InputError
-        Another suffix, no cut face, the file cannot be written, or the library for meshes is missing.
-    """
+    """Write the cut faces of the part: ``.stl``, or ``.glb`` coloured by the profile error."""
+    # STL in mm of the program, z from the lower face; glTF in metres, y upwards, as its specification wants
     target = Path(file)
     if target.suffix.lower() not in (".stl", ".glb"):
         raise InputError("a cut face is written as .stl .glb", target)

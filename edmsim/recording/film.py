@@ -42,23 +42,11 @@ _CURVES = (
 )  # fmt: skip
 """Title and curves of every plot: entity, name, colour. No two curves beside each other share a colour.
 Feed has that of the path cut, lag that of the wire."""
-_MOST_POINTS = 1500
-"""A curve is drawn with about as many points as it has pixels."""
+_MOST_POINTS = 1500  # a curve is drawn with about as many points as it has pixels
 
 
 class Film:
-    """Draws a recording at any time.
-
-    Parameters
-    ----------
-    dpi : int
-        Resolution of the pictures.
-
-    Attributes
-    ----------
-    size : (int, int)
-        Width and height of the pictures in pixels, both even.
-    """
+    """Draws a recording at any time; `size` are the pictures' width and height in pixels, both even."""
 
     def __init__(self, play: Playback, dpi: int) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -261,15 +249,11 @@ def _few_ticks() -> Any:
 
 
 MP4, GIF = ".mp4", ".gif"
-FRAMES_PER_S = {MP4: 25, GIF: 10}
-"""A film is smooth, an animated picture small."""
-DPI = {MP4: 100, GIF: 60}
-"""Of a figure of `edmsim.recording.film.SIZE_INCH`: 1280 x 720 and 768 x 432."""
-SECONDS = 12.0
-"""How long a whole cut takes in the film."""
+FRAMES_PER_S = {MP4: 25, GIF: 10}  # a film is smooth, an animated picture small
+DPI = {MP4: 100, GIF: 60}  # of a figure of `edmsim.recording.film.SIZE_INCH`: 1280 x 720 and 768 x 432
+SECONDS = 12.0  # how long a whole cut takes in the film
 _GIF_COLOURS = 96
-_SAME = 255
-"""Colour of a pixel that is as in the picture before; none of `_GIF_COLOURS`."""
+_SAME = 255  # colour of a pixel that is as in the picture before; none of `_GIF_COLOURS`
 
 
 def render(recording: Path, out: str | Path, seconds: float = SECONDS) -> None:
@@ -326,9 +310,7 @@ def _ffmpeg() -> Any:
     try:
         import imageio_ffmpeg
     except ImportError:
-        raise InputError(
-            "mp4 needs imageio-ffmpeg: pip install 'edmsim[video]'; a .gif needs nothing more"
-        ) from None
+        raise InputError("mp4 needs imageio-ffmpeg: pip install 'edmsim[video]'; a .gif needs nothing more") from None
     return imageio_ffmpeg
 
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import base64
-import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures.catalogue import Picture, pictures
-from edmsim.recording.figures.profile import profile_figure
-from edmsim.recording.report import corner_mm, duration_text, figure_text, outcome_text, summary
+from edmsim.recording.figures.profile import PROFILE_DOTS, figure_png
+from edmsim.recording.report import Element, Report, duration_text, outcome_text, summary
 from edmsim.recording.scene import Scene
 
 if TYPE_CHECKING:
@@ -25,16 +24,15 @@ _COLUMNS = (
     "contour", "line", "element", "from X, mm", "Y, mm", "to X, mm", "Y, mm", "length, mm", "mean, µm", "least, µm",
     "greatest, µm",
 )
-_MOST = 200
-"""Rows shown (ours): a drawing of that many has its worst ones named."""
+_MOST = 200  # rows shown (ours): a drawing of that many has its worst ones named
 
 
-def elements_table(elements: Sequence[Mapping[str, Any]]) -> str:
+def elements_table(elements: Sequence[Element]) -> str:
     """Return the table of the report's elements; of very many those with the largest error, in order."""
     shown, more = list(elements), ""
     if len(shown) > _MOST:
-        shown.sort(key=lambda row: -max(abs(row["low_um"] or 0.0), abs(row["high_um"] or 0.0)))
-        shown = sorted(shown[:_MOST], key=lambda row: (row["contour"], row["element"]))
+        shown.sort(key=lambda row: -max(abs(row.low_um or 0.0), abs(row.high_um or 0.0)))
+        shown = sorted(shown[:_MOST], key=lambda row: (row.contour, row.element))
         more = f" The {_MOST} of {len(elements)} with the largest error are shown; report.json has all."
     head = "".join(f"<th>{name}</th>" for name in _COLUMNS)
     rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in _cells(row))}</tr>" for row in shown)
@@ -42,20 +40,20 @@ def elements_table(elements: Sequence[Mapping[str, Any]]) -> str:
     return f'{note}<div style="overflow-x: auto"><table><tr>{head}</tr>{rows}</table></div>'
 
 
-def _cells(row: Mapping[str, Any]) -> list[str]:
-    kind = row["kind"] if row["radius_mm"] is None else f"{row['kind']} R {row['radius_mm']:.3f}"
+def _cells(row: Element) -> list[str]:
+    kind = row.kind if row.radius_mm is None else f"{row.kind} R {row.radius_mm:.3f}"
     # 0.0 +: a hair below zero would read -0.000
     places = [f"{round(row[f'program_{name}_mm'], 6) + 0.0:.3f}" for name in ("x", "y", "end_x", "end_y")]
     errors = ["–" if row[name] is None else f"{row[name]:+.1f}" for name in ("mean_um", "low_um", "high_um")]
-    line = "–" if row["line"] is None else str(row["line"])
-    cells = [str(row["contour"]), line, kind, *places, f"{row['length_mm']:.3f}", *errors]
+    line = "–" if row.line is None else str(row.line)
+    cells = [str(row.contour), line, kind, *places, f"{row.length_mm:.3f}", *errors]
     return [f"−{cell[1:]}" if cell.startswith("-") else cell for cell in cells]
 
 
 CARD_DPI = 80
 """Dots per inch of the picture in a notebook (ours: as wide as a notebook's column, a tenth of a megabyte)."""
-PROFILE_DPI, COLUMN_DPI = 150, 320
-"""Dots per inch of the pictures on the page, as they are when enlarged (ours: 1500 and 1120 dots wide)."""
+COLUMN_DPI = 320
+"""Dots per inch of the pictures in columns, as they are when enlarged (ours: 1120 dots wide)."""
 PROFILE_CAPTION = "The cut from above, the error along its edge drawn large, and the process over machine time."
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1f2933; --muted: #5b6773; --line: #d9dde2; --card: #ffffff; --page: #f5f6f8;
@@ -95,75 +93,57 @@ footer { margin: 2rem 0 1rem; }
 
 
 def write_html(
-    report: Mapping[str, Any], windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str,
+    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, title: str, profile: bytes,
     file: str | Path,
 ) -> None:
-    """Write the page of a cut; a file of that name is replaced whole or not at all.
-
-    Parameters
-    ----------
-    report, windows, scene, sample
-        As `edmsim.recording.figures.catalogue.pictures` takes them.
-    title : str
-        What was cut, usually the program's name.
-    """
+    """Write the page of a cut; a file of that name is replaced whole or not at all."""
     left_out: list[str] = []
-    whole = Picture("profile", PROFILE_CAPTION, profile_figure(scene, windows, report, title))
-    drawn = [whole, *pictures(report, windows, scene, sample, left_out.append)]
+    drawn = [*pictures(report, windows, scene, sample, left_out.append)]
     with replacing(file) as partial:
-        partial.write_bytes(page(report, title, drawn, left_out).encode("utf-8", "replace"))
+        partial.write_bytes(page(report, title, profile, drawn, left_out).encode("utf-8", "replace"))
 
 
-def page(report: Mapping[str, Any], title: str, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:
-    """Return the page: heading, key figures, first picture, table, notices, other figures, corners, settings.
-
-    Parameters
-    ----------
-    drawn : iterable of Picture
-        Are put into the page as PNG, the first one as wide as the page; a click enlarges each, without a script.
-    left_out : iterable of str
-        Further notices.
-    """
-    notices = [*report["notices"], *left_out]
-    shown = [*drawn]
-    first = "".join(_picture(picture, PROFILE_DPI) for picture in shown[:1])
-    others = "".join(_picture(picture, COLUMN_DPI) for picture in shown[1:])
+def page(report: Report, title: str, profile: bytes, drawn: Iterable[Picture], left_out: Iterable[str] = ()) -> str:
+    """Return the page; its pictures are in it as PNG, the first as wide as the page, each enlarged by a click."""
+    notices = [*report.notices, *left_out]
+    first = _enlarged("profile", PROFILE_CAPTION, _address(profile), *PROFILE_DOTS)
+    others = "".join(_picture(picture) for picture in drawn)
     return "\n".join([
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>{escape(title)} – edmsim</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
         f"<h1>{escape(title)}</h1>",
-        f'<p class="outcome {"good" if report["reason"] is None else "bad"}">{escape(outcome_text(report))}</p>',
+        f'<p class="outcome {"good" if report.reason is None else "bad"}">{escape(outcome_text(report))}</p>',
         _tiles(report),
-        _section("The cut", first + _HINT) if shown else "",
+        _section("The cut", first + _HINT),
         _section("Result", _pairs(summary(report))),
         _section("Notices", _notices(notices)) if notices else "",
         _section("Figures", f'<div class="figures">{others}</div>') if others else "",
-        _section("Corners", _corners(report)) if report["corners"] else "",
-        _section("Lines and arcs", elements_table(report["elements"])) if report.get("elements") else "",
-        _section("Settings", _pairs([*_settings(report["settings"]), ("seed", str(report["seed"]))])),
-        f"<footer>edmsim {escape(report['edmsim_version'])}</footer>\n</body>\n</html>\n",
+        _section("Corners", _corners(report)) if report.corners else "",
+        _section("Lines and arcs", elements_table(report.elements)) if report.elements else "",
+        _section("Settings", _pairs([*_settings(report), ("seed", str(report.seed))])),
+        f"<footer>edmsim {escape(report.edmsim_version)}</footer>\n</body>\n</html>\n",
     ])  # fmt: skip
 
 
-def card(report: Mapping[str, Any], title: str, figure: Figure) -> str:
+def card(report: Report, title: str, figure: Figure) -> str:
     """Return what a notebook shows of a cut: outcome, table, notices and one picture, in the notebook's own style."""
     rows = "".join(
         f'<tr><th style="text-align: left">{escape(name)}</th><td style="text-align: left">{escape(text)}</td></tr>'
         for name, text in summary(report)
     )
-    notices = "".join(f"<p>note: {escape(notice)}</p>" for notice in report["notices"])
+    notices = "".join(f"<p>note: {escape(notice)}</p>" for notice in report.notices)
     image = f'<img src="{_png(figure, CARD_DPI)}" alt="{escape(title)} from above, and the process over time">'
     heading = f"<p><b>{escape(title)}: {escape(outcome_text(report))}</b></p>"
     return f"<div>{heading}<table>{rows}</table>{notices}{image}</div>"
 
 
-def _tiles(report: Mapping[str, Any]) -> str:
+def _tiles(report: Report) -> str:
     facts = (
-        ("machining time", duration_text(report["machining_time_s"])),
-        ("cutting rate", figure_text(report["cutting_rate_mm2_min"], "mm²/min")),
-        ("kerf", figure_text(report["kerf_um"]["mean"], "µm")),
-        ("profile error, rms", figure_text(report["profile_error_um"]["rms"], "µm")),
+        ("machining time", duration_text(report.machining_time_s)),
+        ("cutting rate", report.text("cutting_rate_mm2_min")),
+        ("kerf", report.text("kerf_um.mean")),
+        ("profile error, rms", report.text("profile_error_um.rms")),
     )
     tiles = (f'<div class="tile"><span>{name}</span><b>{escape(value)}</b></div>' for name, value in facts)
     return f'<div class="tiles">{"".join(tiles)}</div>'
@@ -185,33 +165,39 @@ def _notices(notices: Iterable[str]) -> str:
 _HINT = '<p class="hint">Click a figure to enlarge it, and click it again to close it.</p>'
 
 
-def _picture(picture: Picture, dpi: int) -> str:
-    caption = escape(picture.caption)
-    width, height = (round(inches * dpi) for inches in picture.figure.get_size_inches())
-    image = f'<img src="{_png(picture.figure, dpi)}" alt="{caption}" width="{width}" height="{height}">'
+def _picture(picture: Picture) -> str:
+    width, height = (round(inches * COLUMN_DPI) for inches in picture.figure.get_size_inches())
+    return _enlarged(picture.name, picture.caption, _png(picture.figure, COLUMN_DPI), width, height)
+
+
+def _enlarged(name: str, words: str, address: str, width: int, height: int) -> str:
+    caption = escape(words)
+    image = f'<img src="{address}" alt="{caption}" width="{width}" height="{height}">'
     switch = f'<input type="checkbox" aria-label="enlarge: {caption}">'
     enlarged = f'<label class="enlarge">{switch}<span>{image}</span></label>'
-    return f'<figure id="{picture.name}">{enlarged}<figcaption>{caption}</figcaption></figure>'
+    return f'<figure id="{name}">{enlarged}<figcaption>{caption}</figcaption></figure>'
 
 
 def _png(figure: Figure, dpi: float) -> str:
     """Return a figure as the address of an image that holds it."""
-    held = io.BytesIO()
-    figure.savefig(held, format="png", dpi=dpi, metadata={"Software": "edmsim"})
-    return "data:image/png;base64," + base64.b64encode(held.getvalue()).decode("ascii")
+    return _address(figure_png(figure, dpi))
 
 
-def _corners(report: Mapping[str, Any]) -> str:
+def _address(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+
+
+def _corners(report: Report) -> str:
     head = "<tr><th>X, mm</th><th>Y, mm</th><th>turn, °</th><th>error, µm</th></tr>"
     rows = (
-        f"<tr><td>{corner_mm(c)[0]:.3f}</td><td>{corner_mm(c)[1]:.3f}</td><td>{c['turn_deg']:+.0f}</td>"
-        f"<td>{'–' if c['error_um'] is None else format(c['error_um'], '+.1f')}</td></tr>"
-        for c in report["corners"]
+        f"<tr><td>{round(c.program_x_mm, 6) + 0.0:.3f}</td><td>{round(c.program_y_mm, 6) + 0.0:.3f}</td>"
+        f"<td>{c.turn_deg:+.0f}</td><td>{'–' if c.error_um is None else format(c.error_um, '+.1f')}</td></tr>"
+        for c in report.corners
     )
     return f"<table>{head}{''.join(rows)}</table>".replace("<td>-", "<td>−")
 
 
-def _settings(settings: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
-    for name, value in settings.items():
+def _settings(report: Report) -> Iterable[tuple[str, str]]:
+    for name, value in report.settings.items():
         if value is not None and value != []:
             yield name, f"{value:g}" if isinstance(value, float) else str(value)

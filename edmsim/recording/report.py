@@ -1,25 +1,207 @@
-"""The report of a cut: ``report.json`` and its picture on the terminal, with how far the part is from its drawing."""
+"""The report of a cut: a class whose figures know their unit and meaning, its file, and its text for a terminal."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
 from edmsim.files import replacing
-from edmsim.metrology.reach import WorstPlace
-from edmsim.recording.quality import Quality, Totals
 from edmsim.recording.windows import column, lag_along_um
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from rich.console import RenderableType
+
+
+class FigureKind(NamedTuple):
+    """What a number is: unit (a share in ``%`` is stored from 0 to 1), meaning, decimals, name in a table of runs."""
+
+    unit: str
+    meaning: str
+    digits: int = 1
+    column: str = ""
+
+    def text(self, value: float | None, digits: int | None = None) -> str:
+        """Return ``12.3 µm``, or a dash if the value could not be obtained."""
+        shown = value if value is None or self.unit != "%" else 100.0 * value
+        return figure_text(shown, self.unit, self.digits if digits is None else digits)
+
+    @property
+    def heading(self) -> str:
+        """Meaning and unit over a column, in ASCII; shares have their unit in the cells."""
+        unit = self.unit.replace("²", "2").replace("µ", "u")
+        return self.meaning if unit in ("", "%") else f"{self.meaning}, {unit}"
+
+
+TIME = FigureKind("s", "machine time", column="machining_time_s")
+LENGTH = FigureKind("mm", "length cut", 2, "path_length_mm")
+RATE = FigureKind("mm²/min", "cutting rate", column="cutting_rate_mm2_min")
+SHORTS = FigureKind("%", "short pulses", column="short_share")
+OPENS = FigureKind("%", "open pulses", column="open_share")
+RA = FigureKind("µm", "Ra", 2, "ra_um")
+HOTTEST = FigureKind("K", "highest temperature of the wire", 0, "wire_temperature_K")
+"""Figures that a cut has as well as an episode of an environment."""
+_Number = float | None
+
+
+class Figures(Mapping[str, Any]):
+    """A record that is read by attribute or by name, and plain as JSON: what is not known is None, never NaN."""
+
+    def __post_init__(self) -> None:
+        for name, kind in _kinds(type(self)).items():
+            object.__setattr__(self, name, _plain(getattr(self, name), kind))
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in _kinds(type(self)):
+            raise KeyError(name)
+        return getattr(self, name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_kinds(type(self)))
+
+    def __len__(self) -> int:
+        return len(_kinds(type(self)))
+
+    def text(self, place: str, digits: int | None = None) -> str:
+        """Return the figure at a place, ``kerf_um.mean`` say, as a person reads it."""
+        return kinds_of(type(self))[place].text(attrgetter(place)(self), digits)
+
+
+@cache
+def _kinds(record: type[Figures]) -> dict[str, type[Figures] | None]:
+    """Return the fields of a record, each with the record that its value is, or has in a list."""
+
+    def kind_of(hint: Any) -> type[Figures] | None:
+        if isinstance(hint, type) and issubclass(hint, Figures):
+            return hint
+        return next((kind for part in get_args(hint) if (kind := kind_of(part)) is not None), None)
+
+    return {name: kind_of(hint) for name, hint in get_type_hints(record).items()}
+
+
+@cache
+def kinds_of(record: type) -> dict[str, FigureKind]:
+    """Return the figures that a record declares, by their places in it; of lists and of what may lack, none."""
+    found: dict[str, FigureKind] = {}
+    for name, hint in get_type_hints(record, include_extras=True).items():
+        if isinstance(hint, type) and issubclass(hint, Figures):
+            found |= {f"{name}.{place}": kind for place, kind in kinds_of(hint).items()}
+        else:
+            for kind in getattr(hint, "__metadata__", ()):
+                found[name] = kind
+    return found
+
+
+def _plain(value: Any, kind: type[Figures] | None = None) -> Any:
+    """Return plain JSON types: numpy scalars unpacked, paths as text, NaN and infinity as None."""
+    if isinstance(value, Figures):
+        return value
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()} if kind is None else kind(**value)
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(item, kind) for item in value]
+    if kind is not None and value is not None:
+        raise ValueError(f"{value!r} where figures belong")
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+@dataclass(frozen=True, eq=False)
+class Feed(Figures):
+    """Feed of the cut, and how much of it was held back by the greatest one of machine and planner."""
+
+    mean: Annotated[_Number, FigureKind("µm/s", "mean feed", column="feed_um_s")] = None
+    max: Annotated[_Number, FigureKind("µm/s", "greatest feed")] = None
+    limit: Annotated[_Number, FigureKind("µm/s", "greatest feed of machine and planner")] = None
+    share_at_limit: Annotated[_Number, FigureKind("%", "share of the cut at that feed", 0)] = None
+
+
+@dataclass(frozen=True, eq=False)
+class PulseShare(Figures):
+    """Pulses of each class, of all that the generator gave."""
+
+    spark: Annotated[_Number, FigureKind("%", "sparks of all pulses", column="spark_share")] = None
+    arc: Annotated[_Number, FigureKind("%", "arcs", column="arc_share")] = None
+    short: Annotated[_Number, SHORTS] = None
+    open: Annotated[_Number, OPENS] = None
+
+
+@dataclass(frozen=True, eq=False)
+class Kerf(Figures):
+    """Width of the kerf over all places and heights."""
+
+    mean: Annotated[_Number, FigureKind("µm", "mean width of the kerf", column="kerf_um")] = None
+    min: Annotated[_Number, FigureKind("µm", "least width of the kerf")] = None
+    max: Annotated[_Number, FigureKind("µm", "greatest width of the kerf")] = None
+
+
+@dataclass(frozen=True, eq=False)
+class Wall(Figures):
+    """A wall of the kerf in one slice: mean, 5 % and 95 % of its distances from the wire's path."""
+
+    mean_um: _Number = None
+    p5_um: _Number = None
+    p95_um: _Number = None
+
+
+@dataclass(frozen=True, eq=False)
+class KerfSlice(Figures):
+    """The kerf at one height over the lower face: places measured, the wall on the part's side and the one across."""
+
+    height_mm: float
+    places: int
+    part: Wall
+    rest: Wall
+
+
+@dataclass(frozen=True, eq=False)
+class Spread(Figures):
+    """Of the magnitudes of errors."""
+
+    max: Annotated[_Number, FigureKind("µm", "greatest")] = None
+    rms: Annotated[_Number, FigureKind("µm", "root mean square")] = None
+    p95: Annotated[_Number, FigureKind("µm", "what 95 % stay below")] = None
+
+    @property
+    def worst_and_rms(self) -> str:
+        """Both as a person reads them."""
+        return f"{self.text('max')} max, {self.text('rms')} rms"
+
+    @property
+    def in_words(self) -> str:
+        """All three as a person reads them."""
+        return f"{self.worst_and_rms}, {self.text('p95')} for 95 %"
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorPlace(Figures):
+    """Where an error is largest in the program, and why: see `edmsim.metrology.reach.WorstPlace`."""
+
+    program_x_mm: _Number = None
+    program_y_mm: _Number = None
+    error_um: _Number = None
+    why: str | None = None
+    made_by: str | None = None
+
+    def __str__(self) -> str:
+        """Say it."""
+        if self.why is None:
+            return "not measured"
+        share = None if self.why == "out of reach" else self.made_by
+        made_by = "" if share is None else f", most of it by {_MADE_BY[share]}"
+        return f"{self.error_um:+.1f} µm at {place_text(self)}: {_WORDS[self.why]}{made_by}"
 
 
 _WORDS = {
@@ -30,222 +212,297 @@ _MADE_BY = {
     "path": "the programmed path", "planner": "the planner", "drive": "the drive", "wire": "the wire's deflection",
     "gap": "the gap",
 }
-_RIGHT_UM = 0.5
-"""A mean error below half the path's resolution cannot be programmed away."""
 
 
-def deviation(quality: Quality, origin_mm: tuple[float, float]) -> dict[str, Any]:
-    """Return the report's fields ``profile_error_um``, ``offset`` and ``elements``.
+@dataclass(frozen=True, eq=False)
+class ReachableError(Spread):
+    """The profile error without what the round wire leaves in inner corners."""
 
-    Parameters
-    ----------
-    origin_mm : (x, y)
-        Where the program's zero lies on the table.
+    at: ErrorPlace = field(default_factory=ErrorPlace)
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileErrors(ReachableError):
+    """The profile error, what of it a wire could reach, and what made it; shares are None if it was not split."""
+
+    max: Annotated[_Number, FigureKind("µm", "greatest profile error", column="error_max_um")] = None
+    rms: Annotated[_Number, FigureKind("µm", "profile error rms", column="error_rms_um")] = None
+    p95: Annotated[_Number, FigureKind("µm", "profile error that 95 % stay below", column="error_p95_um")] = None
+    reachable: ReachableError = field(default_factory=ReachableError)
+    shares: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Offset(Figures):
+    """The offset applied, None where contours have different ones, the mean error, and what to use instead."""
+
+    applied_mm: Annotated[_Number, FigureKind("mm", "offset applied", 3)] = None
+    mean_error_um: Annotated[_Number, FigureKind("µm", "mean error of the walls between corners")] = None
+    to_use_mm: Annotated[_Number, FigureKind("mm", "offset without that error", 3)] = None
+
+    def __str__(self) -> str:
+        """Say it."""
+        applied, mean, better = self.text("applied_mm"), self.mean_error_um, self.to_use_mm
+        if mean is None:
+            return applied
+        left = "metal left" if mean > 0 else "undercut"
+        if self.applied_mm is None or better is None:
+            return f"different ones by contour, {mean:+.1f} µm in the mean ({left})"
+        if abs(mean) < _RIGHT_UM:
+            return f"{applied}, right within {_RIGHT_UM:g} µm in the mean"
+        advice = f"use --offset {better:.3f}" if better > 0 else "more than the whole offset"
+        return f"{applied}, {mean:+.1f} µm in the mean ({left}): {advice}"
+
+
+_RIGHT_UM = 0.5  # a mean error below half the path's resolution cannot be programmed away
+
+
+@dataclass(frozen=True, eq=False)
+class Element(Figures):
+    """A line or arc of the edge as drawn, in the program's coordinates; see `edmsim.metrology.profile`."""
+
+    contour: int
+    element: int
+    line: int | None
+    kind: str
+    radius_mm: _Number
+    length_mm: float
+    mean_um: _Number
+    rms_um: _Number
+    low_um: _Number
+    high_um: _Number
+    program_x_mm: float
+    program_y_mm: float
+    program_end_x_mm: float
+    program_end_y_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class TableShare(Figures):
+    """What the errors of the table's screws and ways do to the part."""
+
+    without_um: Spread  # displacement of the wall by the table alone
+    left_um: Spread  # what of that the compensation leaves
+    profile_without_um: Spread  # the profile error there would be without compensation
+    compensated: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Corner(Figures):
+    """A corner of the nominal edge in the program and on the table; None as error if it was not measured."""
+
+    program_x_mm: float
+    program_y_mm: float
+    x_mm: float
+    y_mm: float
+    turn_deg: float
+    error_um: Annotated[_Number, FigureKind("µm", "error of the corner, above 0: metal left")]
+
+
+@dataclass(frozen=True, eq=False)
+class HeightError(Figures):
+    """The profile error at one height, mid-slice over the lower face."""
+
+    height_mm: float
+    mean_um: _Number
+    rms_um: _Number
+
+
+@dataclass(frozen=True, eq=False)
+class PassFigures(Figures):
+    """What a pass did, and the wall and face it left."""
+
+    contour: int  # from 1, as the number
+    number: int
+    piece: str
+    reversed: bool  # whether it ran against the contour's direction
+    begin_s: float  # of machine time
+    end_s: float
+    length_mm: float
+    rate_mm2_min: Annotated[_Number, RATE]
+    offset_um: float
+    # with which its wall would have met the drawing, had it been the last
+    offset_to_use_um: _Number
+    left_um: Annotated[_Number, FigureKind("µm", "metal that its wall leaves on the drawing in the mean")]
+    stock_um: Annotated[_Number, FigureKind("µm", "what it took of the pass before")]
+    # of the wall over the height: from the lowest to the highest, and middle over ends
+    straightness_um: Annotated[_Number, FigureKind("µm", "straightness of the wall")]
+    bow_um: _Number
+    ripple_um: _Number  # scatter of the wall along the path
+    ripple_mm: _Number  # its wavelength
+    slices_um: list[float]  # the wall over the drawing at every height, from below
+    # of the face as the pass left it: what it took, and what of the passes before is still there
+    ra_um: Annotated[_Number, RA]
+    heat_affected_um: _Number
+    short_share: float
+    open_share: float
+
+
+@dataclass(frozen=True, eq=False)
+class WireFigures(Figures):
+    """The wire over the cut."""
+
+    lag_um: Annotated[_Number, FigureKind("µm", "lag of the wire", column="lag_um")] = None
+    vibration_um_rms: Annotated[
+        _Number, FigureKind("µm", "vibration of the wire, root mean square", 2, "vibration_um")
+    ] = None
+    temperature_K_max: Annotated[_Number, HOTTEST] = None
+
+
+@dataclass(frozen=True, eq=False)
+class Following(Figures):
+    """Following error of the axes, both together."""
+
+    max: Annotated[_Number, FigureKind("µm", "greatest following error of the axes", column="following_um")] = None
+    rms: Annotated[_Number, FigureKind("µm", "following error of the axes, root mean square")] = None
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage(Figures):
+    """Gas on the wire's front."""
+
+    mean: Annotated[_Number, FigureKind("%", "share of the wire's front covered by gas", column="coverage")] = None
+    max: Annotated[_Number, FigureKind("%", "greatest such share")] = None
+
+
+@dataclass(frozen=True, eq=False)
+class Surface(Figures):
+    """The cut face: roughness, the layer that heat has changed, and what the water has dissolved."""
+
+    ra_um: Annotated[_Number, RA] = None
+    heat_affected_um: Annotated[_Number, FigureKind("µm", "heat-affected layer")] = None
+    electrolysed_um: Annotated[_Number, FigureKind("µm", "electrolysed layer", 2)] = None
+
+
+@dataclass(frozen=True, eq=False)
+class Equalising(Figures):
+    """What equalising pulses leave of the mean voltage, and what they take."""
+
+    net_voltage_V: Annotated[_Number, FigureKind("V", "mean gap voltage left", 2)]
+    power_W: Annotated[_Number, FigureKind("W", "mean power of the equalising pulses", 2)]
+    energy_J: Annotated[_Number, FigureKind("J", "energy of the equalising pulses", 2)]
+
+
+@dataclass(frozen=True, eq=False)
+class Origin(Figures):
+    """Where the program's zero lies on the table, in mm."""
+
+    x: float = 0.0
+    y: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Report(Figures):
+    """The report of a cut, as ``report.json`` holds it.
+
+    Read a field by attribute or by name, ``report.kerf_um.mean`` or ``report["kerf_um"]["mean"]``. What could not be
+    obtained is None, never NaN. Means over machine time are weighted by the pulse period, as windows count pulses.
     """
-    reach, applied_mm = quality.reach, quality.offset_um * 1e-3
-    return {
-        "profile_error_um": {
-            "max": quality.profile_max_um,
-            "rms": quality.profile_rms_um,
-            "p95": quality.profile_p95_um,
-            "at": _place(reach.worst, origin_mm),
-            "reachable": {**reach.reachable_um, "at": _place(reach.worst_reachable, origin_mm)},
-            "shares": quality.profile_shares,
-        },
-        "offset": {
-            "applied_mm": applied_mm,
-            "mean_error_um": reach.mean_um,
-            "to_use_mm": round(applied_mm - reach.mean_um * 1e-3, 4),
-        },
-        "elements": [_element(asdict(element), origin_mm) for element in reach.elements],
-    }
+
+    outcome: str = ""  # "finished", or what stopped the machine, in a word or two
+    reason: str | None = None  # why the machine stopped, as a sentence
+    machining_time_s: Annotated[_Number, TIME] = None
+    wall_time_s: Annotated[_Number, FigureKind("s", "time of the computer")] = None
+    realtime_factor: Annotated[_Number, FigureKind("times real time", "speed of the simulation", 2)] = None
+    pulses: Annotated[int, FigureKind("", "pulses of the generator", 0, "pulses")] = 0
+    path_length_mm: Annotated[_Number, LENGTH] = None
+    feed_um_s: Feed = field(default_factory=Feed)
+    cutting_time_s: Annotated[_Number, FigureKind("s", "time of the cut alone")] = None
+    cutting_rate_mm2_min: Annotated[_Number, RATE] = None
+    overall_rate_mm2_min: Annotated[_Number, FigureKind("mm²/min", "cutting rate over the whole time")] = None
+    pulse_share: PulseShare = field(default_factory=PulseShare)
+    origin_mm: Origin = field(default_factory=Origin)
+    kerf_um: Kerf = field(default_factory=Kerf)
+    kerf_section: list[KerfSlice] = field(default_factory=list)  # slice by slice, from the bottom
+    profile_error_um: ProfileErrors = field(default_factory=ProfileErrors)
+    offset: Offset = field(default_factory=Offset)
+    elements: list[Element] = field(default_factory=list)  # line by line and arc by arc of the program
+    table_error_um: TableShare | None = None  # None for a perfect table
+    corners: list[Corner] = field(default_factory=list)
+    heights: list[HeightError] = field(default_factory=list)  # slice by slice, from the bottom
+    passes: list[PassFigures] = field(default_factory=list)  # empty for a cut in one pass
+    wire: WireFigures = field(default_factory=WireFigures)
+    following_error_um: Following = field(default_factory=Following)
+    coverage: Coverage = field(default_factory=Coverage)
+    surface: Surface = field(default_factory=Surface)
+    energy_J: Annotated[_Number, FigureKind("J", "energy of all discharges", column="energy_J")] = None
+    removed_mm3: Annotated[_Number, FigureKind("mm³", "metal removed", 3, "removed_mm3")] = None
+    mean_current_A: Annotated[_Number, FigureKind("A", "mean current", 2, "mean_current_A")] = None
+    mean_voltage_V: Annotated[_Number, FigureKind("V", "mean voltage", column="mean_voltage_V")] = None
+    equalising: Equalising | None = None  # None for a generator without such pulses
+    seed: int = 0
+    settings: dict[str, Any] = field(default_factory=dict)  # the options the cut was made with
+    notices: list[str] = field(default_factory=list)  # what the user should know about this cut
+    edmsim_version: str = ""
 
 
-def _place(worst: WorstPlace | None, origin_mm: tuple[float, float]) -> dict[str, Any]:
-    if worst is None:
-        return dict.fromkeys(("program_x_mm", "program_y_mm", "error_um", "why", "made_by"))
-    return {
-        "program_x_mm": worst.x_mm - origin_mm[0], "program_y_mm": worst.y_mm - origin_mm[1],
-        "error_um": worst.error_um, "why": worst.why, "made_by": worst.made_by,
-    }
+CLOCKS = "wall_time_s", "realtime_factor"
+"""Fields of a report that belong to the computer: they are left out where two cuts are compared."""
 
 
-def _element(row: dict[str, Any], origin_mm: tuple[float, float]) -> dict[str, Any]:
-    """Return a row in the program's coordinates."""
-    for name, zero in (("x_mm", 0), ("y_mm", 1), ("end_x_mm", 0), ("end_y_mm", 1)):
-        row[f"program_{name}"] = row.pop(name) - origin_mm[zero]
-    return row
+@dataclass(frozen=True)
+class Totals:
+    """What was counted and summed over the whole cut; NaN where it is unknown."""
 
-
-def worst_line(at: Mapping[str, Any]) -> str:
-    """Say where an error is largest and why."""
-    if at["why"] is None:
-        return "not measured"
-    # 0.0 +: a hair below zero would read -0.000
-    x, y = (round(at[f"program_{axis}_mm"], 6) + 0.0 for axis in "xy")
-    share = None if at["why"] == "out of reach" else at["made_by"]
-    made_by = "" if share is None else f", most of it by {_MADE_BY[share]}"
-    return f"{at['error_um']:+.1f} µm at X {x:.3f} Y {y:.3f} mm: {_WORDS[at['why']]}{made_by}"
-
-
-def deviation_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return names and texts for the terminal's table; reports of earlier versions have none of them."""
-    profile, offset = report["profile_error_um"], report.get("offset")
-    if offset is None:
-        return []
-    reachable = profile["reachable"]
-    lines = [("largest error", worst_line(profile["at"]))]
-    if profile["at"]["why"] == "out of reach":
-        figures = f"{reachable['max']:.1f} µm max, {reachable['rms']:.1f} µm rms, {reachable['p95']:.1f} µm for 95 %"
-        lines += [("within the wire's reach", figures), ("largest error there", worst_line(reachable["at"]))]
-    return [*lines, ("offset", offset_line(offset))]
-
-
-def offset_line(offset: Mapping[str, float | None]) -> str:
-    """Say which offset was applied, by how much walls are off in the mean, and which offset to use instead."""
-    applied, mean, better = (offset[name] for name in ("applied_mm", "mean_error_um", "to_use_mm"))
-    if mean is None:
-        return "–" if applied is None else f"{applied:.3f} mm"
-    left = "metal left" if mean > 0 else "undercut"
-    if applied is None or better is None:
-        return f"different ones by contour, {mean:+.1f} µm in the mean ({left})"
-    if abs(mean) < _RIGHT_UM:
-        return f"{applied:.3f} mm, right within {_RIGHT_UM:g} µm in the mean"
-    advice = f"use --offset {better:.3f}" if better > 0 else "more than the whole offset"
-    return f"{applied:.3f} mm, {mean:+.1f} µm in the mean ({left}): {advice}"
+    machining_time_s: float
+    wall_time_s: float
+    # pulses by how they ended, all pulses of the generator, also those the analyser did not count
+    short: int
+    open: int
+    spark: int
+    arc: int
+    path_length_mm: float
+    # of the cut alone (`edmsim.recording.windows`): path length times the local height of the workpiece, and time
+    cut_area_mm2: float
+    cutting_time_s: float
+    energy: float  # of all discharges in J
+    removed_mm3: float
+    vibration_um_rms: float  # of the wire's motion about its mean deflection
+    feed_limit_um_s: float = math.nan
+    limited_share: float = math.nan  # of the cut alone, at the greatest feed
+    equalising_J: float = 0.0  # from the supply of the equalising pulses
 
 
 def build_report(
-    *,
-    outcome: str,
-    reason: str | None,
-    windows: pa.Table,
-    totals: Totals,
-    quality: Quality,
-    notices: Iterable[str],
-    seed: int,
-    settings: Mapping[str, Any],
-    version: str,
-    origin_mm: tuple[float, float],
-) -> dict[str, Any]:
-    """Return the report of a cut, ready for JSON.
-
-    Parameters
-    ----------
-    outcome : str
-        "finished", or what stopped the machine, in a word or two.
-    reason : str or None
-        Why the machine stopped, as a sentence; None if the cut was finished.
-    windows : pyarrow.Table
-        The table of windows.
-    totals, quality
-        Sums over the cut and measurements on the part.
-    notices : iterable of str
-        What the user should know about this cut.
-    seed : int
-        Seed of every draw.
-    settings : mapping
-        The options the cut was made with.
-    version : str
-        Version of edmsim.
-    origin_mm : (x, y)
-        Where the program's zero lies on the table.
-
-    Returns
-    -------
-    dict
-        Means over machine time are weighted by the pulse period, as windows count pulses. A figure that
-        could not be obtained is None, never NaN.
-    """
-    report = {
-        "outcome": outcome,
-        "reason": reason,
-        **_machining(windows, totals),
-        "origin_mm": dict(zip("xy", origin_mm, strict=True)),
-        **_part(quality, origin_mm),
-        "heights": [asdict(row) for row in quality.heights],
-        "passes": [asdict(row) for row in quality.passes],
-        "wire": _wire(windows, totals),
-        "following_error_um": _following(windows),
-        "coverage": {"mean": _mean(windows, "coverage"), "max": _most(windows, "coverage")},
-        "surface": {name: getattr(quality, name) for name in ("ra_um", "heat_affected_um", "electrolysed_um")},
-        "energy_J": totals.energy,
-        "removed_mm3": totals.removed_mm3,
-        "mean_current_A": _mean(windows, "mean_current_A"),
-        "mean_voltage_V": _mean(windows, "mean_voltage_V"),
-        "equalising": _equalising(windows, totals),
-        "seed": seed,
-        "settings": dict(settings),
-        "notices": list(notices),
-        "edmsim_version": version,
-    }
-    cleaned: dict[str, Any] = _jsonable(report)
-    return cleaned
-
-
-def _machining(windows: pa.Table, totals: Totals) -> dict[str, Any]:
+    part: Report, windows: pa.Table, totals: Totals, *, outcome: str, reason: str | None, notices: Iterable[str],
+    seed: int, settings: Mapping[str, Any], version: str,
+) -> Report:
+    """Return the report of a cut: `part` has the figures that were measured on the part."""
     pulses = totals.short + totals.open + totals.spark + totals.arc
-    return {
-        "machining_time_s": totals.machining_time_s,
-        "wall_time_s": totals.wall_time_s,
-        "realtime_factor": _ratio(totals.machining_time_s, totals.wall_time_s),
-        "pulses": pulses,
-        "path_length_mm": totals.path_length_mm,
-        "feed_um_s": {
-            "mean": _mean(windows, "feed_um_s"), "max": _most(windows, "feed_um_s"), "limit": totals.feed_limit_um_s,
-            "share_at_limit": totals.limited_share,
-        },
-        "cutting_time_s": totals.cutting_time_s,
-        "cutting_rate_mm2_min": _rate(totals.cut_area_mm2, totals.cutting_time_s),
-        "overall_rate_mm2_min": _rate(totals.cut_area_mm2, totals.machining_time_s),
-        "pulse_share": {
-            kind: _ratio(getattr(totals, kind), pulses) for kind in ("spark", "arc", "short", "open")
-        },
-    }
+    kinds = ("spark", "arc", "short", "open")
+    return replace(
+        part, outcome=outcome, reason=reason,
+        machining_time_s=totals.machining_time_s, wall_time_s=totals.wall_time_s,
+        realtime_factor=_ratio(totals.machining_time_s, totals.wall_time_s), pulses=pulses,
+        path_length_mm=totals.path_length_mm,
+        feed_um_s=Feed(
+            _mean(windows, "feed_um_s"), _most(windows, "feed_um_s"), totals.feed_limit_um_s, totals.limited_share
+        ),
+        cutting_time_s=totals.cutting_time_s,
+        cutting_rate_mm2_min=_rate(totals.cut_area_mm2, totals.cutting_time_s),
+        overall_rate_mm2_min=_rate(totals.cut_area_mm2, totals.machining_time_s),
+        pulse_share=PulseShare(*(_ratio(getattr(totals, kind), pulses) for kind in kinds)),
+        wire=WireFigures(
+            _weighted(lag_along_um(windows), column(windows, "t_period_us")), totals.vibration_um_rms,
+            _most(windows, "wire_temperature_K"),
+        ),
+        following_error_um=_following(windows),
+        coverage=Coverage(_mean(windows, "coverage"), _most(windows, "coverage")),
+        energy_J=totals.energy, removed_mm3=totals.removed_mm3,
+        mean_current_A=_mean(windows, "mean_current_A"), mean_voltage_V=_mean(windows, "mean_voltage_V"),
+        equalising=None if "net_voltage_V" not in windows.column_names else Equalising(
+            _mean(windows, "net_voltage_V"), _mean(windows, "equalising_W"), totals.equalising_J
+        ),
+        seed=seed, settings=dict(settings), notices=list(notices), edmsim_version=version,
+    )  # fmt: skip
 
 
-def _part(quality: Quality, origin_mm: tuple[float, float]) -> dict[str, Any]:
-    return {
-        "kerf_um": {"mean": quality.kerf_mean_um, "min": quality.kerf_min_um, "max": quality.kerf_max_um},
-        "kerf_section": [asdict(row) for row in quality.section],
-        **deviation(quality, origin_mm),
-        "table_error_um": None if quality.table is None else asdict(quality.table),
-        "corners": [
-            {
-                "program_x_mm": c.x_mm - origin_mm[0], "program_y_mm": c.y_mm - origin_mm[1],
-                "x_mm": c.x_mm, "y_mm": c.y_mm, "turn_deg": c.turn_deg, "error_um": c.error_um,
-            }
-            for c in quality.corners
-        ],
-    }
-
-
-def _wire(windows: pa.Table, totals: Totals) -> dict[str, Any]:
-    return {
-        "lag_um": _weighted(lag_along_um(windows), column(windows, "t_period_us")),
-        "vibration_um_rms": totals.vibration_um_rms,
-        "temperature_K_max": _most(windows, "wire_temperature_K"),
-    }
-
-
-def _equalising(windows: pa.Table, totals: Totals) -> dict[str, float | None] | None:
-    """What equalising pulses left of the mean voltage, and what they took; None for a generator without any."""
-    if "net_voltage_V" not in windows.column_names:
-        return None
-    return {
-        "net_voltage_V": _mean(windows, "net_voltage_V"), "power_W": _mean(windows, "equalising_W"),
-        "energy_J": totals.equalising_J,
-    }  # fmt: skip
-
-
-def _following(windows: pa.Table) -> dict[str, float | None]:
-    """Following error of the axes, both together: greatest and root mean square."""
+def _following(windows: pa.Table) -> Following:
     error2 = column(windows, "following_x_um") ** 2 + column(windows, "following_y_um") ** 2
     mean2 = _weighted(error2, column(windows, "t_period_us"))
-    return {
-        "max": math.sqrt(float(error2.max())) if len(error2) else None,
-        "rms": None if mean2 is None else math.sqrt(mean2),
-    }
+    return Following(
+        math.sqrt(float(error2.max())) if len(error2) else None, None if mean2 is None else math.sqrt(mean2)
+    )
 
 
 def _ratio(value: float, by: float) -> float | None:
@@ -274,28 +531,20 @@ def _weighted(
     return float(values @ weights) / total if total > 0 else None
 
 
-def _jsonable(value: Any) -> Any:
-    """Return plain JSON types: numpy scalars unpacked, paths as text, NaN and infinity as None."""
-    if isinstance(value, Mapping):
-        return {str(key): _jsonable(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _jsonable(value.tolist())
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_jsonable(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path) else value
+def as_json(report: Report, **options: Any) -> str:
+    """Return a report as JSON."""
+    return json.dumps(report, default=dict, allow_nan=False, **options)
 
 
-def cut_id(report: Mapping[str, Any]) -> str:
+def cut_id(report: Report) -> str:
     """Return which cut a report is of: a digest of all it says but the computer's time."""
-    figures = {name: value for name, value in report.items() if name not in ("wall_time_s", "realtime_factor")}
-    return hashlib.sha256(json.dumps(figures, sort_keys=True).encode()).hexdigest()[:16]
+    figures = {name: value for name, value in report.items() if name not in CLOCKS}
+    return hashlib.sha256(json.dumps(figures, default=dict, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def write_json(report: Mapping[str, Any], file: str | Path) -> None:
+def write_json(report: Report, file: str | Path) -> None:
     """Write a report; a file of that name is replaced whole or not at all."""
-    text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
+    text = as_json(report, indent=2, ensure_ascii=False)
     with replacing(file) as partial:
         # what no encoding has, of a file name that is not UTF-8, stands in JSON behind a backslash
         partial.write_bytes((text + "\n").encode("utf-8", "backslashreplace"))
@@ -315,171 +564,137 @@ def duration_text(seconds: float | None) -> str:
 
 
 def figure_text(value: float | None, unit: str, digits: int = 1) -> str:
-    """Return ``12.3 um``, or ``-`` if the value could not be obtained."""
+    """Return ``12.3 um``, or a dash if the value could not be obtained."""
     return "–" if value is None else f"{value:.{digits}f} {unit}"
 
 
-def render_table(report: Mapping[str, Any]) -> RenderableType:
+def place_text(of: Corner | ErrorPlace) -> str:
+    """Return where something is in the program."""
+    # 0.0 +: a hair below zero would read -0.000
+    x_mm, y_mm = (round(mm, 6) + 0.0 for mm in (of.program_x_mm or 0.0, of.program_y_mm or 0.0))
+    return f"X {x_mm:.3f} Y {y_mm:.3f} mm"
+
+
+def render_table(report: Report) -> RenderableType:
     """Return the report for the terminal: the key figures, the worst corners, the notices."""
     from rich.console import Group
     from rich.text import Text
 
     from edmsim.screen import ScreenTable
 
-    head = Text(f"{report['outcome']}", style="bold green" if report["reason"] is None else "bold red")
-    if report["reason"] is not None:
-        head.append(f"  {report['reason']}", style="default")
+    head = Text(report.outcome, style="bold green" if report.reason is None else "bold red")
+    if report.reason is not None:
+        head.append(f"  {report.reason}", style="default")
     table = ScreenTable(box=None, show_header=False, pad_edge=False)
     table.add_column(style="dim")
     table.add_column()
     for name, text in summary(report):
         table.add_row(name, text)
-    return Group(head, table, *(Text(f"note: {notice}", style="yellow") for notice in report["notices"]))
+    return Group(head, table, *(Text(f"note: {notice}", style="yellow") for notice in report.notices))
 
 
-def outcome_text(report: Mapping[str, Any]) -> str:
+def outcome_text(report: Report) -> str:
     """Return how a cut ended, and why if the machine stopped."""
-    reason = report["reason"]
-    return str(report["outcome"]) + ("" if reason is None else f": {reason}")
+    return report.outcome + ("" if report.reason is None else f": {report.reason}")
 
 
-def summary(report: Mapping[str, Any]) -> list[tuple[str, str]]:
+def rate_text(report: Report) -> str:
+    """Return the rate over the cut alone as a heading has it."""
+    return "no cutting rate" if report.cutting_rate_mm2_min is None else report.text("cutting_rate_mm2_min")
+
+
+def summary(report: Report) -> list[tuple[str, str]]:
     """Return the key figures of a report as a person reads them: names and texts."""
-    say = figure_text
-    feed, kerf, profile, wire = (report[k] for k in ("feed_um_s", "kerf_um", "profile_error_um", "wire"))
-    shares = (f"{kind} {say(_percent(share), '%')}" for kind, share in report["pulse_share"].items())
-    times = [duration_text(report[k]) for k in ("machining_time_s", "wall_time_s")]
-    speed = say(report["realtime_factor"], "times real time", 2)
-    least, largest = say(kerf["min"], "µm"), say(kerf["max"], "µm")
-    lag, vibration = say(wire["lag_um"], "µm"), say(wire["vibration_um_rms"], "µm", 2)
-    follow = report["following_error_um"]
-    covered = [say(_percent(report["coverage"][k]), "%") for k in ("mean", "max")]
-    energy, removed = say(report["energy_J"], "J"), say(report["removed_mm3"], "mm³", 3)
-    current, voltage = say(report["mean_current_A"], "A", 2), say(report["mean_voltage_V"], "V")
+    say, profile = report.text, report.profile_error_um
+    simulated, computed = duration_text(report.machining_time_s), duration_text(report.wall_time_s)
+    shares = (f"{kind} {report.pulse_share.text(kind)}" for kind in report.pulse_share)
+    made_by = "not split: the wire leans, or its centre was to run on the edge"
+    if profile.shares is not None:
+        made_by = ", ".join(f"{name} {figure_text(of['rms'], 'µm')}" for name, of in profile.shares.items()) + " rms"
     return [
-        ("machining time", f"{times[0]}  (computed in {times[1]}, {speed})"),
-        ("path", say(report["path_length_mm"], "mm", 2)),
+        ("machining time", f"{simulated}  (computed in {computed}, {say('realtime_factor')})"),
+        ("path", say("path_length_mm")),
         ("cutting rate", _rate_line(report)),
-        ("feed", f"{say(feed['mean'], 'µm/s')} mean, {say(feed['max'], 'µm/s')} max{_limit_text(feed)}"),
-        ("pulses", "  ".join([f"{report['pulses']:,}", *shares])),
-        ("kerf", f"{say(kerf['mean'], 'µm')} mean, {least} to {largest}"),
-        ("profile error", _profile_line(profile)),
-        ("made by", _shares_line(profile["shares"])),
-        *deviation_lines(report),
-        *_table_lines(report),
-        ("corners", _corner_line(report["corners"])),
-        ("wire", f"lag {lag}, vibration {vibration} rms, at most {say(wire['temperature_K_max'], 'K', 0)}"),
-        ("axes", f"{say(follow['max'], 'µm')} behind at most, {say(follow['rms'], 'µm')} rms"),
-        ("gas", f"covers {covered[0]} of the wire's front in the mean, at most {covered[1]}"),
-        ("surface", _surface_line(report["surface"])),
-        ("energy", f"{energy}, {removed} removed, {current}, {voltage} mean"),
-        *_equalising_lines(report),
-        *pass_lines(report),
-    ]
+        ("feed", f"{say('feed_um_s.mean')} mean, {say('feed_um_s.max')} max{_limit_text(report.feed_um_s)}"),
+        ("pulses", "  ".join([f"{report.pulses:,}", *shares])),
+        ("kerf", f"{say('kerf_um.mean')} mean, {say('kerf_um.min')} to {say('kerf_um.max')}"),
+        ("profile error", "not measured" if profile.max is None else profile.in_words),
+        ("made by", made_by),
+        ("largest error", str(profile.at)),
+        *([
+            ("within the wire's reach", profile.reachable.in_words),
+            ("largest error there", str(profile.reachable.at)),
+        ] if profile.at.why == "out of reach" else []),
+        ("offset", str(report.offset)),
+        *_table_lines(report.table_error_um),
+        ("corners", _corner_line(report.corners)),
+        ("wire", f"lag {say('wire.lag_um')}, vibration {say('wire.vibration_um_rms')} rms, at most "
+                 f"{say('wire.temperature_K_max')}"),
+        ("axes", f"{say('following_error_um.max')} behind at most, {say('following_error_um.rms')} rms"),
+        ("gas", f"covers {say('coverage.mean')} of the wire's front in the mean, at most {say('coverage.max')}"),
+        ("surface", f"Ra {say('surface.ra_um')}, heat-affected {say('surface.heat_affected_um')}, electrolysed "
+                    f"{say('surface.electrolysed_um')}"),
+        ("energy", f"{say('energy_J')}, {say('removed_mm3')} removed, {say('mean_current_A')}, "
+                   f"{say('mean_voltage_V')} mean"),
+        *([] if (equalising := report.equalising) is None else [(
+            "equalising", f"its pulses leave {equalising.text('net_voltage_V')} of the mean gap voltage and take "
+            f"{equalising.text('power_W')}, {equalising.text('energy_J')} in all",
+        )]),
+        *_pass_lines(report.passes),
+    ]  # fmt: skip
 
 
-def pass_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Say of each pass what it did; reports of cuts in one pass, and of earlier versions, have none."""
-    say, found = figure_text, report.get("passes") or []
-    several = len({row["contour"] for row in found}) > 1
+def _pass_lines(passes: Sequence[PassFigures]) -> list[tuple[str, str]]:
+    """Say of each pass what it did."""
+    several = len({one.contour for one in passes}) > 1
     lines = []
-    for row in found:
-        name = f"pass {row['number']}" + (" tab" if row["piece"] == "tab" else "")
-        where = f"contour {row['contour']}: " if several else ""
-        took = "" if row["stock_um"] is None else f", {say(row['stock_um'], 'µm')} taken"
-        offset, better = (row[k] and row[k] / 1e3 for k in ("offset_um", "offset_to_use_um"))
+    for one in passes:
+        name = f"pass {one.number}" + (" tab" if one.piece == "tab" else "")
+        where = f"contour {one.contour}: " if several else ""
+        took = "" if one.stock_um is None else f", {one.text('stock_um')} taken"
+        offset, better = (
+            figure_text(None if um is None else um / 1e3, "mm", 3) for um in (one.offset_um, one.offset_to_use_um)
+        )
         lines.append((name, (
-            f"{where}{duration_text(row['end_s'] - row['begin_s'])}, {say(row['rate_mm2_min'], 'mm²/min', 0)}{took}, "
-            f"Ra {say(row['ra_um'], 'µm', 2)}, straight within {say(row['straightness_um'], 'µm')}, offset "
-            f"{say(offset, 'mm', 3)}, as the last {say(better, 'mm', 3)}"
+            f"{where}{duration_text(one.end_s - one.begin_s)}, {one.text('rate_mm2_min', 0)}{took}, "
+            f"Ra {one.text('ra_um')}, straight within {one.text('straightness_um')}, offset "
+            f"{offset}, as the last {better}"
         )))  # fmt: skip
     return lines
 
 
-def rate_text(report: Mapping[str, Any]) -> str:
-    """Return the rate over the cut alone as a heading has it."""
-    rate = report["cutting_rate_mm2_min"]
-    return "no cutting rate" if rate is None else figure_text(rate, "mm²/min")
-
-
-def _rate_line(report: Mapping[str, Any]) -> str:
-    """Say both rates; reports of earlier versions have one, over the whole time."""
-    rate, overall = report["cutting_rate_mm2_min"], report.get("overall_rate_mm2_min")
-    if rate is None:
+def _rate_line(report: Report) -> str:
+    """Say both rates."""
+    if report.cutting_rate_mm2_min is None:
         return "none: nothing was cut beyond a start hole"
-    if overall is None:
-        return f"{figure_text(rate, 'mm²/min')} over the whole time"
-    alone = f"{figure_text(rate, 'mm²/min')} over the cut alone, {duration_text(report['cutting_time_s'])}"
-    return f"{alone}; {figure_text(overall, 'mm²/min')} over the whole time"
+    alone = f"{report.text('cutting_rate_mm2_min')} over the cut alone, {duration_text(report.cutting_time_s)}"
+    return f"{alone}; {report.text('overall_rate_mm2_min')} over the whole time"
 
 
-def _profile_line(profile: Mapping[str, Any]) -> str:
-    if profile["max"] is None:
-        return "not measured"
-    most, rms, p95 = (figure_text(profile[k], "µm") for k in ("max", "rms", "p95"))
-    return f"{most} max, {rms} rms, {p95} for 95 %"
-
-
-def _limit_text(feed: Mapping[str, float | None]) -> str:
+def _limit_text(feed: Feed) -> str:
     """Say for how long the machine's greatest feed held the cut back, if for a tenth of the time or more."""
-    share, limit = feed.get("share_at_limit"), feed.get("limit")
-    if share is None or limit is None or share < 0.1:
+    if feed.share_at_limit is None or feed.limit is None or feed.share_at_limit < 0.1:
         return ""
-    return f"; limited by the machine's greatest feed, {limit:.1f} µm/s, for {100 * share:.0f} % of the cut"
+    share = feed.text("share_at_limit")
+    return f"; limited by the machine's greatest feed, {feed.text('limit')}, for {share} of the cut"
 
 
-def _table_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Say what the table's errors do, if it has any; reports of earlier versions do not know."""
-    found, say = report.get("table_error_um"), figure_text
+def _table_lines(found: TableShare | None) -> list[tuple[str, str]]:
+    """Say what the table's errors do, if it has any."""
     if found is None:
         return []
-    bare, left, profile = found["without_um"], found["left_um"], found["profile_without_um"]
-    text = f"moves the wall by {say(bare['max'], 'µm')} max, {say(bare['rms'], 'µm')} rms"
-    if not found["compensated"]:
+    text = f"moves the wall by {found.without_um.worst_and_rms}"
+    if not found.compensated:
         return [("table", text)]
-    rest = f"{say(left['max'], 'µm')} max, {say(left['rms'], 'µm')} rms"
-    without = f"{say(profile['max'], 'µm')} max, {say(profile['rms'], 'µm')} rms"
-    return [("table", f"{text}; compensated to {rest}"), ("profile error without compensation", without)]
+    return [
+        ("table", f"{text}; compensated to {found.left_um.worst_and_rms}"),
+        ("profile error without compensation", found.profile_without_um.worst_and_rms),
+    ]
 
 
-def _equalising_lines(report: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Say what equalising pulses do, if there are any; reports of earlier versions do not know."""
-    found, say = report.get("equalising"), figure_text
-    if found is None:
-        return []
-    left, power = say(found["net_voltage_V"], "V", 2), say(found["power_W"], "W", 2)
-    energy = say(found["energy_J"], "J", 2)
-    return [("equalising", f"its pulses leave {left} of the mean gap voltage and take {power}, {energy} in all")]
-
-
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100.0 * share
-
-
-def _shares_line(shares: Mapping[str, Mapping[str, float | None]] | None) -> str:
-    if shares is None:
-        return "not split: the wire leans, or its centre was to run on the edge"
-    return ", ".join(f"{name} {figure_text(share['rms'], 'µm')}" for name, share in shares.items()) + " rms"
-
-
-def _surface_line(surface: Mapping[str, float | None]) -> str:
-    """Say what the cut face is like; reports of earlier versions do not know its layers."""
-    say, heat, water = figure_text, surface.get("heat_affected_um"), surface.get("electrolysed_um")
-    return f"Ra {say(surface['ra_um'], 'µm', 2)}, heat-affected {say(heat, 'µm')}, electrolysed {say(water, 'µm', 2)}"
-
-
-def _corner_line(corners: Sequence[Mapping[str, float | None]]) -> str:
-    known = [c for c in corners if c["error_um"] is not None]
+def _corner_line(corners: Sequence[Corner]) -> str:
+    known = [corner for corner in corners if corner.error_um is not None]
     if not known:
         return f"{len(corners)}, none measured" if corners else "none"
-    worst = max(known, key=lambda c: abs(c["error_um"] or 0.0))
-    x_mm, y_mm = corner_mm(worst)
-    place = f"X {x_mm:.3f} Y {y_mm:.3f} mm ({worst['turn_deg']:+.0f}°)"
-    return f"{len(corners)}, worst {worst['error_um']:+.1f} µm at {place}"
-
-
-def corner_mm(corner: Mapping[str, Any]) -> tuple[float, float]:
-    """Return where a corner is in the program, in mm; reports of earlier versions only know where on the table."""
-    # 0.0 +: a hair below zero would read -0.000
-    x, y = (corner.get(f"program_{axis}_mm", corner[f"{axis}_mm"]) for axis in "xy")
-    return round(x, 6) + 0.0, round(y, 6) + 0.0
+    worst = max(known, key=lambda corner: abs(corner.error_um or 0.0))
+    return f"{len(corners)}, worst {worst.error_um:+.1f} µm at {place_text(worst)} ({worst.turn_deg:+.0f}°)"

@@ -21,8 +21,7 @@ from edmsim.files import read_arrays, replacing
 from edmsim.metrology.shares import SHARES
 from edmsim.plant.workpiece.height_steps import middle_slice
 
-Polylines = tuple[NDArray[np.float64], ...]
-"""Lines of shape (n, 2) in mm on the table."""
+Polylines = tuple[NDArray[np.float64], ...]  # lines of shape (n, 2) in mm on the table
 
 
 @dataclass(frozen=True)
@@ -111,25 +110,13 @@ class Terrace:
 
 @dataclass(frozen=True)
 class PassFace:
-    """The cut face of a contour as a pass left it.
+    """The cut face of a contour as a pass left it."""
 
-    Attributes
-    ----------
-    contour : int
-        Number of its map, from 0.
-    time_s, path_um : float
-        Machine time and length of path at its end.
-    points_mm : float64 array (n, 2)
-        Places of the nominal edge; of a wall that leans, at mid height.
-    error_um : float64 array (slices, n)
-        Profile error there, from the lowest slice: positive is metal left.
-    """
-
-    contour: int
-    time_s: float
+    contour: int  # number of its map, from 0
+    time_s: float  # time_s, path_um: machine time and length of path at its end
     path_um: float
-    points_mm: NDArray[np.float64]
-    error_um: NDArray[np.float64]
+    points_mm: NDArray[np.float64]  # (n, 2): places of the nominal edge; of a wall that leans, at mid height
+    error_um: NDArray[np.float64]  # (slices, n): profile error there, from the lowest slice: positive is metal left
 
 
 @dataclass(frozen=True)
@@ -279,21 +266,17 @@ class Scene:
         return round_factor(self.known_errors(), 0.035 * max(x1 - x0, y1 - y0))
 
 
-def polylines(geometry: BaseGeometry | Sequence[BaseGeometry], tolerance_mm: float = 0.0005) -> Polylines:
-    """Return the lines of a geometry in mm, thinned within `tolerance_mm`; polygons give their rings."""
+def polylines(geometry: BaseGeometry | Sequence[BaseGeometry]) -> Polylines:
+    """Return the lines of a geometry in mm, thinned within half a um; polygons give their rings."""
     parts = shapely.get_parts(np.atleast_1d(np.asarray(geometry, dtype=object)))
     polygons = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     lines = np.concatenate([parts[~polygons], shapely.get_rings(parts[polygons])])
-    thin = shapely.simplify(lines, tolerance_mm)
+    thin = shapely.simplify(lines, 0.0005)
     return tuple(shapely.get_coordinates(line) for line in thin if not line.is_empty)
 
 
 def round_factor(values_um: NDArray[np.float64], shown_mm: float) -> float:
-    """Return a factor of 1, 2 or 5 times a power of ten that draws large values about `shown_mm` long.
-
-    "Large" is the 99th percentile of the magnitudes, so that one bad place does not flatten the rest. Never
-    below 1; 1 if there is nothing to show.
-    """
+    """Return 1, 2 or 5 times a power of ten, 1 or more, that draws the 99th percentile about `shown_mm` long."""
     finite = np.abs(values_um[np.isfinite(values_um)])
     large = float(np.percentile(finite, 99)) if len(finite) else 0.0
     if large == 0.0:
@@ -307,8 +290,7 @@ def round_number(limit: float) -> float:
     return float(max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= limit * (1 + 1e-12)))
 
 
-VERSION = 4
-"""Of the file's layout."""
+VERSION = 4  # of the file's layout
 
 
 def write_scene(scene: Scene, file: str | Path) -> None:
@@ -336,11 +318,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
             f"unreachable.{number}": edge.unreachable_um
             for number, edge in enumerate(scene.maps) if edge.unreachable_um is not None
         },
-        **{
-            f"face.{number}": edge.face_um
-            for number, edge in enumerate(scene.maps)
-            if edge.face_um is not None
-        },
+        **{f"face.{number}": edge.face_um for number, edge in enumerate(scene.maps) if edge.face_um is not None},
         "fields": np.frombuffer(json.dumps(document).encode(), np.uint8),
     }
     with replacing(file) as partial, partial.open("wb") as opened:

@@ -17,8 +17,7 @@ from edmsim.geometry import CORNER_DEG
 from edmsim.plant.kernel.state import PULSE
 from edmsim.snapshots import ArraySnapshots
 
-Bytes = NDArray[np.uint8]
-"""Rows as bytes, (size,) or (n, size)."""
+Bytes = NDArray[np.uint8]  # rows as bytes, (size,) or (n, size)
 
 
 def bytes_of(rows: NDArray[np.void]) -> Bytes:
@@ -27,22 +26,7 @@ def bytes_of(rows: NDArray[np.void]) -> Bytes:
 
 
 class Thinned(ArraySnapshots):
-    """Every `stride`-th row; the stride doubles whenever the store is full.
-
-    What is kept depends only on the number of rows shown, so equal cuts keep equal rows.
-
-    Parameters
-    ----------
-    kind : dtype
-        Of a row.
-    capacity : int
-        Most rows kept, at least 2.
-
-    Attributes
-    ----------
-    stride : int
-        Rows shown from one kept to the next.
-    """
+    """Every `stride`-th row; the stride doubles whenever the store is full, so equal cuts keep equal rows."""
 
     STATE = ("rows", "_offered", "stride")
 
@@ -99,17 +83,7 @@ class Thinned(ArraySnapshots):
 
 
 class Frames(ArraySnapshots, Observer):
-    """Every `stride`-th window's wire shape and gas; the stride doubles whenever the store is full.
-
-    What is kept depends only on the number of windows seen, so equal cuts keep equal frames.
-
-    Parameters
-    ----------
-    n_slices : int
-        Slices of the workpiece height, bottom first.
-    capacity : int
-        Most frames kept, at least 2.
-    """
+    """Every `stride`-th window's wire shape and gas, thinned as `Thinned` does."""
 
     name: ClassVar[str] = "frames"
     STATE = ("_thinned",)
@@ -136,9 +110,7 @@ class Frames(ArraySnapshots, Observer):
         """See a window; it is kept if its turn has come."""
         if self._thinned.wants_next:
             x_um, y_um = plant.commanded_um
-            self.offer(
-                turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um(), plant.coverage()
-            )  # fmt: skip
+            self.offer(turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um(), plant.coverage())
         else:
             self._thinned.skip()
 
@@ -146,21 +118,7 @@ class Frames(ArraySnapshots, Observer):
         self, t_s: float, x_um: float, y_um: float, path_um: float, deflection_um: NDArray[np.float64],
         coverage: NDArray[np.float64],
     ) -> None:  # fmt: skip
-        """Show one window; it is kept if its turn has come.
-
-        Parameters
-        ----------
-        t_s : float
-            Machine time at the end of the window.
-        x_um, y_um : float
-            Wire guides on the table.
-        path_um : float
-            Place along the wire path.
-        deflection_um : float64 array (n_slices, 2)
-            Wire minus guides, per slice from the bottom.
-        coverage : float64 array (n_slices,)
-            Share of the wire's front that gas covers, 0 to 1.
-        """
+        """Show one window: wire minus guides and the share that gas covers, per slice from the bottom."""
         row = self._row[0]
         row["t_s"], row["guides_um"], row["path_um"], row["deflection_um"] = t_s, (x_um, y_um), path_um, deflection_um
         row["coverage"] = coverage
@@ -192,43 +150,23 @@ class Frames(ArraySnapshots, Observer):
         return np.asarray(self._thinned.rows["coverage"])
 
 
-PULSES = 96
-"""The last pulses of a window, which are what is kept of it."""
-REGULAR = 600
-"""Most close-ups of the run over the whole cut."""
-AROUND = 20
-"""Windows kept before and after an event: half a second on either side at a period of 100 us."""
-BLOCKS = 40
-"""Most events of a kind around which all is kept."""
+PULSES = 96  # the last pulses of a window, which are what is kept of it
+REGULAR = 600  # most close-ups of the run over the whole cut
+AROUND = 20  # windows kept before and after an event: half a second on either side at a period of 100 us
+BLOCKS = 40  # most events of a kind around which all is kept
 
 NOTHING, RETRACT, TURN = 0, 1, 2
 """Events that are worth all detail: the wire begins to run back; it passes a corner or begins a contour."""
 
 
 def row_type(slices: int, rays: int) -> np.dtype[np.void]:
-    """Return the type of a close-up for a resolution.
-
-    Fields: machine time, guides and place along the path as in `Frames`; what burning and short-circuited pulses
-    are set to (V, A), and what equalising pulses have, both below 0 (0 without any); the middle slice's wire when its
-    rays were last traced, and their gaps from there; the deflection and the share of the front that gas covers, per
-    slice; the last pulses (`edmsim.plant.kernel.state.PULSE`) and how many there are.
-    """
+    """Return the type of a close-up for a resolution."""
     return np.dtype(
         [
-            ("t_s", "f8"),
-            ("guides_um", "f8", 2),
-            ("path_um", "f8"),
-            ("burning_V", "f4"),
-            ("current_A", "f4"),
-            ("short_A", "f4"),
-            ("opposite_V", "f4"),
-            ("opposite_A", "f4"),
-            ("wire_um", "f8", 2),
-            ("walls_um", "f4", rays),
-            ("deflection_um", "f4", (slices, 2)),
-            ("coverage", "f4", (slices,)),
-            ("pulses", PULSE, PULSES),
-            ("count", "i4"),
+            ("t_s", "f8"), ("guides_um", "f8", 2), ("path_um", "f8"), ("burning_V", "f4"), ("current_A", "f4"),
+            ("short_A", "f4"), ("opposite_V", "f4"), ("opposite_A", "f4"), ("wire_um", "f8", 2),
+            ("walls_um", "f4", rays), ("deflection_um", "f4", (slices, 2)), ("coverage", "f4", (slices,)),
+            ("pulses", PULSE, PULSES), ("count", "i4"),
         ]
     )
 
@@ -293,15 +231,7 @@ class Blocks(ArraySnapshots):
 
 
 class Closeups(ArraySnapshots, Observer):
-    """Windows of a cut kept in full.
-
-    Parameters
-    ----------
-    slices, rays : int
-        Of the plant's resolution.
-    slice_index : int
-        The slice whose wall is kept.
-    """
+    """Windows of a cut kept in full, with the wall of one slice."""
 
     name: ClassVar[str] = "closeups"
     STATE = ("_last", "_windows", "_turns_passed", "_feed_um_s", "_run", "_blocks")

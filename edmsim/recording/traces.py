@@ -14,32 +14,16 @@ from edmsim.plant.gap.equalising import pulse_lengths_us
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 _KINDS = {OPEN: "open", SPARK: "spark", ARC: "arc", SHORT: "short"}
-_TOGETHER = 32
-"""Windows written at once (ours: some half a million samples, a few MB)."""
+_TOGETHER = 32  # windows written at once (ours: some half a million samples, a few MB)
 
 
 def traces(
     closeups: NDArray[np.void], count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return time, voltage and current of the last pulses of every close-up, as the model has them.
-
-    Voltage stands open until ignition, then burns; a pulse without ignition shows the open voltage for as long as
-    it was waited, a short circuit none. An equalising pulse follows at once, of the other polarity; the last pulse
-    shows none, as it ends before its pause. Edges are upright: the model has no rise times.
-
-    Parameters
-    ----------
-    closeups : array (n,)
-        Rows of `edmsim.recording.stores.row_type`.
-    count : int
-        Pulses of each; where a close-up has fewer, its first one is repeated in front.
-
-    Returns
-    -------
-    time_us, voltage_V, current_A : float64 arrays (n, count, 7 or 9)
-        Corners of the traces, pulse by pulse, two more where there are equalising pulses; time counts from the first
-        pulse shown.
-    """
+    """Return time, voltage and current of the last pulses of every close-up, each (n, count, 7 or 9) corners."""
+    # voltage is open until ignition, then burns; a pulse without ignition shows it for as long as it was waited, a
+    # short circuit none. An equalising pulse follows at once, of the other polarity; the last pulse shows none, as it
+    # ends before its pause. Where a close-up has fewer pulses, its first one is repeated in front
     last = np.maximum(closeups["count"][:, None] - count + np.arange(count), 0)
     pulses = np.take_along_axis(closeups["pulses"], last, axis=1)
     start, delay, on = (pulses[name].astype(np.float64) for name in ("start_us", "delay_us", "conducting_us"))
@@ -82,22 +66,7 @@ def _opposite_us(closeups: NDArray[np.void]) -> NDArray[np.float64]:
 
 
 def write_traces(closeups: NDArray[np.void], file: str | Path, every_us: float) -> None:
-    """Write samples of the traces to a Parquet file; see `edmsim.CutResult.write_traces` for its columns.
-
-    Parameters
-    ----------
-    closeups : array (n,)
-        Rows of `edmsim.recording.stores.row_type`.
-    file : path
-        One of that name is replaced whole or not at all.
-    every_us : float
-        Time between samples, above 0.
-
-    Raises
-    ------
-    InputError
-        The time between samples is not above 0, or the file cannot be written.
-    """
+    """Write samples of the traces to a Parquet file; see `edmsim.CutResult.write_traces` for its columns."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -31,40 +31,22 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-THREADING_S = 1.0
-"""Least time that it takes to thread a wire (ours)."""
+THREADING_S = 1.0  # least time that it takes to thread a wire (ours)
 _JUMP_UM = 20.0
 """A way longer than the path cut meanwhile by more than this is one between contours (ours: rounding is 1 um)."""
 
 
 class CutAlone(NamedTuple):
-    """The cut alone: of the windows, of the time, and of the path.
+    """The cut alone: of the windows, of the time, and of the path."""
 
-    Attributes
-    ----------
-    rows : bool array (n,)
-        Whether a window belongs to it.
-    ways_um : tuple of (float, float)
-        From and to which place along the path the wire has cut, stretch by stretch.
-    """
-
-    rows: NDArray[np.bool_]
+    rows: NDArray[np.bool_]  # (n,): whether a window belongs to it
     time_s: float
+    # from and to which place along the path the wire has cut, stretch by stretch
     ways_um: tuple[tuple[float, float], ...]
 
 
 def cut_alone(t_s: Floats, place_um: Floats, path_um: Floats, ignited: Floats, holes_um: Floats) -> CutAlone:
-    """Return what of a cut's windows is the cut alone.
-
-    Parameters
-    ----------
-    t_s, path_um, ignited : float64 arrays (n,)
-        Time at the end of each window, place along the path, and discharges in it.
-    place_um : float64 array (n, 2)
-        The wire's place on the table.
-    holes_um : float64 array (m, 3)
-        Centres and radii of the start holes on the table.
-    """
+    """Return what of a cut's windows is the cut alone; start holes are rows of centre and radius on the table."""
     away = np.hypot(place_um[:, None, 0] - holes_um[:, 0], place_um[:, None, 1] - holes_um[:, 1])
     in_hole: NDArray[np.bool_] = np.any(away <= holes_um[:, 2], axis=1)
     rows, time_s, ways = np.zeros(len(t_s), bool), 0.0, []
@@ -80,10 +62,8 @@ def cut_alone(t_s: Floats, place_um: Floats, path_um: Floats, ignited: Floats, h
 
 
 def pause_rows(t_s: Floats) -> NDArray[np.intp]:
-    """Return the rows of the table of windows, times (n,), before which a wire was threaded.
-
-    Windows may be long, of long periods or thinned; a pause is longer than those beside it.
-    """
+    """Return the rows of the table of windows, times (n,), before which a wire was threaded."""
+    # windows may be long, of long periods or thinned; a pause is longer than those beside it
     took = np.diff(t_s)
     neighbours = np.concatenate([t_s[:1], took, [np.inf]])
     return np.flatnonzero(took > THREADING_S + 2.0 * np.minimum(neighbours[: len(took)], neighbours[2:])) + 1
@@ -138,9 +118,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("t_on_us", "us", "pulse on-time t_i set for the window"),
     Column("t_period_us", "us", "pulse period t_p set for the window"),
     Column("path_um", "um", "place along the wire path, from the first start hole"),
-    Column(
-        "error_um", "um", "profile error of the cut where the wire was; positive: metal left; NaN if none"
-    ),
+    Column("error_um", "um", "profile error of the cut where the wire was; positive: metal left; NaN if none"),
 )
 """Columns of ``windows.parquet``, in order."""
 
@@ -153,8 +131,7 @@ EQUALISING_COLUMNS: tuple[Column, ...] = (
 CUT_KEY = b"edmsim_cut"
 """Under which the metadata of ``windows.parquet`` say which cut they are of: `edmsim.recording.report.cut_id`."""
 
-NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)
-"""Names of all columns, in order."""
+NAMES: tuple[str, ...] = tuple(column.name for column in COLUMNS)  # names of all columns, in order
 
 ROW_NAMES: tuple[str, ...] = NAMES[:-1]
 """What `WindowTable.append` takes: everything but ``error_um``, which only the finished cut can tell."""
@@ -163,13 +140,7 @@ _BLOCK = 4096
 
 
 class WindowTable(ArraySnapshots, Observer):
-    """Rows of a cut in progress: appending is cheap, reading is done once at the end.
-
-    Parameters
-    ----------
-    equalising : bool
-        Whether the generator gives equalising pulses: the table then has `EQUALISING_COLUMNS`, too.
-    """
+    """Rows of a cut in progress, with `EQUALISING_COLUMNS` if the generator has such pulses; read at the end."""
 
     name: ClassVar[str] = "windows"
     STATE = ("_rows",)
@@ -197,18 +168,7 @@ class WindowTable(ArraySnapshots, Observer):
         ))  # fmt: skip
 
     def append(self, row: Sequence[float]) -> None:
-        """Add one window.
-
-        Parameters
-        ----------
-        row : sequence of float
-            The values of `ROW_NAMES`, in that order, and then those of `EQUALISING_COLUMNS`, if the table has them.
-
-        Raises
-        ------
-        ValueError
-            If `row` has another length.
-        """
+        """Add one window: the values of `ROW_NAMES`, then those of `EQUALISING_COLUMNS`, if the table has them."""
         if self._used == _BLOCK:
             self._blocks.append(np.empty((_BLOCK, self._width)))
             self._used = 0
@@ -245,19 +205,7 @@ class WindowTable(ArraySnapshots, Observer):
         return *(values[:, k : k + 2] for k in (x, following, lag)), values[:, time], values[:, path]
 
     def to_arrow(self, error_um: NDArray[np.float64] | None = None) -> pa.Table:
-        """Return the table as `windows.parquet` holds it.
-
-        Parameters
-        ----------
-        error_um : float64 array (len(self),), optional
-            Profile error of the finished cut at the place of every window; NaN everywhere if not given.
-
-        Returns
-        -------
-        pyarrow.Table
-            Columns `NAMES`, then `EQUALISING_COLUMNS` if the table has them; the four counts as int16, all else
-            float64; every field's metadata says ``unit`` and ``meaning``.
-        """
+        """Return the table as `windows.parquet` holds it; the metadata of each field say ``unit`` and ``meaning``."""
         import pyarrow as pa
 
         values = self.values()
@@ -269,9 +217,7 @@ class WindowTable(ArraySnapshots, Observer):
         columns = COLUMNS + self._more
         fields = [
             pa.field(
-                c.name,
-                pa.int16() if c.is_count else pa.float64(),
-                nullable=False,
+                c.name, pa.int16() if c.is_count else pa.float64(), nullable=False,
                 metadata={"unit": c.unit, "meaning": c.meaning},
             )
             for c in columns
@@ -322,23 +268,16 @@ def column(table: pa.Table, name: str) -> NDArray[np.float64]:
     return np.asarray(table.column(name).to_numpy(), np.float64)
 
 
-def travel_direction(table: pa.Table, reach_um: float = 25.0) -> NDArray[np.float64]:
-    """Direction of travel of the wire in every window.
-
-    Taken as the chord over `reach_um` of path on either side: steps of 1 um on two axes say nothing about
-    direction one by one. It never reaches over a pause, to another contour.
-
-    Returns
-    -------
-    float64 array (n, 2)
-        Unit vectors; zero where the wire has not moved.
-    """
+def travel_direction(table: pa.Table) -> NDArray[np.float64]:
+    """Return the direction of travel in every window, unit vectors (n, 2); zero where the wire has not moved."""
+    # the chord over 25 um of path on either side: steps of 1 um on two axes say nothing about direction
+    # one by one; it never reaches over a pause, to another contour
     path = np.maximum.accumulate(column(table, "path_um"))
     place = np.column_stack([column(table, name) for name in ("x_um", "y_um")])
     chord = np.zeros((len(path), 2))
     for part in stretches(len(path), pause_rows(column(table, "t_s"))):
         s, at = path[part], place[part]
-        chord[part] = np.column_stack([np.interp(s + reach_um, s, x) - np.interp(s - reach_um, s, x) for x in at.T])
+        chord[part] = np.column_stack([np.interp(s + 25.0, s, x) - np.interp(s - 25.0, s, x) for x in at.T])
     length = np.hypot(chord[:, 0], chord[:, 1])
     return np.asarray(np.divide(chord, length[:, None], out=np.zeros_like(chord), where=length[:, None] > 0))
 

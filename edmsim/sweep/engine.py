@@ -18,8 +18,7 @@ from typing import Any, Protocol
 
 from edmsim.errors import InputError
 
-ATTEMPTS = 3
-"""How often a job is begun whose process or computer is lost, before it counts as failed (ours)."""
+ATTEMPTS = 3  # how often a job is begun whose process or computer is lost, before it counts as failed (ours)
 Function = Callable[[Any], Any]
 """What is done with a job: a function of a module that every computer has; job and answer can be pickled."""
 
@@ -163,8 +162,7 @@ class _Worker:
 
 IN_FLIGHT = 2
 """Jobs handed out per processor (ours): one that runs, and one that waits there while the answer travels."""
-LOOK_S = 2.0
-"""How often, at least, it is looked how many processors there are."""
+LOOK_S = 2.0  # how often, at least, it is looked how many processors there are
 
 
 class Cluster:

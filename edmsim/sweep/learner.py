@@ -14,11 +14,10 @@ from ray import tune
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.sweep.tune import judge_policy
 
-WHOSE = "learner.json"
-"""File of a checkpoint that says whose it is."""
+WHOSE = "learner.json"  # file of a checkpoint that says whose it is
 
 
-class Learner(tune.Trainable):
+class Learner(tune.Trainable):  # type: ignore[misc]
     """Trains on from its own checkpoint, or from another learner's, with the settings it has now."""
 
     def setup(self, config: dict[str, Any]) -> None:
@@ -58,10 +57,7 @@ class Learner(tune.Trainable):
         for file in (*out.glob("policy.*"), out / WHOSE):
             shutil.move(file, self._last / file.name)
         parent, self._parent = self._parent, self._number
-        return {
-            "score": score, "windows": trained.model.num_timesteps, "learner": self._number,
-            "parent": parent,
-        }  # fmt: skip
+        return {"score": score, "windows": trained.model.num_timesteps, "learner": self._number, "parent": parent}
 
     def save_checkpoint(self, checkpoint_dir: str) -> None:
         """Hand over the last checkpoint, with the policy."""
@@ -79,7 +75,7 @@ class Learner(tune.Trainable):
         self._folder.cleanup()
 
 
-class Watching(tune.Callback):
+class Watching(tune.Callback):  # type: ignore[misc]
     """Tells the driver of every generation of a learner."""
 
     watch: Callable[[dict[str, Any]], object] = staticmethod(lambda _: None)

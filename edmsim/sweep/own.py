@@ -37,10 +37,8 @@ from edmsim.sweep.tune import (
 )
 from edmsim.user_code import named, run
 
-FINALISTS = 8
-"""Trials that are tried once more, besides the settings in use (ours: the best has been lucky, too)."""
-FRESH = 2
-"""Times as many machines as a trial has had, the same for all (ours)."""
+FINALISTS = 8  # trials that are tried once more, besides the settings in use (ours: the best has been lucky, too)
+FRESH = 2  # times as many machines as a trial has had, the same for all (ours)
 _RULE = 'BOUNDS = {"gain": (0.1, 10.0), "window_s": (0.01, 1.0, "log")}'
 
 
@@ -164,10 +162,7 @@ def tune_own(
 
 
 def bounds_of(own: str) -> dict[str, Bound]:
-    """Return what a user's class says is searched of it, and where.
-
-    Raises `InputError` if it says nothing, or something else than parameters with their bounds.
-    """
+    """Return what a user's class says is searched of it, and where; refused in one line if it says nothing of use."""
     own_class = named(own)
     assert own_class is not None
     kind = vars(run(own_class.file))[own_class.name]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import socket
 import tempfile
 import time
 import traceback
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,31 +16,35 @@ import numpy as np
 
 from edmsim import __version__
 from edmsim.errors import EdmsimError, InputError
-from edmsim.sweep import figures
+from edmsim.evaluation.episode import Result, cut
+from edmsim.recording.report import CLOCKS, Report, kinds_of
 from edmsim.sweep.runs import SweepRun, digest
+
+FIGURES = {kind.column: kind for kind in (*kinds_of(Report).values(), *kinds_of(Result).values()) if kind.column}
+"""Figures of a run, of a cut's report or an episode's result; null if not measured, or not of this kind of run."""
+
+
+def values_of(run: Report | Result) -> dict[str, float | None]:
+    """Return the figures of a cut or an episode."""
+    found: dict[str, float | None] = dict.fromkeys(FIGURES)
+    record: Any = type(run)
+    for place, kind in kinds_of(record).items():
+        value = attrgetter(place)(run)
+        if kind.column and value is not None and math.isfinite(value):
+            found[kind.column] = float(value)
+    return found
 
 
 class Outcome(NamedTuple):
-    """What a run leaves.
+    """What a run leaves."""
 
-    Attributes
-    ----------
-    row : dict
-        Settings, figures and error, by the names of columns; see `table`.
-    files : dict of str to bytes
-        Recordings by name.
-    """
-
-    row: dict[str, Any]
-    files: dict[str, bytes]
+    row: dict[str, Any]  # settings, figures and error, by the names of columns; see `table`
+    files: dict[str, bytes]  # recordings by name
 
 
 def perform(run: SweepRun) -> Outcome:
-    """Make a run; whatever goes wrong in it becomes its error, and no other run suffers.
-
-    A result depends on the run alone, not on computer, process, or what ran before; but for ``wall_time_s``
-    and ``host``.
-    """
+    """Make a run; whatever goes wrong in it becomes its error, and no other run suffers."""
+    # a result depends on the run alone, not on computer, process, or what ran before; but for wall_time_s and host
     started = time.monotonic()
     try:
         _same_files(run)
@@ -62,7 +68,7 @@ def blank(run: SweepRun) -> dict[str, Any]:
     return {
         "id": run.id, "task": Path(run.task).name if run.is_cut else run.task, "seed": run.seed,
         "machine_sample": run.machine_sample, **settings, **constants, "error": None, "outcome": None,
-        **dict.fromkeys(figures.NAMES), "report": None, "edmsim_version": __version__, "wall_time_s": None,
+        **dict.fromkeys(FIGURES), "report": None, "edmsim_version": __version__, "wall_time_s": None,
         "host": None,
     }  # fmt: skip
 
@@ -89,8 +95,11 @@ def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:
     drawn = {} if run.machine_sample is None else _drawn(run, run.machine_sample)
     settings["constants"] = {**dict(settings.get("constants", ())), **drawn}
     result = edmsim.cut(run.task, **settings, seed=run.seed)
-    report = {name: value for name, value in result.report.items() if name not in figures.CLOCKS}
-    row = {"outcome": report["outcome"], **drawn, **figures.of_report(report), "report": json.dumps(report)}
+    report = {name: value for name, value in result.report.items() if name not in CLOCKS}
+    row = {
+        "outcome": result.report.outcome, **drawn, **values_of(result.report),
+        "report": json.dumps(report, default=dict),
+    }
     return row, _recorded(run, result) if run.recordings else {}
 
 
@@ -123,9 +132,8 @@ def _recorded(run: SweepRun, result: Any) -> dict[str, bytes]:
 
 def _episode(run: SweepRun) -> dict[str, Any]:
     from edmsim.envs.registry import resolve
-    from edmsim.evaluation.episode import cut
 
     options = dict(run.settings)
     controller, resolution = str(options.pop("controller")), str(options.pop("resolution"))
     result = cut(resolve(run.task), run.seed, controller, resolution, **options)
-    return {"outcome": result.outcome, **figures.of_result(result)}
+    return {"outcome": result.outcome, **values_of(result)}

@@ -26,16 +26,12 @@ from edmsim.learning import hyperparameters
 from edmsim.sweep.engine import ATTEMPTS, Cluster
 from edmsim.sweep.tune import Bound, bounds, write_found
 
-PLAN = "population.json"
-"""File in which a folder keeps what its population is of."""
+PLAN = "population.json"  # file in which a folder keeps what its population is of
 TABLE = "population.parquet"
 """A row for every learner and generation: worth, windows, settings, and whose checkpoint it went on from."""
-JOURNAL = "population.jsonl"
-"""The same as it comes in, line by line."""
-RUN = "ray"
-"""Folder of Ray Tune's own files, and of the checkpoints that learners hand over."""
-LEAST_POPULATION = 4
-"""Under it a quarter is less than one learner."""
+JOURNAL = "population.jsonl"  # the same as it comes in, line by line
+RUN = "ray"  # folder of Ray Tune's own files, and of the checkpoints that learners hand over
+LEAST_POPULATION = 4  # under it a quarter is less than one learner
 _OF_LEARNER = ("learner", "parent", "score", "windows")
 _CHECKPOINTS = 3
 """Checkpoints of a learner (as Ray Tune advises: another may still read one that is no longer the last)."""
@@ -43,27 +39,16 @@ _CHECKPOINTS = 3
 
 @dataclass(frozen=True)
 class Plan:
-    """What a population is of; a folder goes on only with the same.
-
-    Attributes
-    ----------
-    windows : int
-        Of a learner in each generation.
-    seed : int
-        Of the first learner; the next has the next.
-    seeds : tuple of int
-        Training seeds that a learner's policy is judged by after every generation.
-    parameters : dict
-        Hyperparameters of which the population changes some, for computers that may have others.
-    """
+    """What a population is of; a folder goes on only with the same."""
 
     env_id: str
     algo: str
     population: int
     generations: int
-    windows: int
-    seed: int
-    seeds: tuple[int, ...]
+    windows: int  # of a learner in each generation
+    seed: int  # of the first learner; the next has the next
+    seeds: tuple[int, ...]  # training seeds that a learner's policy is judged by after every generation
+    # hyperparameters of which the population changes some, for computers that may have others
     parameters: dict[str, Any]
 
 
@@ -128,9 +113,7 @@ def train_population(
     return _result_of(best.metrics)
 
 
-def _plan(
-    name: str, algo: str, population: int, generations: int, steps: int | None, seed: int, seeds: int
-) -> Plan:
+def _plan(name: str, algo: str, population: int, generations: int, steps: int | None, seed: int, seeds: int) -> Plan:
     if population < LEAST_POPULATION:
         raise InputError(f"a population of {population} has no best quarter: give {LEAST_POPULATION} or more")
     if generations < 1:

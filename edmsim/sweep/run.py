@@ -25,26 +25,13 @@ from edmsim.sweep.runs import SweepRun, checked, combinations, runs_of
 from edmsim.sweep.specification import Specification
 from edmsim.sweep.table import Store
 
-MOST_REASONS = 3
-"""Reasons that a refusal names (ours): it is one line."""
+MOST_REASONS = 3  # reasons that a refusal names (ours): it is one line
 
 
 def check_runs(specification: Specification, checking: Callable[[int, int], None] | None = None) -> None:
-    """Prepare every combination of settings as its cut would, without cutting.
-
-    Points of a Sobol sample may be ones that no machine can be set to, as a long on-time with a short period: they
-    become runs that failed, unless all of them are such points.
-
-    Parameters
-    ----------
-    checking : callable, optional
-        Called with the combinations looked at and to look at.
-
-    Raises
-    ------
-    InputError
-        Some cannot be run: which values, and why.
-    """
+    """Prepare every combination of settings as its cut would, and refuse those that no machine can be set to."""
+    # points of a Sobol sample may be such ones, a long on-time with a short period say: they become runs that
+    # failed, unless all of them are
     planner, is_cut = _Planner(), bool(specification.program)
     refused: dict[str, list[dict[str, Any]]] = {}
     values_of_setting: dict[str, set[str]] = {}
@@ -119,8 +106,7 @@ class _Planner:
         return found
 
 
-SPECIFICATION = "specification.json"
-"""File in which a sweep's folder keeps the specification last run there."""
+SPECIFICATION = "specification.json"  # file in which a sweep's folder keeps the specification last run there
 
 
 class SweepProgress(NamedTuple):

@@ -26,47 +26,23 @@ from edmsim.sweep.specification import SobolSample, Specification
 
 @dataclass(frozen=True)
 class SweepRun:
-    """One run of a sweep: plain data that any computer can be sent.
+    """One run of a sweep: plain data that any computer can be sent."""
 
-    Attributes
-    ----------
-    id : str
-        Digest of all that follows but recordings and paths: program and files by their text.
-    task : str
-        Program or environment, as it was given.
-    is_cut : bool
-        Whether it is a program.
-    settings : dict
-        Options of the cut, constants among them; or the environment's arguments, controller and resolution.
-    machine_sample : int or None
-        Which draw of a machine; None for the machine as it is.
-    sample_only : tuple of str or None
-        What is drawn of it.
-    files : dict
-        Digests of the files the run reads, by their path.
-    """
-
-    id: str
-    task: str
-    is_cut: bool
+    id: str  # digest of all that follows but recordings and paths: program and files by their text
+    task: str  # program or environment, as it was given
+    is_cut: bool  # whether it is a program
+    # options of the cut, constants among them; or the environment's arguments, controller and resolution
     settings: Mapping[str, Any]
     seed: int
-    machine_sample: int | None
-    sample_only: tuple[str, ...] | None
+    machine_sample: int | None  # which draw of a machine; None for the machine as it is
+    sample_only: tuple[str, ...] | None  # what is drawn of it
     recordings: tuple[str, ...]
-    files: Mapping[str, str]
+    files: Mapping[str, str]  # digests of the files the run reads, by their path
 
 
 def runs_of(specification: Specification) -> Iterator[SweepRun]:
-    """Yield the runs one by one, so that a large sweep needs no memory for all; see `Specification`.
-
-    Machines drawn and seeds vary fastest, so that what is compared with each other is cut at about the same time.
-
-    Raises
-    ------
-    InputError
-        A name that is not an option, or a value that no run can be made with.
-    """
+    """Yield the runs one by one, so that a large sweep needs no memory for all; see `Specification`."""
+    # machines drawn and seeds vary fastest, so that what is compared with each other is cut at about the same time
     spec = specification
     for task, bounds in combinations(spec):
         settings = checked(task, bounds, bool(spec.program))

@@ -54,18 +54,12 @@ class Shares(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Runs with the same settings taken together.
-
-    Attributes
-    ----------
-    chance : float
-        Variance between runs of a cell; NaN where no cell has two.
-    """
+    """Runs with the same settings taken together."""
 
     levels: NDArray[np.intp]
     means: NDArray[np.float64]
     counts: NDArray[np.intp]
-    chance: float
+    chance: float  # variance between runs of a cell; NaN where no cell has two
 
 
 def cells_of(factors: list[Factor], values: NDArray[np.float64]) -> Cells:
@@ -79,18 +73,14 @@ def cells_of(factors: list[Factor], values: NDArray[np.float64]) -> Cells:
     return Cells(levels, means, counts, chance)
 
 
-MOST_CELLS = 4_000_000
-"""Of a grid that is filled for its interactions (ours: 32 MB)."""
-MOST_LEVELS = 1000
-"""Levels of all factors together (ours: a sample of more is fitted)."""
+MOST_CELLS = 4_000_000  # of a grid that is filled for its interactions (ours: 32 MB)
+MOST_LEVELS = 1000  # levels of all factors together (ours: a sample of more is fitted)
 
 
 def decompose(factors: list[Factor], values: Array) -> Shares | None:
-    """Return the shares of every factor; None where the effects of single factors cannot be parted level by level.
-
-    Interactions are looked at where more than half of all combinations are there (ours); elsewhere they count as
-    unexplained, as far as they show at all.
-    """
+    """Return the shares of every factor; None where the effects of single factors cannot be parted level by level."""
+    # interactions are looked at where more than half of all combinations are there (ours); elsewhere they count
+    # as unexplained, as far as they show at all
     counts = [factor.size for factor in factors]
     cells = cells_of(factors, values)
     there, size, terms = len(cells.means), math.prod(counts), 1 + sum(count - 1 for count in counts)
@@ -168,33 +158,23 @@ def _shared(cells: Cells, counts: list[int], residuals: Array) -> list[float]:
     return [whole - float(np.mean(grid.mean(axis=axis) ** 2)) for axis in range(len(counts))]
 
 
-DEGREES = 1, 2, 3, 4, 6, 8, 10
-"""Degrees of the polynomial that are tried (ours: 10 follows two waves)."""
+DEGREES = 1, 2, 3, 4, 6, 8, 10  # degrees of the polynomial that are tried (ours: 10 follows two waves)
 HYPERBOLA = 0.5
 """Norm of a term's degrees, where all terms of a degree are too many: high ones of several factors are left out
 (Blatman and Sudret 2011)."""
 MOST_TERMS = 1000
 """Terms to choose from (ours), fewer where the table of all runs would take more than `MOST_NUMBERS`."""
 MOST_NUMBERS = 30_000_000
-MOST_CHOSEN = 60
-"""Terms chosen at most (ours)."""
+MOST_CHOSEN = 60  # terms chosen at most (ours)
 FOLDS = 5
-SINGLY = 20
-"""Points up to which each is left out by itself (ours)."""
+SINGLY = 20  # points up to which each is left out by itself (ours)
 FEW, SHUFFLES = 128, 19
 """Points up to which it is tried whether chance fits as well, and how often: so 1 in 20 seems to (ours)."""
-Term = tuple[tuple[int, int], ...]
-"""Pairs of a factor and the number of its function, from 1 on."""
+Term = tuple[tuple[int, int], ...]  # pairs of a factor and the number of its function, from 1 on
 
 
 def fit(factors: list[Factor], values: Array, most_values: int) -> Shares:
-    """Return the shares of every factor; unknown of factors that only ever change together.
-
-    Parameters
-    ----------
-    most_values : int
-        Numbers with more values than this make a point of the sample; its runs are left out together.
-    """
+    """Return the shares of every factor; unknown of factors that only ever change together."""
     cells = cells_of(factors, values)
     functions = [_functions(factor) for factor in factors]
     parted = _parted(cells, functions)
@@ -228,16 +208,12 @@ def _chance_does_as_well(
 ) -> bool:
     """Say whether a polynomial fits the same values in another order as well: it has terms enough for few points."""
     rng = np.random.default_rng(1)
-    return any(
-        _best(tables, offers, rng.permutation(values), folds)[0].error <= best.error for _ in range(SHUFFLES)
-    )
+    return any(_best(tables, offers, rng.permutation(values), folds)[0].error <= best.error for _ in range(SHUFFLES))
 
 
 def _functions(factor: Factor) -> Array:
-    """Return functions of a factor's values, orthonormal over them: (values, functions), the constant one first.
-
-    A number counts by its place among all its values, so that a sample in the logarithm needs nothing else.
-    """
+    """Return functions of a factor's values, orthonormal over them: (values, functions), the constant one first."""
+    # a number counts by its place among all its values, so that a sample in the logarithm needs nothing else
     count = factor.size
     if not factor.is_number:
         return _orthonormal(np.column_stack([np.ones(count), np.eye(count)[:, 1:]]))
@@ -345,9 +321,7 @@ class _Validated(NamedTuple):
     terms: int
 
 
-def _validate(
-    columns: Array, values: Array, folds: list[NDArray[np.bool_]], most: int = MOST_CHOSEN
-) -> _Validated:
+def _validate(columns: Array, values: Array, folds: list[NDArray[np.bool_]], most: int = MOST_CHOSEN) -> _Validated:
     most = min(most, columns.shape[1], min(int((~out).sum()) for out in folds) // 2)
     squares = np.zeros((most + 1, len(values)))
     for out in folds:

@@ -22,21 +22,7 @@ MOST_OF_RANGE = 100_000
 
 
 def values_of(text: Any, name: str) -> list[Any]:
-    """Return the values to try of a setting.
-
-    Parameters
-    ----------
-    text : list, text, number or bool
-        A list is taken as it is. A text is taken apart at its commas, but for those within the parameters of a
-        controller; pieces ``FIRST:LAST:STEP`` are ranges that hold both ends.
-    name : str
-        Of the setting, for the error.
-
-    Raises
-    ------
-    InputError
-        No value, or a range that has none.
-    """
+    """Return the values to try of a setting: of a list, or a text with commas and ranges ``FIRST:LAST:STEP``."""
     if isinstance(text, list):
         found = text
     elif isinstance(text, str):
@@ -85,8 +71,7 @@ def flattened(table: Mapping[str, Any]) -> dict[str, Any]:
 
 MOST_SEEDS = 10_000_000
 """Seeds that a number may stand for (ours: their list takes some 400 MB; no sweep has cut as often)."""
-MOST_POINTS = 1 << 24
-"""Most points of a Sobol sample (ours: of ten numbers each they take a gigabyte)."""
+MOST_POINTS = 1 << 24  # most points of a Sobol sample (ours: of ten numbers each they take a gigabyte)
 Recorded = Literal["report", "windows", "all"]
 """What is kept of each cut: ``report.json``, ``windows.parquet``, or all that ``edmsim cut`` writes."""
 
@@ -166,9 +151,7 @@ class Specification(_Strict):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _refuse_in_one_line(
-        cls, value: Any, handler: ModelWrapValidatorHandler[Specification]
-    ) -> Specification:
+    def _refuse_in_one_line(cls, value: Any, handler: ModelWrapValidatorHandler[Specification]) -> Specification:
         try:
             return handler(value)
         except ValidationError as error:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.evaluation.compare import Figure, mean
-from edmsim.sweep.figures import NAMES
+from edmsim.sweep.perform import FIGURES
 from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, VariedSetting, sensitivity
 
 if TYPE_CHECKING:
@@ -155,7 +155,6 @@ def _drawn(table: pa.Table) -> list[str]:
 
 
 def _values(table: pa.Table, name: str) -> NDArray[np.float64]:
-    assert name in NAMES
     return np.array([math.nan if value is None else value for value in table[name].to_pylist()], np.float64)
 
 
@@ -163,9 +162,7 @@ def _mean(values: NDArray[np.float64]) -> Figure:
     return mean(values[np.isfinite(values)])
 
 
-MOST_LINES = 40
-"""Groups and settings listed on a terminal (ours); all are in the dataset."""
-_LABELS = {"cutting_rate_mm2_min": "cutting rate [mm²/min]", "ra_um": "Ra [µm]", "error_rms_um": "profile error [µm]"}
+MOST_LINES = 40  # groups and settings listed on a terminal (ours); all are in the dataset
 
 
 def render(table: pa.Table) -> RenderableType:
@@ -264,11 +261,15 @@ def pareto_figure(table: pa.Table) -> Drawing:
         values[x][front], values[y][front], s=34, facecolors="none", edgecolors=VERMILION, lw=1.0, zorder=3,
         label="surpassed by none",
     )
-    dress(axes, _LABELS[x], _LABELS[y])
+    dress(axes, _label(x), _label(y))
     legend(axes)
     if len(goals) > 2:
-        colour_bar(figure, dots, _LABELS[goals[2]])
+        colour_bar(figure, dots, _label(goals[2]))
     return figure
+
+
+def _label(name: str) -> str:
+    return f"{FIGURES[name].meaning} [{FIGURES[name].unit}]"
 
 
 def _figure(figure: Figure) -> str:

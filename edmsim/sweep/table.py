@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-RESULTS = "results"
-"""Folder of the parquet dataset, a folder ``task=...`` in it for each program or environment."""
+RESULTS = "results"  # folder of the parquet dataset, a folder ``task=...`` in it for each program or environment
 JOURNAL = "journal.jsonl"
 _WHOLE = {"seed", "machine_sample"}
 _KINDS = {name: {field.annotation, *get_args(field.annotation)} for name, field in CutSettings.model_fields.items()}
@@ -70,7 +69,7 @@ def read(out: str | Path) -> pa.Table:
     -------
     pyarrow.Table
         A row per run, in the order of their ids: id, task, seed, settings, constants, ``error`` (null where the run
-        ended as it should), ``outcome``, the figures of `edmsim.sweep.figures.FIGURES`, ``report`` (JSON, of cuts),
+        ended as it should), ``outcome``, the figures of `edmsim.sweep.perform.FIGURES`, ``report`` (JSON, of cuts),
         ``edmsim_version``, ``wall_time_s`` and ``host``.
 
     Raises
@@ -137,10 +136,7 @@ def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
 
 
 def journal_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows that stand in the journal; a last line that was cut off is skipped.
-
-    Raises `InputError` if another line is damaged.
-    """
+    """Return the rows of the journal; a last line that was cut off is skipped, another damaged one refused."""
     try:
         lines = (folder / JOURNAL).read_bytes().split(b"\n")
     except FileNotFoundError:
@@ -164,22 +160,10 @@ RECORDINGS = "recordings"
 
 
 class Store:
-    """Results of a sweep in a folder; only one process at a time adds to it.
+    """Results of a sweep in a folder; only one process at a time adds to it."""
 
-    A row is written to the journal and forced to the disk before `add` returns, so what was reported as done is
-    never done again, whenever the process dies. Full parts go into the dataset; the journal is emptied after that,
-    and rows that stand in both count once.
-
-    Parameters
-    ----------
-    out : path
-        Folder, made if there is none.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written to, or another sweep runs in it.
-    """
+    # a row is forced to the disk before `add` returns, so what was reported as done is never done again, whenever the
+    # process dies. Full parts go into the dataset; the journal is emptied after that, and rows in both count once
 
     def __init__(self, out: str | Path) -> None:
         self.folder = Path(out)

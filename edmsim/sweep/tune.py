@@ -64,31 +64,16 @@ TRAINING |= {"tqc": TRAINING["sac"], "ppo-lag": TRAINING["ppo"], "recurrent-ppo"
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial as plain data.
+    """A trial as plain data."""
 
-    Attributes
-    ----------
-    number : int
-        In the study.
-    name : str
-        Controller, environment, or ``FILE.py:CLASS`` of a user's own controller.
-    seeds : tuple of int
-        Training seeds that it is judged by.
-    algo : str
-        Of a training.
-    steps : int
-        Windows of a training.
-    options : mapping
-        Arguments of the environment in which a user's own controller cuts.
-    """
-
-    number: int
+    number: int  # in the study
     kind: Literal["gains", "training", "own"]
-    name: str
+    name: str  # controller, environment, or ``FILE.py:CLASS`` of a user's own controller
     values: Mapping[str, float]
-    seeds: tuple[int, ...]
-    algo: str = ""
-    steps: int = 0
+    seeds: tuple[int, ...]  # training seeds that it is judged by
+    algo: str = ""  # of a training
+    steps: int = 0  # windows of a training
+    # arguments of the environment in which a user's own controller cuts
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -103,10 +88,7 @@ class TrialResult:
 
 
 def bounds(kind: str, name: str) -> dict[str, Bound]:
-    """Return what is searched of a controller, or of an algorithm.
-
-    Raises `InputError` if nothing of this algorithm is searched.
-    """
+    """Return what is searched of a controller, or of an algorithm."""
     if kind == "training":
         if name not in TRAINING:
             raise InputError(f"no settings of the algorithm '{name}' are searched; choose {', '.join(TRAINING)}")
@@ -179,11 +161,9 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
     return float(np.mean([result.total_return for result in results]))
 
 
-JOURNAL = "study.journal"
-"""File of the study, in Optuna's journal storage."""
+JOURNAL = "study.journal"  # file of the study, in Optuna's journal storage
 BEST = "best.toml"
-EVOLUTION = "evolution.json"
-"""File of an evolution: what it is of, and what was tried."""
+EVOLUTION = "evolution.json"  # file of an evolution: what it is of, and what was tried
 METHODS = ("tpe", "evolution")
 
 
@@ -305,8 +285,7 @@ def _studied(
 
 
 def _evolved(
-    name: str, folder: Path, trials: int, seed: int, judged_by: tuple[int, ...],
-    watch: Callable[[Tuned], None] | None,
+    name: str, folder: Path, trials: int, seed: int, judged_by: tuple[int, ...], watch: Callable[[Tuned], None] | None
 ) -> Tuned:
     """Search by differential evolution; what was tried is kept, so that the same search goes on."""
     from scipy.optimize import Bounds, differential_evolution
@@ -359,22 +338,7 @@ def run_study(
     study: Any, space: Mapping[str, Bound], trials: int, engine: Engine,
     make_trial: Callable[[int, dict[str, float]], Trial], ended: Callable[[Trial, TrialResult], None],
 ) -> None:
-    """Make the trials that a study lacks, and tell it what they are worth.
-
-    Parameters
-    ----------
-    trials : int
-        In all, those of former runs counted.
-    make_trial : callable
-        Makes a trial of its number and values.
-    ended : callable
-        Called with every trial and its worth, once the study knows it.
-
-    Raises
-    ------
-    InputError
-        If no trial could be made.
-    """
+    """Make the trials that a study lacks, and tell it, and then `ended`, what they are worth."""
     under_way: dict[int, Any] = {}
 
     def new_trials() -> Iterator[Trial]:

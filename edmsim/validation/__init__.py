@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from importlib import import_module
 
 from edmsim.errors import InputError, one_of
+from edmsim.progress import in_threads
 from edmsim.validation.rows import Check, Row
 
 MODULES = (
@@ -38,7 +37,7 @@ def checks(modules: Sequence[str] = MODULES) -> list[Check]:
 def run(watch: Watch | None = None, modules: Sequence[str] = MODULES) -> list[Row]:
     """Run checks, as many at a time as there are processors, and return their rows in a fixed order.
 
-    The pulse loop leaves Python to the other threads. What a check returns depends on its seeds alone.
+    What a check returns depends on its seeds alone.
 
     Parameters
     ----------
@@ -52,16 +51,6 @@ def run(watch: Watch | None = None, modules: Sequence[str] = MODULES) -> list[Ro
     InputError
         If there is no such module.
     """
-    todo = checks(modules)
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        try:
-            running = [pool.submit(check, SEEDS) for check in todo]
-            for done, _ in enumerate(as_completed(running), 1):
-                if watch is not None:
-                    watch(done, len(todo))
-            rows = [row for future in running for row in future.result()]
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    rows = [row for found in in_threads(lambda check: check(SEEDS), checks(modules), watch) for row in found]
     topics = list(dict.fromkeys(row.topic for row in rows))
     return sorted(rows, key=lambda row: topics.index(row.topic))

@@ -22,31 +22,24 @@ COOLING = "Sato et al., explanation of the limit: the wire is less likely to be 
 STRENGTH = "tension against the hot wire's strength (derived)"
 PAGE = "docs/theory/emergence.md"
 
-PEAK_A, PULSE_US = 700.0, 1.4
-"""Triangular pulse of Sato's stable cutting, an upper bound: 0.49 mC."""
-LEAST_PEAK_A, MOST_PEAK_A = 600.0, 940.0
-"""Peak currents of Sato's 67 conditions."""
-STABLE_HZ = 60e3
-"""Discharges per second in Sato's stable cutting of 80 mm."""
+PEAK_A, PULSE_US = 700.0, 1.4  # triangular pulse of Sato's stable cutting, an upper bound: 0.49 mC
+LEAST_PEAK_A, MOST_PEAK_A = 600.0, 940.0  # peak currents of Sato's 67 conditions
+STABLE_HZ = 60e3  # discharges per second in Sato's stable cutting of 80 mm
 PAUSE_US, BREAKING_PAUSE_US = 8.0, 6.0
 """Pause of that stable cutting, and the pause at which the wire broke in all four trials (his table 2)."""
-LONGEST_PERIOD_US = 60.0
-"""Pulse and pause the search begins with: a third of any limit found (ours)."""
-HOLD_S = 0.3
-"""Time at each step, several times the wire's thermal time constant of some 20 ms (ours)."""
-APPROACH_S = 2.0
-"""Time the feed is given to find its level first (ours)."""
+LONGEST_PERIOD_US = 60.0  # pulse and pause the search begins with: a third of any limit found (ours)
+HOLD_S = 0.3  # time at each step, several times the wire's thermal time constant of some 20 ms (ours)
+APPROACH_S = 2.0  # time the feed is given to find its level first (ours)
 
 
 def sato_rig(
     height_mm: float, changes: Mapping[str, float] | None = None, *, tension: float = 22.0, peak_A: float = PEAK_A
 ) -> Machine:
-    """Return the set-up of Sato et al.: 0.3 mm brass wire, 22 N, 13 m/min, short triangles of high current on steel.
-
-    The rest is the production machine's and its generator's, which were made after this source: 80 V of open voltage,
-    the nominal one of the ignition law, and 2 bar at both nozzles. `changes` are constants by their place (see
-    `altered`).
-    """
+    """Return the set-up of Sato et al.: 0.3 mm brass, 22 N, 13 m/min, short triangles of high current on steel."""
+    # the rest is the production machine's and its generator's, which were made after this source: 80 V of open
+    # voltage, the nominal one of the ignition law, and 2 bar at both nozzles
+    # the rest is the production machine's and its generator's, which were made after this source: 80 V of open
+    # voltage, the nominal one of the ignition law, and 2 bar at both nozzles
     rated = Machine.load("production", generator="production", wire="brass-300", height_mm=height_mm)
     supply = rated.generator.supply_voltage_V
     assert supply is not None
@@ -68,11 +61,9 @@ def rough_rig(
 
 
 def mori_rig() -> Machine:
-    """Return the set-up of Mori et al.: 0.2 mm brass, 11 A for 1 us, pauses of 4 us, 75 V, a piece 1 mm wide.
-
-    Tension and ignition wait were not published: the default stress, and 50 us. The water stood at the spot. The
-    piece was SiC; steel here.
-    """
+    """Return the set-up of Mori et al.: 0.2 mm brass, 11 A for 1 us, pauses of 4 us, 75 V, a piece 1 mm wide."""
+    # tension and ignition wait were not published: the default stress, and 50 us. The water stood at the spot.
+    # The piece was SiC; steel here
     return Machine.load(
         generator="production", wire="brass-200", height_mm=1.0, open_voltage_V=75.0, peak_current_A=11.0,
         pulse_shape="rectangle", t_on_us=1.0, t_period_us=5.0, ignition_wait_us=50.0, flushing_lower_Pa=0.0,
@@ -81,10 +72,8 @@ def mori_rig() -> Machine:
 
 
 def break_limit_A(machine: Machine, seed: int) -> float:
-    """Largest mean current, without short-circuit pulses, that the wire held for `HOLD_S`.
-
-    Where the shortest pause does not break it, the largest current there was: then a lower bound of the limit.
-    """
+    """Largest mean current, without short-circuit pulses, that the wire held for `HOLD_S`."""
+    # where the shortest pause does not break it, the largest current there was: then a lower bound of the limit
     servo = from_text(quick_counts(HELD_SHARE))
     held, _ = shorten_pauses(machine, seed, servo, hold_s=HOLD_S, approach_s=APPROACH_S)
     return max((step.current_A for step in held), default=0.0)
@@ -94,8 +83,7 @@ def _limits(machine: Machine, seeds: Sequence[int]) -> list[float]:
     return [break_limit_A(machine, seed) for seed in seeds]
 
 
-STABLE_MM = 80.0
-"""Height of Sato's stable cutting."""
+STABLE_MM = 80.0  # height of Sato's stable cutting
 HANGS_ON: Mapping[str, Mapping[str, float]] = {
     "critical heat flux 9e4 W/m2 sqrt(v s/m) per kelvin": {"base.cooling.critical_stream": 9e4},
     "6 mm of water behind the wire": {"base.dielectric.wake_mm": 6.0},
@@ -141,10 +129,8 @@ def _mori_breaks(seed: int) -> bool:
     return cut_straight(mori_rig(), controller, seed, settle_s=0.5, seconds=2.0).broken
 
 
-THIN_MM, MIDDLE_MM, THICK_MM = 20.0, 60.0, 100.0
-"""Heights of Sato's trials."""
-OFF_MM = 2.0
-"""Distance by which Sato took one nozzle off the piece."""
+THIN_MM, MIDDLE_MM, THICK_MM = 20.0, 60.0, 100.0  # heights of Sato's trials
+OFF_MM = 2.0  # distance by which Sato took one nozzle off the piece
 
 
 def limits(seeds: Sequence[int]) -> list[Row]:

@@ -18,8 +18,7 @@ COLUMNS = {
     "undercut_area_over_delta2": "undercut area",
     "max_normal_deviation_over_delta": "largest distance from the path",
 }
-REACH = 20.0
-"""Length of the corner's sides in lags: the wire has long come back to the path."""
+REACH = 20.0  # length of the corner's sides in lags: the wire has long come back to the path
 
 
 def corner(turn_deg: float) -> tuple[float, float, float]:

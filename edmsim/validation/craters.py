@@ -21,14 +21,12 @@ ESTEVES = "Esteves, Sikora, Kuffa, Wegener, Procedia CIRP 113:232 (2022), data i
 SHAPE = "docs/theory/workpiece.md#shape-of-a-crater"
 VOLUME = "docs/theory/workpiece.md#volume-against-current"
 
-FITTED_MODE = "I9"
-"""The row whose volume fixes the pulse duration, which was not published: the middle one, 110 A."""
+FITTED_MODE = "I9"  # the row whose volume fixes the pulse duration, which was not published: the middle one, 110 A
 NO_DURATION = "the source gives no duration of the pulses, on which volume and removal per joule depend"
 SLOPES = ((30.0, 425.0, 1.10), (30.0, 215.0, 0.69), (215.0, 425.0, 2.79))
 """Ranges of current and the exponents fitted to the published volumes over them."""
 GAP_UM = 10.0
-DISCHARGES = 150
-"""Discharges per current and seed: the mean of 600 is known to 2 %."""
+DISCHARGES = 150  # discharges per current and seed: the mean of 600 is known to 2 %
 
 
 @dataclass(frozen=True)

@@ -135,8 +135,7 @@ def diameters(seeds: Sequence[int]) -> list[Row]:
     return rows
 
 
-FEEDS_UM_S = (7.0, 14.0, 28.0)
-"""Fixed feeds, each twice the one before, if they are within the capacity (ours)."""
+FEEDS_UM_S = (7.0, 14.0, 28.0)  # fixed feeds, each twice the one before, if they are within the capacity (ours)
 
 
 def overcut(seeds: Sequence[int]) -> list[Row]:

@@ -33,8 +33,7 @@ REMAINS = f"{THESIS}: the flow carries the remains of discharges off, and the de
 GAPS = "docs/theory/emergence.md#kerf-and-gaps"
 PARTICLES = "docs/theory/breakdown.md#particles"
 
-OPEN_SHARE = 0.2
-"""Share of open pulses that the servo of these cuts holds (ours: a rough cut off its jam)."""
+OPEN_SHARE = 0.2  # share of open pulses that the servo of these cuts holds (ours: a rough cut off its jam)
 
 
 # --- the gap over the energy of the pulses ---
@@ -63,8 +62,7 @@ def rough_pulses(t_on_us: float) -> Machine:
 
 
 FINE_MJ, FINE_ON_US = 0.05, 0.2
-COARSE_MJ, COARSE_ON_US = 10.0, 1.4
-"""A pulse of fine cuts and one of rough cuts, triangles both (ours: usual orders)."""
+COARSE_MJ, COARSE_ON_US = 10.0, 1.4  # a pulse of fine cuts and one of rough cuts, triangles both (ours: usual orders)
 SIDE_MM, SIDE_V, SIDE_PA = 5.0, 80.0, 0.2e5
 """Of both: height (ours: fine pulses cut slowly), open voltage, the nominal one of the ignition law, and pressure of
 the nozzles (ours: that of trims, as sheet is flushed)."""
@@ -72,8 +70,7 @@ START_GAP_UM = 10.0
 """Gap of the slot that is there (ours: no wider than what fine pulses leave, or the slot would be measured)."""
 SETTLED_UM, KERF_UM, LONGEST_S = 40.0, 20.0, 600.0
 """Travel until the kerf is that of the pulses, length of kerf that is measured, and machine time for both (ours)."""
-FEW = 3
-"""Seeds of these slots (ours: the fine pulses of a slot are five million)."""
+FEW = 3  # seeds of these slots (ours: the fine pulses of a slot are five million)
 
 
 def side_gap_over_energy(seeds: Sequence[int]) -> list[Row]:
@@ -125,8 +122,7 @@ def side_gap_um(machine: Machine, seed: int) -> float:
 
 # --- delays in debris ---
 
-SPEEDS_M_S = (0.0, 1.0, 2.0)
-"""Mean flow speeds of figure 2-9."""
+SPEEDS_M_S = (0.0, 1.0, 2.0)  # mean flow speeds of figure 2-9
 HOLE_UM, HOLE_V = 25.0, 80.0
 """Gap and open voltage, the nominal one of the ignition law (ours: at the figure's 300 V equal fields put every gap
 of the figure under the critical one, with debris or without)."""
@@ -137,10 +133,8 @@ HOLES, BEFORE, MEASURED = 6, 1, 1
 
 
 def delay_in_debris(seeds: Sequence[int]) -> list[Row]:
-    """Mean delay among the debris that discharges leave, over the speed of the water that carries it off.
-
-    Craters remove metal here, as nothing else makes debris; whatever else moves or clears the water stays off.
-    """
+    """Mean delay among the debris that discharges leave, over the speed of the water that carries it off."""
+    # craters remove metal here, as nothing else makes debris; whatever else moves or clears the water stays off
     delay = {
         speed: [
             waited_us([window for hole in range(HOLES) for window in in_debris(speed, HOLES * seed + hole)])
@@ -188,8 +182,7 @@ pulses find none (ours)."""
 FAR_UM, FAR_SHARE = (28.0, 30.0, 32.0), 0.01
 """Gaps of rough cuts, where only the largest particles ignite, and a share at which some pulses find one and some do
 not (ours)."""
-LOADED_WINDOWS = 16
-"""Windows per seed and gap: 4080 pulses."""
+LOADED_WINDOWS = 16  # windows per seed and gap: 4080 pulses
 NO_LONG_BRANCH = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15}
 
 
@@ -209,10 +202,8 @@ def particles(seeds: Sequence[int]) -> list[Row]:
 
 
 def counted(gap_um: float, share: float, seed: int) -> float:
-    """Particles that ignite in a hole, by the share of pulses that find none, over the law's number of them.
-
-    The law is summed over the gaps that the rays see, with the wire's whole girth as its area.
-    """
+    """Particles that ignite in a hole, by the share of pulses that find none, over the law's number of them."""
+    # the law is summed over the gaps that the rays see, with the wire's whole girth as its area
     machine, gap = loaded_machine(), Machine.load().base.gap
     plant = in_a_hole(machine, hole_gap_um(machine, gap_um, seed), seed)
     state = plant.snapshot()

@@ -77,9 +77,9 @@ def check_gas_share(seeds: Sequence[int]) -> list[Row]:
 # --- film ---
 
 
-def _half_kerf(front_um: float, side_um: float, rays: int = 128) -> tuple[Array, Array]:
+def _half_kerf(front_um: float, side_um: float) -> tuple[Array, Array]:
     """Angles and gaps of rays on the front half of a wire that leads its kerf's axis."""
-    angle = math.pi * ((np.arange(rays) + 0.5) / rays - 0.5)
+    angle = math.pi * ((np.arange(128) + 0.5) / 128 - 0.5)
     return angle, side_um - (side_um - front_um) * np.cos(angle)
 
 
@@ -147,8 +147,7 @@ def _let_go(plant: Plant, mode_um: float, pulses: int) -> tuple[Array, Array]:
     return place, speed
 
 
-SHORT_US, LONG_US = 8.0, 100.0
-"""Periods of a rough cut's and of the default pulses."""
+SHORT_US, LONG_US = 8.0, 100.0  # periods of a rough cut's and of the default pulses
 
 
 def check_film_motion(seeds: Sequence[int]) -> list[Row]:

@@ -25,8 +25,7 @@ DIVIDED = "current from contacts at both guides, divided as the wire's resistanc
 BOILING = "boiling curve: cubic nucleate branch up to the critical heat flux (Rohsenow; closed form of the model)"
 
 STEP_US = 100.0
-SETTLE_S = 0.5
-"""Over twenty time constants of the thickest wire."""
+SETTLE_S = 0.5  # over twenty time constants of the thickest wire
 
 
 

@@ -35,8 +35,7 @@ LAW_GAPS_UM = (8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0)
 """Gaps of the published table within the range it can be trusted for."""
 REGIME_GAPS_UM = (7.0, 8.0, 9.0, 10.0, 11.0, 13.0)
 MIXTURE_GAPS_UM = (7.0, 9.0, 11.0, 13.0, 20.0, 30.0)
-DRAWS = 2000
-"""Delays per gap and seed (ours: four seeds know a median to 3 %)."""
+DRAWS = 2000  # delays per gap and seed (ours: four seeds know a median to 3 %)
 SHORT_BRANCH_US = 10.0
 """What is not of the long branch is over by then: five times the short branch's scale (prior 1..3 us)."""
 STILL_WATER = {"base.dielectric.flushing_pressure_Pa": 1e-6}
@@ -48,11 +47,9 @@ def isolated_gap(machine: Machine, gap_um: float, seed: int) -> Plant:
 
 
 def hole_gap_um(machine: Machine, gap_um: float, seed: int) -> float:
-    """Return the gap of a hole whose rays see `gap_um` on average, with a machine that removes nothing.
-
-    The kerf field is made of cells of 4 um, so single rays see up to a um more or less, and their mean is
-    not the hole's gap: it is measured, and the hole made narrower by what it is too much.
-    """
+    """Return the gap of a hole whose rays see `gap_um` on average, with a machine that removes nothing."""
+    # cells of 4 um let single rays see up to a um more or less, and their mean is not the hole's gap: it is
+    # measured, and the hole made narrower by what it is too much
     first = in_a_hole(machine, gap_um, seed)
     first.advance()
     return 2 * gap_um - float(ray_gaps_um(first).mean())
@@ -71,18 +68,7 @@ def _quiet(machine: Machine, voltage_V: float) -> Machine:
 
 
 def delays_us(gap_um: float, seeds: Sequence[int], draws: int = DRAWS) -> tuple[Array, Array]:
-    """Draw delays at a gap, at the reference voltage and area.
-
-    Parameters
-    ----------
-    draws : int
-        Delays per seed.
-
-    Returns
-    -------
-    (float64 array, float64 array)
-        Delays in us, and the gaps the rays see in um.
-    """
+    """Draw delays in us at a gap, `draws` per seed, at the reference voltage and area; and the gaps the rays see."""
     machine = Machine.load(generator="iso-energetic", t_on_us=1.0)
     machine = _quiet(machine, machine.base.gap.reference_voltage_V.value)
     patient = altered(machine, {"generator.ignition_wait_us": 10_000.0, **FRAIL})
@@ -102,12 +88,10 @@ def median_and_interval(values: Array) -> tuple[float, float]:
 
 
 def mixture(delay_us: Array, gaps_um: Array, gap: Gap) -> Array:
-    """Distribution function the model claims for patches of equal area at `gaps_um`, on the reference area.
-
-    Written from the theory page, not from the loop's code: any site primed with probability ``1 - exp(-W)``,
-    then a Weibull delay; an exponential delay with the mean of the patches' rates otherwise; and a normal
-    formative lag after either.
-    """
+    """Distribution function the model claims for patches of equal area at `gaps_um`, on the reference area."""
+    # written from the theory page, not from the loop's code: any site primed with probability 1 - exp(-W), then
+    # a Weibull delay; an exponential delay with the mean of the patches' rates otherwise; and a normal
+    # formative lag after either
     g = np.maximum(gaps_um, -gap.median_b_us_um.value / (2 * gap.median_a_us_um2.value))
     median = gap.median_a_us_um2.value * g**2 + gap.median_b_us_um.value * g + gap.median_c_us.value
     rate = np.mean(math.log(2) / median)
@@ -178,17 +162,13 @@ def _mixture_row(gap_um: float, delays: Array, gaps_um: Array) -> Row:
 
 # --- thesis figure 2-9 ---
 
-FLOW_PULSES_WINDOWS = 8
-"""Windows per seed and point: 2040 pulses."""
-THESIS_ON_US, THESIS_V = 50.0, 300.0
-"""On-time and open voltage of figure 2-9."""
+FLOW_PULSES_WINDOWS = 8  # windows per seed and point: 2040 pulses
+THESIS_ON_US, THESIS_V = 50.0, 300.0  # on-time and open voltage of figure 2-9
 
 
 def pressure_Pa(machine: Machine, speed_m_s: float) -> float:
-    """Flushing pressure at which the water passes the workpiece at `speed_m_s` on average over its height.
-
-    The speed falls linearly from the nozzle to nothing at mid-height.
-    """
+    """Flushing pressure at which the water passes the workpiece at `speed_m_s` on average over its height."""
+    # the speed falls linearly from the nozzle to nothing at mid-height
     water = machine.base.dielectric
     viscosity = water.viscosity_Pa_s.value  # the water of these checks has 20 C
     per_Pa = flow_speed_m_s(1.0, viscosity, water.side_gap_um.value, machine.height_mm / 2)
@@ -202,10 +182,8 @@ def thesis_point(gap_um: float, speed_m_s: float, seed: int) -> list[PulseWindow
 
 
 def thesis_machine(speed_m_s: float, voltage_V: float = THESIS_V, height_mm: float | None = None) -> Machine:
-    """Return the set-up of figure 2-9 at a flow speed, with pulses that only break down.
-
-    Its voltage and height, half of the law's reference height, may be others.
-    """
+    """Return the set-up of figure 2-9 at a flow speed, with pulses that only break down."""
+    # its voltage and height, half of the law's reference height, may be others
     machine = _quiet(Machine.load(t_on_us=THESIS_ON_US, t_period_us=250.0), voltage_V)
     if height_mm is not None:
         machine = machine.with_(height_mm=height_mm)

@@ -34,16 +34,13 @@ EXPERIMENT = "an experiment that would settle it, not made as far as is known"
 IMPULSE, MAGNETIC = "base.discharge.impulse_10mJ_Ns", "material.magnetic_share"
 NON_MAGNETIC = {MAGNETIC: -0.02}
 """Austenitic steel (ours, derived: eddy currents of some 0.4 MHz in a metal of 1.4e6 S/m push a little)."""
-ROUGH_MM, TALL_MM = 30.0, 60.0
-"""Heights of the rough cuts (ours)."""
-TAUTER = 1.4
-"""Factor on the tension (ours: 10 to 14 N)."""
+ROUGH_MM, TALL_MM = 30.0, 60.0  # heights of the rough cuts (ours)
+TAUTER = 1.4  # factor on the tension (ours: 10 to 14 N)
 ON_TIMES_US = (0.4, 1.6)
 """On-times of one current, one four times the other (ours: as far as the generator's mean current allows)."""
 ROUGH_OPEN_SHARE = 0.2
 """Share of open pulses that the servo of the rough cuts holds (ours: at a tenth a cut in austenite is at its jam)."""
-DEFAULT_S = 12.0
-"""Machine time in which the default set-up settles, and is measured."""
+DEFAULT_S = 12.0  # machine time in which the default set-up settles, and is measured
 
 
 def rough_cuts(seeds: Sequence[int], machine: Machine) -> list[Cut]:
@@ -105,8 +102,7 @@ def _usual(name: str, cuts: Sequence[Cut]) -> Row:
                     note=f"{PAGE}#lag")
 
 
-WEAK_PA = 0.2e5
-"""Pressure of both nozzles where their jets hardly act: a tenth of the rough cut's."""
+WEAK_PA = 0.2e5  # pressure of both nozzles where their jets hardly act: a tenth of the rough cut's
 
 
 def jets(flushed: Sequence[Cut], seeds: Sequence[int]) -> Row:
@@ -169,8 +165,7 @@ DRUM_MM = 40.0
 DEFAULT_HEIGHTS_MM = (10.0, 40.0, 80.0)
 PRODUCTION_S = 20.0
 """Machine time in which production cuts settle, and are measured (ours: both travel by more than the wire)."""
-FEW = 4
-"""Seeds of these cuts (ours: the signs of whole micrometres are asked for)."""
+FEW = 4  # seeds of these cuts (ours: the signs of whole micrometres are asked for)
 
 
 def lag_over_height(seeds: Sequence[int]) -> list[Row]:
@@ -217,13 +212,10 @@ def _trails(name: str, cuts: Sequence[Cut]) -> Row:
 
 TRIM_HEIGHT_MM, TRIM_ON_US, TRIM_PERIOD_US, TRIM_FEED_UM_S = 20.0, 0.5, 20.0, 40.0
 """Trim cut: workpiece, on-time and least period, feed along the wall (ours: usual orders)."""
-TRIM_UM = 20.0
-"""From the wire's surface to the wall it comes to: near enough to trim it, too far for shorts (ours)."""
-TRIM_MJ = (0.03, 0.1, 0.3, 1.0, 3.0)
-"""Energies of trim and finishing pulses, and beyond (ours)."""
+TRIM_UM = 20.0  # from the wire's surface to the wall it comes to: near enough to trim it, too far for shorts (ours)
+TRIM_MJ = (0.03, 0.1, 0.3, 1.0, 3.0)  # energies of trim and finishing pulses, and beyond (ours)
 LOWER_V, TRIM_V = 60.0, 80.0
-AHEAD_UM = 30.0
-"""From the wire to the wall's begin, and beyond the wire's own half before the measuring."""
+AHEAD_UM = 30.0  # from the wire to the wall's begin, and beyond the wire's own half before the measuring
 
 
 def trim_machine(energy_mJ: float, open_V: float = TRIM_V) -> Machine:

@@ -35,12 +35,10 @@ OFFSETS_MM = (
 FEEDS_MM_MIN = (3.05, 4.57, 4.06, 3.81, 4.57, 4.06, 3.56)
 RA_UM = (1.52, 1.17, 1.07, 0.97, 0.30, 0.23, 0.18)
 HEIGHT_MM, TALL_MM = 25.4, 76.2
-LENGTH_MM = 1.4
-"""Of the straight cut through all passes (ours: 12 places are measured)."""
+LENGTH_MM = 1.4  # of the straight cut through all passes (ours: 12 places are measured)
 BOW_STEP_MM = 0.055
 """How much nearer to the wall than the rough pass the trim runs whose bow is measured (ours: it takes some 40 um)."""
-CORNER_MM = 1.0
-"""Length of either side of the corner's edge (ours)."""
+CORNER_MM = 1.0  # length of either side of the corner's edge (ours)
 ACCURACY_UM = {1: (15.0, 25.0), 2: (8.0, 12.0), 4: (2.0, 3.0)}
 
 
@@ -169,9 +167,7 @@ def accuracy(seeds: Sequence[int]) -> list[Row]:
             simulated=value, uncertainty=half, unit="um",
             note=PAGE + "#accuracy",
         ))  # fmt: skip
-    rough, trimmed = (
-        float(np.mean([abs(cut.corner_um) for cut in cuts[passes]])) for passes in (1, 3)
-    )
+    rough, trimmed = (float(np.mean([abs(cut.corner_um) for cut in cuts[passes]])) for passes in (1, 3))
     rows.append(Row.band(
         "passes", "error of an outer corner after three passes, over that after one", SHOP, low=0.0, high=1 / 3,
         published="below a third (asked for)", simulated=trimmed / rough, note=PAGE + "#outer-corners",

@@ -19,10 +19,8 @@ SLOT_FLOW = "slot Poiseuille flow (derived)"
 SPARC_BALANCE = "debris balance of SPARC (ETH, MIT licence)"
 PAGE = "docs/theory/emergence.md"
 
-FEED_UM_S = 24.0
-"""Feed at which open, normal and short pulses all occur, if it is within the capacity (ours)."""
-CHANGE = 0.2
-"""Settings are changed by this share (ours: about the spacing of levels in such studies)."""
+FEED_UM_S = 24.0  # feed at which open, normal and short pulses all occur, if it is within the capacity (ours)
+CHANGE = 0.2  # settings are changed by this share (ours: about the spacing of levels in such studies)
 
 
 def sparks_ratio(cut: Cut, kind: str) -> float:
@@ -74,14 +72,11 @@ def _three_signs(name: str, base: Sequence[Cut], cuts: Sequence[Cut]) -> list[Ro
     return rows
 
 
-DEBRIS_HEIGHT_MM = 40.0
-"""Workpiece in which debris matters: its middle is far from both jets (ours)."""
+DEBRIS_HEIGHT_MM = 40.0  # workpiece in which debris matters: its middle is far from both jets (ours)
 DEBRIS_FEED_UM_S = 12.0
 """Feed, if it is within the capacity, at which debris bridges the middle where flushing is weak (ours)."""
-LOADINGS = (0.06, 0.14)
-"""Shares of debris in the water of the flushing study."""
-LOADING_RATIO = 2.3
-"""Ratio of these; in a cut the loading goes with the feed."""
+LOADINGS = (0.06, 0.14)  # shares of debris in the water of the flushing study
+LOADING_RATIO = 2.3  # ratio of these; in a cut the loading goes with the feed
 
 
 def debris(seeds: Sequence[int]) -> list[Row]:

@@ -25,8 +25,7 @@ FEED = f"{PRACTICE}: outside corners are undercut the more the faster the feed, 
 CORNERS = "corner error from lag: doi:10.1177/0954405412456660 varies it by tension"
 PAGE = "docs/theory/emergence.md"
 
-ON_TIMES_US = (10.0, 30.0, 100.0)
-"""On-times from 1 to 10 mJ per discharge (ours)."""
+ON_TIMES_US = (10.0, 30.0, 100.0)  # on-times from 1 to 10 mJ per discharge (ours)
 
 
 def roughness(seeds: Sequence[int]) -> list[Row]:
@@ -62,8 +61,7 @@ def _ra_and_energy(t_on_us: float, seed: int) -> Roughness:
     return Roughness(roughness_um(volume_um3, flatness), cut.energy / cut.ignitions)
 
 
-FEED_UM_S = 20.0
-"""Feed of the cuts whose wire is watched: half of the pulses open (ours)."""
+FEED_UM_S = 20.0  # feed of the cuts whose wire is watched: half of the pulses open (ours)
 
 
 def _watched(machine: Machine, seed: int, feed_um_s: float = FEED_UM_S) -> Cut:
@@ -95,39 +93,23 @@ def vibration(seeds: Sequence[int]) -> list[Row]:
     return rows
 
 
-CORNER_HEIGHT_MM, CORNER_FEED_UM_S = 60.0, 20.0
-"""Piece and feed of the corner (ours: a lag of some 20 um)."""
-SLOW_UM_S = CORNER_FEED_UM_S / 2
-"""Feed of the corner that should be undercut less (ours)."""
-FEW = 4
-"""Seeds of the corners at two feeds (ours: a corner takes minutes of machine time at the slow one)."""
-BEFORE_UM, AFTER_UM = 320.0, 320.0
-"""Travel before and after the corner: eight lags each or more."""
-LONGEST_S = 600.0
-"""Machine time in which both must be cut (ours: half a um per second would do)."""
-SMOOTHED_UM = 1.5
-"""Travel over which the wire's path is averaged: its vibration is not its path."""
+CORNER_HEIGHT_MM, CORNER_FEED_UM_S = 60.0, 20.0  # piece and feed of the corner (ours: a lag of some 20 um)
+SLOW_UM_S = CORNER_FEED_UM_S / 2  # feed of the corner that should be undercut less (ours)
+FEW = 4  # seeds of the corners at two feeds (ours: a corner takes minutes of machine time at the slow one)
+BEFORE_UM, AFTER_UM = 320.0, 320.0  # travel before and after the corner: eight lags each or more
+LONGEST_S = 600.0  # machine time in which both must be cut (ours: half a um per second would do)
+SMOOTHED_UM = 1.5  # travel over which the wire's path is averaged: its vibration is not its path
 
 
 class CornerPass(NamedTuple):
-    """A wire's way round a corner of 90 degrees.
+    """A wire's way round a corner of 90 degrees."""
 
-    Attributes
-    ----------
-    lag_um : float
-        Lag on the straight before it.
-    nearest_um : float
-        Distance from the corner at which the wire's path passes it.
-    farthest_um : float
-        Largest distance of the wire's path from the guides': inside the corner if the wire lags, beyond it if the
-        wire leads.
-    inside_um : float
-        How far inside the corner, along its bisector, the wire passes where it is nearest; below 0 beyond it.
-    """
-
-    lag_um: float
-    nearest_um: float
+    lag_um: float  # lag on the straight before it
+    nearest_um: float  # distance from the corner at which the wire's path passes it
+    # largest distance of the wire's path from the guides': inside the corner if the wire lags, beyond it if the
+    # wire leads
     farthest_um: float
+    # how far inside the corner, along its bisector, the wire passes where it is nearest; below 0 beyond it
     inside_um: float
 
 
@@ -157,18 +139,7 @@ def cut_corner(
     machine: Machine, seed: int, watch: Callable[[tuple[float, float], bool], None] | None = None, *,
     feed: float | FeedController = CORNER_FEED_UM_S,
 ) -> CornerPass:
-    """Cut along +x, then along +y.
-
-    Parameters
-    ----------
-    watch : callable, optional
-        Sees every window's mean deflection and whether it is past the corner.
-
-    Returns
-    -------
-    CornerPass
-        NaN if the wire broke on the way, or did not come round within `LONGEST_S`.
-    """
+    """Cut along +x, then along +y; NaN if the wire broke on the way, or did not come round within `LONGEST_S`."""
     plant, centre_um = begin(machine, seed), machine.base.table.centre_um
     traverse = Traverse(plant, feed)
     places, lags = [], []

@@ -13,8 +13,7 @@ from edmsim.validation.cuts import EARLY_MACHINES, FRONT_GAP, SIDE_GAP
 from edmsim.validation.lag import LAG
 from edmsim.validation.rows import LEVEL, Check, Row
 
-MACHINES_PER_SEED = 3
-"""Machines drawn (ours: with eight seeds two dozen, of which the outermost bound the interval)."""
+MACHINES_PER_SEED = 3  # machines drawn (ours: with eight seeds two dozen, of which the outermost bound the interval)
 PAGE = "docs/theory/emergence.md#ranges"
 
 
@@ -30,10 +29,9 @@ def drawn_cuts(seeds: Sequence[int]) -> list[Cut]:
 
 
 def ranges(seeds: Sequence[int]) -> list[Row]:
-    """Rate, gaps and lag of drawn machines: the median, and half of what 95 % of them span.
-
-    A machine that the law does not feed by a wire's diameter has a rate, but no kerf; it is left out of gaps and lag.
-    """
+    """Rate, gaps and lag of drawn machines: the median, and half of what 95 % of them span."""
+    # a machine that the law does not feed by a wire's diameter has a rate, but no kerf; it is left out of gaps
+    # and lag
     cuts = [cut for cut in drawn_cuts(seeds) if not cut.broken]
     rate, half_rate = _median_and_half([c.feed_um_s * c.plant.machine.height_mm * 60e-3 for c in cuts])
     cuts = [cut for cut in cuts if cut.travel_um > cut.plant.machine.wire_diameter_um]

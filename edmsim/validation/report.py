@@ -17,43 +17,43 @@ if TYPE_CHECKING:
 
 REASONS = {
     ("passes", "feeds-of-fine-passes"):
-        "Shorts slow the finest pass down: it takes its micrometre only where it stands so near that it shorts. 4 um "
-        "further off it keeps its feed and takes two fifths.",
+        "Shorts slow the finest pass down: it removes its micrometre only at an offset at which it shorts. At an "
+        "offset 4 um greater it keeps its feed, but removes two fifths.",
     ("passes", "accuracy"):
-        "What makes a single pass of a shop inaccurate is perfect in the model. After four passes waves along the "
-        "edge, the wall's bow and the craters stay, a um each, and the offset is off by another.",
+        "The model lacks the main errors of a shop's single pass. After four passes waves along the edge, the bow of "
+        "the wall and the craters remain, a um each, and the offset is off by another.",
     ("passes", "outer-corners"):
-        "The third pass takes 45 um, and at a constant feed its pulses find little but the tip at a corner, which "
-        "they round. After two and after four passes a fifth of the rough cut's error is left.",
+        "The third pass removes 45 um. At a constant feed its pulses find little metal at a corner except the tip, "
+        "and round it. After two and after four passes a fifth of the rough cut's error remains.",
     ("ignition", "two-regimes"):
         "Two studies of one group disagree below 12 um. The model follows the later one, in which narrow gaps ignite "
         "much faster.",
     ("ignition", "flow"):
-        "At 300 V equal fields put every gap of the figure below the critical one, and delays are 2 us: too short "
-        "for the flow to carry anything off. The scaling is tested at 80 V only.",
+        "At 300 V and equal fields every gap of the figure is below the critical one, and delays are 2 us: too short "
+        "for an effect of the flow. The critical gap was measured at 80 V only.",
     ("crater", "shape-of-a-crater"):
         "The published depth contradicts the area and volume published with it, which imply 8.3 um. It is probably a "
         "misprint.",
     ("corner", "corner"):
-        "In tool steel the undercut grows by half a um only, which is no more than eight seeds scatter.",
+        "In tool steel the undercut grows by only half a um, within the scatter of eight seeds.",
     ("pulse ratios", "classes-of-pulses"):
-        "Shorts are particles that bridge the gap. Shorter pulses make as much debris per energy, but finer, "
-        "and the shorts stay as they are.",
+        "Shorts are particles that bridge the gap. Shorter pulses make the same debris per energy, but finer, "
+        "and the share of shorts does not change.",
     ("debris", "debris-and-flushing"):
-        "Debris is not much denser at mid-height than at the faces, as bubbles exchange it with the kerf, and the "
-        "gap goes with its logarithm.",
+        "Debris is hardly denser at mid-height than at the faces, as bubbles exchange it with the kerf, and the "
+        "gap depends on its logarithm.",
     ("lag", "lag"):
-        "The push of the discharges is shared out over the height, the pull of field and current is not: a high "
-        "workpiece draws its wire ahead.",
+        "The push of the discharges is spread over the height, the pull of field and current is not: in a high "
+        "workpiece the wire leads.",
     ("rupture", "wire-rupture"):
-        "The wire breaks where its water begins to boil as a film, whatever its tension. The tenth of the heat that "
-        "the limit on 80 mm asks for is too little to break it in still water.",
+        "The wire breaks where film boiling begins, at any tension. The tenth of the heat that matches the limit on "
+        "80 mm is too little to break it in still water.",
     ("vibration", "vibration"):
-        "Flowing water puts no force on a wire along a wall, and little on its motion; the terms of a running string "
-        "are left out as negligible.",
+        "Flowing water exerts no force on a wire along a wall, and hardly affects its motion; the terms of a running "
+        "string are left out as negligible.",
     ("stable rate", "greatest-stable-rate"):
-        "Jets of 16 bar bend a wire of 10 N so far that some cuts never find their gap. High workpieces lose their "
-        "heat as well as low ones, and a thin wire bears more than shops ask of it.",
+        "Jets of 16 bar bend a wire of 10 N so far that some cuts never find their gap. High workpieces are cooled "
+        "as well as low ones, and a thin wire survives more power than in shops.",
 }  # fmt: skip
 """One sentence or two by topic and by the heading of the page that a row's `note` leads to."""
 

@@ -14,10 +14,8 @@ SAME = "the model's own claim: a resolution changes the price of a cut and not t
 NOTE = "docs/convergence.md#convergence"
 FEED_UM_S = 28.0
 """Fixed feed, if it is within the capacity: three quarters of what the gap takes, where shorts begin (ours)."""
-SETTLE_S, CUT_S = 6.0, 8.0
-"""Machine time in which the cut settles, and is measured (ours: 200 um)."""
-SHARE = 0.1
-"""Share of `fine`'s figure by which another resolution may differ from it."""
+SETTLE_S, CUT_S = 6.0, 8.0  # machine time in which the cut settles, and is measured (ours: 200 um)
+SHARE = 0.1  # share of `fine`'s figure by which another resolution may differ from it
 
 
 class Figure(NamedTuple):

@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy.stats import t as student
 
-LEVEL = 0.95
-"""Level of every interval in the table."""
+LEVEL = 0.95  # level of every interval in the table
 
 Kind = Literal["judged", "calibration", "context"]
 """Whether a row counts: only a judged one does. See `Row.calibration` and `Row.context`."""
@@ -163,13 +162,7 @@ Check = Callable[[Sequence[int]], list[Row]]
 
 
 def mean_and_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Mean of independent values and the half width of its 95 % interval (Student's t).
-
-    Parameters
-    ----------
-    values : sequence of float
-        One per seed; a single one has no interval (infinite half width).
-    """
+    """Mean of independent values and the half width of its 95 % interval (Student's t), infinite for a single one."""
     data = np.asarray(values, float)
     n = data.size
     if n < 2:

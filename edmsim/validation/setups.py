@@ -37,19 +37,7 @@ UNBREAKABLE: Mapping[str, float] = {"wire.half_strength_K": 1e6}
 
 
 def altered(machine: Machine, values: Mapping[str, float]) -> Machine:
-    """Return a machine with some constants replaced, whatever their range.
-
-    Parameters
-    ----------
-    values : mapping
-        From a constant's place to its new value: ``{"base.gap.critical_um": 9.0}``. The places start with
-        ``base``, ``wire``, ``material`` or ``generator``.
-
-    Raises
-    ------
-    InputError
-        If there is no such constant.
-    """
+    """Return a machine with some constants replaced, whatever their range: ``{"base.gap.critical_um": 9.0}``."""
     for path, value in values.items():
         machine = _replaced(machine, path.split("."), value, path)
     return machine
@@ -67,15 +55,7 @@ def _replaced(part: Any, keys: list[str], value: float, path: str) -> Any:
 
 
 def in_a_hole(machine: Machine, gap_um: float, seed: int, *, resolution: str = "fast") -> Plant:
-    """Return a plant whose wire hangs in the middle of a round hole, at the same gap all around.
-
-    Parameters
-    ----------
-    machine : Machine
-        With `STILL` constants the gap stays what it is.
-    gap_um : float
-        Between the wire's surface and the hole's wall.
-    """
+    """Return a plant whose wire hangs in the middle of a round hole, at the same gap all around."""
     centre_um = x, y = machine.base.table.centre_um
     radius = machine.wire_diameter_um / 2 + gap_um
     stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, radius),))
@@ -87,18 +67,8 @@ FRAIL: Mapping[str, float] = {"wire.strength_MPa": 1e-6}
 
 
 def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
-    """Fire until the first discharge, each time with a fresh wire, so that every window tells of one discharge.
-
-    Parameters
-    ----------
-    plant : Plant
-        Of a machine with the `FRAIL` wire, at rest in front of metal. A window ends where the wire breaks.
-
-    Returns
-    -------
-    list of PulseWindow
-        Windows without any discharge, all pulses open, are among them.
-    """
+    """Fire until the first discharge, each time with a fresh wire, so that every window tells of one discharge."""
+    # windows without any discharge, all pulses open, are among them
     windows = []
     for _ in range(count):
         plant.rethread(plant.commanded_um, 0)
@@ -114,10 +84,8 @@ PRACTICE = "usual of wire EDM practice (no published table)"
 
 
 def servo_cut(machine: Machine, seed: int, *, open_share: float = OPEN_SHARE, seconds: float = 3.0) -> Cut:
-    """Cut straight with a servo that holds a share of the pulses open: a count law quick enough for dense pulses.
-
-    By default a tenth, as the search for the highest stable rate does: a rough cut is run for its rate.
-    """
+    """Cut straight with a servo that holds a share of the pulses open: a count law quick enough for dense pulses."""
+    # by default a tenth, as the search for the highest stable rate does: a rough cut is run for its rate
     return cut_straight(machine, from_text(quick_counts(open_share)), seed, settle_s=seconds, seconds=seconds)
 
 

@@ -154,8 +154,7 @@ def _limit_mm2_min(open_share: float, seed: int) -> float:
     return max((step.rate_mm2_min for step in held), default=0.0)
 
 
-ABOVE = 1.3
-"""A fixed feed this much above the capacity: the wire must meet the metal (ours)."""
+ABOVE = 1.3  # a fixed feed this much above the capacity: the wire must meet the metal (ours)
 JAM_S = 3.0
 PUSHES = (0.0, 0.3, 1.0)
 """Shares of a bubble's push that metal melting in a short gives: the range's ends and the machine's own."""

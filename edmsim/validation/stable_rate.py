@@ -39,11 +39,9 @@ def _sign(name: str, source: str, rises: bool, before: Sequence[float], after: S
                     unit="mm2/min", note=NOTE)
 
 
-FLUSHED_MM, TALL_MM = 40.0, 60.0
-"""Heights at which flushing and wire speed are changed, and a nozzle is taken off."""
+FLUSHED_MM, TALL_MM = 40.0, 60.0  # heights at which flushing and wire speed are changed, and a nozzle is taken off
 WEAK_PA, STRONG_PA, STRONGEST_PA = 0.5e5, 4e5, 16e5
-LEVEL = 0.25
-"""Share by which the rate may change from strong flushing to four times as strong, to be called level."""
+LEVEL = 0.25  # share by which the rate may change from strong flushing to four times as strong, to be called level
 QUICKER = 3.0
 
 
@@ -89,8 +87,7 @@ def heights(seeds: Sequence[int]) -> list[Row]:
 THIN_MM = (10.0, 20.0)
 THIN_N, THIN_ON_US = 4.0, 0.7
 """Tension and on-time of a brass wire of 0.1 mm (ours: usual orders; half of the strength, half of a rough pulse)."""
-THIN_PEAKS_A = (75.0, 150.0, 300.0)
-"""Peaks tried, 0.6 to 2.3 mJ per discharge (ours: a shop looks for the best)."""
+THIN_PEAKS_A = (75.0, 150.0, 300.0)  # peaks tried, 0.6 to 2.3 mJ per discharge (ours: a shop looks for the best)
 
 
 def thin_wire(seeds: Sequence[int]) -> list[Row]:

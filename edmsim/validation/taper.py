@@ -28,8 +28,7 @@ PLAIN = "geometry: the offset r + gap leaves (r + gap) (1 / cos a - 1) too littl
 GUIDE = "geometry: a lower guide e too high moves the wall by e tan a at its own height, by 0 at the upper guide"
 HEIGHT_MM, LENGTH_MM = 10.0, 1.5
 GUIDE_ERROR_MM = 0.1
-SHORTEST_MM = 0.4
-"""So near to the ends of the wall nothing is measured."""
+SHORTEST_MM = 0.4  # so near to the ends of the wall nothing is measured
 
 
 def _wall(angle_deg: float) -> Program:

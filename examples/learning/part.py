@@ -1,8 +1,8 @@
-"""Train who decides on the passes of a part, with stable-baselines3's PPO, and cut a part of your own with the model.
+"""Train a policy for the passes of a part with stable-baselines3's PPO, and cut your own part with the model.
 
 python examples/learning/part.py --steps 2000 --program examples/punch.ngc
 
-Decisions are few and each takes seconds to cut: PPO learns from sixteen of every lane at a time.
+There are few decisions, and each takes seconds to cut: PPO learns from batches of sixteen per sub-environment.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ def main() -> None:
     """Train, then cut."""
     parser = argparse.ArgumentParser(description="Train who decides on the passes of a part, and cut one.")
     parser.add_argument("--steps", type=int, default=2000, help="decisions of the training")
-    parser.add_argument("--lanes", type=int, default=8, help="parts side by side")
+    parser.add_argument("--num-envs", type=int, default=8, help="parts side by side")
     parser.add_argument("--passes", type=int, default=4, help="of every part")
-    parser.add_argument("--program", help="part to cut in the end; that of the training if not given")
+    parser.add_argument("--program", help="part to cut at the end; default: that of the training")
     parser.add_argument("--tab-mm", type=float, default=0.6, help="its tab")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
 
-    lanes = edmsim.envs.make_sb3_vec_env("edmsim/Part-v0", args.lanes, seed=args.seed, passes=args.passes)
-    learnt_on = VecNormalize(lanes, gamma=1.0)
+    vec_env = edmsim.envs.make_sb3_vec_env("edmsim/Part-v0", args.num_envs, seed=args.seed, passes=args.passes)
+    learnt_on = VecNormalize(vec_env, gamma=1.0)
     model = PPO("MlpPolicy", learnt_on, n_steps=16, batch_size=64, gamma=1.0, learning_rate=1e-3, seed=args.seed,
                 policy_kwargs={"log_std_init": -1.0, "net_arch": [32, 32]}, device="cpu")  # fmt: skip
     model.learn(args.steps)

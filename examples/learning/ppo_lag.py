@@ -3,12 +3,11 @@
 python examples/learning/ppo_lag.py --seed 1 --out lag.csv             # at most one wire in ten episodes
 python examples/learning/ppo_lag.py --seed 1 --out free.csv --limit 9  # no bound that is ever reached
 
-A wire of 0.1 mm breaks where the pulses are too long for it. Here the reward says nothing of broken wires and jams
-(their weights are 0); the cost does, and the mean cost of an episode shall not exceed a limit. A second value
-function learns the cost, actions are judged by (gain - multiplier x cost) / (1 + multiplier), and the multiplier
-rises while episodes cost more than the limit and falls while they cost less (Ray, Achiam and Amodei 2019,
-"Benchmarking Safe Exploration in Deep Reinforcement Learning"). The rest is that of ppo.py; so is the table that is
-written.
+A wire of 0.1 mm breaks if the pulses are too long. Here the reward ignores broken wires and jams (their weights are
+0). They count as costs, and the mean cost of an episode must not exceed a limit. A second value function learns the
+cost, the advantage is (gain - multiplier x cost) / (1 + multiplier), and the multiplier rises while episodes cost
+more than the limit and falls while they cost less (Ray, Achiam and Amodei 2019, "Benchmarking Safe Exploration in
+Deep Reinforcement Learning"). The rest, and the output table, are those of ppo.py.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from torch import nn
 
 import edmsim  # noqa: F401 - registers the environments
 
-LANES, STEPS, EPOCHS, BATCH = 8, 128, 5, 256
+NUM_ENVS, STEPS, EPOCHS, BATCH = 8, 128, 5, 256
 GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2
 LEARNING_RATE, GREATEST_GRADIENT = 1e-3, 0.5
 MULTIPLIER_RATE = 0.5  # of the multiplier, per cost beyond the limit and rollout
@@ -38,13 +37,13 @@ THIN_WIRE = {
 
 
 class Running:
-    """Mean and variance of all that was seen, merged batch by batch (Chan et al. 1979)."""
+    """Mean and variance of all observations, merged batch by batch (Chan et al. 1979)."""
 
     def __init__(self, width: int) -> None:
         self.mean, self.variance, self.count = np.zeros(width), np.ones(width), 1e-4
 
     def see(self, values: np.ndarray) -> None:
-        """Take in rows (n, width)."""
+        """Add rows (n, width)."""
         count, mean, variance = len(values), values.mean(axis=0), values.var(axis=0)
         total, delta = self.count + count, mean - self.mean
         self.variance = (
@@ -53,7 +52,7 @@ class Running:
         self.mean, self.count = self.mean + delta * count / total, total
 
     def scaled(self, values: np.ndarray) -> torch.Tensor:
-        """Return rows with mean 0 and variance 1, within 10 either way."""
+        """Return rows with mean 0 and variance 1, clipped to -10..10."""
         scaled = (values - self.mean) / np.sqrt(self.variance + 1e-8)
         return torch.as_tensor(np.clip(scaled, -10, 10), dtype=torch.float32)
 
@@ -63,7 +62,7 @@ def _network(inputs: int, outputs: int) -> nn.Sequential:
 
 
 class Agent(nn.Module):
-    """Three networks: the mean of the actions, the value, and the cost to come; noise is learned beside them."""
+    """Three networks: the mean of the actions, the value, and the future cost; the noise is a learned parameter."""
 
     def __init__(self, inputs: int, actions: int) -> None:
         super().__init__()
@@ -74,12 +73,12 @@ class Agent(nn.Module):
             self.mean[-1].weight.mul_(0.01)  # the first actions are those around 0
 
     def chosen(self, observations: torch.Tensor) -> torch.distributions.Normal:
-        """Return the distribution that actions are drawn from."""
+        """Return the distribution of the actions."""
         return torch.distributions.Normal(self.mean(observations), self.log_std.exp())
 
 
 def advantages(rewards: np.ndarray, values: np.ndarray, ended: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return generalised advantages (steps, lanes, 2) of rewards and costs; `ended` is 1 where an episode ended."""
+    """Return generalised advantages (steps, num_envs, 2) of rewards and costs; `ended` is 1 where one ended."""
     found, ahead, following = np.zeros_like(rewards), np.zeros(rewards.shape[1:]), last
     for step in reversed(range(len(rewards))):
         on = 1.0 - ended[step][:, None]
@@ -91,7 +90,7 @@ def advantages(rewards: np.ndarray, values: np.ndarray, ended: np.ndarray, last:
 def update(
     agent: Agent, optimiser: torch.optim.Optimizer, rows: tuple[torch.Tensor, ...], multiplier: float
 ) -> None:
-    """Improve the networks on what was seen: observations, actions, log probabilities, advantages, returns."""
+    """Update the networks with a rollout: observations, actions, log probabilities, advantages, returns."""
     for _ in range(EPOCHS):
         for chosen in torch.randperm(len(rows[0])).split(BATCH):
             observations, actions, before, gain, returns = (row[chosen] for row in rows)
@@ -111,24 +110,24 @@ def main() -> None:
     """Train, and write the learning curve."""
     parser = argparse.ArgumentParser(description="Lagrangian PPO in edmsim/GapFeed-v2 with a thin wire.")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--steps", type=int, default=20_480, help="decisions, all lanes together")
-    parser.add_argument("--limit", type=float, default=0.1, help="cost of an episode, in the mean")
+    parser.add_argument("--steps", type=int, default=20_480, help="decisions, all sub-environments together")
+    parser.add_argument("--limit", type=float, default=0.1, help="limit on the mean cost of an episode")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     args = parser.parse_args()
-    torch.set_num_threads(1)  # networks this small only wait for further threads
+    torch.set_num_threads(1)  # more threads do not help such small networks
     torch.manual_seed(args.seed)
     envs = gymnasium.make_vec(
-        "edmsim/GapFeed-v2", num_envs=LANES, vectorization_mode="vector_entry_point",
+        "edmsim/GapFeed-v2", num_envs=NUM_ENVS, vectorization_mode="vector_entry_point",
         autoreset_mode=AutoresetMode.SAME_STEP, **THIN_WIRE,
     )
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.shape[0])
     optimiser = torch.optim.Adam(agent.parameters(), lr=LEARNING_RATE, eps=1e-5)
     inputs_so_far, returns_so_far = Running(envs.single_observation_space.shape[0]), Running(1)
-    observation, _ = envs.reset(seed=1000 * args.seed)  # lanes count on from here: no two trainings share machines
+    observation, _ = envs.reset(seed=1000 * args.seed)  # seeds count up from here: no two trainings share machines
     last_twenty: deque[tuple[float, float]] = deque(maxlen=20)
-    discounted, episode, cost = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    discounted, episode, cost = np.zeros(NUM_ENVS), np.zeros(NUM_ENVS), np.zeros(NUM_ENVS)
     multiplier, curve = 1.0, [("decisions", "return", "cost")]
-    for done in range(LANES * STEPS, args.steps + 1, LANES * STEPS):
+    for done in range(NUM_ENVS * STEPS, args.steps + 1, NUM_ENVS * STEPS):
         rollout: list[tuple] = []
         over: list[tuple[float, float]] = []
         for _ in range(STEPS):
@@ -144,13 +143,13 @@ def main() -> None:
             if ended.any():
                 step_cost[ended] = info["final_info"]["cost"][ended]
             episode, cost = episode + reward, cost + step_cost
-            over += [(episode[lane], cost[lane]) for lane in np.flatnonzero(ended)]
+            over += [(episode[index], cost[index]) for index in np.flatnonzero(ended)]
             discounted = discounted * GAMMA + reward
             returns_so_far.see(discounted[:, None])
             scaled = np.clip(reward / np.sqrt(returns_so_far.variance[0] + 1e-8), -10, 10)
             both = np.stack([scaled, step_cost], axis=1)
-            if truncated.any():  # what comes after a time limit counts: add what the episode was still worth
-                last = np.stack([info["final_obs"][lane] for lane in np.flatnonzero(truncated)])
+            if truncated.any():  # a time limit is no end of the task: add the value of the last state
+                last = np.stack([info["final_obs"][index] for index in np.flatnonzero(truncated)])
                 with torch.no_grad():
                     both[truncated] += GAMMA * agent.value(inputs_so_far.scaled(last)).numpy()
             episode[ended] = cost[ended] = discounted[ended] = 0.0

@@ -2,9 +2,9 @@
 
 python examples/learning/recurrent_ppo.py --seed 1 --out recurrent.csv
 
-With ``history=1`` an observation tells of the last window only; what machine it is, and whether shorts become more,
-an LSTM (Hochreiter and Schmidhuber 1997) has to remember. The task is that of ppo.py, and so is the table that is
-written. Needs the extra `rl`.
+With ``history=1`` an observation has only the last window; an LSTM (Hochreiter and Schmidhuber 1997) must remember
+properties of the machine and trends, such as more shorts. Task and output table are those of ppo.py. Needs the extra
+`rl`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from edmsim.envs import make_sb3_vec_env
 
-LANES, STEPS = 8, 128
+NUM_ENVS, STEPS = 8, 128
 
 
 class Curve(BaseCallback):
@@ -31,15 +31,15 @@ class Curve(BaseCallback):
     def __init__(self) -> None:
         super().__init__()
         self.rows: list[tuple] = [("decisions", "return", "cost")]
-        self._costs = [0.0] * LANES
+        self._costs = [0.0] * NUM_ENVS
         self._last: deque[tuple[float, float]] = deque(maxlen=20)
 
     def _on_step(self) -> bool:
-        for lane, info in enumerate(self.locals["infos"]):
-            self._costs[lane] += info["cost"]
+        for index, info in enumerate(self.locals["infos"]):
+            self._costs[index] += info["cost"]
             if "episode" in info:  # of the monitor within make_sb3_vec_env
-                self._last.append((info["episode"]["r"], self._costs[lane]))
-                self._costs[lane] = 0.0
+                self._last.append((info["episode"]["r"], self._costs[index]))
+                self._costs[index] = 0.0
         return True
 
     def _on_rollout_end(self) -> None:
@@ -54,20 +54,20 @@ def main() -> None:
     """Train, and write the learning curve."""
     parser = argparse.ArgumentParser(description="Recurrent PPO in edmsim/GapFeed-v2.")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--steps", type=int, default=20_480, help="decisions, all lanes together")
+    parser.add_argument("--steps", type=int, default=20_480, help="decisions, all sub-environments together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     arguments = parser.parse_args()
-    torch.set_num_threads(1)  # networks this small only wait for further threads
-    lanes = make_sb3_vec_env(
-        "edmsim/GapFeed-v2", LANES, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0, history=1,
+    torch.set_num_threads(1)  # more threads do not help such small networks
+    vec_env = make_sb3_vec_env(
+        "edmsim/GapFeed-v2", NUM_ENVS, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0, history=1,
     )
     model = RecurrentPPO(
-        "MlpLstmPolicy", VecNormalize(lanes, gamma=0.99), seed=1000 * arguments.seed, device="cpu", n_steps=STEPS,
+        "MlpLstmPolicy", VecNormalize(vec_env, gamma=0.99), seed=1000 * arguments.seed, device="cpu", n_steps=STEPS,
         batch_size=256, n_epochs=5, gamma=0.99, learning_rate=1e-3,
         policy_kwargs={"lstm_hidden_size": 32, "net_arch": [32], "log_std_init": -0.5},
     )
     curve = Curve()
-    model.learn(arguments.steps // (LANES * STEPS) * LANES * STEPS, callback=curve)
+    model.learn(arguments.steps // (NUM_ENVS * STEPS) * NUM_ENVS * STEPS, callback=curve)
     with arguments.out.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(curve.rows)
 

@@ -3,8 +3,8 @@
 
     loadusr -W python3 gap.py part.ngc --out out/linuxcnc
 
-While ``enable`` is high, one cut is simulated: the axes go where ``x`` and ``y`` say, in mm, and the pins show what
-the gap shows. When ``enable`` falls, the cut ends, and its folder has what ``edmsim cut`` leaves: report, windows,
+While ``enable`` is high, one cut is simulated: the axes follow ``x`` and ``y``, in mm, and the pins have the gap's
+measurements. When ``enable`` falls, the cut ends, and its folder has the files of ``edmsim cut``: report, windows,
 recording.
 """
 
@@ -37,13 +37,13 @@ POLL_S = 0.005
 
 
 class Pins:
-    """The component's pins as the cut wants them."""
+    """The component's pins as the link of an `ExternalMotion`."""
 
     def __init__(self, component: Any) -> None:
         self.component = component
 
     def place_um(self) -> tuple[float, float]:
-        """Return where LinuxCNC wants the axes; from the first time on it may move them."""
+        """Return LinuxCNC's target of the axes; after the first call it may move them."""
         place = 1e3 * self.component["x"], 1e3 * self.component["y"]
         self.component["cutting"] = True
         return place
@@ -53,7 +53,7 @@ class Pins:
         return not self.component["enable"]
 
     def show(self, observation: WindowObservation) -> None:
-        """Set the pins to what a window shows."""
+        """Set the pins to the measurements of a window."""
         pins = self.component
         pins["short-ratio"], pins["open-ratio"] = observation.short / 255, observation.open / 255
         pins["spark-ratio"] = 1.0 - (observation.short + observation.open) / 255
@@ -61,7 +61,7 @@ class Pins:
         pins["path"] = observation.path_um * 1e-3
 
     def rest(self, broken: bool) -> None:
-        """Set the pins to those of a gap that is not cut: all open, so that nothing holds the axes back."""
+        """Set the pins for a gap without a cut: all pulses open, and the feed is free."""
         pins = self.component
         pins["short-ratio"], pins["spark-ratio"], pins["open-ratio"] = 0.0, 0.0, 1.0
         pins["gap-voltage"] = pins["gap-current"] = 0.0
@@ -80,7 +80,7 @@ def make_component(hal: Any, name: str) -> Any:
 
 
 def without_words(program: str, folder: str) -> Path:
-    """Write a program without LinuxCNC's own words, for edmsim to read the contour of; return where."""
+    """Write the program without LinuxCNC's own words, from which edmsim reads the contour; return its path."""
     file = Path(folder) / Path(program).name
     file.write_text(WORDS.sub("", Path(program).read_text(encoding="utf-8")), encoding="utf-8")
     return file
@@ -127,11 +127,11 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> None:
-    """Load as ``loadusr -W`` wants it: compile, make the pins, say ready, serve."""
+    """Start in the order of ``loadusr -W``: compile, make the pins, report ready, serve."""
     chosen = arguments()
     sys.path.append(DEBIAN)
     hal = importlib.import_module("hal")
-    edmsim.Plant(edmsim.Machine.load(), resolution="fast").advance()  # whatever has to be compiled is compiled here
+    edmsim.Plant(edmsim.Machine.load(), resolution="fast").advance()  # compiles everything in advance
     component = make_component(hal, chosen.name)
     component.ready()
     try:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A display without a screen: switches LinuxCNC on, runs the program once and leaves. It is a DISPLAY for the INI."""
+"""A display without a screen, for DISPLAY in the INI: switches LinuxCNC on, runs the program once and exits."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ WAIT_S = 600.0
 
 
 def is_cutting() -> bool:
-    """Return whether the gap still cuts, or writes its results."""
+    """Return whether the gap is still cutting or writing its results."""
     answer = subprocess.run(["halcmd", "getp", "edm-gap.cutting"], capture_output=True, text=True, check=True)
     return answer.stdout.strip() == "TRUE"
 
 
 def main() -> int:
-    """Run the program that the INI names; return 0 if it came to its end."""
+    """Run the program of the INI; return 0 if it reached its end."""
     linuxcnc = importlib.import_module("linuxcnc")
     ini = linuxcnc.ini(sys.argv[sys.argv.index("-ini") + 1])
     command, status = linuxcnc.command(), linuxcnc.stat()

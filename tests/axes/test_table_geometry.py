@@ -73,13 +73,13 @@ def test_each_error_alone_has_its_own_effect(name):
     assert middle == pytest.approx((32_500.0, 32_500.0))
     x, y = StillTable(machine).move((33_500.0 + 32_500.0 - 1_000.0, 0.0))
     off = np.array((65_000.0 - x, 0.0 - y))
-    wanted = {
+    expected = {
         "x_pitch_um_m": (9.75, 0.0), "y_pitch_um_m": (0.0, 6.5), "squareness_um_m": (0.0, 13.0),
         "x_straightness_um": (0.0, 3.0), "y_straightness_um": (2.0, 0.0),
         "x_periodic_um": (5.0 * np.sin(2 * np.pi * 32.5 / 4.0), 0.0),
         "y_periodic_um": (0.0, -4.0 * np.sin(2 * np.pi * 32.5 / 4.0)),
     }  # fmt: skip
-    assert off == pytest.approx(wanted[name], abs=1e-6)
+    assert off == pytest.approx(expected[name], abs=1e-6)
 
 
 def test_squareness_may_change_with_the_third_axis():

@@ -7,8 +7,7 @@ import pytest
 
 from edmsim.axis_bench.control_rig import ControlRig
 from edmsim.controllers.axis.drive import axis_row
-from edmsim.controllers.axis.elcam.mcu_g3 import ControlAxis
-from edmsim.controllers.axis.elcam.mcu_g3_servo import AxisLoop
+from edmsim.controllers.axis.elcam.mcu_g3 import AxisLoop, ControlAxis
 from edmsim.controllers.axis.elcam.registers import CallStatus, Descriptor, Function, Mode
 
 X, Y, U, V = range(4)

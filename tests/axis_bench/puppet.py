@@ -8,7 +8,7 @@ from edmsim.axis_bench import AxisBench
 from edmsim.compiled.axis_rows import FAULT_IN, FREEWHEEL, WATCHDOG, carray, put_byte, sample
 from edmsim.controllers.axis.drive import axis_row, new_record
 
-COMMAND, LINES, DELAY, BUSY, CALLS, BARKS, SEEN, LAST = range(8)
+COMMAND, LINES, DELAY, BUSY, CALLS, BARKS, LINES_IN, LAST = range(8)
 
 
 @sample
@@ -20,7 +20,7 @@ def _puppet(drive_at: Any, axis_at: Any) -> None:
     drive.delay_ns = drive.reg[DELAY]
     drive.busy_ns = drive.reg[BUSY]
     drive.reg[CALLS] += 1
-    drive.reg[SEEN] = axis.lines
+    drive.reg[LINES_IN] = axis.lines
     if drive.event == WATCHDOG:
         drive.reg[BARKS] += 1
         drive.reg[LAST] = drive.now_ns
@@ -59,9 +59,13 @@ def bench_of(**changes):
     return AxisBench({"x": Puppet(axis_row("bench", **changes))})
 
 
-def command(bench, duty, axis="x"):
+def command(bench, duty, axis="x", run_s=0.0):
+    """Let the drive command a share of its supply, and run for some time."""
     bench.drive(axis).record["real"][0, COMMAND] = duty
+    bench.run(run_s)
 
 
-def put_out(bench, bits, axis="x"):
+def put_out(bench, bits, axis="x", run_s=0.0):
+    """Let the drive put out lines, and run for some time."""
     bench.drive(axis).record["reg"][0, LINES] = bits
+    bench.run(run_s)

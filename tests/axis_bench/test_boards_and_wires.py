@@ -28,7 +28,7 @@ def test_a_step_source_sends_exact_counts():
     assert bench.drive("y").record["setpoint"] == -50
 
 
-def test_open_step_and_direction_inputs_read_high():
+def test_open_step_and_direction_inputs_read_high():  # U-43
     bench = bench_of()
     bench.unplug("x", "step")
     bench.steps("x", 10)
@@ -41,21 +41,20 @@ def test_open_step_and_direction_inputs_read_high():
     assert bench.drive("x").record["setpoint"] == 10
 
 
-def test_a_fault_stops_the_other_drive_through_the_net_and_not_without_its_diode():
+def test_a_fault_stops_the_other_drive_through_the_net_and_not_without_its_diode():  # U-42
     for diode in (True, False):
         bench = AxisBench({"x": Puppet(), "y": Puppet()})
         bench.wire("x", fault_out=diode)
         bench.run(0.005)
         assert bench.pins("y").enabled
-        put_out(bench, FAULT | FREEWHEEL | FAULT_OUT, "x")
-        bench.run(0.002)
+        put_out(bench, FAULT | FREEWHEEL | FAULT_OUT, "x", run_s=0.002)
         assert bench.pins("x").fault_out_low
         assert bench.fault_net_low == diode
         assert bench.pins("y").enabled != diode
         assert bench.pins("y").fault_in_low == diode
 
 
-def test_the_fault_net_can_be_pulled_by_hand_and_an_open_input_reads_high():
+def test_the_fault_net_can_be_pulled_by_hand_and_an_open_input_reads_high():  # U-42, U-43
     bench = AxisBench({"x": Puppet(), "y": Puppet()})
     bench.unplug("y", "fault")
     bench.pull_fault_net(True)
@@ -74,8 +73,7 @@ def test_outputs_take_effect_after_the_time_to_compute_and_the_duty_at_a_pulse_o
     bench.changes("x")
     bench.drive("x").record["reg"][0, DELAY] = 300_000
     put_out(bench, FREEWHEEL)
-    command(bench, 0.5)
-    bench.run(0.000305)
+    command(bench, 0.5, run_s=0.000305)
     assert bench.changes("x").tolist() == [(0, 2_300_000, FREEWHEEL)]
     assert bench.pins("x").duty == 0.5
     bench.run(0.00001)

@@ -92,18 +92,6 @@ def test_switching_off_moves_what_it_reports_and_then_the_axis():
 
 
 @pytest.mark.slow
-def test_errors_between_the_points_are_interpolated():
-    # E-31, E-20
-    rig = pitch_rig()
-    run(rig, 0)
-    compensate(rig)
-    for place, error in ((50.0, 0.005), (150.0, 0.020)):
-        go(rig, X, place, FAST)
-        assert rig.control.resource(73, X) == pytest.approx(error)
-        assert rig.count("x") / COUNTS == pytest.approx(place + error, abs=0.0011)
-
-
-@pytest.mark.slow
 def test_a_table_compensates_only_if_every_switch_is_on():
     # E-41, E-14, E-31, E-A5, E-A13: marked by function 30, bit 5, switched on for all, and running
     for marked, bit, everywhere, runs in itertools.product((0, 1), repeat=4):
@@ -139,16 +127,6 @@ def test_the_mark_outlasts_a_mode_without_its_bit_and_a_reset_but_not_function_3
     assert run(rig, 0, Mode.COMPENSATION) is CallStatus.OK
     rig.run(0.002)
     assert rig.control.resource(73, X) == 0.0
-
-
-def test_function_30_sets_bit_5_and_a_mode_without_it_clears_it():
-    # E-14, E-A13, E-8
-    rig = pitch_rig()
-    write(rig, 0, compensation=5)
-    assert read(rig, 0, Function.MODE) == Mode.COMPENSATION
-    write(rig, 0, mode=0)
-    assert read(rig, 0, Function.COMPENSATION) == 0
-    assert rig.control.elcam.read_int(SWITCH) == (CallStatus.OK, 0)
 
 
 def angle_points(urad=50.0):
@@ -197,16 +175,6 @@ def test_an_error_that_a_third_axis_changes_is_compensated_by_rows():
             assert rig.control.resource(73, Y) == pytest.approx(200e-6 * urad)
             left = true_um(rig, skew=(0.0, 50e-6), skew_per_um=(0.0, 0.4e-9))[Y]
             assert left == pytest.approx(200e-3 * (urad - 50.0 - 0.4 * third), abs=1.2)
-
-
-@pytest.mark.slow
-def test_compensated_axes_are_ordinary_axes():
-    # E-26
-    rig = pitch_rig()
-    run(rig, 0)
-    compensate(rig)
-    go(rig, X, 20.0, FAST)
-    assert rig.control.axes[X].actual == pytest.approx(20.0, abs=0.0011)
 
 
 def test_an_axis_has_one_pitch_table():

@@ -1,11 +1,11 @@
-"""Axes on the bench follow cam tables: interpolation, repetition, gain, master sources, rows, several tables."""
+"""Axes on the bench follow cam tables: interpolation, repetition, gain, master sources, rows; curves and ramps."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from edmsim.controllers.axis.elcam.registers import CallStatus, Function, Mode
+from edmsim.controllers.axis.elcam.registers import CallStatus, Error, Function, Mode
 
 from .cam_bench import (
     COUNTS,
@@ -14,6 +14,7 @@ from .cam_bench import (
     U,
     X,
     Y,
+    enter,
     go,
     jumps,
     read,
@@ -41,7 +42,7 @@ def start(rig, index, points=HAT, at=0.0, **values):
 
 @pytest.mark.parametrize(
     ("values", "place"), [({}, 2.5), ({"gain": 2.0}, 5.0), ({"shift": 1.0}, 3.5), ({"phase": 5.0}, 0.0),
-                          ({"gain": 2.0, "shift": 1.0}, 6.0)],
+                          ({"gain": 2.0, "shift": 1.0}, 6.0), ({"phase": -1000.0}, 2.5)],
 )  # fmt: skip
 def test_the_follower_is_between_the_points(values, place):
     # E-20, E-7, E-A8
@@ -51,21 +52,16 @@ def test_the_follower_is_between_the_points(values, place):
     assert place_mm(rig, Y) == pytest.approx(place, abs=0.002)
 
 
-@pytest.mark.parametrize(("master", "place"), [(25.0, 2.5), (-5.0, 2.5), (-15.0, 2.5), (40.0, 0.0)])
-def test_a_table_repeats_both_ways(master, place):
+@pytest.mark.parametrize(
+    ("points", "master", "place"),
+    [(HAT, 25.0, 2.5), (HAT, -5.0, 2.5), (HAT, -15.0, 2.5), (HAT, 40.0, 0.0), ((*HAT, (1000.0, 0.0)), 25.0, 0.0)],
+)
+def test_a_table_repeats_both_ways_unless_a_point_lies_beyond_the_travel(points, master, place):
     # E-21, E-37
     rig = rig_of()
-    start(rig, 0)
+    start(rig, 0, points)
     go(rig, X, master, 100.0)
     assert place_mm(rig, Y) == pytest.approx(place, abs=0.002)
-
-
-def test_a_point_beyond_the_travel_defeats_repetition():
-    # E-21, E-37
-    rig = rig_of()
-    start(rig, 0, (*HAT, (1000.0, 0.0)))
-    go(rig, X, 25.0, 100.0)
-    assert place_mm(rig, Y) == pytest.approx(0.0, abs=0.002)
 
 
 @pytest.mark.slow
@@ -146,6 +142,13 @@ def test_the_start_is_approached_by_the_computed_position():
     go(rig, X, 5.0)
     table(rig, 0, HAT)
     assert read(rig, 0, Function.ERROR) == 0
+    unprepared = rig_of()
+    go(unprepared, X, 5.0)
+    table(unprepared, 0, HAT)
+    watch(unprepared)
+    run(unprepared, 0)
+    settle(unprepared)
+    assert jumps(unprepared.traces(), Y) == pytest.approx(2.5)  # without the approach, by the difference
     go(rig, Y, read(rig, 0, Function.TARGET_POSITION))
     watch(rig)
     run(rig, 0)
@@ -155,25 +158,6 @@ def test_the_start_is_approached_by_the_computed_position():
     assert answer.status is CallStatus.BUSY == 2
     go(rig, X, 15.0)
     assert place_mm(rig, Y) == pytest.approx(2.5, abs=0.002)
-
-
-def test_without_the_approach_the_follower_jumps_by_the_difference():
-    # E-44
-    rig = rig_of()
-    go(rig, X, 5.0)
-    table(rig, 0, HAT)
-    watch(rig)
-    run(rig, 0)
-    settle(rig)
-    assert jumps(rig.traces(), Y) == pytest.approx(2.5)
-
-
-def test_a_position_of_two_is_no_busy():
-    # E-12
-    rig = rig_of()
-    go(rig, X, 4.0)
-    table(rig, 0, HAT)
-    assert rig.control.elcam.at(0).read_double(Function.TARGET_POSITION) == (CallStatus.OK, 2.0)
 
 
 def test_the_master_is_its_setpoint_or_its_actual_value():
@@ -258,13 +242,6 @@ def test_running_one_table_ends_the_others_of_its_follower():
     assert jumps(rig.traces(), Y) == pytest.approx(1.0)
 
 
-def test_a_phase_past_the_table_comes_round():
-    # E-7, E-21
-    rig = rig_of()
-    start(rig, 0, at=5.0, phase=-1000.0)
-    assert place_mm(rig, Y) == pytest.approx(2.5, abs=0.002)
-
-
 def test_followers_do_what_was_computed_beforehand():
     # E-20: over the whole way, not only where it rests
     rig = rig_of()
@@ -274,3 +251,198 @@ def test_followers_do_what_was_computed_beforehand():
     traces = rig.traces()
     assert traces.setpoint[:, Y] == pytest.approx(np.interp(traces.setpoint[:, X], *np.transpose(HAT)))
     assert np.abs(traces.actual[:, Y] - traces.setpoint[:, Y]).max() < 0.3
+
+
+@pytest.mark.slow
+def test_a_curve_passes_through_the_points_without_corners():
+    bends = {}
+    for cubic in (False, True):
+        rig = rig_of()
+        points = [(x, 5.0 * np.sin(2 * np.pi * x / 40.0)) for x in np.arange(0.0, 41.0, 4.0)]
+        table(rig, 0, points)
+        rig.control.elcam.tables[0].extensions.cubic = cubic
+        run(rig, 0)
+        for x, y in points[1:4]:
+            go(rig, X, x)
+            assert rig.control.axes[Y].setpoint == pytest.approx(y)
+        go(rig, X, 8.0)
+        rig.control.axes[X].accel = 1e6
+        rig.control.move_velocity(X, 20.0)
+        rig.run(0.01)
+        watch(rig)
+        rig.run(1.0)
+        bends[cubic] = np.abs(np.diff(rig.traces().setpoint[:, Y], 2)).max()
+    assert bends[True] < 0.1 * bends[False]
+
+
+def test_a_follower_can_come_in_on_a_ramp():
+    rig = rig_of()
+    go(rig, X, 5.0)
+    table(rig, 0, HAT)
+    watch(rig)
+    assert rig.control.cam_in(0, ramp_s=0.2)
+    rig.run(0.1)
+    assert not rig.control.in_sync(0)
+    rig.run(0.15)
+    assert rig.control.in_sync(0)
+    settle(rig)
+    assert jumps(rig.traces(), Y) < 0.02  # of 2.5
+    assert rig.count("y") / COUNTS == pytest.approx(2.5, abs=0.002)
+
+
+def test_names_of_plcopen():
+    rig = rig_of()
+    table(rig, 0, HAT)
+    assert not rig.control.in_sync(0)
+    assert rig.control.cam_in(0)
+    assert rig.control.in_sync(0)
+    assert not rig.control.move_absolute(Y, 3.0, 10.0)
+    rig.control.cam_out(0)
+    assert not rig.control.in_sync(0)
+    assert not read(rig, 0, Function.MODE) & Mode.RUN
+    assert rig.control.halt(Y)
+    assert not rig.control.cam_in(1)  # a table without points
+
+
+ROWS = [(x, y) for top in (5.0, 10.0, 30.0) for x, y in ((0.0, 0.0), (50.0, top), (100.0, 0.0))]
+
+
+def rows_rig(mode=0, **values):
+    rig = rig_of("xyu")
+    go(rig, X, 50.0, 400.0)
+    write(rig, 0, row_count=3)
+    table(rig, 0, ROWS, row_axis=U, row_start=0.0, row_end=100.0, mode=mode, **values)
+    assert read(rig, 0, Function.ERROR) == 0
+    return rig
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("places", "bits", "want"),
+    [((-10.0, 0.0, 20.0, 25.0, 30.0), 0, (5, 5, 5, 10, 10)),
+     ((50.0, 60.0, 75.0, 100.0, 120.0), 0, (10, 10, 30, 30, 30)),
+     ((-10.0, 0.0, 20.0, 25.0, 30.0), Mode.INTERPOLATE_ROWS, (5, 5, 7, 7.5, 8)),
+     ((50.0, 60.0, 75.0, 100.0, 120.0), Mode.INTERPOLATE_ROWS, (10, 14, 20, 30, 30))],
+)  # fmt: skip
+def test_a_third_axis_chooses_the_row(places, bits, want):
+    # E-46, E-11, E-A3
+    rig = rows_rig(bits)
+    assert read(rig, 0, Function.MODE) & Mode.ROWS
+    assert run(rig, 0) is CallStatus.OK
+    for place, follower in zip(places, want, strict=True):
+        go(rig, U, place, 400.0)
+        assert place_mm(rig, Y) == pytest.approx(follower, abs=0.003), place
+
+
+def test_rows_may_fall_and_one_row_is_a_table():
+    # E-46, E-A3, E-A19
+    rig = rig_of("xyu")
+    go(rig, X, 50.0, 400.0)
+    write(rig, 0, row_count=3)
+    table(rig, 0, ROWS, row_axis=U, row_start=100.0, row_end=0.0)
+    write(rig, 1, row_count=1)
+    table(rig, 1, ROWS[:3], row_axis=U, row_start=7.0, row_end=7.0)
+    run(rig, 0)
+    settle(rig)
+    assert place_mm(rig, Y) == pytest.approx(30.0, abs=0.003)
+    assert run(rig, 1) is CallStatus.OK
+    settle(rig)
+    assert place_mm(rig, Y) == pytest.approx(5.0, abs=0.003)
+
+
+def test_the_row_is_chosen_by_setpoint_or_actual_value():
+    # E-46, E-17
+    rig = rows_rig(Mode.INTERPOLATE_ROWS)
+    rig.bench.hold("u", True)
+    run(rig, 0)
+    rig.control.move_absolute(U, 50.0, 400.0)
+    rig.run(1.0)
+    assert rig.control.axes[Y].setpoint == pytest.approx(10.0)
+    run(rig, 0, Mode.ACTUAL_ROW)
+    rig.run(0.01)
+    assert rig.control.axes[Y].setpoint == pytest.approx(5.0, abs=0.01)
+
+
+def test_the_row_is_chosen_by_a_steppers_encoder():
+    # E-46, E-A18, E-17
+    rig = rig_of("xyu", steppers="u")
+    rig.control.axes[U].use_encoder, rig.control.axes[U].auxiliary_factor = True, 5000.0
+    go(rig, X, 50.0, 400.0)
+    write(rig, 0, row_count=3)
+    table(rig, 0, ROWS, row_axis=U, row_start=0.0, row_end=1.0,
+          mode=Mode.INTERPOLATE_ROWS | Mode.ACTUAL_ROW | Mode.AUXILIARY_ROW)  # fmt: skip
+    run(rig, 0)
+    go(rig, U, 0.5, 1.0)
+    assert rig.control.axes[Y].setpoint == pytest.approx(10.0, abs=0.1)
+    rig.control.axes[U].auxiliary_factor = 10_000.0
+    rig.run(0.002)
+    assert rig.control.axes[Y].setpoint == pytest.approx(7.5, abs=0.1)
+
+
+@pytest.mark.slow
+def test_interpolation_of_rows_is_lost_with_its_bit():
+    # E-15, E-8, E-51, E-A12: in cam mode as well
+    rig = rows_rig()
+    write(rig, 0, interpolate_rows=1)
+    assert read(rig, 0, Function.MODE) & Mode.INTERPOLATE_ROWS
+    go(rig, U, 20.0, 400.0)
+    run(rig, 0)
+    settle(rig)
+    assert place_mm(rig, Y) == pytest.approx(7.0, abs=0.003)
+    write(rig, 0, mode=int(Mode.RUN))
+    assert read(rig, 0, Function.INTERPOLATE_ROWS) == 0
+    settle(rig)
+    assert place_mm(rig, Y) == pytest.approx(5.0, abs=0.003)
+
+
+def test_the_number_of_rows_is_fixed_once_the_table_has_run():
+    # E-27
+    rig = rows_rig()
+    at = rig.control.elcam.at(0)
+    run(rig, 0)
+    assert at.write_int(Function.ROW_COUNT, 0) is CallStatus.BUSY
+    stop(rig, 0)
+    assert at.write_int(Function.ROW_COUNT, 0) is CallStatus.REFUSED
+    write(rig, 0, reset=0, row_count=0)
+    assert not read(rig, 0, Function.MODE) & Mode.ROWS
+
+
+@pytest.mark.parametrize(
+    ("points", "error"),
+    [([*ROWS, (150.0, 0.0)], Error.ROW_SIZE),
+     ([(0, 0), (50, 1), (100, 0), (5, 0), (50, 1), (100, 0)], Error.ROW_SIZE),
+     ([(0, 0), (100, 0), (5, 0), (100, 0), (0, 0), (100, 0)], Error.ROW_START),
+     ([(0, 0), (100, 0), (0, 0), (90, 0), (0, 0), (100, 0)], Error.ROW_END)],
+)  # fmt: skip
+def test_bad_rows_do_not_run(points, error):
+    # E-27, E-16, E-A4
+    rig = rig_of("xyu")
+    write(rig, 0, row_count=4 if len(points) == 6 and error == Error.ROW_SIZE else 3)
+    table(rig, 0, points, row_axis=U, row_start=0.0, row_end=100.0)
+    assert run(rig, 0) is CallStatus.REFUSED
+    found = read(rig, 0, Function.ERROR)
+    assert found == error | Error.ROW_TABLE
+    settle(rig)
+    assert rig.control.axes[Y].setpoint == 0.0
+
+
+def test_a_second_row_needs_the_number_of_rows_before():
+    # E-27, E-9, E-A11
+    rig = rig_of("xyu")
+    write(rig, 0, axis=Y, master=X, buffer_size=9)
+    enter(rig, 0, ROWS[:3])
+    assert rig.control.elcam.at(0).write_double(Function.ADD_MASTER, 0.0) is CallStatus.REFUSED
+    assert read(rig, 0, Function.ERROR) & Error.NOT_ASCENDING
+    rig = rows_rig(size=12)
+    assert rig.control.elcam.at(0).write_double(Function.ADD_MASTER, 0.0) is CallStatus.REFUSED  # three rows are all
+    assert read(rig, 0, Function.SIZE_MASTER) == 9
+    assert read(rig, 0, Function.ERROR) & Error.NOT_ASCENDING
+
+
+def test_a_row_axis_that_leads_nowhere_is_an_error():
+    # E-16, E-A19
+    rig = rig_of("xyu")
+    write(rig, 0, row_count=3)
+    table(rig, 0, ROWS, row_axis=U, row_start=5.0, row_end=5.0)
+    assert run(rig, 0) is CallStatus.REFUSED
+    assert read(rig, 0, Function.ERROR) == Error.ROW_AXIS | Error.ROW_TABLE

@@ -162,7 +162,7 @@ def test_memory_may_be_refused():
     assert follows(rig)
 
 
-def test_an_address_that_was_never_given_is_no_memory():
+def test_an_address_that_was_never_allocated_is_no_memory():
     # E-49
     rig = rig_of()
     write(rig, 0, axis=Y, master=X, physical_address=0x1234)

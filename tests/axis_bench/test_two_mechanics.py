@@ -52,8 +52,7 @@ def test_a_bench_with_a_machine_has_its_screws_and_stands_in_the_middle_of_its_t
 
 def test_the_end_of_the_travel_stops_the_table_under_mujoco(machine):
     bench = AxisBench({"y": Puppet(tuned("uhu").motor)}, mechanics="mujoco")
-    command(bench, 0.9, "y")
-    bench.run(3.0)
+    command(bench, 0.9, "y", run_s=3.0)
     row, travel_um = bench.axis("y"), machine.base.table.travel_mm.value * 1e3
     assert travel_um < row["place_um"] < travel_um + 1_200.0
     assert row["ends"] == 2
@@ -65,8 +64,7 @@ def test_a_rotor_that_is_held_and_one_that_is_turned_by_hand_are_so_under_mujoco
     bench = AxisBench({"x": Puppet(tuned("uhu").motor)}, mechanics="mujoco")
     start_um = float(bench.axis("x")["place_um"])
     bench.hold("x", True)
-    command(bench, 0.3)
-    bench.run(0.1)
+    command(bench, 0.3, run_s=0.1)
     assert bench.axis("x")["rotor_um"] == start_um
     bench.hold("x", False)
     command(bench, 0.0)

@@ -11,9 +11,9 @@ from rich.console import Console
 from edmsim.bench import controllers as mcu_speed
 from edmsim.bench import envs as speed
 from edmsim.bench import figures as table
-from edmsim.bench import lanes
 from edmsim.bench import plant as bench
 from edmsim.bench import servo as servo_speed
+from edmsim.bench import vector_envs
 from edmsim.errors import InputError
 
 
@@ -26,7 +26,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     ):
         monkeypatch.setattr(bench, name, value)
     for name, value in (
-        ("LANES", 2), ("SETTLE_STEPS", 8), ("SLICE_S", 0.01), ("SLICES", 1), ("KNOB_STEPS", 5), ("RESETS", 2),
+        ("NUM_ENVS", 2), ("SETTLE_STEPS", 8), ("SLICE_S", 0.01), ("SLICES", 1), ("KNOB_STEPS", 5), ("RESETS", 2),
         ("EPISODES", 1),
     ):
         monkeypatch.setattr(speed, name, value)
@@ -55,7 +55,7 @@ def test_figures() -> None:
 
 @pytest.mark.usefixtures("short")
 def test_the_table_of_environments_has_a_row_for_every_number_of_them_and_of_threads() -> None:
-    rows = lanes.table(counts=(1, 3), threads=(1, 2))
+    rows = vector_envs.table(counts=(1, 3), threads=(1, 2))
     assert [(row.environments, row.threads) for row in rows] == [(1, 1), (1, 2), (3, 1), (3, 2)]
     assert all(row.windows_per_s > 0 and row.processor_us > 0 for row in rows)
 
@@ -66,7 +66,7 @@ def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch: 
 
     monkeypatch.setattr(gymnasium, "make_vec", missing)
     with pytest.raises(InputError, match=r"pip install \"gymnasium\[mujoco\]\""):
-        lanes._half_cheetahs(2)
+        vector_envs._half_cheetahs(2)
 
 
 def test_cold_start_includes_a_window_of_pulses() -> None:

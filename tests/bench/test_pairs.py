@@ -71,8 +71,8 @@ def test_both_take_turns_after_each_has_compiled(checkout: Path, tmp_path: Path)
 
 @pytest.mark.slow
 def test_an_interrupt_leaves_no_files(checkout: Path) -> None:
-    def interrupt(begun: str) -> None:
-        if begun.startswith("pair 1"):
+    def interrupt(name: str) -> None:
+        if name.startswith("pair 1"):
             assert left()
             raise KeyboardInterrupt
 

@@ -39,10 +39,10 @@ def test_shares_add_up_to_one(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for name, value in (("marked", unmarked), ("LOOKS", 100), ("ROUNDS", 5), ("SETTLE_WINDOWS", profile.BATCH)):
         monkeypatch.setattr(profile, name, value)
-    begun: list[str] = []
-    found = profile.profile(begun.append)
+    started: list[str] = []
+    found = profile.profile(started.append)
     assert list(found) == ["fast", "default"]
-    assert len(begun) == 4
+    assert len(started) == 4
     for one in found.values():
         assert list(one.shares) == list(profile.PARTS)
         assert sum(one.shares.values()) == pytest.approx(1.0)

@@ -11,7 +11,7 @@ from edmsim.bench import serial
 def test_round_trips_and_speeds_of_every_board(monkeypatch):
     monkeypatch.setattr(serial, "ROUND_TRIPS", 20)
     monkeypatch.setattr(serial, "MACHINE_S", 0.2)
-    found = serial.measure(lambda begun: None)
+    found = serial.measure(lambda name: None)
     assert {name for name in found if name.endswith("_realtime_factor")} == {
         f"{name}_realtime_factor" for name in ("powercore", "powercore-v2", "spark")
     }  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -19,11 +19,11 @@ from hypothesis import strategies as st
 
 import edmsim
 from edmsim.calibration import Fit, Log, calibrate
+from edmsim.calibration.comparison import simulate
 from edmsim.calibration.fit import FittedConstant, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
 from edmsim.calibration.set_up import machine_of
-from edmsim.calibration.simulate import simulate
 from edmsim.cli import app as cli
 from edmsim.cli.console import INTERRUPTED
 from edmsim.cosim.straight import Traverse
@@ -36,7 +36,17 @@ def log_of(table: pa.Table) -> Log:
     return Log("known", {name: table[name].to_numpy() for name in COLUMNS})
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module", autouse=True)
+def short() -> Iterator[None]:
+    """Compare two stretches, which settle over a third of a millimetre: a tenth of the time, with the same bars."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("edmsim.calibration.fit.MOST_STRETCHES", 2)
+        patch.setattr("edmsim.calibration.comparison.NOISE_CUTS", 8)
+        patch.setattr("edmsim.calibration.comparison.WHOLLY_SETTLED_DIAMETERS", 1.3)
+        yield
+
+
+@pytest.fixture(scope="module")
 def recovered(known: SimpleNamespace) -> Fit:
     """Give what is found of two known constants and one that no log of a short time can tell."""
     return calibrate(log_of(known.table), known.machine, [*known.truth, "wire.strength_MPa"], seed=3)
@@ -53,18 +63,9 @@ def test_known_constants_come_back_within_their_intervals(known: SimpleNamespace
     assert recovered.misfit < 2.0
 
 
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compare two stretches, which settle over half a millimetre: a fifth of the cuts' time, with the same bars."""
-    monkeypatch.setattr("edmsim.calibration.fit.MOST_STRETCHES", 2)
-    monkeypatch.setattr("edmsim.calibration.comparison.NOISE_CUTS", 8)
-    monkeypatch.setattr("edmsim.calibration.simulate.WHOLLY_SETTLED_DIAMETERS", 2.0)
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("short")
 def test_a_log_made_under_a_gap_controller_is_fitted(steered: SimpleNamespace) -> None:
-    """What is told is judged where the log was made: where the search begins other shares of pulses are open.
+    """The statistics are judged where the log was made: where the search begins other shares of pulses are open.
 
     The controller has a few shorts less than the fixed feed of the comparison, which bends both constants a little.
     """
@@ -108,34 +109,28 @@ def test_a_log_that_tells_nothing_is_refused(known: SimpleNamespace) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
-def test_the_command_tells_and_writes_what_was_fitted(
-    known: SimpleNamespace, log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """What it tells is what the fit of these settings gave."""
-    fits: list[Fit] = []
+def test_the_command_prints_and_writes_what_was_fitted(
+    known: SimpleNamespace, recovered: Fit, log_file: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """It fits with the settings of the command line, and prints what that gave; here the fit above."""
 
     def fitted(log: Log, machine: edmsim.Machine, only: list[str], **options: Any) -> Fit:
         assert (list(only), options["seed"], len(log)) == (["material.removal_mm3_J"], 5, 990)
         assert machine == known.machine
-        fits.append(calibrate(log, machine, only, **options))
-        return fits[-1]
+        return recovered
 
     monkeypatch.setattr("edmsim.calibration.calibrate", fitted)
     out = log_file.parent / "fitted.toml"
     options = ("--out", out, "--height", "10", "--fit", "material.removal_mm3_J", "--json")
     assert run(monkeypatch, log_file, *options, "--seed", "5") == 0
-    told = json.loads(capsys.readouterr().out)
-    (constant,) = told["constants"]
-    assert constant["name"] == "material.removal_mm3_J"
-    low, high = constant["interval"]
-    assert low < constant["value"] < high
-    assert told["files"] == {"machine": str(out), "material": str(out.with_name("fitted-material.toml"))}
-    edmsim.Machine.load(str(out), material=told["files"]["material"])
-    (again,) = fits
-    assert [c._asdict() | {"interval": [*c.interval], "range": [*c.range]} for c in again.constants] == [constant]
-    assert again.misfit == told["misfit"]
-    assert [list(row["model"].values()) for row in told["stretches"]] == again.simulated.tolist()
+    document = json.loads(capsys.readouterr().out)
+    as_lists = [c._asdict() | {"interval": [*c.interval], "range": [*c.range]} for c in recovered.constants]
+    assert document["constants"] == as_lists
+    assert document["misfit"] == recovered.misfit
+    assert [list(row["model"].values()) for row in document["stretches"]] == recovered.simulated.tolist()
+    assert document["files"] == {"machine": str(out), "material": str(out.with_name("fitted-material.toml"))}
+    edmsim.Machine.load(str(out), material=document["files"]["material"])
 
 
 def test_the_logged_machine_has_the_logs_statistics(known: SimpleNamespace) -> None:
@@ -153,6 +148,7 @@ def test_a_cut_settles_for_as_long_as_its_log_did_but_not_for_ever(
     known: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settled_um, run = [], Traverse.run
+    monkeypatch.setattr("edmsim.calibration.comparison.WHOLLY_SETTLED_DIAMETERS", 5.0)
 
     def briefly(traverse: Traverse, seconds: float) -> list[PulseWindow]:
         settled_um.append(22.0 * seconds)
@@ -176,7 +172,7 @@ def test_a_share_of_a_range_and_its_value_are_one(share: float, bounds: tuple[fl
     assert share_of(bounds, value_at(bounds, share)) == pytest.approx(share, abs=1e-9)
 
 
-def test_errors_that_hang_together_are_told() -> None:
+def test_correlated_errors_are_reported() -> None:
     constants = tuple(FittedConstant(name, 1.0, 1.0, (0.9, 1.1), (0.0, 2.0), "") for name in ("gap.a", "gap.b"))
     none = np.zeros((0, 5))
     fit = Fit(edmsim.Machine.load(), constants, {}, np.array([[1.0, -0.97], [-0.97, 1.0]]), 1.0, [], none, none)
@@ -238,21 +234,9 @@ def test_bad_usage_is_one_line_and_2_and_nothing_is_written(
 ) -> None:  # fmt: skip
     monkeypatch.chdir(log_file.parent)
     assert run(monkeypatch, log_file, *options) == 2
-    told = capsys.readouterr()
-    assert said in told.err
-    assert told.err.count("\n") == 1
-    assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
-
-
-def test_an_interrupted_fit_writes_nothing(
-    log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("edmsim.calibration.comparison.simulate", interrupt)
-    assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == INTERRUPTED
-    assert "interrupted; nothing was written" in capsys.readouterr().err
+    document = capsys.readouterr()
+    assert said in document.err
+    assert document.err.count("\n") == 1
     assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
 
 
@@ -269,10 +253,10 @@ def compared(
     known: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., Compared]:
     """Calibrate with the log of a cut of these settings, up to the first simulated cut."""
-    seen: list[tuple[edmsim.Machine, str]] = []
+    comparisons: list[tuple[edmsim.Machine, str]] = []
 
     def stop(machine: edmsim.Machine, stretch: Stretch, windows: int, seed: int, resolution: str) -> None:
-        seen.append((machine, resolution))
+        comparisons.append((machine, resolution))
         raise KeyboardInterrupt
 
     def run_with(settings: CutSettings | None, *options: object) -> Compared:
@@ -281,7 +265,7 @@ def compared(
         pa.parquet.write_table(known.table.slice(0, 990).replace_schema_metadata(metadata), log)
         monkeypatch.setattr("edmsim.calibration.comparison.simulate", stop)
         assert run(monkeypatch, log, "--out", tmp_path / "fitted.toml", *options) == INTERRUPTED
-        return Compared(*seen[0], capsys.readouterr().err)
+        return Compared(*comparisons[0], capsys.readouterr().err)
 
     return run_with
 
@@ -296,7 +280,7 @@ def test_a_log_is_compared_at_the_settings_it_was_cut_with(compared: Callable[..
     assert said == "edmsim: interrupted; nothing was written\n"
 
 
-def test_what_is_asked_holds_against_the_log_and_is_told(compared: Callable[..., Compared]) -> None:
+def test_options_hold_against_the_log_and_are_reported(compared: Callable[..., Compared]) -> None:
     settings = CutSettings(height_mm=10, material="copper", resolution="default")
     machine, resolution, said = compared(settings, "--height", 20, "--material", "copper", "--resolution", "fast")
     assert (machine.height_mm, machine.material_name, resolution) == (20.0, "copper", "fast")
@@ -312,11 +296,11 @@ def test_of_a_log_whose_workpiece_changed_its_height_the_greatest_is_taken(compa
     assert "the height changed in the cut of this log: 12 mm is taken for all of it" in said
 
 
-GIVEN = {"gap.critical_um": 9.5, "material.burning_voltage_V": 23.0, "gap.contact_um": 1.5}
+OVERRIDES = {"gap.critical_um": 9.5, "material.burning_voltage_V": 23.0, "gap.contact_um": 1.5}
 
 
-def test_constants_given_to_the_cut_are_where_a_search_starts_or_are_held(compared: Callable[..., Compared]) -> None:
-    settings = CutSettings(height_mm=10, constants=GIVEN)
+def test_constants_of_the_cut_are_where_a_search_starts_or_are_held(compared: Callable[..., Compared]) -> None:
+    settings = CutSettings(height_mm=10, constants=OVERRIDES)
     machine, _, said = compared(settings, "--fit", "gap.critical_um,material.removal_mm3_J")
     assert machine.base.gap.contact_um.value == 1.5
     assert machine.material.burning_voltage_V.value == 23.0
@@ -330,13 +314,13 @@ def test_constants_given_to_the_cut_are_where_a_search_starts_or_are_held(compar
 
 
 def test_of_another_material_the_files_constants_are_used(compared: Callable[..., Compared]) -> None:
-    machine, _, said = compared(CutSettings(height_mm=10, constants=GIVEN), "--material", "copper")
+    machine, _, said = compared(CutSettings(height_mm=10, constants=OVERRIDES), "--material", "copper")
     assert machine.material.burning_voltage_V == edmsim.Machine.load(material="copper").material.burning_voltage_V
     assert "the log was cut with another value of material.burning_voltage_V: that of the file given is used" in said
     assert "gap.contact_um is held at 1.5" in said
 
 
-def test_a_constant_given_beyond_its_range_is_said_and_can_be_written(
+def test_a_constant_of_the_cut_beyond_its_range_is_reported_and_can_be_written(
     compared: Callable[..., Compared], tmp_path: Path
 ) -> None:
     settings = CutSettings(height_mm=10, constants={"gap.critical_um": 14.0, "material.removal_mm3_J": 5e-2})
@@ -361,7 +345,7 @@ def test_what_ends_at_a_bound_says_so(share: float, half: float, said: str) -> N
     assert remark(share, half) == said
 
 
-def test_progress_is_told_where_there_is_no_terminal(
+def test_an_interrupted_fit_has_shown_its_progress_and_writes_nothing(
     log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cuts = iter(range(3))
@@ -374,7 +358,10 @@ def test_progress_is_told_where_there_is_no_terminal(
     monkeypatch.setattr("edmsim.calibration.comparison.simulate", briefly)
     monkeypatch.setattr("edmsim.progress.LINE_EVERY_S", 0.0)
     assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == INTERRUPTED
-    assert "calibrate 1 cuts simulated" in capsys.readouterr().err
+    shown = capsys.readouterr().err
+    assert "calibrate 1 cuts simulated" in shown
+    assert "interrupted; nothing was written" in shown
+    assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
 
 
 def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared: Callable[..., Compared]) -> None:

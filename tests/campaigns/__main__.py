@@ -37,14 +37,14 @@ def run(reader: Reader, seed: int, inputs: int, out: Path) -> dict[str, Any]:
     kinds: Counter[str] = Counter()
     cpu_s, held = 0.0, 0
     with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as name:
-        told = Path(name) / "told.json"
+        status_file = Path(name) / "told.json"
         while done < inputs:
-            told.write_text("")
+            status_file.write_text("")
             child = os.fork()
             if child == 0:
-                _child(reader, seed, (done, inputs), Path(name), told, out)
+                _child(reader, seed, (done, inputs), Path(name), status_file, out)
             _, status, usage = os.wait4(child, 0)
-            last = json.loads(told.read_text().splitlines()[-1])
+            last = json.loads(status_file.read_text().splitlines()[-1])
             total.update(last["counts"])
             kinds.update(last["kinds"])
             cpu_s, held = cpu_s + usage.ru_utime + usage.ru_stime, max(held, usage.ru_maxrss)
@@ -59,7 +59,7 @@ def run(reader: Reader, seed: int, inputs: int, out: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _child(reader: Reader, seed: int, span: tuple[int, int], folder: Path, told: Path, out: Path) -> None:
+def _child(reader: Reader, seed: int, span: tuple[int, int], folder: Path, status_file: Path, out: Path) -> None:
     status = 1
     try:
         # an input that ends the interpreter leaves the line of the one before it
@@ -70,7 +70,7 @@ def _child(reader: Reader, seed: int, span: tuple[int, int], folder: Path, told:
         place.mkdir(exist_ok=True)
         for good in reader.corpus:  # what is imported when it is first needed
             judged(reader.read, good, place)
-        with told.open("w") as file:
+        with status_file.open("w") as file:
             for n in range(*span):
                 file.seek(0)
                 file.write(json.dumps({"done": n, "counts": counts, "kinds": kinds}) + "\n")
@@ -104,21 +104,21 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out/campaign"))
     parser.add_argument("--only", type=int, metavar="N")
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
-    if given.only is not None:
-        reader = READERS[given.readers[0]]
-        data = nth(reader, given.seed, given.only)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    if options.only is not None:
+        reader = READERS[options.readers[0]]
+        data = nth(reader, options.seed, options.only)
         print(repr(data[:2000]))
         with tempfile.TemporaryDirectory() as name:
             reader.read(data, Path(name))
         return
-    file = given.out / "campaign.json"
+    file = options.out / "campaign.json"
     shares = sum(reader.share for reader in READERS.values())
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    for name in given.readers or READERS:
+    for name in options.readers or READERS:
         reader = READERS[name]
-        found = run(reader, given.seed, math.ceil(given.inputs * reader.share / shares), given.out)
+        found = run(reader, options.seed, math.ceil(options.inputs * reader.share / shares), options.out)
         known = json.loads(file.read_text()) if file.exists() else {}
         file.write_text(json.dumps({**known, name: found}, indent=1) + "\n")
         print(name, json.dumps(found), flush=True)

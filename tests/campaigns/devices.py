@@ -1,4 +1,4 @@
-"""What a machine's devices are told: programs of QCL, tapes, lines of terminals, calls of the object interface."""
+"""What a machine's devices read: programs of QCL, tapes, lines of terminals, calls of the object interface."""
 
 from __future__ import annotations
 
@@ -103,8 +103,7 @@ CALL = struct.Struct("<BBhhd")
 
 def elcam(data: bytes, _folder: Path) -> object:
     """Call the object interface: every record of `CALL` is a call."""
-    from edmsim.controllers.axis.elcam.module import Elcam
-    from edmsim.controllers.axis.elcam.places import CamPlace
+    from edmsim.controllers.axis.elcam.module import CamPlace, Elcam
     from edmsim.controllers.axis.elcam.registers import Descriptor
 
     places = [CamPlace(), CamPlace(1.0, 1.5), CamPlace(2.0, 2.0, 2.5)]

@@ -17,7 +17,7 @@ from edmsim.errors import LONGEST_PLACE, LONGEST_REASON, EdmsimError
 
 MOST_CPU_S = 1.0
 """Of the processor, not of the clock: others use the machine as well."""
-GIVEN_UP_S = 10.0
+TIMEOUT_S = 10.0
 MOST_BYTES = 1 << 30
 """That an input may add at its greatest to what the process holds."""
 LONGEST_MESSAGE = LONGEST_PLACE + LONGEST_REASON + 20
@@ -30,7 +30,7 @@ _COMPILERS = ("edmsim.compiled.jit", "edmsim.compiled.specialised")
 _PROGRAMS = {"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.spawn"}
 _WATCHED = {"open", "pickle.find_class", "socket.bind", "socket.connect", *_MOVES, *_PROGRAMS}
 _active: list[Path] = []
-_seen: list[str] = []
+_events: list[str] = []
 
 
 class Hang(BaseException):
@@ -43,13 +43,13 @@ def _audit(event: str, args: tuple[Any, ...]) -> None:
     if (event == "open" and isinstance(args[2], int) and args[2] & _WRITES) or event in _MOVES:
         _within(event, args[0])
     elif event == "pickle.find_class":
-        _seen.append(f"unpickled {args[0]}.{args[1]}")
+        _events.append(f"unpickled {args[0]}.{args[1]}")
     elif event in _PROGRAMS:
-        _seen.append(f"began a program: {event} {args[0]!r}")
+        _events.append(f"began a program: {event} {args[0]!r}")
     elif event in ("socket.bind", "socket.connect"):
         where = args[1][0] if isinstance(args[1], tuple) else args[1]
         if where not in ("127.0.0.1", "::1", "localhost"):
-            _seen.append(f"{event} {where!r}")
+            _events.append(f"{event} {where!r}")
 
 
 def _is_the_compilers() -> bool:
@@ -71,7 +71,7 @@ def _within(event: str, place: Any) -> None:
         return
     found = Path(os.path.realpath(os.fsdecode(place)))
     if not found.is_relative_to(_active[-1]):
-        _seen.append(f"{event} outside its folder: {found}")
+        _events.append(f"{event} outside its folder: {found}")
 
 
 sys.addaudithook(_audit)
@@ -80,10 +80,10 @@ sys.addaudithook(_audit)
 @contextmanager
 def watched(folder: Path) -> Iterator[list[str]]:
     """Gather what should not be done, while files may be written to `folder` only."""
-    _seen.clear()
+    _events.clear()
     _active.append(Path(os.path.realpath(folder)))
     try:
-        yield _seen
+        yield _events
     finally:
         _active.pop()
 
@@ -107,21 +107,21 @@ def judged(read: Any, data: bytes, folder: Path) -> tuple[str, list[str]]:
     began, before = time.process_time(), _held_bytes()
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     signal.signal(signal.SIGVTALRM, _give_up)
-    with watched(folder) as seen:
+    with watched(folder) as events:
         try:
-            signal.setitimer(signal.ITIMER_VIRTUAL, GIVEN_UP_S)
+            signal.setitimer(signal.ITIMER_VIRTUAL, TIMEOUT_S)
             read(data, folder)
         except EdmsimError as error:
             what = "refused"
             wrong += _message(str(error))
         except Hang:
-            wrong.append(f"hangs: given up after {GIVEN_UP_S:g} s")
+            wrong.append(f"hangs: given up after {TIMEOUT_S:g} s")
         except BaseException as error:
             what = "refused"
             wrong.append(_where(error))
         finally:
             signal.setitimer(signal.ITIMER_VIRTUAL, 0)
-        wrong += seen
+        wrong += events
     took = time.process_time() - began
     held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     if took > MOST_CPU_S:

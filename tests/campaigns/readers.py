@@ -66,7 +66,7 @@ def _files(*names: str) -> Callable[[], list[bytes]]:
     return lambda: [(ROOT / name).read_bytes() for name in names]
 
 
-def _kept(folder: str, *others: str) -> Callable[[], list[bytes]]:
+def _stored(folder: str, *others: str) -> Callable[[], list[bytes]]:
     return lambda: [file.read_bytes() for file in sorted((CORPUS / folder).iterdir())] + _files(*others)()
 
 
@@ -279,8 +279,8 @@ _DXF = tuple(f"{a}\n{b}\n".encode() for a, b in (
 _XML = _words("<body/> <joint/> <geom/> <include file='a.xml'/> <mesh file='/etc/passwd'/> <replicate count='9'> "
               "mass='0' mass='-1' name='x' type='free' <option timestep='0'/> <!-- &amp; </body>")
 _ALL: tuple[Reader, ...] = (
-    Reader("gcode", _file("own.ngc", _gcode), _kept("gcode", "examples/punch.ngc", "examples/slot.iso"), _G, 80),
-    Reader("dxf", _file("own.dxf", _gcode), _kept("dxf"), _DXF, 1.5),
+    Reader("gcode", _file("own.ngc", _gcode), _stored("gcode", "examples/punch.ngc", "examples/slot.iso"), _G, 80),
+    Reader("dxf", _file("own.dxf", _gcode), _stored("dxf"), _DXF, 1.5),
     Reader("machine", _file("own.toml", _machine), _models("machines/*.toml"), _TOML, 3),
     Reader("material", _file("own.toml", _material), _models("materials/*.toml"), _TOML, 5),
     Reader("wire", _file("own.toml", _wire), _models("wires/*.toml"), _TOML, 8),
@@ -297,14 +297,14 @@ _ALL: tuple[Reader, ...] = (
     Reader("sweep", _file("own.toml", _specification), _good_specifications, (
         *_TOML, *_words("seeds program environment [grid] [sobol] samples 1:9:1 counts 'range' [1,2,'log'] settings")
     ), 30),
-    Reader("sweep-results", _results, _kept("journal"), _words("null [] {} \"id\" \"error\" 1e400 NaN true"), 15),
+    Reader("sweep-results", _results, _stored("journal"), _words("null [] {} \"id\" \"error\" 1e400 NaN true"), 15),
     Reader("options", _options, _text(
         "0counts:open_target_share=0.1", "0fixed:feed_um_s=20", "1uhu:proportional_gain=600,E=400", "1servo-module",
         "212.5:30", "3ifStart=0.5:0.6", "45,10,20", "410:40:5", "4counts:a=1,b=2,voltage",
     ), _words("counts voltage fixed delay fuzzy : = , uhu eanpos P=1 .py policy: GapFeed-ppo 1:2:3 nan inf"), 150),
-    Reader("qcl", devices.qcl, _kept("qcl", "examples/positioner/table.cnf", "examples/positioner/table.mod"), _words(
-        "IF ENDIF WAIT INIT Axis :st_init NOT OR AND JUMP ELSE EQ MAIN: END ( ) = + * / ; INTDEVICE INPUT EANPOS F L"
-    ), 48),
+    Reader("qcl", devices.qcl, _stored("qcl", "examples/positioner/table.cnf", "examples/positioner/table.mod"),
+           _words("IF ENDIF WAIT INIT Axis :st_init NOT OR AND JUMP ELSE EQ MAIN: END ( ) = + * / ; INTDEVICE INPUT "
+                  "EANPOS F L"), 48),
     Reader("tape", devices.tape, _text(":0300300002337A1E\n:00000001FF\n", ":01000000AA55\n:00000001FF\n"),
            _words(":00000001FF :10 : 00 FF"), 170),
     Reader("uhu", devices.drive("uhu"), _text("P600\rI30\r#\rS1\rL1\r", "G100\rP\r600\rA\rZ\r", "+\rR\r?\r"),
@@ -315,7 +315,7 @@ _ALL: tuple[Reader, ...] = (
     Reader("elcam", devices.elcam,
            devices.good_calls, tuple(struct.pack("<d", v) for v in (0, 1, -1, 1e300, math.inf, math.nan)),
            60),
-    Reader("compensation", _file("own.toml", _compensation), _kept("compensation"), _TOML, 29),
+    Reader("compensation", _file("own.toml", _compensation), _stored("compensation"), _TOML, 29),
     Reader("terminal", devices.terminal, _text(
         "NEW 32520 32510\nTI 30 TP 100\nSTART\nWAIT 1\nSTOP\nGO\n",
         "TENSION LOW\nKEY 300 X+\nWAIT\nGEN ON\nEM\nWIRE\n",

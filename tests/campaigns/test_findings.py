@@ -185,20 +185,20 @@ def test_an_archive_with_something_else_is_none_of_arrays() -> None:
         with pytest.raises(ValueError, match=r"."):
             read_arrays(data)
     rows = np.zeros(2, [("x", "<i4"), ("y", "<f4", 3)])
-    kept = {"a": np.arange(6.0).reshape(2, 3).T, "b": np.zeros((0, 2)), "c": rows}
+    arrays = {"a": np.arange(6.0).reshape(2, 3).T, "b": np.zeros((0, 2)), "c": rows}
     out = io.BytesIO()
-    np.savez(out, **kept)
-    np.testing.assert_equal(read_arrays(out.getvalue()), kept)
+    np.savez(out, **arrays)
+    np.testing.assert_equal(read_arrays(out.getvalue()), arrays)
 
 
 def test_a_message_is_one_line_that_ends() -> None:
     """What was given stood in it as it came: other lines, bells, thousands of characters."""
-    told = str(InputError("there is no 'a\nb\x07\u2028c': choose one", "own.toml", 3))
-    assert told == "own.toml:3: there is no 'a b  c': choose one"
-    long = InputError(f"'{'x' * 9000}' is none; there are: counts, fixed")
+    message = str(InputError("there is no 'a\nb\x07\u2028c': choose one", "own.toml", 3))
+    assert message == "own.toml:3: there is no 'a b  c': choose one"
+    long = InputError(f"'{'x' * 9000}' is unknown; there are: counts, fixed")
     assert len(str(long)) == LONGEST_REASON
     assert str(long).startswith("'xxx")
-    assert str(long).endswith("x' is none; there are: counts, fixed")
+    assert str(long).endswith("x' is unknown; there are: counts, fixed")
     assert InputError(long.reason).reason == long.reason
 
 

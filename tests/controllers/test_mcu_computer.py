@@ -1,6 +1,5 @@
 """The routines of the 1982 controller: INIT, the emergency routine, the stepper interrupt, the generator's codes."""
 
-import json
 
 import numpy as np
 import pytest
@@ -36,22 +35,24 @@ def ready(*, speed=127, start=True, generator=True, **options):
 
 
 def record_writes(computer):
-    seen, write = [], computer.board.bus.write
+    writes, write = [], computer.board.bus.write
     store = computer.board.bus.store
 
     def note(address, byte):
-        seen.append((address, byte))
+        writes.append((address, byte))
         write(address, byte)
 
     def note_word(address, word):
-        seen.append((address, word))
+        writes.append((address, word))
         store(address, word)
 
     computer.board.bus.write, computer.board.bus.store = note, note_word
-    return seen
+    return writes
 
 
 def test_init_leaves_a_safe_stand_by():  # T-43, T-51, T-50
+    with pytest.raises(InputError, match="INIT first"):
+        Computer().start()
     computer = ready()
     computer.set_pulse_codes(102, 170)
     computer.move_to(31_000, 30_000)
@@ -69,15 +70,15 @@ def test_init_leaves_a_safe_stand_by():  # T-43, T-51, T-50
 
 def test_init_keeps_the_documents_order():  # T-50, T-48
     computer = Computer()
-    seen = record_writes(computer)
+    writes = record_writes(computer)
     computer.init()
-    addresses = [address for address, _ in seen]
+    addresses = [address for address, _ in writes]
     order = [
         at.XVELOC, 0x3FE0, bus.TIMERS + 3, bus.CPORT2, bus.PORT2C, bus.PORT2A, bus.PORT2B, bus.CPORT3, bus.INTERRUPTS,
     ]  # fmt: skip
     first = [addresses.index(address) for address in order]
     assert first == sorted(first)
-    assert dict(seen)[bus.PORT2A] == dict(seen)[bus.PORT2B] == 0
+    assert dict(writes)[bus.PORT2A] == dict(writes)[bus.PORT2B] == 0
     table = [computer.read(0x3FE0 + 4 * level) for level in range(8)]
     assert table == [0xC3] * 8  # JMP
     assert computer.word(0x3FE1 + 4 * pic.EMERGENCY) == at.EMERGENCY_ROUTINE
@@ -91,10 +92,10 @@ def test_emergency_copies_its_data_before_it_changes_outputs():  # T-49
     place = computer.position
     moving = computer.word(at.XVELOC), computer.word(at.YVELOC)
     assert 0 not in moving
-    seen = record_writes(computer)
+    writes = record_writes(computer)
     computer.emergency()
-    ports = [k for k, (address, _) in enumerate(seen) if address >= 0x4000]
-    copies = [k for k, (address, _) in enumerate(seen) if at.SAVED <= address < at.SAVED + 10]
+    ports = [k for k, (address, _) in enumerate(writes) if address >= 0x4000]
+    copies = [k for k, (address, _) in enumerate(writes) if at.SAVED <= address < at.SAVED + 10]
     assert len(copies) == len(at.SAVED_WORDS)
     assert max(copies) < min(ports)
     saved = [computer.word(at.SAVED + 2 * k) for k in range(5)]
@@ -145,8 +146,7 @@ def test_the_emergency_comes_before_a_step_that_is_due():  # T-45
     computer.store(at.XVELOC, 127)
     computer.board.switches.trip(WIRE_BREAK)
     computer.serve()
-    assert computer.state == "emergency"
-    assert computer.position == START
+    assert (computer.state, computer.position) == ("emergency", START)
 
 
 @given(st.integers(-40, 40), st.integers(-40, 40), st.integers(1, 127))
@@ -161,11 +161,11 @@ def test_a_move_is_the_literal_planners(dx, dy, speed):  # T-16, T-17, T-70, T-7
         assert not computer.moving
         return
     assert (computer.signed(at.XVELOC), computer.signed(at.YVELOC)) == poscal(START, target, speed)
-    wanted = make_planner("poscal-literal", np.array([START, target])).advance(0, end, speed)
+    ideal_steps = make_planner("poscal-literal", np.array([START, target])).advance(0, end, speed)
     made = [s for k in range(1, 31) for s in computer.run_until(k * end // 30)]
     made += computer.board.steps  # of a routine that was under way at the end
     for axis in (0, 1):
-        ideal, real = ([s for s in steps if s.axis == axis] for steps in (wanted, made))
+        ideal, real = ([s for s in steps if s.axis == axis] for steps in (ideal_steps, made))
         assert [s.direction for s in real] == [s.direction for s in ideal][: len(real)]
         assert len(ideal) - len(real) in (0, 1)  # one may be due at the very end
         late = [b.time_ns - a.time_ns for a, b in zip(ideal, real, strict=False)]
@@ -227,18 +227,18 @@ def test_another_order_of_the_lines():  # T-24, T-A9
 def test_a_planners_steps_come_out_of_the_port_as_they_went_in(planner):  # T-71
     points = np.array([START, (30_101, 30_053), (30_040, 30_160)])
     planned, computer = make_planner(planner, points), ready()
-    wanted, seen = [], []
+    planned_steps, driven = [], []
     for k, speed in enumerate([127, 30, -60, 1, 0, 127, 127, 127] * 3):
         units = round(speed * 262.5 / planned.speed_unit_nm_s)
         steps = planned.advance(k * SECOND // 2, (k + 1) * SECOND // 2, units)
-        wanted += steps
-        seen += computer.drive(steps)
+        planned_steps += steps
+        driven += computer.drive(steps)
         assert computer.position == planned.position_um
-    assert seen == wanted
-    assert len(wanted) >= 50
+    assert driven == planned_steps
+    assert len(planned_steps) >= 50
 
 
-def test_positions_wrap_where_told_and_may_count_steps():  # T-61, T-A11
+def test_positions_wrap_on_request_and_may_count_steps():  # T-61, T-A11
     for wrap, unit, end in ((True, "um", 65_535), (True, "step", 65_535)):
         computer = ready(wrap=wrap, unit=unit)
         computer.set_position(65_534, 0)
@@ -295,11 +295,11 @@ def test_streams_go_where_the_two_words_point():  # T-58, T-59
     computer.store(at.COADR, at.HOST_OUT)
     computer.streams.co(ord("y"))
     assert (computer.board.sent, computer.board.sent_to_host) == (b"x", b"y")
-    kept = []
-    computer.streams.outputs[0x2400] = kept.append
+    characters = []
+    computer.streams.outputs[0x2400] = characters.append
     computer.store(at.COADR, 0x2400)
     computer.streams.co(ord("z"))
-    assert kept == [ord("z")]
+    assert characters == [ord("z")]
     computer.store(at.CIADR, 0x1234)
     with pytest.raises(InputError, match="CIADR holds 1234H"):
         computer.streams.ci()
@@ -326,27 +326,9 @@ def test_bit_rate_is_counter_2_and_the_others_are_the_axes():  # T-22
         (lambda c: (c.set_speed(0), c.move_to(0, 0)), "the cutting speed is 0"),
     ],
 )
-def test_what_cannot_be_done_is_told(do, words):  # T-A1, T-60
+def test_what_cannot_be_done_is_refused(do, words):  # T-A1, T-60
     computer = ready()
     with pytest.raises(InputError) as refused:
         do(computer)
     assert words in str(refused.value)
     assert computer.position == START
-
-
-def test_before_init_nothing_starts():
-    with pytest.raises(InputError, match="INIT first"):
-        Computer().start()
-
-
-def test_a_computer_continues_from_its_snapshot():
-    first = ready(speed=100)
-    first.set_pulse_codes(50, 200)
-    first.move_to(30_400, 29_700)
-    first.run_until(SECOND)
-    first.board.scan_keys(frozenset([5]))
-    second = Computer()
-    second.restore(json.loads(json.dumps(first.snapshot())))
-    assert second.run_until(4 * SECOND) == first.run_until(4 * SECOND) != []
-    assert second.snapshot() == first.snapshot()
-    assert second.t_states > 0

@@ -100,8 +100,8 @@ def test_counts_come_through_latches_and_the_law_is_the_same_where_windows_are_m
     rng = np.random.default_rng(2)
     for k in range(3000):
         short = int(rng.integers(0, 256)) if rng.random() < 0.2 else 0
-        seen = window(short, int(rng.integers(0, 256 - short)), k * 0.01, 0.00051 if k % 200 < 100 else 0.0255)
-        assert law.update(seen) == whole.update(seen)
+        observation = window(short, int(rng.integers(0, 256 - short)), k * 0.01, 0.00051 if k % 200 < 100 else 0.0255)
+        assert law.update(observation) == whole.update(observation)
     assert law.missed_windows == whole.missed_windows > 100
 
 
@@ -159,19 +159,32 @@ def test_less_energy_before_a_corner():
     machine = {"t_on_us": 20.0, "t_period_us": 100.0}
     sim = run(simulation(("mcu", ("corner_um", 60.0), ("corner_share", 0.5)), points=points, **machine))
     assert sim.outcome == "finished"
-    seen = rows(sim)
-    near = (seen["path_um"] > 205) & (seen["path_um"] < 257)
-    far = (seen["path_um"] < 195) | (seen["path_um"] > 265)
-    assert set(seen["t_on_us"][near]) == {10.0}
-    assert set(seen["t_on_us"][far]) == {20.0}
-    assert set(seen["t_period_us"]) == {100.0}
+    columns = rows(sim)
+    near = (columns["path_um"] > 205) & (columns["path_um"] < 257)
+    far = (columns["path_um"] < 195) | (columns["path_um"] > 265)
+    assert set(columns["t_on_us"][near]) == {10.0}
+    assert set(columns["t_on_us"][far]) == {20.0}
+    assert set(columns["t_period_us"]) == {100.0}
+
+
+def test_it_knows_the_corners_of_a_later_leg():
+    points = np.array([(30_000, 30_000), (30_300, 30_000), (30_300, 30_200)])
+    commands = []
+    for start_um in (0.0, 812.0):
+        whole = make("mcu", corner_um=50.0)
+        whole.set_up(Machine.load(), points, start_um)
+        whole.reset(MAX_FEED_UM_S)
+        places = (np.arange(0.0, 480.0, 10.0) + start_um).tolist()
+        commands.append([whole.update(window(10, 30, place)).t_on_us for place in places])
+    assert commands[0] == commands[1]
+    assert min(commands[0]) < commands[0][0]
 
 
 def test_nothing_survives_a_reset():
     whole = make("mcu")
     whole.set_up(Machine.load(), np.array([START, (30_300, 30_400)]), 0.0)
-    begun = whole.reset(MAX_FEED_UM_S), whole.snapshot()
+    at_start = whole.reset(MAX_FEED_UM_S), whole.snapshot()
     for k in range(200):
         whole.update(window(255, 0, k))
     whole.computer.emergency()
-    assert (whole.reset(MAX_FEED_UM_S), whole.snapshot()) == begun
+    assert (whole.reset(MAX_FEED_UM_S), whole.snapshot()) == at_start

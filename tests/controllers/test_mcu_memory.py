@@ -93,11 +93,11 @@ def test_the_jump_table_decides_what_an_interrupt_runs():  # T-82
 
 def test_numbers_of_a_line_come_through_the_redirected_stream():  # T-83, T-58
     computer = Computer()
-    buffer, seen = InputBuffer(b"123 456", computer.streams), []
+    buffer, addresses = InputBuffer(b"123 456", computer.streams), []
     fetch = computer.streams.inputs[at.BUFFER_IN]
-    computer.streams.inputs[at.BUFFER_IN] = lambda: seen.append(computer.word(at.CIADR)) or fetch()
+    computer.streams.inputs[at.BUFFER_IN] = lambda: addresses.append(computer.word(at.CIADR)) or fetch()
     assert getnum(buffer) == 123
-    assert seen == 4 * [at.BUFFER_IN]
+    assert addresses == 4 * [at.BUFFER_IN]
     assert computer.word(at.CIADR) == at.TERMINAL_IN
     assert bytes(computer.read(at.BPTR_DATA + k) for k in range(8)) == b"123 456\0"
     assert computer.word(at.BPTR) == at.BPTR_DATA + 3
@@ -134,7 +134,7 @@ def test_a_program_stands_in_ram_as_bytes(entries):
         store.read()
 
 
-def test_a_program_whose_end_was_overwritten_is_told():
+def test_a_program_whose_end_was_overwritten_is_refused():
     memory = bus.Bus()
     for k in range(30):
         memory.write(at.PROGRAM + k, 1)
@@ -216,7 +216,7 @@ def test_a_product_by_shifts_takes_the_manuals_time(d, e):
 
 
 @pytest.mark.parametrize(
-    ("code", "wanted", "cost"),
+    ("code", "expected", "cost"),
     [
         ("3E 80 07 4F", {"c": 0x01}, 7 + 4 + 4),  # RLC
         ("3E 01 0F 4F", {"c": 0x80}, 15),  # RRC
@@ -231,18 +231,18 @@ def test_a_product_by_shifts_takes_the_manuals_time(d, e):
         ("3E 00 B7 C0 C8", {}, 7 + 4 + 6 + 12),  # RNZ not taken, RZ taken: into a stack of zeros
     ],
 )
-def test_instructions_do_what_the_manual_says(code, wanted, cost):
-    if not wanted:
+def test_instructions_do_what_the_manual_says(code, expected, cost):
+    if not expected:
         with pytest.raises(NoCodeError, match="0000H"):
             run(bytes.fromhex(code))
         return
     cpu, spent = run(bytes.fromhex(code))
-    assert {name: cpu.registers["bcdehl_a".index(name)] for name in wanted} == wanted
+    assert {name: cpu.registers["bcdehl_a".index(name)] for name in expected} == expected
     assert spent == cost + 5
 
 
 @pytest.mark.parametrize("op", [0x08, 0x10, 0x18, 0x28, 0x38, 0xCB, 0xD9, 0xDD, 0xED, 0xFD])
-def test_what_is_no_instruction_is_told(op):
+def test_what_is_not_an_instruction_is_refused(op):
     with pytest.raises(NoCodeError, match=f"{op:02X}H at 3400H is not an instruction of the 8085"):
         run(bytes([op]))
 

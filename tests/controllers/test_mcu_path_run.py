@@ -47,10 +47,10 @@ def follow(follower, speeds, window=WINDOW):
     return steps
 
 
-def strayed_um(sim, points=ZIGZAG):
+def deviation_um(sim, points=ZIGZAG):
     """Largest distance of the position counters from the path."""
-    seen = rows(sim)
-    places = np.column_stack([seen["x_um"], seen["y_um"]])
+    columns = rows(sim)
+    places = np.column_stack([columns["x_um"], columns["y_um"]])
     corners = np.array(points, float) + START
     away = []
     for a, b in pairwise(corners):
@@ -80,7 +80,7 @@ def test_a_spoilt_speed_or_count_wrecks_the_cut(which, sound):  # T-87, T-22, T-
     sim = simulation(("mcu",), "poscal-literal")
     spoil(sim.controller.computer, which)
     run(sim, 300)
-    assert strayed_um(sim) > 4 * strayed_um(sound)
+    assert deviation_um(sim) > 4 * deviation_um(sound)
 
 
 def test_a_planner_that_makes_the_steps_does_not_read_them():  # T-87
@@ -203,8 +203,7 @@ def test_a_switch_opened_at_the_board_stops_the_cut(planner, switch):  # T-46, T
     board.switches.trip(switch)
     place = sim.plant.commanded_um
     sim.step()
-    assert sim.plant.commanded_um == place
-    assert sim.outcome == "emergency-stop"
+    assert (sim.plant.commanded_um, sim.outcome) == (place, "emergency-stop")
     x, y = sim.controller.computer.position
     assert sim.reason == (
         f"the controller's emergency routine ({switch}) stopped the machine at x {x / 1e3:.3f} y {y / 1e3:.3f} mm"

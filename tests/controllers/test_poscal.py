@@ -1,12 +1,15 @@
-"""POSCAL, VELOCM and POSITI against the worked numbers of the requirements."""
+"""POSCAL, VELOCM, POSITI and the integer routines below them against the worked numbers of the requirements."""
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from edmsim.controllers.mcu.firmware import arithmetic
 from edmsim.controllers.mcu.firmware.poscal import poscal, positi, resolve, velocm
+from edmsim.controllers.mcu.firmware.sine_table import SINE, cosine, direction, look_up, sine
 from edmsim.controllers.planner.poscal import lengthened
 from edmsim.errors import InputError
 
@@ -49,17 +52,7 @@ def test_literal_wrap_makes_nonsense_of_the_length(side, speed):  # T-G6
     assert poscal((0, 0), (side, side), 127, literal_wrap=True) == (speed, speed)
     x, y = poscal((0, 0), (side, side), 127)
     assert x == y == pytest.approx(127 / math.sqrt(2), abs=1)
-
-
-def test_a_fifth_of_all_reduced_vectors_wraps():  # T-G6, T-A2
-    pairs = [(a, b) for a in range(256) for b in range(256)]
-    halved = [pair for pair in pairs if resolve(*pair, 1, 1).halvings]
-    assert len(halved) == 13_816
-    worst, pair = max(
-        (poscal((0, 0), pair, 127, literal_wrap=True)[1] - pair[1] * 127 / math.hypot(*pair), pair)
-        for pair in halved
-    )
-    assert (round(worst), pair) == (16_003, (32, 254))
+    assert poscal((0, 0), (32, 254), 127, literal_wrap=True)[1] == 16_003 + 126  # of all vectors the furthest off
 
 
 @given(
@@ -101,3 +94,64 @@ def test_positi_counts_2_um_and_wraps_or_stops_at_the_end(position, direction): 
     else:
         with pytest.raises(InputError, match=f"soft limit: a step to {moved} um"):
             positi(position, direction)
+
+
+def test_reduc2_halves_once_more_and_verm_refuses_more_than_8_bits():  # T-A2, T-64
+    assert arithmetic.reduc2(182, 255) == (91, 127)
+    for pair in [(256, 1), (1, 256), (-1, 0)]:
+        with pytest.raises(InputError, match=f"0..255, not {pair[0]} and {pair[1]}"):
+            arithmetic.verm(*pair)
+
+
+@pytest.mark.parametrize("sequence", [
+    [2, 1, 2, 2], [25, 13, 7, 5, 5], [10_000, 5_000, 2_501, 1_252, 630, 323, 177, 117, 101, 100, 100], [65_535, 0, 0],
+])  # fmt: skip
+def test_sqrt_takes_the_worked_steps(monkeypatch, sequence):  # T-G5
+    divisors, divide, root = [], arithmetic.divide, arithmetic.sqrt(sequence[0])
+    monkeypatch.setattr(arithmetic, "divide", lambda dividend, by: divisors.append(by) or divide(dividend, by))
+    assert arithmetic.sqrt.py_func(sequence[0]) == root
+    assert [sequence[0], *divisors, root] == sequence
+
+
+def test_255_entries_of_8_bits_are_right_to_half_a_percent():  # T-72, T-A7
+    assert len(SINE) == 255
+    angles = np.linspace(0, math.pi / 2, 200_001)
+    nearest = np.rint(angles / (math.pi / 2) * 254).astype(int)
+    error = 100 * np.abs(np.frombuffer(SINE, np.uint8)[nearest] / 255 - np.sin(angles)).max()
+    assert 0.49 < error <= 0.5
+
+
+def test_sine_and_cosine_are_mirrored_and_rise():  # T-72
+    assert (sine(0), sine(254), cosine(0), cosine(254)) == (0, 255, 255, 0)
+    assert all(sine(i) <= sine(i + 1) for i in range(254))
+    assert all(cosine(i) == sine(254 - i) for i in range(255))
+
+
+def test_the_search_finds_the_nearest_entry_of_every_8_bit_vector():  # T-72
+    entries = np.array([(cosine(i), sine(i)) for i in range(255)])
+    for x in range(0, 256, 3):
+        for y in range(1, 256, 2):
+            aside = np.abs(y * entries[:, 0] - x * entries[:, 1])
+            assert aside[direction(x, y)] == aside.min()
+
+
+@given(st.integers(0, 65_535), st.integers(0, 65_535))
+def test_a_direction_is_right_to_a_degree_whatever_its_length(x, y):  # T-72, T-63
+    found = look_up(x, y, 1, -1)
+    if max(x, y) < 128:
+        return
+    expected = math.degrees(math.atan2(y, x))
+    # 0.45 degrees are lost by REDUC (T-G11), 0.18 by half an entry, 0.16 by the rounding of sine and cosine
+    assert math.degrees(math.atan2(found.y, found.x)) == pytest.approx(expected, abs=0.8)
+    assert math.hypot(found.x, found.y) == pytest.approx(255, rel=0.004)
+
+
+def test_axis_speeds_from_the_table():  # T-72, T-68
+    assert velocm(look_up(3000, 4000, 1, -1), 127) == (76, -101)
+    assert velocm(look_up(0, 900, -1, 1), 64) == (0, 64)
+    assert velocm(look_up(0, 0, 1, 1), 127) == (0, 0)
+
+
+def test_the_table_takes_8_bits():
+    with pytest.raises(InputError, match=r"0\.\.255"):
+        direction(256, 1)

@@ -8,12 +8,9 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.firmware import arithmetic, poscal
 
-WORDS = st.integers(0, 65_535)
 ALL_WORDS = np.arange(65_536, dtype=np.int64)
 
 
@@ -36,14 +33,14 @@ def text_divide(a, b):
     return np.where((a == 0) | (b == 0), 0, np.where(a < b, 1, whole))
 
 
-def text_sqrt(n):
+def text_sqrt(n, passes=False):
     """Iterate the printed program for a whole array; what has settled stays. 16 bits hold all numbers."""
-    x, following = n.copy(), (n + 1) % 65_536 // 2
+    x, following, taken = n.copy(), (n + 1) % 65_536 // 2, np.zeros_like(n)
     for _ in range(40):
         settled = x == following
         if settled.all():
-            return x
-        x = following
+            return taken if passes else x
+        x, taken = following, taken + ~settled
         following = np.where(settled, following, (text_divide(n, x) + x + 1) % 65_536 // 2)
     raise AssertionError("a root never settles")
 
@@ -77,8 +74,12 @@ def called(routine, *columns):
     return np.array([routine(*row) for row in zip(*(c.tolist() for c in columns), strict=True)])
 
 
-def test_sqrt_of_every_word():  # T-67, T-G1, T-G2, T-G3
+def test_sqrt_of_every_word():  # T-67, T-G1, T-G2, T-G3, T-G7
     np.testing.assert_array_equal(called(arithmetic.sqrt, ALL_WORDS), text_sqrt(ALL_WORDS))
+    assert text_sqrt(ALL_WORDS, passes=True).max() == 11
+    error = text_sqrt(ALL_WORDS[:-1]) - np.sqrt(ALL_WORDS[:-1])
+    assert (error.argmin(), error.min()) == (65_279, pytest.approx(-0.4976, abs=5e-5))
+    assert (error.argmax(), error.max()) == (2, pytest.approx(0.5858, abs=5e-5))
 
 
 def test_the_second_root_is_a_root_but_for_65535():  # T-G2, T-G3
@@ -105,16 +106,6 @@ def test_verm_of_every_pair_of_bytes_and_square():  # T-64, T-65
     np.testing.assert_array_equal(called(arithmetic.square, np.arange(256)), np.arange(256) ** 2)
 
 
-def test_divide_read_literally_makes_every_root_2():  # T-A3
-    """With the text's words for dividend and divisor as printed, n / x is 1 while n is the larger."""
-    for n in (4, 9, 100, 10_000, 65_025):
-        x, following = n, (n + 1) // 2
-        while x != following:
-            x = following
-            following = ((1 if n >= x else n // x) + x + 1) // 2
-        assert x == 2
-
-
 def test_divide_of_every_boundary_by_every_boundary():  # T-66, T-A3
     near = np.array(boundaries())
     a, b = (grid.ravel() for grid in np.meshgrid(near, near))
@@ -126,18 +117,9 @@ def test_divide_on_either_side_of_every_change_of_its_answer():  # T-66
     divisors = np.unique(np.concatenate([np.arange(1, 1024), np.arange(1, 65_536, 61), boundaries()[1:]]))
     for quotient in (1, 2, 3, 7, 127, 128, 255, 256):
         b = divisors[divisors * quotient <= 65_534]
-        for beside in (-1, 0, 1):
-            a = b * quotient + beside
+        for off in (-1, 0, 1):
+            a = b * quotient + off
             np.testing.assert_array_equal(called(arithmetic.divide, a, b), text_divide(a, b))
-
-
-def test_divide_as_sqrt_and_velocm_use_it():  # T-66, T-67, T-68
-    """Every product of bytes of a 16th by every length, and every word by its own root."""
-    products = np.unique(np.multiply.outer(np.arange(0, 256, 5), np.arange(0, 128, 3)))
-    a, b = (grid.ravel() for grid in np.meshgrid(products[::7], np.arange(257)))
-    np.testing.assert_array_equal(called(arithmetic.divide, a, b), text_divide(a, b))
-    roots = text_sqrt(ALL_WORDS)
-    np.testing.assert_array_equal(called(arithmetic.divide, ALL_WORDS, roots), text_divide(ALL_WORDS, roots))
 
 
 def test_subsgn_and_reduc_at_every_boundary():  # T-62, T-63, T-A2
@@ -156,9 +138,9 @@ def test_length_of_every_vector_of_bytes():  # T-69, T-G6, T-G7, T-A2
     for wraps in (False, True):
         found = [
             poscal.resolve(x, y, 1, 1, wraps)
-            for x, y in itertools.product(range(0, 256, 2 if wraps else 3), range(256))
+            for x, y in itertools.product(range(0, 256, 5 if wraps else 7), range(256))
         ]
-        x, y, length, halvings = text_length(*_pairs(2 if wraps else 3), wraps)
+        x, y, length, halvings = text_length(*_pairs(5 if wraps else 7), wraps)
         np.testing.assert_array_equal([[f.x, f.y, f.length, f.halvings] for f in found],
                                       np.array([x, y, length, halvings]).T)
     assert text_sqrt(np.array([65_534])) == 256
@@ -185,9 +167,9 @@ def test_velocm_at_every_speed():  # T-68, T-A4
 
 def test_poscal_at_every_boundary_and_over_the_table():  # T-60, T-61, T-69, T-G8
     near = np.array(boundaries())
-    dx, dy = (grid.ravel()[::3] for grid in np.meshgrid(near, near))
+    dx, dy = (grid.ravel()[::7] for grid in np.meshgrid(near, near))
     rng = np.random.default_rng(69)
-    anywhere = rng.integers(0, 65_536, (8000, 4))
+    anywhere = rng.integers(0, 65_536, (4000, 4))
     position = np.concatenate([np.zeros((len(dx), 2), np.int64), anywhere[:, :2]])
     target = np.concatenate([np.array([dx, dy]).T, anywhere[:, 2:]])
     speed = rng.integers(0, 128, len(position))
@@ -197,17 +179,6 @@ def test_poscal_at_every_boundary_and_over_the_table():  # T-60, T-61, T-69, T-G
             for p, t, v in zip(position.tolist(), target.tolist(), speed.tolist(), strict=True)
         ]
         np.testing.assert_array_equal(found, np.array(text_poscal(position, target, speed, wraps)).T)
-
-
-@pytest.mark.slow
-@settings(max_examples=400)
-@given(WORDS, WORDS, WORDS, WORDS, st.integers(0, 255), st.booleans())
-@example(0, 0, 65_535, 65_535, 255, False)
-@example(65_535, 0, 0, 65_535, 1, True)
-@example(7, 7, 7, 7, 127, False)
-def test_poscal_anywhere(x0, y0, x1, y1, speed, wraps):  # T-60, T-69
-    wanted = text_poscal(np.array([[x0, y0]]), np.array([[x1, y1]]), np.array([speed]), wraps)
-    assert poscal.poscal((x0, y0), (x1, y1), speed, wraps) == tuple(int(v[0]) for v in wanted)
 
 
 def test_positi_from_every_word():  # T-70, T-A11

@@ -11,7 +11,6 @@ from edmsim.controllers.mcu.firmware.timers import (
     OVERFLOW,
     STEP_PHASE,
     TickClock,
-    loaded,
     reload_count,
     run_phase,
     ticks_to_overflow,
@@ -66,13 +65,6 @@ def test_phase_accumulator_is_a_tick_by_tick_sum(runs):  # T-74
             ticks -= due
         assert position == counted
         assert position * STEP_PHASE + phase == commanded
-
-
-def test_reload_counter_takes_a_new_speed_at_its_interrupt():  # T-76
-    assert loaded(0, 127) == 516
-    assert loaded(516 - 500, 1) == 16
-    assert loaded(0, 1) == 65_536
-    assert loaded(0, 2) == 32_768
 
 
 @pytest.mark.parametrize(("step_um", "hertz"), [(2, Fraction(43_008, 5)), (5, Fraction(86_016, 25)), (2.5, 6881.28)])

@@ -19,7 +19,7 @@ from edmsim.errors import InputError
 from edmsim.evaluation.technology import straight_path
 from edmsim.machine.technology import machine_of, technology_for
 from edmsim.metrology.edges import metal_at
-from edmsim.metrology.loose import loose_pieces
+from edmsim.metrology.passes import loose_pieces
 from edmsim.metrology.roughness import face_roughness_um, roughness_um
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
@@ -31,7 +31,7 @@ def setups() -> list[PassSetup]:
     return [PassSetup(m, from_text(one.controller())) for m, one in zip(machines, TABLE.settings, strict=True)]
 
 
-def begun(length_mm: float = 0.5) -> Simulation:
+def started(length_mm: float = 0.5) -> Simulation:
     both = setups()
     path = straight_path(TABLE.offsets_mm, length_mm, both[0].machine)
     return Simulation(both[0].machine, path, both[0].controller, planner="exact", resolution="fast", setups=both)
@@ -44,21 +44,21 @@ def state_of(simulation: Simulation) -> tuple[dict[str, bytes], str]:
 
 @cache
 def cut_with_a_snapshot_in_each_pass() -> tuple[Simulation, list[tuple[Any, Any]]]:
-    simulation, kept, windows = begun(), [], 0
+    simulation, states, windows = started(), [], 0
     while simulation.outcome is None:
         simulation.step()
         windows += 1
         if windows % 150 == 100:
             arrays, values = simulation.snapshot()
-            kept.append((arrays, json.loads(json.dumps(values))))
-    return simulation, kept
+            states.append((arrays, json.loads(json.dumps(values))))
+    return simulation, states
 
 
 def test_a_cut_resumed_in_any_pass_is_equal_to_the_bit() -> None:
-    simulation, kept = cut_with_a_snapshot_in_each_pass()
-    assert {values["at"]["leg"] for _, values in kept} >= {1, 2}  # in the rough pass, and in its trim
-    for arrays, values in kept[:: max(len(kept) - 1, 1)]:
-        again = begun()
+    simulation, states = cut_with_a_snapshot_in_each_pass()
+    assert {values["at"]["leg"] for _, values in states} >= {1, 2}  # in the rough pass, and in its trim
+    for arrays, values in states[:: max(len(states) - 1, 1)]:
+        again = started()
         again.restore(arrays, values)
         again.run()
         assert state_of(again) == state_of(simulation)
@@ -74,7 +74,7 @@ def test_a_trim_takes_from_one_side_what_the_rough_pass_left() -> None:
 
 
 def test_a_dwell_in_a_pass_is_waited_for_and_is_part_of_it() -> None:
-    simulation, waits_s = begun(0.3), 2.0
+    simulation, waits_s = started(0.3), 2.0
     contour = simulation.path.contours[0]
     rough, trim = contour.passes
     passes = (rough, replace(trim, dwells=((1, waits_s),)))
@@ -101,9 +101,9 @@ def test_a_plant_goes_on_under_another_setting() -> None:
     plant.change_setup(trim.machine)
     assert plant.machine is trim.machine
     assert (plant.removed_mm3, plant.time_ns, plant.pulses) == (metal, time_ns, pulses)
-    kept = plant.snapshot()
+    states = plant.snapshot()
     windows = [plant.advance() for _ in range(3)]
-    plant.restore(kept)
+    plant.restore(states)
     assert [plant.advance() for _ in range(3)] == windows
     with pytest.raises(InputError, match="another height_mm cannot go on with this cut"):
         plant.change_setup(trim.machine.with_(height_mm=30.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ from edmsim import Machine, Plant
 from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.protocols import FeedCommand, Step
 from edmsim.cosim.motion import EvenSteps, PlannerMotion
-from edmsim.cosim.straight import Traverse
+from edmsim.cosim.passes import Sums
+from edmsim.cosim.straight import Traverse, cut_straight
 from edmsim.validation.setups import FRAIL, altered, in_a_hole
 
 
@@ -68,6 +70,19 @@ def test_a_straight_cut_ends_when_the_wire_breaks() -> None:
     frail = in_a_hole(altered(Machine.load(height_mm=5.0), FRAIL), 10.0, 1)
     assert Traverse(frail, 1.0).run(5.0)[-1].broken
     assert frail.time_ns < 1e9
+
+
+def test_charge_and_vibration_of_a_straight_cut_are_those_of_its_windows() -> None:
+    cut = cut_straight(Machine.load(height_mm=5.0), 15.0, seed=1, settle_s=3.0, seconds=1.5)
+    clean = [window for window in cut.windows if not window.short and window.spark]
+    share = sum(window.energy_J for window in clean) / cut.energy
+    sums = Sums()
+    for window in cut.windows:
+        sums.add(window, None)
+    assert 0.0 < math.sqrt(sums.vibration2_pulses / sums.pulses) == pytest.approx(cut.vibration_um)
+    measured_C = sum(window.mean_current_A * window.duration_ns * 1e-9 for window in clean)
+    assert share > 0.3
+    assert cut.charge * share == pytest.approx(measured_C, rel=1e-6)
 
 
 class Clockwork:
@@ -140,9 +155,9 @@ def test_a_latency_longer_than_the_window_leaves_the_feed_as_it_was() -> None:
     assert motion.feed_um_s == 0.0
 
 
-@pytest.mark.parametrize(("asked_um_s", "units"), [(80.0, 500), (-80.0, -500), (12.34, 123), (49.96, 500)])
-def test_feeds_are_whole_units_up_to_the_greatest_either_way(asked_um_s: float, units: int) -> None:
-    motion = planned(FeedCommand(asked_um_s))
+@pytest.mark.parametrize(("requested_um_s", "units"), [(80.0, 500), (-80.0, -500), (12.34, 123), (49.96, 500)])
+def test_feeds_are_whole_units_up_to_the_greatest_either_way(requested_um_s: float, units: int) -> None:
+    motion = planned(FeedCommand(requested_um_s))
     motion.plan(0, 1_000, certain=True)
     motion.keep(0, 1_000)
     assert ran(motion) == [(0, 1_000, units)]
@@ -177,7 +192,7 @@ def test_no_steps_are_not_driven() -> None:
     assert lines.driven == []
 
 
-def test_the_guides_go_beside_the_path_before_they_go_along_it() -> None:
+def test_the_guides_take_their_lateral_offset_before_they_go_along_the_path() -> None:
     offset = along_x()
     motion = PlannerMotion(Clockwork(), None, 0.0, 0, FeedCommand(20.0, offset_um=6.0), 50.0, offset)  # type: ignore[arg-type]
     assert motion.plan(0, 1_000, certain=True) == [Step(0, 1, 1), Step(0, 0, 1)]

@@ -1,7 +1,8 @@
-"""Observers see every window before anything is decided, change nothing, and go on where a checkpoint left them."""
+"""Observers see every window before anything is decided, change nothing, and are saved; why a machine stops."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -13,6 +14,7 @@ from edmsim.controllers import FeedCommand, WindowObservation
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.cosim.simulation import Simulation
+from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.machine.machine import Machine
 from edmsim.program.path import CutPath, WireContour
 
@@ -53,19 +55,19 @@ def simulation(*observers: Observer) -> Simulation:
     return Simulation(Machine.load(height_mm=5), path, Slower(), seed=1, resolution="fast", observers=observers)
 
 
-def test_a_window_is_seen_with_the_setting_it_was_fired_with() -> None:
-    seen = Periods()
-    cut = simulation(seen)
+def test_a_window_is_observed_with_the_setting_it_was_fired_with() -> None:
+    periods = Periods()
+    cut = simulation(periods)
     for _ in range(4):
         cut.step()
-    assert seen.periods_us == [100.0, 110.0, 120.0, 130.0]
+    assert periods.periods_us == [100.0, 110.0, 120.0, 130.0]
     assert cut.plant.machine.t_period_us == 140.0
 
 
 def test_legs_begin_where_the_ones_before_ended() -> None:
-    seen = Periods()
-    simulation(seen).run()
-    assert seen.starts_um == [0.0, pytest.approx(20.0, abs=2)]
+    periods = Periods()
+    simulation(periods).run()
+    assert periods.starts_um == [0.0, pytest.approx(20.0, abs=2)]
 
 
 def test_a_cut_is_the_same_with_and_without_them() -> None:
@@ -87,3 +89,28 @@ def test_a_snapshot_holds_them_under_their_names() -> None:
     resumed.restore(arrays, values)
     resumed.run()
     assert second.periods_us == whole.periods_us
+
+
+ORDER = (
+    StopCause.WIRE_BREAK, StopCause.OUT_OF_RANGE, StopCause.LIMIT_SWITCH, StopCause.DRIVE_TRIP,
+    StopCause.PERSISTENT_SHORT, StopCause.TIME_LIMIT, StopCause.FINISHED,
+)  # fmt: skip
+
+
+def test_of_several_causes_the_first_in_order_counts() -> None:
+    for flags in itertools.product([False, True], repeat=7):
+        causes = [cause for cause, flag in zip(ORDER, flags, strict=True) if flag]
+        assert judge(*flags) == (causes[0] if causes else StopCause.RUNNING)
+
+
+@pytest.mark.parametrize(
+    ("place_um", "open_"), [(-2.1, -1), (-2.0, 0), (0.0, 0), (30_000.0, 0), (65_002.0, 0), (65_002.1, 1)]
+)
+def test_a_switch_opens_one_step_beyond_its_end(place_um: float, open_: int) -> None:
+    assert switches_open(place_um, 65_000.0, 2.0) == open_
+
+
+def test_every_cause_has_its_words() -> None:
+    assert set(WORDS) == set(StopCause)
+    reports = [words.report for words in WORDS.values()]
+    assert len(set(reports)) == len(reports)

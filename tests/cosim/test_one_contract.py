@@ -31,7 +31,7 @@ class Law:
     def __init__(self, sets: bool = True) -> None:
         self.sets = sets  # whether it also asks for other settings
         self.shown: list[WindowObservation] = []
-        self.asked: list[FeedCommand] = []
+        self.commands: list[FeedCommand] = []
         self.legs: list[tuple[list[list[float]], float, tuple[float, float], int]] = []
         self.limits: list[float] = []
 
@@ -52,7 +52,7 @@ class Law:
         return self._ask(FeedCommand(-12.5 if back else 30.0 - window.short / 8))
 
     def _ask(self, command: FeedCommand) -> FeedCommand:
-        self.asked.append(command)
+        self.commands.append(command)
         return command
 
     def snapshot(self) -> dict[str, float | int | str]:
@@ -92,9 +92,9 @@ def evaluated(program: Path, planner: str, law: Law) -> Law:
     return law
 
 
-def bits(seen: WindowObservation) -> list[str]:
+def bits(window: WindowObservation) -> list[str]:
     """Every field, to the bit; NaN equals NaN."""
-    return [repr(value) if isinstance(value, tuple) else float(value).hex() for value in seen]
+    return [repr(value) if isinstance(value, tuple) else float(value).hex() for value in window]
 
 
 @pytest.mark.slow
@@ -103,16 +103,18 @@ def test_a_cut_and_an_evaluation_show_a_controller_the_same(program: Path, plann
     in_cut, in_evaluation = cut(program, planner, Law()), evaluated(program, planner, Law())
     assert in_cut.limits == in_evaluation.limits == [MAX_FEED_UM_S] * 2
     assert in_cut.legs == in_evaluation.legs
-    assert [bits(seen) for seen in in_cut.shown] == [bits(seen) for seen in in_evaluation.shown]
-    assert in_cut.asked == in_evaluation.asked
+    assert [bits(window) for window in in_cut.shown] == [bits(window) for window in in_evaluation.shown]
+    assert in_cut.commands == in_evaluation.commands
     exercised(in_cut)
 
 
 def exercised(law: Law) -> None:
     """The program led through metal, backwards, and through three settings in each leg."""
-    assert len(law.legs) == 2
-    assert sum(seen.short for seen in law.shown) > 0
-    assert sum(seen.open for seen in law.shown) > 0
+    (points, start_um, *_), (_, second_um, *_) = law.legs
+    assert (start_um, second_um) == (0.0, pytest.approx(np.hypot(*np.diff(points, axis=0).T).sum(), abs=3))
+    assert [setting for *_, setting, _ in law.legs] == [(MACHINE.t_on_us, MACHINE.t_period_us)] * 2  # of the set-up
+    assert sum(window.short for window in law.shown) > 0
+    assert sum(window.open for window in law.shown) > 0
     for *_, first in law.legs:
         leg = law.shown[first:]
         assert leg[44].path_um < leg[39].path_um
@@ -123,7 +125,7 @@ def exercised(law: Law) -> None:
 @pytest.mark.parametrize("planner", ["exact", "poscal"])
 def test_an_environment_driven_by_the_same_feeds_shows_the_same(program: Path, planner: str) -> None:
     law = cut(program, planner, Law(sets=False))
-    feeds = [command.feed_um_s for command in law.asked]
+    feeds = [command.feed_um_s for command in law.commands]
     later = law.legs[1][-1]
     del feeds[later]  # wanted after a leg's last window, and replaced by the next leg's first command
     env = gym.make("edmsim/Contour-v2", action="speed", history=1, **options(program, planner))
@@ -134,13 +136,14 @@ def test_an_environment_driven_by_the_same_feeds_shows_the_same(program: Path, p
         generator.ignition_wait_us.value if generator.ignition_wait_us else MACHINE.t_on_us,
     ])  # fmt: skip
     threading_s = 0.0
-    for number, seen in enumerate(law.shown, 1):
+    for number, window in enumerate(law.shown, 1):
         observed, _, terminated, _, info = env.step(np.array([feeds[number - 1] / MAX_FEED_UM_S], np.float32))
         assert terminated == (number == len(law.shown))
-        assert [info[name] for name in SHOWN] == [getattr(seen, name) for name in SHOWN]
-        measured = [seen.short, seen.open, seen.mean_voltage_V, seen.mean_current_A, seen.mean_delay_us] / scale
+        assert [info[name] for name in SHOWN] == [getattr(window, name) for name in SHOWN]
+        shares = window.short, window.open, window.mean_voltage_V, window.mean_current_A, window.mean_delay_us
+        measured = np.array(shares) / scale
         np.testing.assert_allclose(observed[[0, 1, 3, 4, 5]], np.nan_to_num(measured, nan=1.0), rtol=1e-6, atol=1e-7)
-        threading_s = info["time_s"] - seen.time_s
+        threading_s = info["time_s"] - window.time_s
         assert (threading_s == 0.0) == (number != later)  # `info` tells the time when the fresh wire is threaded
         if threading_s:
             assert threading_s > MACHINE.base.table.threading_s.value

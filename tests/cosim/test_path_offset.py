@@ -37,12 +37,12 @@ def test_it_is_reached_step_by_step_on_the_left_and_turns_with_the_path():
 
 @pytest.mark.slow
 @given(st.lists(st.tuples(st.floats(0, 300), st.floats(-60, 60)), max_size=60), st.sampled_from([0.5, 2.0, 4.0]))
-def test_an_axis_makes_a_step_a_window_and_never_more_than_is_wanted(windows, step_um):
+def test_an_axis_makes_a_step_a_window_and_never_more_than_its_target(windows, step_um):
     offset = PathOffset(step_um)
     offset.begin_leg(TURN)
-    for time_ns, (path_um, wanted_um) in enumerate(windows):
+    for time_ns, (path_um, target_um) in enumerate(windows):
         before = np.array(offset.lateral_um)
-        steps = offset.steps(time_ns, path_um, wanted_um)
+        steps = offset.steps(time_ns, path_um, target_um)
         moved = np.zeros(2)
         for _, axis, direction in steps:
             moved[axis] += direction * step_um
@@ -51,7 +51,7 @@ def test_an_axis_makes_a_step_a_window_and_never_more_than_is_wanted(windows, st
     assert np.abs(offset.lateral_um).max() <= 60.0 + step_um / 2
 
 
-def test_it_goes_on_where_it_was_kept():
+def test_it_goes_on_where_it_was_saved():
     first, second = PathOffset(2.0), PathOffset(2.0)
     for offset in (first, second):
         offset.begin_leg(TURN)
@@ -60,10 +60,10 @@ def test_it_goes_on_where_it_was_kept():
     assert second.lateral_um == first.lateral_um == (0.0, 2.0)
 
 
-class Beside:
+class Lateral:
     """A controller that feeds evenly, beside the path."""
 
-    name = "beside"
+    name = "lateral"
 
     def __init__(self, offset_um: float) -> None:
         self.offset_um = offset_um
@@ -84,22 +84,22 @@ class Beside:
 def simulation(offset_um: float) -> Simulation:
     machine = Machine.load(height_mm=5.0)
     path = plan_path(PUNCH, auto_offset_mm=machine.auto_offset_mm)
-    return Simulation(machine, path, Beside(offset_um), seed=1, resolution="fast")
+    return Simulation(machine, path, Lateral(offset_um), seed=1, resolution="fast")
 
 
-def test_a_cut_leads_the_guides_beside_the_path_and_counts_along_it():
-    plain, beside = simulation(0.0), simulation(-8.0)
+def test_a_cut_offsets_the_guides_laterally_and_counts_along_the_path():
+    plain, shifted = simulation(0.0), simulation(-8.0)
     for _ in range(12):
         plain.step()
-        beside.step()
-    assert beside.path_um == plain.path_um
-    assert beside.position_um == plain.position_um
-    assert beside.commanded_um == plain.commanded_um
-    (x0, y0), (x1, y1) = plain.plant.commanded_um, beside.plant.commanded_um
+        shifted.step()
+    assert shifted.path_um == plain.path_um
+    assert shifted.position_um == plain.position_um
+    assert shifted.commanded_um == plain.commanded_um
+    (x0, y0), (x1, y1) = plain.plant.commanded_um, shifted.plant.commanded_um
     assert np.hypot(x1 - x0, y1 - y0) == 8.0
 
 
-def test_a_cut_goes_on_beside_the_path_to_the_bit():
+def test_a_cut_with_a_lateral_offset_is_resumed_to_the_bit():
     whole, first, second = simulation(6.0), simulation(6.0), simulation(6.0)
     for _ in range(6):
         whole.step()
@@ -115,5 +115,5 @@ def test_a_cut_goes_on_beside_the_path_to_the_bit():
 
 @pytest.mark.parametrize("offset_um", [np.nan, np.inf])
 def test_a_controller_commands_a_finite_offset(offset_um):
-    with pytest.raises(InputError, match="the beside controller commanded an offset of"):
+    with pytest.raises(InputError, match="the lateral controller commanded an offset of"):
         simulation(offset_um)

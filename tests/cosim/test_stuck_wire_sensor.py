@@ -84,7 +84,7 @@ def test_the_wire_threaded_for_the_next_contour_cuts_again(hot: Machine) -> None
 
 
 @pytest.mark.slow
-def test_the_time_limit_of_a_cut_without_a_wire_is_told_besides(hot: Machine) -> None:
+def test_the_time_limit_of_a_cut_without_a_wire_is_reported_as_well(hot: Machine) -> None:
     cut = straight_cut(hot, stuck_wire_sensor=True, max_time_s=40.0)
     assert cut.run() == "time-limit"
     assert cut.reason is not None

@@ -93,8 +93,8 @@ def check(words: list[str]) -> None:
         assert find_spec(rest[1]) if rest[0] == "-m" else (ROOT / rest[0]).is_file(), words
     elif program == "pip":
         project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-        for asked in re.findall(r"(?:\.|edmsim)\[([\w,-]+)\]", " ".join(rest)):
-            assert set(asked.split(",")) <= set(project["optional-dependencies"]), asked
+        for extras in re.findall(r"(?:\.|edmsim)\[([\w,-]+)\]", " ".join(rest)):
+            assert set(extras.split(",")) <= set(project["optional-dependencies"]), extras
         assert "-c" not in rest or (ROOT / rest[rest.index("-c") + 1]).is_file()
     elif program in ("source", "."):
         assert rest == [f"{BIN}activate"]
@@ -137,8 +137,8 @@ def run(words: list[str], page: str) -> int:
 @contextmanager
 def _standard_input(file: str) -> Iterator[None]:
     before = os.dup(0)
-    with open(file, "rb") as given:
-        os.dup2(given.fileno(), 0)
+    with open(file, "rb") as opened:
+        os.dup2(opened.fileno(), 0)
     try:
         yield
     finally:
@@ -151,10 +151,9 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     from edmsim import validation
     from edmsim.bench import figures as bench
     from edmsim.bench import pairs, profile, serial
-    from edmsim.calibration import comparison, fit, simulate
+    from edmsim.calibration import comparison, fit
     from edmsim.envs.episode import Task
     from edmsim.hil import delays
-    from edmsim.recording import html_report
     from edmsim.recording.rerun import viewer
 
     def shown(command: list[str], env: dict[str, str]) -> int:
@@ -164,8 +163,6 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
 
     # tests/recording/test_recording_viewer.py opens recordings
     patch.setattr(viewer, "subprocess", SimpleNamespace(call=shown))
-    # tests/recording and tests/test_cut.py draw them: half of what a cut of 5 s takes
-    patch.setattr(html_report, "pictures", lambda *_: iter(()))
     # tests/bench measures, tests/validation runs all checks
     patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})
     rates = {"pulses_per_s_fast": np.array([1e6, 2e6])}
@@ -179,7 +176,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(comparison, "NOISE_CUTS", 8)
     patch.setattr(fit, "MOST_STRETCHES", 2)
     patch.setattr(fit, "MOST_ROUNDS", 1)
-    patch.setattr(simulate, "WHOLLY_SETTLED_DIAMETERS", simulate.SETTLED_DIAMETERS)
+    patch.setattr(comparison, "WHOLLY_SETTLED_DIAMETERS", comparison.SETTLED_DIAMETERS)
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
     if find_spec("stable_baselines3"):

@@ -34,11 +34,15 @@ NOT_RUN = {
     "edmsim tune training edmsim/GapFeed-v2 --steps 20000 --out out/tune-ppo": "tests/sweep/test_tune.py trains",
     "pip install edmsim[cluster,rl,tune]": "the Makefile installs it",
     "edmsim tune population edmsim/GapFeed-v2 --learners 8 --generations 10 --steps 200000 --out out/population":
-        "tests/sweep/test_population.py breeds one",
+        "tests/sweep/test_sweep_cluster.py trains one",
     "python -m tests.campaigns gcode --only 17": "tests/campaigns/test_campaigns.py gives such inputs",
     "edmsim technology tool-steel --height 10 --passes 2 --out steel.toml": "tests/evaluation/test_technology.py",
     "edmsim cut examples/punch.ngc --passes 2 --height 10 --technology steel.toml --out out/punch-2":
         "it takes what the command before it leaves; tests/evaluation/test_technology.py",
+    "python examples/learning/adapt.py --machines 32 --shifts 30 --out out/adapt":
+        "tests/learning/test_adapt_example.py runs a short one",
+    "edmsim evaluate edmsim/MaxRateShift-v0 --controllers policy:out/adapt/policy.json,adaptive-hold --seeds 4 "
+    "--page out/adapt/compared.md": "it takes what the command before it leaves",
     "edmsim report out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
 }
 """Commands of blocks that are checked but not run, and why."""
@@ -92,13 +96,13 @@ def test_a_page_runs_from_top_to_bottom(
     namespace: dict[str, Any] = {"__name__": "__main__"}
     shown = [block for block in blocks(page) if block.kind not in ELSEWHERE]
     for block, following in zip(shown, [*shown[1:], None], strict=True):
-        told = following.text if following is not None and following.kind == "output" else None
-        printed = _do(block, namespace, told, capfd)
-        if told is not None:
-            assert printed.split() == told.split(), f"{block.place} prints\n{printed}"
+        expected = following.text if following is not None and following.kind == "output" else None
+        printed = _do(block, namespace, expected, capfd)
+        if expected is not None:
+            assert printed.split() == expected.split(), f"{block.place} prints\n{printed}"
 
 
-def _do(block: Block, namespace: dict[str, Any], told: str | None, capfd: Captured) -> str:
+def _do(block: Block, namespace: dict[str, Any], expected: str | None, capfd: Captured) -> str:
     """Do what a block shows; returns what it prints."""
     if block.kind == "output":
         return block.text
@@ -109,7 +113,7 @@ def _do(block: Block, namespace: dict[str, Any], told: str | None, capfd: Captur
         capfd.readouterr()
         exec(compile("\n" * int(block.place.split(":")[1]) + block.text, block.place, "exec"), namespace)
         return capfd.readouterr().out
-    refused = told is not None and told.startswith("edmsim: ")
+    refused = expected is not None and expected.startswith("edmsim: ")
     printed = ""
     for words in block.commands:
         if " ".join(words) in NOT_RUN:
@@ -127,10 +131,12 @@ def _run(words: list[str], place: str, allowed: set[int], capfd: Captured) -> st
     return out + err
 
 
-def test_every_block_is_of_a_kind_that_is_run() -> None:
+def test_every_block_is_of_a_kind_that_is_run_and_can_be_compiled() -> None:
     for page in PAGES:
         for block in blocks(page):
             assert block.kind in {"python", "sh", "output", *ELSEWHERE} or block.file is not None, block.place
+            if block.kind == "python":
+                compile(block.text, block.place, "exec")
 
 
 def test_every_command_is_run_or_left_out_for_a_reason() -> None:

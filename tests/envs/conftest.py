@@ -31,7 +31,7 @@ def make_env():
 
 
 @pytest.fixture(scope="session")
-def make_lanes():
+def make_envs():
     """Make a native vector environment of the standard machine."""
 
     def make(name, num_envs, **options):
@@ -55,10 +55,10 @@ def make_task():
 
 @pytest.fixture(scope="session")
 def actions_of():
-    """Actions (steps, lanes, width) that wander about: what a learner tries first."""
+    """Actions (steps, num_envs, width) that wander about: what a learner tries first."""
 
-    def draw(space, steps, lanes, seed=0):
+    def draw(space, steps, num_envs, seed=0):
         rng = np.random.default_rng(seed)
-        return rng.uniform(-1, 1, (steps, lanes, space.shape[0])).astype(np.float32)
+        return rng.uniform(-1, 1, (steps, num_envs, space.shape[0])).astype(np.float32)
 
     return draw

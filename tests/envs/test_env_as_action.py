@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import FeedCommand, make
-from edmsim.envs.as_action import as_action
+from edmsim.envs.attached_controller import as_action
 from edmsim.envs.registry import make_family
 from edmsim.envs.servo import target_of
 from edmsim.errors import InputError
 
 FIRST_US, NOW_US = (30.0, 100.0), (15.0, 200.0)
-WANTED = FeedCommand(9.0, None, 20.0, 120.0, offset_um=-6.0)
+EXPECTED = FeedCommand(9.0, None, 20.0, 120.0, offset_um=-6.0)
 
 
-def action_of(env_id, controller="set-point", command=WANTED, feed_um_s=8.0, **arguments):
+def action_of(env_id, controller="set-point", command=EXPECTED, feed_um_s=8.0, **arguments):
     family = make_family(env_id, **arguments)
     return family, as_action(family, make(controller), command, FIRST_US, NOW_US, feed_um_s).tolist()
 
@@ -30,19 +30,19 @@ def test_knobs_and_offset_are_what_the_environment_reads(env_id):
     assert action[-1] == pytest.approx(-0.25)
 
 
-def test_a_servo_is_given_the_target_that_the_controller_holds():
+def test_a_servo_gets_the_target_that_the_controller_holds():
     family, action = action_of("edmsim/Corner-v2")
     assert target_of(action[0], family.servo_target_share) == pytest.approx(make("set-point").open_target_share)
     with pytest.raises(InputError, match="fixed holds no share of open pulses"):
         action_of("edmsim/Corner-v2", "fixed")
 
 
-@pytest.mark.parametrize(("action", "wanted"), [("speed", 9.0), ("change", 1.0)])
-def test_a_feed_is_commanded_as_itself_or_as_a_change(action, wanted):
+@pytest.mark.parametrize(("action", "expected"), [("speed", 9.0), ("change", 1.0)])
+def test_a_feed_is_commanded_as_itself_or_as_a_change(action, expected):
     plain = FeedCommand(9.0)
     family, found = action_of("edmsim/GapFeed-v2", "fixed", plain, action=action, knobs=("duty_factor", "on_time"))
     scale = family.max_feed_um_s if action == "speed" else family.max_change_um_s
-    assert found[0] == pytest.approx(wanted / scale)
+    assert found[0] == pytest.approx(expected / scale)
 
 
 def test_knobs_that_are_not_there_cannot_be_turned():

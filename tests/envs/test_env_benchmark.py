@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from importlib.util import find_spec
 
 import gymnasium as gym
 import numpy as np
@@ -72,10 +73,10 @@ def test_dials_and_what_has_no_effect_are_not_drawn(make_env):
 def test_a_settling_wire_earns_nothing(seed, make_env):
     env = make_env("GapFeed", action="speed")
     height_mm = env.reset(seed=seed)[1]["drawn"]["height_mm"]
-    earned = np.cumsum([env.step(STILL)[4]["area_mm2"] for _ in range(120)])
-    assert not earned[:9].any()  # the first 0.25 s
-    assert earned[40] < 1e-3 * height_mm  # 1 um of path: what the discharges have pushed back comes forward again
-    assert earned[119] == pytest.approx(earned[60], abs=1e-4 * height_mm)
+    removed_mm2 = np.cumsum([env.step(STILL)[4]["area_mm2"] for _ in range(120)])
+    assert not removed_mm2[:9].any()  # the first 0.25 s
+    assert removed_mm2[40] < 1e-3 * height_mm  # 1 um of path: what discharges pushed back comes forward again
+    assert removed_mm2[119] == pytest.approx(removed_mm2[60], abs=1e-4 * height_mm)
 
 
 def test_a_longer_period_buys_no_time(make_env):
@@ -109,15 +110,15 @@ def test_the_next_wire_is_threaded_where_the_last_one_broke(make_env):
 
 
 @pytest.mark.slow
-def test_a_servo_holds_what_is_asked_of_it(make_env):
+def test_a_servo_holds_what_is_requested_of_it(make_env):
     """Row of the study: raw feeds jam nearly every first episode, targets none."""
     shares = {}
-    for wanted in (-1.0, 1.0):
+    for expected in (-1.0, 1.0):
         env = make_env("GapFeed", action="servo", decision_s=0.2, planner="exact")  # 33 um/s would be too slow
         env.reset(seed=1)
-        infos = [env.step(np.array([wanted], np.float32))[-1] for _ in range(60)]
+        infos = [env.step(np.array([expected], np.float32))[-1] for _ in range(60)]
         assert infos[-1]["cause"] == ""
-        shares[wanted] = np.mean([(i["open"] - i["short"]) / 2040 for i in infos[30:]])
+        shares[expected] = np.mean([(i["open"] - i["short"]) / 2040 for i in infos[30:]])
     assert shares[-1.0] == pytest.approx(0.0, abs=0.06)
     assert shares[1.0] == pytest.approx(0.3, abs=0.06)
 
@@ -161,20 +162,20 @@ def test_more_energy_than_the_bound_costs_what_it_cuts(make_env):
         infos = [env.step(np.array([0.2, knob, 0.0, 0.0], np.float32))[4] for _ in range(40)]
         costs[knob] = [info["reward_terms"]["roughness"] for info in infos]
         share = infos[-1]["energy_mJ"] / 5.5 - 1.0
-        wanted = [-4.0 * max(share, 0.0) * info["area_mm2"] / 0.01275 for info in infos]
-        assert costs[knob] == pytest.approx(wanted)
+        expected = [-4.0 * max(share, 0.0) * info["area_mm2"] / 0.01275 for info in infos]
+        assert costs[knob] == pytest.approx(expected)
     assert not any(costs[0.0])
     assert any(costs[0.5])
 
 
-def test_objectives_make_a_vector(make_env, make_lanes):
+def test_objectives_make_a_vector(make_env, make_envs):
     options = {"action": "speed", "objectives": ["progress", "short", "profile"]}
-    env, lanes = make_env("GapFeed", **options).unwrapped, make_lanes("GapFeed", 2, **options)
+    env, envs = make_env("GapFeed", **options).unwrapped, make_envs("GapFeed", 2, **options)
     env.reset(seed=1)
-    lanes.reset(seed=1)
+    envs.reset(seed=1)
     for _ in range(30):
         _, one, *_, info = env.step(np.array([0.3], np.float32))
-        many = lanes.step(np.full((2, 1), 0.3, np.float32))[1]
+        many = envs.step(np.full((2, 1), 0.3, np.float32))[1]
     assert env.reward_space.contains(one)
     assert one.tolist() == pytest.approx([info["reward_terms"][name] for name in options["objectives"]])
     assert (many[0] == one).all()
@@ -194,14 +195,14 @@ def test_a_late_feed_moves_the_table_later(make_env):
 def test_sensors_have_noise_steps_and_delay(make_env):
     measured = None, {"noise_share": 0.05, "bits": 4}, {"noise_share": 0.0, "bits": 0, "delay_steps": 1}
     exact, noisy, late = (make_env("GapFeed", sensors=sensors) for sensors in measured)
-    seen = []
+    observed = []
     for env in (exact, noisy, late):
         env.reset(seed=1)
-        seen.append(np.array([env.step(STILL)[0] for _ in range(20)]))
-    assert (seen[0][:, :3] == seen[1][:, :3]).all()
-    assert 0.01 < np.std(seen[0][:, 3] - seen[1][:, 3]) < 0.1
-    np.testing.assert_allclose(seen[1][:, 3] * 15, np.rint(seen[1][:, 3] * 15), atol=1e-5)
-    assert (seen[2][1:, :40] == seen[0][:-1, :40]).all()
+        observed.append(np.array([env.step(STILL)[0] for _ in range(20)]))
+    assert (observed[0][:, :3] == observed[1][:, :3]).all()
+    assert 0.01 < np.std(observed[0][:, 3] - observed[1][:, 3]) < 0.1
+    np.testing.assert_allclose(observed[1][:, 3] * 15, np.rint(observed[1][:, 3] * 15), atol=1e-5)
+    assert (observed[2][1:, :40] == observed[0][:-1, :40]).all()
 
 
 @pytest.mark.slow
@@ -209,14 +210,14 @@ def test_mujoco_steps_the_table(make_env):
     env = make_env("GapFeed", mechanics="mujoco", action="speed")
     env.reset(seed=1)
     infos = [env.step(np.array([0.2], np.float32))[4] for _ in range(5)]
-    assert env.unwrapped._batch.lanes.fleet.plants[0].mechanics == "mujoco"
+    assert env.unwrapped._batch.sub_envs.fleet.plants[0].mechanics == "mujoco"
     assert infos[-1]["path_um"] > 1
 
 
-def test_a_lane_may_keep_its_machine(make_lanes):
-    lanes = make_lanes("GapFeed", 1, height_mm=(4.0, 40.0), machine_episodes=2, max_episode_steps=1)
-    heights = [lanes.reset(seed=1)[1]["drawn"]["height_mm"][0]]
-    heights += [lanes.reset()[1]["drawn"]["height_mm"][0] for _ in range(3)]
+def test_a_sub_environment_may_keep_its_machine(make_envs):
+    envs = make_envs("GapFeed", 1, height_mm=(4.0, 40.0), machine_episodes=2, max_episode_steps=1)
+    heights = [envs.reset(seed=1)[1]["drawn"]["height_mm"][0]]
+    heights += [envs.reset()[1]["drawn"]["height_mm"][0] for _ in range(3)]
     assert heights[0] == heights[1] != heights[2] == heights[3]
 
 
@@ -228,7 +229,7 @@ def test_what_comes_next_may_be_changed(make_env):
         env.change(history=1)
 
 
-def test_a_machine_that_is_given_is_written_out(make_env):
+def test_a_machine_that_is_passed_is_written_out(make_env):
     machine = edmsim.Machine.load(height_mm=7.0).sample(np.random.default_rng(1), ["gap"])
     env = make_env("GapFeed", machine=machine, weights=edmsim.envs.Weights(short=2.0))
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
@@ -240,18 +241,18 @@ def test_a_machine_that_is_given_is_written_out(make_env):
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_minari_records_and_recovers_every_id(env_name, tmp_path, monkeypatch):
     minari = pytest.importorskip("minari")
-    for needed in ("h5py", "jax"):
-        pytest.importorskip(needed)
+    if not all(map(find_spec, ("h5py", "jax"))):  # importing jax takes seconds
+        pytest.skip("Minari's extras are not installed")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     env = minari.DataCollector(gym.make(env_id_of(env_name), machine=edmsim.Machine.load()), record_infos=False)
     env.reset(seed=1)
     for _ in range(5):
         env.step(env.action_space.sample())
-    kept = env.create_dataset(dataset_id=f"edmsim/{env_name.lower()}/test-v0")
-    assert kept.total_steps == 5
-    assert kept.recover_environment().unwrapped.family == env.unwrapped.family
+    dataset = env.create_dataset(dataset_id=f"edmsim/{env_name.lower()}/test-v0")
+    assert dataset.total_steps == 5
+    assert dataset.recover_environment().unwrapped.family == env.unwrapped.family
     env.close()
-    del env, kept
+    del env, dataset
     gc.collect()  # a folder that Minari leaves to the collector warns when that comes: here, and not in a test after
 
 

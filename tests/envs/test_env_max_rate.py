@@ -52,7 +52,7 @@ def test_pressures_no_nozzle_has_are_refused(pressure):
 
 
 @pytest.mark.slow
-def test_discharges_are_seen_where_the_metal_is():
+def test_discharges_are_observed_where_the_metal_is():
     """In a low band only the lower fifths take part; what is located are all the ignitions."""
     task = Task("MaxRate", height_mm=60.0, tension=22.0, flushing_Pa=1e5, randomise=None, band_mm=(0.2, 0.2))
     task.reset(seed=7)
@@ -77,10 +77,10 @@ def test_the_observation_has_the_shares_of_the_fifths():
     env = gym.make(ID, decision_s=None)
     env.reset(seed=3)
     for _ in range(60):
-        seen, *_ = env.step(np.array([-1.0, 0.5], np.float32))
-    shares = seen[FIRST_FIFTH : FIRST_FIFTH + 5]
+        observed, *_ = env.step(np.array([-1.0, 0.5], np.float32))
+    shares = observed[FIRST_FIFTH : FIRST_FIFTH + 5]
     assert shares.sum() == pytest.approx(1.0, abs=1e-6)
-    before = seen[15 + FIRST_FIFTH : 15 + FIRST_FIFTH + 5]
+    before = observed[15 + FIRST_FIFTH : 15 + FIRST_FIFTH + 5]
     assert before.sum() == pytest.approx(1.0, abs=1e-6)
     assert (shares != before).any()
 

@@ -21,23 +21,23 @@ WINDOW_NS = 25_500_000
 
 
 @pytest.fixture
-def lane():
-    """Rows, planner, path, states and room for one lane with the planner `exact` on a path of three pieces."""
-    rows, states = np.zeros(1, motion.LANE), np.zeros(1, STATE)
+def sub_env():
+    """Rows, planner, path, states and room for one environment with the planner `exact` on a path of three pieces."""
+    rows, states = np.zeros(1, motion.SUB_ENV), np.zeros(1, STATE)
     rows["step_um"], rows["longest_ns"] = 2.0, WINDOW_NS
     states["commanded_um"][0, :2] = PATH[0]
-    return rows, begun(), states, np.zeros((1, 64, 3), np.int64)
+    return rows, started(), states, np.zeros((1, 64, 3), np.int64)
 
 
-def begun():
+def started():
     """The path's start, without the rounding of going through mm."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(PATH, axis=0).T))])
     return Course.of(EXACT, PATH)._replace(points_um=PATH, along_um=along)
 
 
-def run(lane, feeds_um_s):
+def run(sub_env, feeds_um_s):
     """Plan and carry out windows; yields each one's steps."""
-    rows, course, states, out = lane
+    rows, course, states, out = sub_env
     ahead, nowhere = np.zeros(1, PLANNER), np.zeros((0, 3), np.int64)
     path = course.points_um, course.along_um, course.lengths
     for feed in feeds_um_s:
@@ -53,56 +53,56 @@ def run(lane, feeds_um_s):
         yield steps
 
 
-def place_of(lane):
-    along = lane[1].along_um
-    s = lane[1].row["along"][0] / FINE_PER_UM
+def place_of(sub_env):
+    along = sub_env[1].along_um
+    s = sub_env[1].row["along"][0] / FINE_PER_UM
     return np.array([np.interp(s, along, PATH[:, k]) for k in (0, 1)])
 
 
-def test_counters_follow_the_path_within_half_a_step(lane):
-    for steps in run(lane, [37.3] * 40):
+def test_counters_follow_the_path_within_half_a_step(sub_env):
+    for steps in run(sub_env, [37.3] * 40):
         assert (np.diff(steps[:, 0]) >= 0).all()
-        assert np.abs(lane[2]["commanded_um"][0, :2] - place_of(lane)).max() <= 1.0 + 1e-9
-    assert done(lane[1].row[0], *lane[1][1:])
-    assert lane[2]["commanded_um"][0, :2].tolist() == [1002.0, 1014.0] or (
-        np.abs(lane[2]["commanded_um"][0, :2] - PATH[-1]).max() <= 1.0
+        assert np.abs(sub_env[2]["commanded_um"][0, :2] - place_of(sub_env)).max() <= 1.0 + 1e-9
+    assert done(sub_env[1].row[0], *sub_env[1][1:])
+    assert sub_env[2]["commanded_um"][0, :2].tolist() == [1002.0, 1014.0] or (
+        np.abs(sub_env[2]["commanded_um"][0, :2] - PATH[-1]).max() <= 1.0
     )
 
 
-def test_steps_fall_in_their_window_and_at_their_places(lane):
+def test_steps_fall_in_their_window_and_at_their_places(sub_env):
     start = 0
-    for steps in run(lane, [100.0] * 3):
+    for steps in run(sub_env, [100.0] * 3):
         assert (steps[:, 0] >= start).all()
         assert (steps[:, 0] < start + WINDOW_NS).all()
         start += WINDOW_NS
     # the first step of x leads over the middle between two steps, 1 um on
-    lane[2]["time_ns"] = 0
-    first = next(run((lane[0], begun(), *lane[2:]), [100.0]))[0]
+    sub_env[2]["time_ns"] = 0
+    first = next(run((sub_env[0], started(), *sub_env[2:]), [100.0]))[0]
     assert first.tolist() == [10_000_000, 0, 1]
 
 
-def test_the_way_back_is_the_way_there(lane):
-    there = [lane[2]["commanded_um"][0, :2].copy() for _ in run(lane, [61.7] * 12)]
-    back = [lane[2]["commanded_um"][0, :2].copy() for _ in run(lane, [-61.7] * 12)]
-    assert lane[1].row["along"][0] == 0  # no rounding gathers
+def test_the_way_back_is_the_way_there(sub_env):
+    there = [sub_env[2]["commanded_um"][0, :2].copy() for _ in run(sub_env, [61.7] * 12)]
+    back = [sub_env[2]["commanded_um"][0, :2].copy() for _ in run(sub_env, [-61.7] * 12)]
+    assert sub_env[1].row["along"][0] == 0  # no rounding gathers
     assert np.array_equal(np.array(there[:-1][::-1]), np.array(back[:-1]))
-    assert (lane[2]["commanded_um"][0, :2] == PATH[0]).all()
-    assert not len(next(run(lane, [-61.7])))  # never beyond the start
+    assert (sub_env[2]["commanded_um"][0, :2] == PATH[0]).all()
+    assert not len(next(run(sub_env, [-61.7])))  # never beyond the start
 
 
-def test_slow_feeds_are_not_lost(lane):
-    list(run(lane, [0.013] * 5000))
-    assert lane[1].row["along"][0] == 13 * WINDOW_NS * 5000
-    assert np.abs(lane[2]["commanded_um"][0, :2] - place_of(lane)).max() <= 1.0
+def test_slow_feeds_are_not_lost(sub_env):
+    list(run(sub_env, [0.013] * 5000))
+    assert sub_env[1].row["along"][0] == 13 * WINDOW_NS * 5000
+    assert np.abs(sub_env[2]["commanded_um"][0, :2] - place_of(sub_env)).max() <= 1.0
 
 
 def test_fleet_fires_what_plants_fire_alone():
     machine = Machine.load()
     alone, company = Plant(machine, 3, resolution="fast"), [Plant(machine, k, resolution="fast") for k in (2, 3)]
-    fleet, lanes = Fleet(company, threads=2), np.arange(2)
+    fleet, indices = Fleet(company, threads=2), np.arange(2)
     none = np.zeros((2, 0, 3), np.int64)
     for _ in range(5):
-        fleet.advance(lanes, none, np.zeros(2, np.int64))
+        fleet.advance(indices, none, np.zeros(2, np.int64))
         assert company[1].window() == alone.advance()
     fleet.close()
 

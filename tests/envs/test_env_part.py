@@ -1,6 +1,5 @@
 """Part: passes of a part decided on one by one; its cut is that of ``edmsim cut --passes``."""
 
-import copy
 import pickle
 import warnings
 
@@ -54,6 +53,7 @@ def usual(small):
     return played(gym.make(ID, **small), [USUAL] * 2, seed=1)
 
 
+@pytest.mark.slow
 def test_the_part_of_the_technologys_constants_is_the_cut_bit_for_bit(small, usual):
     seed = gym.make(ID, **small).reset(seed=1)[1]["plant_seed"]
     made = edmsim.cut(
@@ -71,6 +71,7 @@ def test_the_part_of_the_technologys_constants_is_the_cut_bit_for_bit(small, usu
     )
 
 
+@pytest.mark.slow
 def test_the_reward_is_time_and_at_the_end_error_and_roughness(usual):
     weights = Part().reward_weights
     for _, reward, info in usual:
@@ -83,11 +84,12 @@ def test_the_reward_is_time_and_at_the_end_error_and_roughness(usual):
     assert set(first) == set(TERMS)
 
 
-def test_lanes_are_the_single_environments_with_any_threads_and_copies_go_on(small, usual):
-    lanes = gym.make_vec(ID, num_envs=2, vectorization_mode="vector_entry_point", threads=2, **small)
-    lanes.reset(seed=0)  # lane 1 is the single one with seed 1
-    lanes.step(np.stack([HOT, USUAL]))
-    for same in (copy.deepcopy(lanes), pickle.loads(pickle.dumps(lanes)), lanes):
+@pytest.mark.slow
+def test_sub_environments_are_the_single_environments_with_any_threads_and_copies_go_on(small, usual):
+    envs = gym.make_vec(ID, num_envs=2, vectorization_mode="vector_entry_point", threads=2, **small)
+    envs.reset(seed=0)  # sub-environment 1 is the single one with seed 1
+    envs.step(np.stack([HOT, USUAL]))
+    for same in (pickle.loads(pickle.dumps(envs)), envs):  # as copy.deepcopy does it
         observations, rewards, terminated, truncated, infos = same.step(np.stack([USUAL, USUAL]))
         assert observations[1].tolist() == usual[1][0].tolist()
         assert rewards[1] == usual[1][1]
@@ -96,6 +98,7 @@ def test_lanes_are_the_single_environments_with_any_threads_and_copies_go_on(sma
         same.close()
 
 
+@pytest.mark.slow
 def test_a_broken_wire_ends_the_step_and_the_rest_of_the_pass_is_decided_on(small):
     env = gym.make(ID, **small, wires=2, pause_octaves=2.0)
     env.reset(seed=1)
@@ -111,6 +114,7 @@ def test_a_broken_wire_ends_the_step_and_the_rest_of_the_pass_is_decided_on(smal
     assert env.step(USUAL)[2]
 
 
+@pytest.mark.slow
 def test_the_last_wire_scraps_the_part_and_time_truncates(small):
     steps = played(gym.make(ID, **small, wires=1, pause_octaves=2.0), [HOT], seed=1)
     assert steps[0][2]["cause"] == "wire-break"
@@ -120,13 +124,14 @@ def test_the_last_wire_scraps_the_part_and_time_truncates(small):
     _, _, terminated, truncated, info = env.step(USUAL)
     assert (terminated, truncated, info["cause"]) == (False, True, "")
     assert info["dt_s"] == pytest.approx(5.0, abs=0.1)
-    cut = env.unwrapped._batch.lane(0).cut  # within a pass nothing is to be decided on, and no wire to be threaded
+    cut = env.unwrapped._batch.episode(0).cut  # within a pass nothing is to be decided on, and no wire to be threaded
     with pytest.raises(InputError, match="under way"):
         cut.simulation.begin_pass(cut.path, ())
     with pytest.raises(InputError, match="no wire broke"):
         cut.simulation.rethread(None, None)
 
 
+@pytest.mark.slow
 def test_a_pass_can_be_the_episode(small, usual):
     env = gym.make(ID, **small, only_pass=2)
     observation, info = env.reset(seed=1)
@@ -141,6 +146,7 @@ def test_a_pass_can_be_the_episode(small, usual):
     assert (terminated, info["cause"]) == (True, "done")
 
 
+@pytest.mark.slow
 def test_offsets_move_and_never_grow(small, usual):
     near, far = np.array([[0.0, 0.0, 0.0, -0.2], [0.0, 0.0, 0.0, 1.0]], np.float32)
     steps = played(gym.make(ID, **small, offset_um=50.0), [near, far], seed=1)
@@ -148,6 +154,7 @@ def test_offsets_move_and_never_grow(small, usual):
     assert steps[1][2]["offset_um"] == steps[0][2]["offset_um"]  # 11 um more would be asked for
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_gymnasium_and_stable_baselines3_find_nothing(small, tmp_path):
     tiny = tmp_path / "tiny.ngc"  # as small as can be: Gymnasium's checker runs ten passes
@@ -184,6 +191,7 @@ def test_what_cannot_be_is_refused_in_one_line(small):
         env.unwrapped.recorder()
 
 
+@pytest.mark.slow
 def test_several_objectives_and_arguments_that_change(small):
     env = gym.make(ID, **small, objectives=["time", "error"]).unwrapped
     assert env.reward_space.shape == (2,)
@@ -196,6 +204,7 @@ def test_several_objectives_and_arguments_that_change(small):
         env.change(objectives=["time"])
 
 
+@pytest.mark.slow
 def test_machines_are_drawn_within_their_ranges_and_a_seed_draws_the_same():
     env = gym.make(ID)
     drawn = [env.reset(seed=seed)[1]["drawn"] for seed in (1, 2, 1)]
@@ -207,29 +216,29 @@ def test_machines_are_drawn_within_their_ranges_and_a_seed_draws_the_same():
 
 
 def test_laws_are_made_of_their_names():
-    seen = np.zeros(len(ENTRIES), np.float32)
-    assert pass_laws.from_text("technology").act(seen).tolist() == [0.0] * 4
+    observed = np.zeros(len(ENTRIES), np.float32)
+    assert pass_laws.from_text("technology").act(observed).tolist() == [0.0] * 4
     law = pass_laws.from_text("corrected:gain=0.5,bias_um=0,last_gain=1,last_bias_um=0,fast=0.7,calm=0.25")
     law.begin()
-    assert law.act(seen).tolist() == [0.0] * 4
-    seen[[AT["left"], AT["gauged"], AT["short"]]] = -8.0 / LEFT_UM, 1.0, 0.2
-    assert law.act(seen).tolist() == [0.0] * 4  # what the rough pass left says nothing of the first trim
-    seen[AT["short"]] = 0.01
-    assert law.act(seen) == pytest.approx([0.7, 0.0, 0.0, 4.0 / 20.0])  # 8 um too much: half of it farther off
-    seen[AT["broke"]] = 1.0
-    assert law.act(seen) == pytest.approx([0.7, 0.25, 0.0, 4.0 / 20.0])
-    seen[[AT["broke"], AT["pass"]]] = 0.0, 1.0
-    assert law.act(seen)[3] == pytest.approx(12.0 / 20.0)  # with its path not moved it would have been 12 um
+    assert law.act(observed).tolist() == [0.0] * 4
+    observed[[AT["left"], AT["gauged"], AT["short"]]] = -8.0 / LEFT_UM, 1.0, 0.2
+    assert law.act(observed).tolist() == [0.0] * 4  # what the rough pass left says nothing of the first trim
+    observed[AT["short"]] = 0.01
+    assert law.act(observed) == pytest.approx([0.7, 0.0, 0.0, 4.0 / 20.0])  # 8 um too much: half of it farther off
+    observed[AT["broke"]] = 1.0
+    assert law.act(observed) == pytest.approx([0.7, 0.25, 0.0, 4.0 / 20.0])
+    observed[[AT["broke"], AT["pass"]]] = 0.0, 1.0
+    assert law.act(observed)[3] == pytest.approx(12.0 / 20.0)  # with its path not moved it would have been 12 um
     for text, named in (("correct", "no law"), ("corrected:speed=1", "speed"), ("technology:pause=1", "none")):
         with pytest.raises(InputError, match=named):
             pass_laws.from_text(text)
 
 
-def test_parts_are_compared_by_what_a_law_earns(small):
+@pytest.mark.slow
+def test_parts_are_compared_by_what_a_law_earns(small, usual):
     made = cut_part(ID, 1, "technology", **small)
-    steps = played(gym.make(ID, **small), [USUAL] * 2, seed=1)
-    assert made.total_return == pytest.approx(sum(step[1] for step in steps))
-    assert (made.edge_error_um, made.ra_um) == (steps[-1][2]["error_um"], steps[-1][2]["ra_um"])
+    assert made.total_return == pytest.approx(sum(step[1] for step in usual))
+    assert (made.edge_error_um, made.ra_um) == (usual[-1][2]["error_um"], usual[-1][2]["ra_um"])
     assert made.outcome == "finished"
     with pytest.raises(InputError, match="no law"):
         evaluate(ID, ["counts"], 2)
@@ -266,9 +275,9 @@ def test_a_training_writes_a_policy_that_decides_on_passes(small, tmp_path):
 
     known = hyperparameters.load(ID, "ppo")
     short = known.model_copy(update={"num_envs": 2, "environment": small, "algorithm": {
-        **known.algorithm, "n_steps": 4, "batch_size": 8, "n_epochs": 1,
+        **known.algorithm, "n_steps": 2, "batch_size": 4, "n_epochs": 1,
     }})  # fmt: skip
-    trained = train(ID, "ppo", tmp_path, steps=8, seed=1, parameters=short)
+    trained = train(ID, "ppo", tmp_path, steps=4, seed=1, parameters=short)
     policy_file.write(*export(trained, "edmsim train"), tmp_path / "policy.json")
     made = cut_part(ID, 1, f"policy:{tmp_path / 'policy.json'}", **small)
     assert made.outcome == "finished"

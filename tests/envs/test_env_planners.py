@@ -15,7 +15,7 @@ COUNTING = tuple(name for name, kind in PLANNERS.items() if kind.counts)
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_a_lane_goes_where_its_planner_goes_alone(planner, make_task):
+def test_a_sub_environment_goes_where_its_planner_goes_alone(planner, make_task):
     task = make_task("Corner", planner=planner, leg_mm=0.05)
     task.reset(seed=3)
     alone = make_planner(planner, task.scenario.legs_um[0])
@@ -36,16 +36,16 @@ def test_a_lane_goes_where_its_planner_goes_alone(planner, make_task):
 
 
 @pytest.mark.parametrize("planner", COUNTING)
-def test_single_and_vector_agree_and_survive_a_pickle(make_env, make_lanes, planner):
-    env, lanes = make_env("Contour", planner=planner), make_lanes("Contour", 2, planner=planner)
-    one, both = env.reset(seed=5)[0], lanes.reset(seed=[5, 6])[0]
+def test_single_and_vector_agree_and_survive_a_pickle(make_env, make_envs, planner):
+    env, envs = make_env("Contour", planner=planner), make_envs("Contour", 2, planner=planner)
+    one, both = env.reset(seed=5)[0], envs.reset(seed=[5, 6])[0]
     rng = np.random.default_rng(1)
     for step in range(40):
         assert (one == both[0]).all()
         actions = rng.uniform(-1, 1, (2, 1)).astype(np.float32)
-        one, both = env.step(actions[0])[0], lanes.step(actions)[0]
+        one, both = env.step(actions[0])[0], envs.step(actions)[0]
         if step == 20:
-            env, lanes = pickle.loads(pickle.dumps(env)), pickle.loads(pickle.dumps(lanes))
+            env, envs = pickle.loads(pickle.dumps(env)), pickle.loads(pickle.dumps(envs))
 
 
 @pytest.mark.parametrize("planner", COUNTING)

@@ -47,7 +47,7 @@ def test_recording_changes_nothing(recorded) -> None:
     assert [folder.name for folder in folders] == ["episode-000000"]
 
 
-def test_a_recording_shows_actions_rewards_and_costs_beside_the_cut(recorded) -> None:
+def test_a_recording_shows_actions_rewards_and_costs_next_to_the_cut(recorded) -> None:
     made, _, (folder,) = recorded
     play = Playback(folder / "cut.rrd")
     times, total = play.series("/return/total")
@@ -113,8 +113,8 @@ def test_a_training_is_recorded_and_stays_the_same(tmp_path) -> None:
     from edmsim.envs import RecordEpisodes, make_sb3_vec_env
 
     def trained(callback):
-        lanes = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, episode_s=0.2)
-        return ppo("MlpPolicy", lanes, n_steps=32, batch_size=32, seed=1, device="cpu").learn(64, callback=callback)
+        vec_env = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, episode_s=0.2)
+        return ppo("MlpPolicy", vec_env, n_steps=32, batch_size=32, seed=1, device="cpu").learn(64, callback=callback)
 
     recorder = RecordEpisodes(tmp_path, every=2)
     weights = [model.policy.action_net.weight.tolist() for model in (trained(recorder), trained(None))]
@@ -138,7 +138,7 @@ def test_a_recording_is_shown_as_it_ends(make_env, tmp_path, monkeypatch) -> Non
 
 
 @pytest.mark.slow
-def test_a_policy_is_laid_beside_a_law(tmp_path) -> None:
+def test_a_policy_is_compared_with_a_law(tmp_path) -> None:
     for name in ("policy:GapFeed-ppo", "voltage"):
         cut("edmsim/GapFeed-v2", 1_000_000, name, record=tmp_path, episode_s=0.4)
     folders = [tmp_path / "GapFeed" / "seed-1000000" / name for name in ("policy-GapFeed-ppo", "voltage")]

@@ -47,21 +47,21 @@ def test_at_the_path_s_end(make_env):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_vector(make_lanes, env_name, mode):
+def test_vector(make_envs, env_name, mode):
     options = {"action": "speed", "decision_s": None, "weights": ALL, "max_episode_steps": 60}
-    lanes = make_lanes(env_name, 3, autoreset_mode=mode, **options)
-    lanes.reset(seed=2)
-    actions = np.zeros(lanes.action_space.shape, np.float32)
+    envs = make_envs(env_name, 3, autoreset_mode=mode, **options)
+    envs.reset(seed=2)
+    actions = np.zeros(envs.action_space.shape, np.float32)
     actions[:, 0] = 0.1, 0.3, 1.0
     ended = 0
     for _ in range(140):
-        _, rewards, over, cut_off, info = lanes.step(actions)
-        told = info.get("final_info", info)
-        mask = told["_reward_terms"]
-        total = sum(told["reward_terms"][name] for name in NAMES)
+        _, rewards, over, cut_off, info = envs.step(actions)
+        final = info.get("final_info", info)
+        mask = final["_reward_terms"]
+        total = sum(final["reward_terms"][name] for name in NAMES)
         assert total.shape == (3,)
         np.testing.assert_allclose(total[mask], rewards[mask], rtol=ROUNDING, atol=ROUNDING)
-        assert [name for name in told["reward_terms"] if name[0] != "_"] == NAMES
+        assert [name for name in final["reward_terms"] if name[0] != "_"] == NAMES
         ended += int((over | cut_off).sum())
     assert ended >= 3
-    lanes.close()
+    envs.close()

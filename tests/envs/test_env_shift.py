@@ -37,14 +37,14 @@ def test_a_lost_wire_costs_its_time_and_nothing_else(make_env, weak):
     env.reset(seed=1)
     late, costs, terms = False, 0.0, 0.0
     while not late:
-        seen, _, over, late, info = env.step(np.array([-1.0, 0.0], np.float32))
+        observed, _, over, late, info = env.step(np.array([-1.0, 0.0], np.float32))
         assert not over, info
         costs, terms = costs + info["cost"], terms + info["reward_terms"]["wire_break"]
     assert info["wires_lost"] == costs == 3
     assert terms == 0.0
     assert 150.0 <= info["time_s"] < 182.0
     assert info["dt_s"] > 60.0
-    assert seen[-2] == 1.0  # the share of the shift that is over
+    assert observed[-2] == 1.0  # the share of the shift that is over
 
 
 def test_a_test_cut_earns_nothing(make_env):
@@ -78,14 +78,14 @@ def test_a_drifting_plant_is_deterministic_copies_go_on_and_the_next_shift_is_fr
     action = np.array([-1.0, -0.5], np.float32)
 
     def played(env, steps):
-        return [np.append(seen, reward) for seen, reward, *_ in (env.step(action) for _ in range(steps))]
+        return [np.append(observed, reward) for observed, reward, *_ in (env.step(action) for _ in range(steps))]
 
     env.reset(seed=3)
     first = played(env, 8)
     copied = pickle.loads(pickle.dumps(env.unwrapped))
     on = played(env, 8)
     assert np.array_equal(on, played(copied, 8))
-    plant = env.unwrapped._batch.lanes.fleet.plants[0]
+    plant = env.unwrapped._batch.sub_envs.fleet.plants[0]
     assert flushing_Pa(plant.machine)[0] < 0.95 * flushing_Pa(env.unwrapped.family.base)[0]
     env.reset(seed=3)
     assert np.array_equal(first, played(env, 8))
@@ -103,22 +103,22 @@ def test_gymnasium_checks_a_shift(make_env, name):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("options", "said"),
     [({"test_s": -1.0}, "test_s"), ({"flushing_left": 0.0}, "flushing_left"),
      ({"flushing_left": 1.5}, "flushing_left"), ({"conductivity_uS_cm": 0.0}, "conductivity_uS_cm"),
      ({"length_mm": 396.0}, "length_mm")],
 )  # fmt: skip
-def test_bad_input_is_refused(make_env, given, said):
+def test_bad_input_is_refused(make_env, options, said):
     with pytest.raises(InputError, match=said):
-        make_env("MaxRateShift", **given)
+        make_env("MaxRateShift", **options)
 
 
-def seen(fifths=(30,) * 5):
+def observed(fifths=(30,) * 5):
     ignited = sum(fifths)
     return WindowObservation(1.0, WINDOW_S, 20, 235 - ignited, 30.0, 5.0, 5.0, 10.0, 0.0, fifths)
 
 
-def begun(name, **parameters):
+def started(name, **parameters):
     law, set_up = controllers.make(name, **parameters), {"height_mm": 60.0, "tension": 22.0}
     machine = edmsim.Machine.load("production", generator="production", wire="brass-300", **set_up)
     tell(law, machine, PATH, 0.0)
@@ -127,19 +127,19 @@ def begun(name, **parameters):
 
 
 def for_seconds(law, seconds):
-    return [law.update(seen()) for _ in range(round(seconds / WINDOW_S))]
+    return [law.update(observed()) for _ in range(round(seconds / WINDOW_S))]
 
 
 @pytest.fixture(scope="module")
 def flux():
     """What the windows of `seen` are of the critical flux."""
-    law = begun("heat-flux")
+    law = started("heat-flux")
     for_seconds(law, 1.0)
     return float(law.gauge.flux.max())
 
 
 def test_no_break_at_a_flux_says_that_more_can_be_held(flux):
-    law = begun("adaptive-hold", limit_share=1.2 * flux, limit_spread=0.5)
+    law = started("adaptive-hold", limit_share=1.2 * flux, limit_spread=0.5)
     first = law.period.hold
     for_seconds(law, 60.0)
     assert law.period.hold > 1.1 * first
@@ -148,7 +148,7 @@ def test_no_break_at_a_flux_says_that_more_can_be_held(flux):
 
 def test_a_break_says_where_the_limit_is_and_the_more_breaks_the_better(flux):
     """Breaks at one flux: the limit is found within its few per cent, and what is held lies below it."""
-    law = begun("adaptive-hold")
+    law = started("adaptive-hold")
     for _ in range(4):
         for_seconds(law, 10.0)
         law.wire_lost()
@@ -159,13 +159,13 @@ def test_a_break_says_where_the_limit_is_and_the_more_breaks_the_better(flux):
 
 
 def test_a_dear_break_makes_the_law_careful():
-    cheap, dear = (begun("adaptive-hold", break_weight=weight).period.hold for weight in (0.05, 30.0))
+    cheap, dear = (started("adaptive-hold", break_weight=weight).period.hold for weight in (0.05, 30.0))
     assert dear < 0.8 * cheap
 
 
 @pytest.mark.parametrize("name", ["adaptive-hold", "climbing-hold"])
 def test_a_snapshot_has_what_was_learned(name):
-    law, copied = begun(name), begun(name)
+    law, copied = started(name), started(name)
     for_seconds(law, 5.0)
     law.wire_lost()
     for_seconds(law, 5.0)
@@ -175,7 +175,7 @@ def test_a_snapshot_has_what_was_learned(name):
 
 
 def test_climbing_is_slower_after_every_break(flux):
-    law = begun("climbing-hold", hold_share=0.4 * flux, climb_per_s=0.05, patience_factor=2.0, break_hold_share=0.5)
+    law = started("climbing-hold", hold_share=0.4 * flux, climb_per_s=0.05, patience_factor=2.0, break_hold_share=0.5)
     before = law.period.hold
     for_seconds(law, 10.0)
     assert law.period.hold == pytest.approx(before * math.exp(0.5), rel=1e-6)

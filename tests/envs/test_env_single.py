@@ -69,7 +69,8 @@ def test_same_seed_same_trajectory(make_env, env_name, actions_of):
     assert run(env, actions, seed=7) == first
     assert run(other, actions, seed=7) == first
     env.reset(seed=8)
-    assert env.unwrapped._batch.lanes.scenarios[0].plant_seed != other.unwrapped._batch.lanes.scenarios[0].plant_seed
+    one, two = (e.unwrapped._batch.sub_envs.scenarios[0] for e in (env, other))
+    assert one.plant_seed != two.plant_seed
 
 
 def test_draws_go_on_without_a_seed(make_env):
@@ -99,23 +100,24 @@ def test_observation_is_what_its_entries_say(make_env):
     for _ in range(120):
         before = env.step(np.array([0.28], np.float32))
     observation, *_, info = env.step(np.array([0.2], np.float32))
-    seen = dict(zip(names, observation.tolist(), strict=True))
-    assert seen["short"] == pytest.approx(info["short"] / 255)
-    assert seen["open"] == pytest.approx(info["open"] / 255)
-    assert seen["spark"] == pytest.approx((info["spark"] + info["arc"]) / 255)
-    assert (seen["commanded_feed"], seen["commanded_feed[-1]"]) == pytest.approx((0.2, 0.28))
-    assert seen["actual_feed"] == pytest.approx(0.2)
-    assert (seen["t_on"], seen["t_period"]) == pytest.approx((np.log10(30) / 3, 0.5))
-    assert (seen["tension"], seen["height"], seen["flushing_lower"]) == pytest.approx((1.0, 0.4, 0.3), abs=0.02)
-    assert seen["short[-1]"] == before[0][0]
-    assert 0.05 < seen["mean_voltage"] < 0.3  # pulses of 30 us in 100
-    assert 0.1 < seen["mean_current"] < 1
+    entries = dict(zip(names, observation.tolist(), strict=True))
+    assert entries["short"] == pytest.approx(info["short"] / 255)
+    assert entries["open"] == pytest.approx(info["open"] / 255)
+    assert entries["spark"] == pytest.approx((info["spark"] + info["arc"]) / 255)
+    assert (entries["commanded_feed"], entries["commanded_feed[-1]"]) == pytest.approx((0.2, 0.28))
+    assert entries["actual_feed"] == pytest.approx(0.2)
+    assert (entries["t_on"], entries["t_period"]) == pytest.approx((np.log10(30) / 3, 0.5))
+    dials = [entries[name] for name in ("tension", "height", "flushing_lower")]
+    assert dials == pytest.approx([1.0, 0.4, 0.3], abs=0.02)
+    assert entries["short[-1]"] == before[0][0]
+    assert 0.05 < entries["mean_voltage"] < 0.3  # pulses of 30 us in 100
+    assert 0.1 < entries["mean_current"] < 1
 
 
 def test_the_dials_show_the_pressure_that_a_stand_off_leaves():
     machine = edmsim.Machine.load("production", generator="production", standoff_upper_mm=0.5)
-    seen = {entry.name: entry.value(machine) for entry in DIALS}
-    assert (seen["flushing_lower"], seen["flushing_upper"]) == pytest.approx((2.0, 0.624), rel=1e-3)  # bar
+    entries = {entry.name: entry.value(machine) for entry in DIALS}
+    assert (entries["flushing_lower"], entries["flushing_upper"]) == pytest.approx((2.0, 0.624), rel=1e-3)  # bar
 
 
 def test_reward_is_the_sum_of_its_terms(make_env):
@@ -199,7 +201,7 @@ def test_time_truncates(make_env):
     assert ends == [(False, False)] * 4 + [(False, True)]
 
 
-def test_refused_setting_is_told_and_not_done(make_env):
+def test_refused_setting_is_reported_and_not_done(make_env):
     env = make_env("Corner", action="speed", decision_s=None)
     env.reset(seed=1)
     *_, info = env.step(np.array([0.1, 0.0, -0.5, 0.0], np.float32))
@@ -214,7 +216,7 @@ def test_refused_setting_is_told_and_not_done(make_env):
         assert (info["t_on_us"], info["t_period_us"]) == setting
 
 
-def test_what_is_drawn_is_told(make_env):
+def test_what_is_drawn_is_reported(make_env):
     env = make_env(
         "GapFeed", height_mm=(10, 40), tension=(8, 12), materials=("tool-steel", "copper"), randomise=("dielectric",)
     )
@@ -226,7 +228,7 @@ def test_what_is_drawn_is_told(make_env):
     assert len({tuple(d) for d in drawn}) == 1
 
 
-def test_machine_may_be_given(make_env):
+def test_machine_may_be_passed(make_env):
     env = make_env("GapFeed", height_mm=(10, 40))
     machine = edmsim.Machine.load(height_mm=33.0)
     assert env.reset(seed=1, options={"machine": machine})[1]["drawn"]["height_mm"] == 33.0

@@ -13,8 +13,8 @@ from edmsim.errors import InputError
 def test_a_task_is_its_environment(make_env, env_name, make_task):
     env, task = make_env(env_name, action="speed", decision_s=None, max_feed_um_s=100.0), make_task(env_name)
     _, info = env.reset(seed=3)
-    seen = task.reset(seed=3)
-    assert (seen.short, seen.open, seen.path_um) == (0, 0, 0.0)
+    observed = task.reset(seed=3)
+    assert (observed.short, observed.open, observed.path_um) == (0, 0, 0.0)
     assert task.scenario.plant_seed == info["plant_seed"]
     assert task.total_um == info["total_um"]
     action = np.zeros(env.action_space.shape, np.float32)
@@ -68,7 +68,7 @@ def test_program_of_two_contours_threads_between(tmp_path, make_task):
     first, x = np.hypot(*np.diff(task.scenario.legs_um[0], axis=0).T).sum(), []
     while True:
         result = task.advance(60.0)
-        x.append(task._lanes.fleet.plants[0].commanded_um[0])
+        x.append(task._sub_envs.fleet.plants[0].commanded_um[0])
         if result.over or task.path_um > first + 20:
             break
     assert task.path_um > first

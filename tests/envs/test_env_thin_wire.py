@@ -26,7 +26,7 @@ def window(short=0, open_=20, path_um=0.0):
     return WindowObservation(1.0, 0.0255, short, open_, 20.0, 1.0, 9.0, 10.0, path_um)
 
 
-def begun(name, **parameters):
+def started(name, **parameters):
     """A controller at the standard setting, 30 us in 100 us, at the beginning of a path with a corner at 300 um."""
     controller = make(name, **parameters)
     tell(controller, edmsim.Machine.load(), PATH_UM, 0.0)
@@ -35,13 +35,13 @@ def begun(name, **parameters):
 
 def test_the_operator_remembers_the_wires(make_env, weak):
     env = make_env("ThinWire", machine=weak, wires=3, episode_s=30.0)
-    seen, _ = env.reset(seed=1)
-    assert seen[-4:].tolist() == [0, 0, 0, 0]
+    observed, _ = env.reset(seed=1)
+    assert observed[-4:].tolist() == [0, 0, 0, 0]
     rows, over = [], False
     while not over:
-        seen, _, over, late, info = env.step(np.array([-1.0, 0.0], np.float32))
+        observed, _, over, late, info = env.step(np.array([-1.0, 0.0], np.float32))
         over = over or late
-        rows.append((info["wires_lost"], *seen[-4:].tolist()))
+        rows.append((info["wires_lost"], *observed[-4:].tolist()))
     lost, share, age, spent, broke_at = np.array(rows).T
     assert lost[-1] == 3
     np.testing.assert_allclose(share, lost / 3, atol=1e-6)
@@ -56,10 +56,10 @@ def test_a_wire_is_remembered_at_the_setting_that_broke_it(make_env, weak):
     """The next wire begins at the first setting again, which is not the one to remember."""
     env = make_env("ThinWire", machine=weak, wires=3, episode_s=30.0)
     env.reset(seed=1)
-    seen, _, _, _, info = env.step(np.array([-1.0, 0.1], np.float32))
+    observed, _, _, _, info = env.step(np.array([-1.0, 0.1], np.float32))
     assert info["wires_lost"] > 1
     assert info["t_period_us"] / info["t_on_us"] == 5.0
-    assert seen[-1] == pytest.approx(np.log2(5.5) / 10)
+    assert observed[-1] == pytest.approx(np.log2(5.5) / 10)
 
 
 def test_a_law_goes_on_with_the_next_wire(make_task, weak):
@@ -78,39 +78,39 @@ def test_a_law_goes_on_with_the_next_wire(make_task, weak):
 class Watcher(ClimbController):
     """Notes for how long each wire cut, by what it was shown."""
 
-    seen_s = (0.0,)
+    observed_s = (0.0,)
 
     def update(self, window):
-        self.seen_s = (*self.seen_s[:-1], self.seen_s[-1] + window.duration_s)
+        self.observed_s = (*self.observed_s[:-1], self.observed_s[-1] + window.duration_s)
         return super().update(window)
 
     def wire_lost(self):
-        self.seen_s += (0.0,)
+        self.observed_s += (0.0,)
         return super().wire_lost()
 
 
-def test_a_law_at_a_lane_sees_every_window_and_every_lost_wire(make_env, weak):
+def test_a_law_at_a_sub_environment_sees_every_window_and_every_lost_wire(make_env, weak):
     """Also where a step has some twenty windows: of each wire all but the partial window in which it broke."""
     env, law = make_env("ThinWire", machine=weak, wires=100), Watcher()
     env.reset(seed=1)
-    at_lane = env.unwrapped.lane_law(law)
-    assert at_lane.begin().t_period_us == 50.0
+    attached = env.unwrapped.attach_controller(law)
+    assert attached.begin().t_period_us == 50.0
     *_, info = env.step(np.array([-1.0, 0.0], np.float32))
-    assert at_lane.command().t_period_us > 50.0
+    assert attached.command().t_period_us > 50.0
     lost = info["wires_lost"]
     assert lost > 1
-    assert len(law.seen_s) == lost + 1
+    assert len(law.observed_s) == lost + 1
     partial_s = 255 * 60e-6
-    assert info["dt_s"] - lost * partial_s < sum(law.seen_s) < info["dt_s"]
+    assert info["dt_s"] - lost * partial_s < sum(law.observed_s) < info["dt_s"]
     assert law.period.factor_at(0.0, law) == pytest.approx(law.back_factor**lost)
-    at_lane.stop()
-    before = law.seen_s
+    attached.stop()
+    before = law.observed_s
     env.step(np.array([-1.0, 0.0], np.float32))
-    assert law.seen_s == before
+    assert law.observed_s == before
 
 
 def test_climb_shortens_the_period_until_a_wire_breaks():
-    law, first = begun("climb", period_factor=4.0, climb_s=0.1, step_share=0.2, back_factor=1.5)
+    law, first = started("climb", period_factor=4.0, climb_s=0.1, step_share=0.2, back_factor=1.5)
     assert (first.t_on_us, first.t_period_us) == (30, 400)
     periods = [law.update(window()).t_period_us for _ in range(9)]
     assert periods == [400] * 3 + [320] * 4 + [256] * 2
@@ -121,13 +121,13 @@ def test_climb_shortens_the_period_until_a_wire_breaks():
 
 
 def test_no_law_asks_for_more_than_the_supply_gives():
-    law, first = begun("set-point", period_factor=0.2)
+    law, first = started("set-point", period_factor=0.2)
     assert first.t_period_us == 100
     assert law.update(window()).t_period_us == 100
 
 
 def test_power_is_taken_back_near_corners_only():
-    law, _ = begun("set-point", before_um=60.0, behind_um=60.0, corner_factor=4.0, on_factor=0.5)
+    law, _ = started("set-point", before_um=60.0, behind_um=60.0, corner_factor=4.0, on_factor=0.5)
     found = [law.update(window(path_um=place)) for place in (0.0, 239.0, 241.0, 300.0, 359.0, 361.0)]
     assert [command.t_period_us for command in found] == [100, 100, 400, 400, 400, 100]
     assert {command.t_on_us for command in found} == {15}

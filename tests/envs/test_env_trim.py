@@ -1,4 +1,4 @@
-"""Trim: the wall as it is measured, what a pass makes of it, and what is refused."""
+"""Trim: the wall as it is measured, the effect of a pass, and what is refused."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edmsim.envs import Trim
-from edmsim.envs.lanes import FINISHED_UM, STRETCH_UM
+from edmsim.envs.sub_envs import FINISHED_UM, STRETCH_UM
 from edmsim.envs.trim import GAP_UM
 from edmsim.errors import InputError
 from edmsim.plant.workpiece.blanks import wavy_wall
@@ -81,7 +81,7 @@ def test_a_pass_takes_the_waves_off_and_its_feed_and_offset_say_how_deep(make_ta
     assert finished(make_task, 40.0, 1.0) < off
 
 
-def test_an_offset_counts_as_an_action_and_is_seen(make_env):
+def test_an_offset_counts_as_an_action_and_is_observed(make_env):
     env = make_env("Trim", **STILL)
     env.reset(seed=1)
     observation, _, _, _, info = env.step(np.array([0.2, 0.0, 0.0, -0.5], np.float32))
@@ -90,7 +90,7 @@ def test_an_offset_counts_as_an_action_and_is_seen(make_env):
     assert env.unwrapped.family.action_names == ("feed", "on_time", "duty_factor", "offset")
 
 
-def test_lanes_lead_their_guides_as_cuts_do(make_task):
+def test_sub_environments_lead_their_guides_as_cuts_do(make_task):
     task = make_task("Corner", height_mm=5.0)
     task.reset(seed=1)
     x, y = task.plant.commanded_um
@@ -121,7 +121,7 @@ def test_what_is_drawn_is_within_its_ranges(make_env):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         ({"wave_um": (0.0, 5.0)}, r"wave_um is \(0.0, 5.0\): give a number above 0, or the ends of a range"),
         ({"allowance_um": (5.0, 24.0)}, "come to 29 um, and the wire would stand in the metal: 27 um at the most"),
@@ -130,6 +130,6 @@ def test_what_is_drawn_is_within_its_ranges(make_env):
         ({"wave_mm": (0.5, 0.2)}, "wave_mm"),
     ],
 )
-def test_what_cannot_be_used_is_refused(arguments, told):
-    with pytest.raises(InputError, match=told):
+def test_what_cannot_be_used_is_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
         Trim(**arguments)

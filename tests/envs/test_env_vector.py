@@ -1,4 +1,4 @@
-"""The native vector environment: lane i is the single environment with seed s + i, in all three autoreset modes."""
+"""The native vector environment: its environment i is the single one with seed s + i, in all autoreset modes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def same(ours, theirs):
 
 
 def same_info(ours, theirs):
-    """The single environment tells at every step what was drawn, the lanes only where an episode begins."""
+    """The single environment tells at every step what was drawn, the environments only where an episode begins."""
     for name, values in ours.items():
         if name.startswith("_"):
             assert (theirs[name] | ~values).all(), name
@@ -48,12 +48,12 @@ def same_info(ours, theirs):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
-def test_native_is_gymnasiums_own_vector(make_env, make_lanes, env_name, actions_of, mode):
-    # episodes so short that every lane ends some, at different times where the cut is done first
+def test_native_is_gymnasiums_own_vector(make_env, make_envs, env_name, actions_of, mode):
+    # episodes so short that every sub-environment ends some, at different times where the cut is done first
     short = {"length_mm": 0.0005, "planner": "exact"} if env_name in ("GapFeed", "HeightStep") else {}
     short |= {"decision_s": 0.05} if env_name == "ThinWire" else {}
     options = {"max_episode_steps": 7} | short
-    native = make_lanes(env_name, 3, autoreset_mode=mode, **options)
+    native = make_envs(env_name, 3, autoreset_mode=mode, **options)
     other = sync(make_env, env_name, 3, mode, **options)
     same(native.reset(seed=11), other.reset(seed=11))
     ended = 0
@@ -69,23 +69,23 @@ def test_native_is_gymnasiums_own_vector(make_env, make_lanes, env_name, actions
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("num_envs", "threads"), [(1, 1), (5, 1), (5, 2)])
-def test_lanes_do_not_depend_on_company_or_threads(make_lanes, actions_of, num_envs, threads):
-    lanes = make_lanes("HeightStep", num_envs, threads=threads)
-    reference = make_lanes("HeightStep", 6, threads=2)
-    lanes.reset(seed=20)
+def test_sub_environments_do_not_depend_on_company_or_threads(make_envs, actions_of, num_envs, threads):
+    envs = make_envs("HeightStep", num_envs, threads=threads)
+    reference = make_envs("HeightStep", 6, threads=2)
+    envs.reset(seed=20)
     reference.reset(seed=20)
-    for actions in actions_of(lanes.single_action_space, 40, 6, seed=1):
-        ours, theirs = lanes.step(actions[:num_envs]), reference.step(actions)
+    for actions in actions_of(envs.single_action_space, 40, 6, seed=1):
+        ours, theirs = envs.step(actions[:num_envs]), reference.step(actions)
         assert (ours[0] == theirs[0][:num_envs]).all()
         assert (ours[1] == theirs[1][:num_envs]).all()
 
 
-def test_order_of_resets_does_not_matter(make_lanes):
-    one, other = (make_lanes("Corner", 3, autoreset_mode="Disabled") for _ in range(2))
+def test_order_of_resets_does_not_matter(make_envs):
+    one, other = (make_envs("Corner", 3, autoreset_mode="Disabled") for _ in range(2))
     one.reset(seed=4)
     other.reset(seed=99)
-    for lane in (2, 0, 1):
-        mask = np.arange(3) == lane
+    for index in (2, 0, 1):
+        mask = np.arange(3) == index
         observations, infos = other.reset(seed=4, options={"reset_mask": mask})
         assert infos["_plant_seed"].tolist() == mask.tolist()
     actions = np.full((3, 4), 0.1, np.float32)
@@ -93,20 +93,20 @@ def test_order_of_resets_does_not_matter(make_lanes):
     assert observations.shape == (3, 51)
 
 
-def test_randomised_machines_agree_with_the_single_environment(make_env, make_lanes):
+def test_randomised_machines_agree_with_the_single_environment(make_env, make_envs):
     options = {"randomise": ("gap", "dielectric"), "height_mm": (10.0, 30.0)}
-    lanes = make_lanes("GapFeed", 2, **options)
-    _, infos = lanes.reset(seed=5)
-    for lane in range(2):
+    envs = make_envs("GapFeed", 2, **options)
+    _, infos = envs.reset(seed=5)
+    for index in range(2):
         env = make_env("GapFeed", **options)
-        _, info = env.reset(seed=5 + lane)
-        assert {name: infos["drawn"][name][lane] for name in info["drawn"]} == info["drawn"]
-        ours = lanes.step(np.full((2, 1), 0.5, np.float32)) if lane == 0 else ours  # noqa: F821
-        assert (env.step(np.array([0.5], np.float32))[0] == ours[0][lane]).all()
+        _, info = env.reset(seed=5 + index)
+        assert {name: infos["drawn"][name][index] for name in info["drawn"]} == info["drawn"]
+        ours = envs.step(np.full((2, 1), 0.5, np.float32)) if index == 0 else ours  # noqa: F821
+        assert (env.step(np.array([0.5], np.float32))[0] == ours[0][index]).all()
 
 
-def test_seeds_may_be_a_list(make_lanes):
-    one, other = make_lanes("HeightStep", 2), make_lanes("HeightStep", 2)
+def test_seeds_may_be_a_list(make_envs):
+    one, other = make_envs("HeightStep", 2), make_envs("HeightStep", 2)
     _, infos = one.reset(seed=[8, 3])
     assert infos["plant_seed"][0] == other.reset(seed=8)[1]["plant_seed"][0]
     with pytest.raises(InputError, match="3 seeds were given for 2"):
@@ -114,40 +114,40 @@ def test_seeds_may_be_a_list(make_lanes):
 
 
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_copies_go_on_bit_for_bit(make_lanes, actions_of, duplicate):
-    lanes = make_lanes("Corner", 2)
-    actions = actions_of(lanes.single_action_space, 20, 2)
-    lanes.reset(seed=5)
+def test_copies_go_on_bit_for_bit(make_envs, actions_of, duplicate):
+    envs = make_envs("Corner", 2)
+    actions = actions_of(envs.single_action_space, 20, 2)
+    envs.reset(seed=5)
     for row in actions[:10]:
-        lanes.step(row)
-    twin = duplicate(lanes)
+        envs.step(row)
+    twin = duplicate(envs)
     for row in actions[10:]:
-        same(lanes.step(row), twin.step(row))
+        same(envs.step(row), twin.step(row))
 
 
-def test_errors_gymnasium_users_know(make_lanes):
-    lanes = make_lanes("GapFeed", 2, autoreset_mode="Disabled", max_episode_steps=1)
+def test_errors_gymnasium_users_know(make_envs):
+    envs = make_envs("GapFeed", 2, autoreset_mode="Disabled", max_episode_steps=1)
     actions = np.zeros((2, 1), np.float32)
     with pytest.raises(ResetNeeded, match="call reset"):
-        lanes.step(actions)
-    lanes.reset(seed=1)
+        envs.step(actions)
+    envs.reset(seed=1)
     with pytest.raises(InvalidAction, match="shape"):
-        lanes.step(actions[:1])
+        envs.step(actions[:1])
     with pytest.raises(InvalidAction, match="finite"):
-        lanes.step(np.full((2, 1), np.nan, np.float32))
-    lanes.step(actions)
-    with pytest.raises(ResetNeeded, match=r"lanes \[0, 1\]"):
-        lanes.step(actions)
+        envs.step(np.full((2, 1), np.nan, np.float32))
+    envs.step(actions)
+    with pytest.raises(ResetNeeded, match=r"sub-environments \[0, 1\]"):
+        envs.step(actions)
     for mask in (np.array([True]), np.array([1, 0]), np.zeros(2, np.bool_)):
         with pytest.raises(InputError, match="reset_mask"):
-            lanes.reset(options={"reset_mask": mask})
+            envs.reset(options={"reset_mask": mask})
 
 
-def test_partial_first_reset_is_not_enough(make_lanes):
-    lanes = make_lanes("GapFeed", 2, autoreset_mode="Disabled")
-    lanes.reset(seed=1, options={"reset_mask": np.array([True, False])})
+def test_partial_first_reset_is_not_enough(make_envs):
+    envs = make_envs("GapFeed", 2, autoreset_mode="Disabled")
+    envs.reset(seed=1, options={"reset_mask": np.array([True, False])})
     with pytest.raises(ResetNeeded):
-        lanes.step(np.zeros((2, 1), np.float32))
+        envs.step(np.zeros((2, 1), np.float32))
 
 
 @pytest.mark.parametrize(("name", "value"), [("num_envs", 0), ("threads", 0), ("max_episode_steps", 1.5)])
@@ -158,35 +158,35 @@ def test_bad_numbers(name, value):
         EdmVectorEnv("GapFeed", **{name: value})
 
 
-def test_discrete_levels(make_lanes):
-    lanes = DiscreteFeedVector(make_lanes("GapFeed", 2, action="speed", planner="exact"), levels=(-0.1, 0.2))
-    lanes.reset(seed=1)
-    assert lanes.action_space.shape == (2,)
-    *_, infos = lanes.step(np.array([0, 1]))
+def test_discrete_levels(make_envs):
+    envs = DiscreteFeedVector(make_envs("GapFeed", 2, action="speed", planner="exact"), levels=(-0.1, 0.2))
+    envs.reset(seed=1)
+    assert envs.action_space.shape == (2,)
+    *_, infos = envs.step(np.array([0, 1]))
     assert infos["feed_um_s"].tolist() == pytest.approx([-10, 20])
     with pytest.raises(InvalidAction):
-        lanes.step(np.array([0, 2]))
+        envs.step(np.array([0, 2]))
 
 
 @pytest.mark.slow
-def test_pictures_of_all_lanes(make_lanes, monkeypatch):
+def test_pictures_of_all_sub_environments(make_envs, monkeypatch):
     monkeypatch.setattr("edmsim.envs.render.has_gl", lambda: False)
-    lanes = make_lanes("Corner", 2, render_mode="rgb_array")
-    lanes.reset(seed=1)
-    assert [picture.shape for picture in lanes.render()] == [(480, 640, 3)] * 2
-    lanes.close()
+    envs = make_envs("Corner", 2, render_mode="rgb_array")
+    envs.reset(seed=1)
+    assert [picture.shape for picture in envs.render()] == [(480, 640, 3)] * 2
+    envs.close()
 
 
 @pytest.mark.slow
-def test_memory_does_not_grow(make_lanes):
+def test_memory_does_not_grow(make_envs):
     from edmsim.bench.plant import _resident_MB
 
-    lanes = make_lanes("GapFeed", 4, max_episode_steps=50, randomise=("guides",), tension=(8.0, 12.0))
-    lanes.reset(seed=1)
+    envs = make_envs("GapFeed", 4, max_episode_steps=50, randomise=("guides",), tension=(8.0, 12.0))
+    envs.reset(seed=1)
     actions = np.full((4, 1), 0.02, np.float32)
-    for _ in range(1500):  # 30 episodes a lane fill the caches
-        lanes.step(actions)
+    for _ in range(1500):  # 30 episodes a sub-environment fill the caches
+        envs.step(actions)
     before = _resident_MB()
     for _ in range(1500):
-        lanes.step(actions)
+        envs.step(actions)
     assert _resident_MB() - before < 15

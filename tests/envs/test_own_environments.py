@@ -75,10 +75,10 @@ def test_an_own_family_is_a_whole_environment(bend: str) -> None:
     _, info = env.reset(seed=3)
     assert 5 <= info["drawn"]["height_mm"] <= 6
     assert 250 < info["drawn"]["radius_um"] < 500
-    lanes = gym.make_vec(BEND_ID, num_envs=2, vectorization_mode="vector_entry_point")
-    lanes.reset(seed=3)
+    envs = gym.make_vec(BEND_ID, num_envs=2, vectorization_mode="vector_entry_point")
+    envs.reset(seed=3)
     for _ in range(20):
-        one, many = env.step(np.ones(1, np.float32)), lanes.step(np.ones((2, 1), np.float32))
+        one, many = env.step(np.ones(1, np.float32)), envs.step(np.ones((2, 1), np.float32))
         np.testing.assert_array_equal(one[0], many[0][0])
         assert one[1] == many[1][0]
     task = Task(BEND_ID)
@@ -102,9 +102,9 @@ class Pulsing(GapFeed):
     knobs: Sequence[str] = ("period",)
     knows_corners: ClassVar[bool] = True
 
-    def setting_us(self, first_us: Any, wanted: Any) -> tuple[float, float]:
+    def setting_us(self, first_us: Any, requested: Any) -> tuple[float, float]:
         on_us, period_us = first_us
-        return on_us, period_us * (2.0 + wanted[0])
+        return on_us, period_us * (2.0 + requested[0])
 
 
 @pytest.mark.slow
@@ -114,12 +114,12 @@ def test_an_own_family_may_set_the_generator_and_show_corners() -> None:
     check_env(env.unwrapped)
     assert env.action_space.shape == (2,)
     assert env.observation_space.shape == (50,)
-    lanes = gym.make_vec("lab/Pulsing-v0", num_envs=2, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec("lab/Pulsing-v0", num_envs=2, vectorization_mode="vector_entry_point")
     env.reset(seed=1)
-    lanes.reset(seed=1)
-    for wanted, period_us in ((-1.0, 100.0), (0.0, 200.0), (1.0, 300.0)):
-        *_, one = env.step(np.array([0.1, wanted], np.float32))
-        *_, many = lanes.step(np.array([[0.1, wanted]] * 2, np.float32))
+    envs.reset(seed=1)
+    for requested, period_us in ((-1.0, 100.0), (0.0, 200.0), (1.0, 300.0)):
+        *_, one = env.step(np.array([0.1, requested], np.float32))
+        *_, many = envs.step(np.array([[0.1, requested]] * 2, np.float32))
         assert one["t_period_us"] == many["t_period_us"][0] == period_us
     with pytest.raises(InputError, match="Pulsing has other observations or actions than GapFeed"):
         stand_in(Pulsing, {})
@@ -133,9 +133,9 @@ def test_the_registered_form_of_an_own_family_is_json() -> None:
     assert again.unwrapped.family == Pulsing(resolution="fast", weights=Weights(short=2.0), history=2)  # type: ignore[attr-defined]
 
 
-def test_what_cannot_be_registered_is_told() -> None:
+def test_what_cannot_be_registered_is_reported() -> None:
     class Alone(Family):
-        def draw_cut(self, *given: Any) -> Any: ...
+        def draw_cut(self, *arguments: Any) -> Any: ...
 
     with pytest.raises(InputError, match="must derive from one of"):
         register("lab/Wrong-v0", Alone)
@@ -146,7 +146,7 @@ def test_what_cannot_be_registered_is_told() -> None:
     assert "lab/Wrong-v0" not in gym.registry
 
 
-def test_what_a_file_does_not_register_is_told(bend: str) -> None:
+def test_what_a_file_does_not_register_is_reported(bend: str) -> None:
     file = bend.removesuffix(f":{BEND_ID}")
     with pytest.raises(InputError, match=r"bend\.py: this file registers no environment 'lab/Twist-v0'"):
         resolve(f"{file}:lab/Twist-v0")

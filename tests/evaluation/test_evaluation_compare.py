@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from dataclasses import fields
 
 import gymnasium
 import numpy as np
 import pytest
 
-from edmsim.cli import app as cli
 from edmsim.controllers import FeedCommand, FeedController, from_text, make
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.envs import pass_laws
@@ -37,6 +35,8 @@ from edmsim.evaluation.lines import ORACLE_GAPS_UM, lines_of
 from edmsim.evaluation.table import as_json, render, shown
 from edmsim.learning import hyperparameters
 
+from ..conftest import Run
+
 GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v2", "edmsim/Corner-v2", "edmsim/Contour-v2"
 
 
@@ -45,10 +45,10 @@ def compared(short_episodes: None) -> Comparison:
     return evaluate(GAP_FEED, ["fixed", "voltage"], 3, resolution="fast")
 
 
-def result(rate=10.0, outcome="finished", length=1.0, error=math.nan, earned=100.0, time_s=60.0) -> Result:
+def result(rate=10.0, outcome="finished", length=1.0, error=math.nan, reward=100.0, time_s=60.0) -> Result:
     lost = int(outcome == "wire break")
     return Result(
-        0, "any", outcome, time_s, length, 10.0, rate, earned, lost, float(lost), 0.1, 0.2, error, math.nan, 320.0
+        0, "any", outcome, time_s, length, 10.0, rate, reward, lost, float(lost), 0.1, 0.2, error, math.nan, 320.0
     )
 
 
@@ -92,17 +92,18 @@ def test_every_controller_of_a_task_s_lines_can_be_made() -> None:
 
 def test_the_oracle_is_the_bound_of_its_own_gaps(compared: Comparison) -> None:
     seed = compared.seeds[0]
-    own = [begun(GAP_FEED, make("oracle", gap_target_um=gap), seed).run().total_return for gap in ORACLE_GAPS_UM[::3]]
+    laws = [make("oracle", gap_target_um=gap) for gap in ORACLE_GAPS_UM[::3]]
+    own = [started(GAP_FEED, law, seed).run().total_return for law in laws]
     assert compared.results["oracle"][0].total_return >= max(own)
 
 
-def begun(env_id: str, controller: FeedController, seed: int, **options: float) -> Episode:
+def started(env_id: str, controller: FeedController, seed: int, **options: float) -> Episode:
     return Episode(Task(env_id, **options), controller, seed, "any")
 
 
 def test_an_episode_is_the_environments_own() -> None:
     """The return is what an agent that commands the same feeds collects."""
-    made = begun(CORNER, make("fixed", feed_um_s=12.0), 3, leg_mm=0.04, episode_s=60.0).run()
+    made = started(CORNER, make("fixed", feed_um_s=12.0), 3, leg_mm=0.04, episode_s=60.0).run()
     env = gymnasium.make(CORNER, action="speed", max_feed_um_s=12.0, leg_mm=0.04)
     env.reset(seed=3)
     total, over, action = 0.0, False, np.array([1.0, 0.0, 0.0, 0.0], np.float32)
@@ -116,7 +117,7 @@ def test_an_episode_is_the_environments_own() -> None:
 
 
 def test_an_episode_can_be_watched_window_by_window() -> None:
-    watched = begun(GAP_FEED, make("fixed", feed_um_s=12.0), 3)
+    watched = started(GAP_FEED, make("fixed", feed_um_s=12.0), 3)
     assert watched.last is None
     feeds = []
     for _ in range(5):
@@ -130,7 +131,7 @@ def test_an_episode_can_be_watched_window_by_window() -> None:
 def test_straight_cuts_have_no_path_error_corners_and_contours_have(compared: Comparison) -> None:
     assert math.isnan(compared.results["voltage"][0].error_um)
     assert math.isnan(compared.figures["voltage"]["error_um"].value)
-    corner = begun(CORNER, make("fixed", feed_um_s=12.0), 3, leg_mm=0.04).run()
+    corner = started(CORNER, make("fixed", feed_um_s=12.0), 3, leg_mm=0.04).run()
     assert 0.0 < corner.error_um < 20.0
     assert math.isnan(corner.edge_error_um)
 
@@ -164,14 +165,14 @@ def test_giving_up_costs_as_much_as_the_limit_it_avoids() -> None:
         def update(self, window):
             return FeedCommand(0.0, "no more")
 
-    earned = []
+    reward = []
     for limit in (0.0, 2.0):
         task = Task(GAP_FEED, resolution="fast", weights=Weights(limit=limit))
         stopped = Episode(task, Quitter(feed_um_s=5.0), 5, "quitter").run()
         assert stopped.outcome == "stopped"
         assert stopped.jammed
-        earned.append(stopped.total_return)
-    assert earned[0] - earned[1] == pytest.approx(2.0 * 60 / 0.0255)
+        reward.append(stopped.total_return)
+    assert reward[0] - reward[1] == pytest.approx(2.0 * 60 / 0.0255)
 
 
 def test_a_rate_of_few_cuts_of_which_some_have_no_length_has_no_interval() -> None:
@@ -203,9 +204,9 @@ def test_bootstrap_intervals_have_the_width_of_theory() -> None:
     assert math.isnan(ratio(np.array([]), np.array([])).value)
 
 
-def test_a_score_is_what_was_earned_between_the_blind_and_the_reference_machine_by_machine() -> None:
-    blind, oracle = ([result(earned=value) for value in values] for values in ((0, 0, 100, 50), (100, 200, 300, 40)))
-    made = [result(earned=value) for value in (50, 200, 0, 45)]
+def test_a_score_is_what_was_rewarded_between_the_blind_and_the_reference_machine_by_machine() -> None:
+    blind, oracle = ([result(reward=value) for value in values] for values in ((0, 0, 100, 50), (100, 200, 300, 40)))
+    made = [result(reward=value) for value in (50, 200, 0, 45)]
     assert scores(made, oracle, blind).tolist() == [0.5, 1.0, -0.5]  # the fourth machine tells nothing
     assert interquartile_mean(np.array([-90.0, 0.2, 0.4, 0.6, 0.8, 5.0])).value == pytest.approx(0.5)
     assert figures_of(made, oracle, blind)["score"].value == pytest.approx(1 / 3)
@@ -223,8 +224,8 @@ def test_the_table_fits_a_terminal_of_eighty_columns_and_says_what_it_means() ->
     from rich.console import Console
 
     made = {
-        "oracle": [result(earned=100.0, error=1.0)] * 12, "fixed": [result(earned=0.0)] * 12,
-        "adaptive-off-time": [result(earned=50.0), *[result(earned=60.0, outcome="wire break")] * 11],
+        "oracle": [result(reward=100.0, error=1.0)] * 12, "fixed": [result(reward=0.0)] * 12,
+        "adaptive-off-time": [result(reward=50.0), *[result(reward=60.0, outcome="wire break")] * 11],
     }
     figures = {name: figures_of(cuts, made["oracle"], made["fixed"]) for name, cuts in made.items()}
     comparison = Comparison(CONTOUR, "fast", tuple(range(12)), made, figures)
@@ -262,28 +263,20 @@ def test_what_cannot_be_compared_is_refused(env_id, controllers, seeds, resoluti
     assert words in str(refused.value)
 
 
-def edmsim(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, arguments)])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    return left.value.code if isinstance(left.value.code, int) else 0
-
-
 @pytest.mark.slow
-def test_the_command_prints_json(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_json(edmsim: Run) -> None:
     slow = "fixed:feed_um_s=20,offset_um=0"  # its own comma parts no controllers
-    status = edmsim(monkeypatch, "evaluate", GAP_FEED, "--controllers", f"{slow},counts", "--seeds", 2,
-                    "--resolution", "fast", "--json")  # fmt: skip
-    assert status == 0
-    (found,) = json.loads(capsys.readouterr().out)
+    words = ("--controllers", f"{slow},counts", "--seeds", 2, "--resolution", "fast", "--json")
+    shown = edmsim("evaluate", GAP_FEED, *words)
+    assert shown.status == 0
+    (found,) = json.loads(shown.out)
     assert found["env_id"] == GAP_FEED
     assert set(found["controllers"]) == {"fixed", slow, "counts", "oracle"}
     assert found["controllers"][slow]["error_um"]["value"] is None
     assert len(found["cuts"]) == 8
 
 
-def test_the_command_refuses_before_it_begins(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert edmsim(monkeypatch, "evaluate", GAP_FEED, "--controllers", "pid") == 2
-    assert capsys.readouterr().err.startswith("edmsim: there is no feed controller 'pid'")
+def test_the_command_refuses_before_it_begins(edmsim: Run) -> None:
+    shown = edmsim("evaluate", GAP_FEED, "--controllers", "pid")
+    assert shown.status == 2
+    assert shown.err.startswith("edmsim: there is no feed controller 'pid'")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from edmsim.errors import InputError
-from edmsim.evaluation import leaderboard, page
-from edmsim.evaluation.table import markdown_table
+from edmsim.evaluation import leaderboard
+from edmsim.evaluation.table import draw_returns, markdown_table, write_page
 
 BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.json"
 
@@ -14,12 +14,12 @@ BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.json"
 def test_a_page_has_the_table_and_a_row_of_the_figure_for_every_controller(tmp_path):
     made = leaderboard.read(BOARD)["edmsim/GapFeed-v2"]
     file = tmp_path / "new" / "compared.md"
-    page.write(file, [made])
+    write_page(file, [made])
     text = file.read_text(encoding="utf-8")
     assert "\n".join(markdown_table(made)) in text
     assert "](compared-GapFeed-v2.png)" in text
     assert (tmp_path / "new" / "compared-GapFeed-v2.png").read_bytes().startswith(b"\x89PNG")
-    (axes,) = page.draw(made).axes
+    (axes,) = draw_returns(made).axes
     shown = [label.get_text() for label in axes.get_yticklabels()]
     assert sorted(shown) == sorted(made.results)
     assert shown[-1] == "oracle"

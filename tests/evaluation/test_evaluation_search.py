@@ -20,9 +20,9 @@ def short(short_episodes: None) -> None:
     """Cut a fraction as long."""
 
 
-def result(controller: str, rate: float, earned: float) -> Result:
+def result(controller: str, rate: float, reward: float) -> Result:
     return Result(
-        0, controller, "finished", 60.0, 1.0, 10.0, rate, earned, 0, 0.0, 0.1, 0.2, math.nan, math.nan, 320.0
+        0, controller, "finished", 60.0, 1.0, 10.0, rate, reward, 0, 0.0, 0.1, 0.2, math.nan, math.nan, 320.0
     )
 
 

@@ -47,9 +47,9 @@ def test_what_is_no_leaderboard_is_refused(tmp_path, text):
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_places_differ_from_where_policies_are_trained(short_episodes):
-    seen, everywhere = [], places(GAP_FEED)
-    moved = transfer(GAP_FEED, ["fixed", "policy:GapFeed-ppo"], 2, watch=lambda *done: seen.append(done))
-    assert len(seen) == seen[-1][0] == seen[-1][1] == 4 * len(everywhere)
+    observed, everywhere = [], places(GAP_FEED)
+    moved = transfer(GAP_FEED, ["fixed", "policy:GapFeed-ppo"], 2, watch=lambda *done: observed.append(done))
+    assert len(observed) == observed[-1][0] == observed[-1][1] == 4 * len(everywhere)
     assert [cells[0] for cells in rows_of(moved)] == [place.name for place in everywhere]
     rates = [row.rate_mm2_min.value for row in moved if row.controller == "fixed"]
     assert len(set(rates)) == len(everywhere)
@@ -75,8 +75,8 @@ def test_the_threshold_of_an_id_is_what_its_reference_earns(env_id):
     heads, reference = ([cell.strip() for cell in line.split("|")] for line in table if line.startswith(
         ("| controller", f"| `{lines_of(env_id).reference}`")
     ))
-    earned = float(reference[heads.index("return")].split()[0])
-    assert gymnasium.spec(env_id).reward_threshold == earned
+    mean_return = float(reference[heads.index("return")].split()[0])
+    assert gymnasium.spec(env_id).reward_threshold == mean_return
 
 
 @pytest.mark.slow
@@ -88,9 +88,9 @@ def test_the_first_cuts_of_the_board_are_made_again():
         assert board["environments"][env_id]["seeds"] == list(made.seeds)
         for name in [name for name in made.results if name == "voltage" or name.startswith("policy:")]:
             whole_s = make_family(env_id).episode_s  # the fixture of the other tests shortens episodes
-            again, kept = cut(env_id, made.seeds[0], name, episode_s=whole_s), made.results[name][0]
+            again, recorded = cut(env_id, made.seeds[0], name, episode_s=whole_s), made.results[name][0]
             for key in Result._fields:
-                one, other = getattr(again, key), getattr(kept, key)
+                one, other = getattr(again, key), getattr(recorded, key)
                 if isinstance(one, float):  # another build may order its sums otherwise
                     # two builds that do give a corner's error of one cut up to 0.07 um apart: 0.661 and 0.717 um
                     least = 0.1 if key == "error_um" else 0.05

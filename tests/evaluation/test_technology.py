@@ -10,8 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from edmsim.cli import app as cli
-from edmsim.cosim.passes import PassRecord
-from edmsim.cosim.sums import Sums
+from edmsim.cosim.passes import PassRecord, Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology
 from edmsim.evaluation.technology import TARGETS, Cut, Job, Search, technology_text
@@ -40,11 +39,11 @@ def no_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_rough_pass_stays_off_the_period_that_breaks_the_wire() -> None:
-    told: list[str] = []
-    found = Search(Job("tool-steel", passes=1), told.append).run()
+    messages: list[str] = []
+    found = Search(Job("tool-steel", passes=1), messages.append).run()
     assert found.passes[0].t_period_us >= BREAKS_BELOW_US
     assert found.passes[0].t_period_us <= 1.3 * BREAKS_BELOW_US
-    assert "wire-break" in "".join(told)
+    assert "wire-break" in "".join(messages)
 
 
 def test_offsets_let_every_pass_take_its_stock() -> None:
@@ -58,17 +57,17 @@ def test_offsets_let_every_pass_take_its_stock() -> None:
 
 
 def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path: Path) -> None:
-    journal, told = tmp_path / "steel.journal.json", []
+    journal, messages = tmp_path / "steel.journal.json", []
     whole = Search(Job("tool-steel", passes=3), lambda text: None).run()
     Search(Job("tool-steel", passes=2), lambda text: None, journal).run()
-    resumed = Search(Job("tool-steel", passes=3), told.append, journal).run(resume=True)
+    resumed = Search(Job("tool-steel", passes=3), messages.append, journal).run(resume=True)
     assert resumed == whole
-    assert sum(text.startswith("pass 1") for text in told) == 1  # cut once more, for its metal
+    assert sum(text.startswith("pass 1") for text in messages) == 1  # cut once more, for its metal
     with pytest.raises(InputError, match=r"the interrupted search was for height_mm 25\.4, not 30"):
-        Search(Job("tool-steel", height_mm=30.0, passes=3), told.append, journal).run(resume=True)
+        Search(Job("tool-steel", height_mm=30.0, passes=3), messages.append, journal).run(resume=True)
     journal.write_text("{")
     with pytest.raises(InputError, match="the journal of the search is damaged"):
-        Search(Job("tool-steel", passes=3), told.append, journal).run(resume=True)
+        Search(Job("tool-steel", passes=3), messages.append, journal).run(resume=True)
 
 
 def test_the_command_writes_a_technology_and_adds_heights(tmp_path: Path) -> None:

@@ -32,18 +32,18 @@ class Other:
 
     def __init__(self, feed_um_s: float, way_um: float) -> None:
         self.feed_um_s, self.way_um = feed_um_s, way_um
-        self.seen: list[Any] = []
+        self.windows: list[Any] = []
 
     def place_um(self) -> tuple[float, float]:
-        time_s = self.seen[-1].time_s if self.seen else 0.0
+        time_s = self.windows[-1].time_s if self.windows else 0.0
         place = self.feed_um_s * time_s - 20.0 * (time_s > 2.0)
         return 1000.0 + min(place, self.way_um), -500.0
 
     def finished(self) -> bool:
         return self.place_um()[0] >= 1000.0 + self.way_um
 
-    def show(self, seen: Any) -> None:
-        self.seen.append(seen)
+    def show(self, windows: Any) -> None:
+        self.windows.append(windows)
 
 
 def program(folder: Path, text: str = LINE) -> Path:
@@ -74,7 +74,7 @@ def test_the_axes_go_where_the_other_program_is_and_the_cut_is_one_as_any(tmp_pa
     assert path[-1] == pytest.approx(300.0, abs=4.0)
     assert np.diff(path).min() < -5.0  # it went back where the other program did
     assert windows.column("feed_um_s").to_numpy()[-20:].mean() == pytest.approx(30.0, abs=5.0)
-    assert len(other.seen) == windows.num_rows
+    assert len(other.windows) == windows.num_rows
 
 
 def test_a_cut_in_real_time_takes_its_time(tmp_path, gap):
@@ -82,13 +82,13 @@ def test_a_cut_in_real_time_takes_its_time(tmp_path, gap):
     other = Other(1000.0, 100.0)
     began = time.monotonic()
     cut(file, ExternalMotion(other, 0.5))
-    assert time.monotonic() - began >= 0.9 * other.seen[-2].time_s / 0.5
+    assert time.monotonic() - began >= 0.9 * other.windows[-2].time_s / 0.5
 
 
 def test_axes_that_are_behind_when_the_other_program_ends_go_to_its_end(tmp_path, gap):
     class Ahead(Other):
         def place_um(self):
-            return 1000.0 + 60.0 * (len(self.seen) > 3), -500.0
+            return 1000.0 + 60.0 * (len(self.windows) > 3), -500.0
 
     file = gap.without_words(str(program(tmp_path)), str(tmp_path))
     other = Ahead(0.0, 60.0)

@@ -16,6 +16,7 @@ from edmsim.hil.setpoints import VELOCITY_COUNTS_S, Setpoints
 from edmsim.hil.spark import R_OPEN, R_PULSE, R_SHORT, Pulser
 from edmsim.plant.kernel.state import OPEN, PULSE, SHORT, SPARK
 
+POWERCORE = edmsim.Machine.load(generator="powercore-v3")
 TEXT = st.text(st.characters(max_codepoint=255), max_size=60)
 
 
@@ -271,7 +272,7 @@ def test_a_setpoint_ends_where_the_travel_does():
     assert [sum(d for _, axis, d in steps if axis == k) for k in (0, 1)] == [5, -5]
 
 
-def test_status_lines_come_as_often_as_asked_for():
+def test_status_lines_come_as_often_as_requested():
     own = Rig("powercore", seed=1)
     own.move("STREAM 100")
     lines = []
@@ -314,13 +315,13 @@ def test_the_same_lines_at_the_same_times_give_the_same_bits():
 
 
 def test_a_snapshot_goes_on_to_the_bit_also_past_a_change_of_voltage():
-    own = Gap(edmsim.Machine.load(generator="powercore-v3"), seed=2)
+    own = Gap(POWERCORE, seed=2)
     own.setpoints.move_at((20.0, 0.0), 0)
     own.run(Output(50, True, 5.0, 100.0, 90.0, 50.0))
-    kept = own.snapshot()
+    state = own.snapshot()
     goes_on = own.run(Output(50, True, 5.0, 100.0, 90.0, 50.0))
     own.run(Output(20, False, 10.0, 100.0, 80.0))
-    own.restore(kept)
+    own.restore(state)
     again = own.run(Output(50, True, 5.0, 100.0, 90.0, 50.0))
     assert again.window == goes_on.window
     assert again.pulses.tobytes() == goes_on.pulses.tobytes()
@@ -328,7 +329,7 @@ def test_a_snapshot_goes_on_to_the_bit_also_past_a_change_of_voltage():
         own.restore(own.plant.snapshot())
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(TEXT)
 def test_any_line_to_the_powercore_is_answered_and_changes_no_setting_by_accident(rig, text):
     board = rig.board = PowercoreV3()
@@ -340,7 +341,7 @@ def test_any_line_to_the_powercore_is_answered_and_changes_no_setting_by_acciden
     assert rig.gap.plant.time_ns == gap
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @example(["0", "0", "0", "\x1f0"])  # a space to Python, not to C
 @example(["0", "0.1", "10000", "\u0668\u0660"])  # digits, likewise
 @given(st.lists(st.one_of(st.integers(-9, 300).map(str), st.floats().map(str), TEXT), min_size=4, max_size=4))
@@ -349,12 +350,11 @@ def test_what_the_powercore_takes_its_generator_fires(words):
     board.unasked()
     said = board.line("SET_ALL_PARAMETERS " + " ".join(words))
     output = board.output()
-    machine = edmsim.Machine.load(generator="powercore-v3")
-    machine.with_(open_voltage_V=output.open_V).with_pulses(output.t_on_us, output.t_period_us)
+    POWERCORE.with_(open_voltage_V=output.open_V).with_pulses(output.t_on_us, output.t_period_us)
     assert said.startswith(("OK", "ERROR"))
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(TEXT | st.builds("{} {} {}".format, st.sampled_from("rw"), st.integers(-1, 300), st.integers(-1, 300)))
 def test_any_line_to_the_pulser_is_answered_and_leaves_registers_in_their_ranges(text):
     board = Pulser()
@@ -368,7 +368,7 @@ def test_any_line_to_the_pulser_is_answered_and_leaves_registers_in_their_ranges
     assert 1 <= duty <= 95
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(
     st.one_of(
         TEXT, st.builds("{} {} {}".format, st.sampled_from(["STEP X", "POS", "VEL", "STREAM", "ENABLE"]),

@@ -1,4 +1,4 @@
-"""Samples of gap voltage and current: against the pulses they are of, filters, noise, files, and a firmware in C."""
+"""Samples of gap voltage and current: against their pulses, filters, noise, files, a firmware in C; the command."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ import math
 import shutil
 import subprocess
 import wave
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 import edmsim
+from edmsim.calibration import read_log
+from edmsim.cli import app as cli
 from edmsim.errors import InputError
-from edmsim.hil import Rig, SampleReader, Sensing, delay_table
+from edmsim.hil import Rig, SampleReader, Sensing, delay_table, delays
 from edmsim.hil.delays import QUANTILES, write_delays
 from edmsim.hil.gap import Frame
 from edmsim.hil.samples import COUNT_A, COUNT_V, SampleFile, Sampler
@@ -95,7 +98,7 @@ def test_a_slow_filter_shows_the_window_s_mean_voltage_and_current():
     rig = Rig("powercore-v2", seed=4)
     rig.run(0.05)
     sampler = Sampler(Sensing(rate_Hz=1e4, low_pass_Hz=50.0), rig.time_s * 1e6)
-    charge, volts, seconds, seen = 0.0, 0.0, 0.0, []
+    charge, volts, seconds, parts = 0.0, 0.0, 0.0, []
     rig.move("VEL 4 0")
     while seconds < 1.0:
         frame = rig.frame()
@@ -103,8 +106,8 @@ def test_a_slow_filter_shows_the_window_s_mean_voltage_and_current():
         seconds += spent
         volts += frame.window.mean_voltage_V * spent
         charge += frame.window.mean_current_A * spent
-        seen.append(sampler.samples(frame)[1:])
-    voltage, current = (np.concatenate(rows) for rows in zip(*seen, strict=True))
+        parts.append(sampler.samples(frame)[1:])
+    voltage, current = (np.concatenate(rows) for rows in zip(*parts, strict=True))
     assert voltage[300:].mean() == pytest.approx(volts / seconds, rel=0.05)
     assert current[300:].mean() == pytest.approx(charge / seconds, rel=0.15)
 
@@ -119,7 +122,7 @@ def test_noise_is_added_with_its_seed_and_only_it():
     assert np.array_equal(noisy[1], again[1])
 
 
-def test_a_reader_gives_as_many_as_are_asked_for_in_any_portions():
+def test_a_reader_returns_as_many_as_requested_in_any_portions():
     readers = [SampleReader(Rig("powercore", seed=2), Sensing(2e4, 4e3, 0.5, 0.1, 3)) for _ in range(3)]
     at_once = readers[0].read(500)
     taken = [readers[1].read(n) for n in (1, 0, 7, 192, 300)]
@@ -198,3 +201,61 @@ def test_delays_grow_with_the_gap_and_fall_with_the_voltage(tmp_path):
     assert len(lines) == 7
     with pytest.raises(InputError, match="20 V ignite nothing"):
         delay_table(edmsim.Machine.load(), voltages_V=(20.0,))
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    monkeypatch.setattr("sys.argv", ["edmsim", *words])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    return int(left.value.code or 0)
+
+
+def test_samples_and_a_log_of_a_cut_at_a_feed(tmp_path, monkeypatch, capfd):
+    files = ("--samples", f"{tmp_path}/out/gap.parquet", "--log", f"{tmp_path}/out/ratios.csv")
+    options = ("--seconds", "0.6", "--rate", "10000", "--feed", "12", "--log-rate", "50", "--height", "10")
+    assert run(monkeypatch, "gap", *files, *options) == 0
+    assert pq.read_table(tmp_path / "out" / "gap.parquet").num_rows == pytest.approx(6000, abs=100)
+    log = read_log(tmp_path / "out" / "ratios.csv")
+    assert len(log) == pytest.approx(0.6 / 0.0255, abs=2)
+    assert "samples of" in capfd.readouterr().err
+
+
+def test_a_table_of_delays(tmp_path, monkeypatch):
+    monkeypatch.setattr(delays.delay_table, "__kwdefaults__", {
+        **delays.delay_table.__kwdefaults__, "draws": 2, "gaps_um": (8.0,), "voltages_V": (80.0,),
+    })  # fmt: skip
+    assert run(monkeypatch, "gap", "--delays", f"{tmp_path}/delays.csv") == 0
+    assert len((tmp_path / "delays.csv").read_text().splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "give --serial BOARD"), (("--serial", "uhu"), "there is no board 'uhu'"),
+        (("--serial", "spark", "--speed", "0"), "--speed is above 0"),
+        (("--samples", "a.csv"), "written as .parquet or .wav"),
+        (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"),
+        (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
+        (("--samples", "a.wav", "--gap", "0"), "the gap is"),
+        (("--log", "a.csv", "--generator", "steam"), "steam"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_in_one_line_and_leaves_nothing(tmp_path, monkeypatch, capfd, words, said):
+    monkeypatch.chdir(tmp_path)
+    assert run(monkeypatch, "gap", *words) == 2
+    err = capfd.readouterr().err
+    assert said in err
+    assert not [file for file in Path().rglob("*") if file.is_file()]
+
+
+def test_an_export_of_another_kind_is_refused(tmp_path, monkeypatch, capfd):
+    assert run(monkeypatch, "export", "spice", "--out", f"{tmp_path}/gap.cir") == 2
+    assert "there is no export 'spice': choose fmu" in capfd.readouterr().err
+
+
+@pytest.mark.slow
+def test_an_fmu_is_written_and_its_step_said(tmp_path, monkeypatch, capfd):
+    pytest.importorskip("pythonfmu3")
+    assert run(monkeypatch, "export", "fmu", "--height", "10", "--out", f"{tmp_path}/gap.fmu") == 0
+    assert "its step is 0.0255 s" in capfd.readouterr().out.replace("\n", " ")
+    assert (tmp_path / "gap.fmu").is_file()

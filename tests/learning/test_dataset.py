@@ -35,10 +35,10 @@ def test_a_data_set_has_what_the_controller_did(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = dataset.record(ENV, ["fixed", "voltage:reference_V=9"], 30, Path("."))
     assert [row.dataset_id for row in made] == ["edmsim/gapfeed/fixed-v0", "edmsim/gapfeed/voltage-reference-v-9-v0"]
-    kept = loaded(tmp_path, monkeypatch, made[1].dataset_id)
-    assert (kept.total_episodes, kept.total_steps) == (made[1].episodes, made[1].steps) == (2, 32)
-    assert kept.recover_environment().unwrapped.family.action == "speed"
-    for seed, episode in enumerate(kept.iterate_episodes()):
+    stored = loaded(tmp_path, monkeypatch, made[1].dataset_id)
+    assert (stored.total_episodes, stored.total_steps) == (made[1].episodes, made[1].steps) == (2, 32)
+    assert stored.recover_environment().unwrapped.family.action == "speed"
+    for seed, episode in enumerate(stored.iterate_episodes()):
         result = cut(ENV, seed, "voltage:reference_V=9")  # the same without Gymnasium
         assert episode.rewards.sum() == pytest.approx(result.total_return, abs=1e-3)
         assert episode.infos["time_s"][-1] == pytest.approx(result.time_s)
@@ -69,7 +69,7 @@ def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("given", "named"),
+    ("options", "named"),
     [
         ({"steps": 0}, "1 or more"),
         ({"seed": 1_000_000}, "held back"),
@@ -78,6 +78,6 @@ def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
         ({"controllers": ["sato"]}, "turns the generator's knobs"),  # with every wire, whatever the gap does
     ],
 )
-def test_bad_input_is_refused(tmp_path, given, named):
+def test_bad_input_is_refused(tmp_path, options, named):
     with pytest.raises(InputError, match=named):
-        dataset.record(**{"env_id": ENV, "controllers": ["fixed"], "steps": 20, "out": tmp_path, **given})
+        dataset.record(**{"env_id": ENV, "controllers": ["fixed"], "steps": 20, "out": tmp_path, **options})

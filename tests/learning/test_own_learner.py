@@ -43,28 +43,28 @@ KINDS = {
     "tqc": partial(TQC, "MlpPolicy", learning_starts=8, train_freq=8),
     "td3": partial(TD3, "MlpPolicy", learning_starts=8, train_freq=8),
 }
-KEPT = {"resolution": "fast", "planner": "exact", "height_mm": 5.0}
+SETTINGS = {"resolution": "fast", "planner": "exact", "height_mm": 5.0}
 
 
-def learner(kind, lanes, steps=32, **network):
+def learner(kind, vec_env, steps=32, **network):
     torch.set_num_threads(1)
-    made = KINDS[kind](lanes, policy_kwargs={**SMALL, **network}, seed=2, device="cpu")
+    made = KINDS[kind](vec_env, policy_kwargs={**SMALL, **network}, seed=2, device="cpu")
     return made.learn(steps) if steps else made
 
 
-def most_apart(model, lanes, policy, steps=25):
+def most_apart(model, vec_env, policy, steps=25):
     """Largest difference of actions over some steps, in which both see the same."""
-    raw, worst, state, memory = lanes, 0.0, None, policy.fresh_memory()
+    raw, worst, state, memory = vec_env, 0.0, None, policy.fresh_memory()
     while hasattr(raw, "venv"):
         raw = raw.venv
     raw.seed(13)  # these two wires last that long
-    seen = raw.reset()
+    observed = raw.reset()
     for k in range(steps):
-        normal = lanes.normalize_obs(seen) if isinstance(lanes, VecNormalize) else seen
-        wanted, state = model.predict(normal, state, np.full(len(seen), k == 0), deterministic=True)
-        action, memory = policy.act(seen[0], memory)
-        worst = max(worst, float(np.abs(action - wanted[0]).max()))
-        seen, _, done, _ = raw.step(wanted)
+        normal = vec_env.normalize_obs(observed) if isinstance(vec_env, VecNormalize) else observed
+        expected, state = model.predict(normal, state, np.full(len(observed), k == 0), deterministic=True)
+        action, memory = policy.act(observed[0], memory)
+        worst = max(worst, float(np.abs(action - expected[0]).max()))
+        observed, _, done, _ = raw.step(expected)
         assert not done.any()
     return worst
 
@@ -72,44 +72,45 @@ def most_apart(model, lanes, policy, steps=25):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_policy_does_what_its_learner_does_through_the_normalisation(kind, tmp_path):
-    lanes = VecNormalize(VecMonitor(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, **KEPT)), clip_obs=5.0)
-    model = learner(kind, lanes)
-    policy = export_sb3(model, lanes, tmp_path / "own" / "policy.json")
-    assert most_apart(model, lanes, policy) < 2e-6
+    vec_env = VecNormalize(VecMonitor(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, **SETTINGS)), clip_obs=5.0)
+    model = learner(kind, vec_env)
+    policy = export_sb3(model, vec_env, tmp_path / "own" / "policy.json")
+    assert most_apart(model, vec_env, policy) < 2e-6
     card = policy_file.load(str(tmp_path / "own" / "policy.json")).card
     assert (card.env_id, card.environment) == ("edmsim/GapFeed-v2", {"height_mm": 5.0})
     assert (card.algorithm, card.clip, card.steps, card.seed) == (kind.removesuffix("-gsde"), 5.0, 32, 2)
-    assert card.observation[0].mean == lanes.obs_rms.mean[0]
+    assert card.observation[0].mean == vec_env.obs_rms.mean[0]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrap", "network"),
     [
-        (lambda lanes: lanes, {"activation_fn": torch.nn.ReLU}),
+        (lambda vec_env: vec_env, {"activation_fn": torch.nn.ReLU}),
         (VecMonitor, {"net_arch": []}),
         (partial(VecNormalize, norm_obs=False), {"net_arch": {"pi": [12], "vf": [7]}}),
     ],
 )
 def test_without_a_normalisation_it_sees_what_is_shown(wrap, network, tmp_path):
-    lanes = wrap(make_sb3_vec_env("edmsim/ThinWire-v1", 2, seed=1, decision_s=None))
-    model = learner("ppo", lanes, **network)
-    assert most_apart(model, lanes, export_sb3(model, lanes, tmp_path / "policy.json")) < 2e-6
+    vec_env = wrap(make_sb3_vec_env("edmsim/ThinWire-v1", 2, seed=1, decision_s=None))
+    model = learner("ppo", vec_env, **network)
+    assert most_apart(model, vec_env, export_sb3(model, vec_env, tmp_path / "policy.json")) < 2e-6
 
 
-def test_the_lanes_may_be_single_environments_of_stable_baselines3(tmp_path):
-    lanes = VecNormalize(make_vec_env("edmsim/Trim-v1", 2, env_kwargs={"decision_s": None, "wave_um": (5.0, 6.0)}))
-    model = learner("sac", lanes, steps=16)
-    policy = export_sb3(model, lanes, tmp_path / "policy.json")
+@pytest.mark.slow
+def test_the_sub_environments_may_be_single_environments_of_stable_baselines3(tmp_path):
+    vec_env = VecNormalize(make_vec_env("edmsim/Trim-v1", 2, env_kwargs={"decision_s": None, "wave_um": (5.0, 6.0)}))
+    model = learner("sac", vec_env, steps=16)
+    policy = export_sb3(model, vec_env, tmp_path / "policy.json")
     assert policy.card.env_id == "edmsim/Trim-v1"
     assert policy.card.environment == {"decision_s": None, "wave_um": [5.0, 6.0]}
-    assert most_apart(model, lanes, policy, 10) < 2e-6
+    assert most_apart(model, vec_env, policy, 10) < 2e-6
 
 
 @pytest.mark.slow
 def test_it_cuts_a_part_and_is_compared(tmp_path, small_punch, short_episodes, edmsim):
-    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1))
-    export_sb3(learner("recurrent-ppo", lanes), lanes, tmp_path / "policy.json")
+    vec_env = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1))
+    export_sb3(learner("recurrent-ppo", vec_env), vec_env, tmp_path / "policy.json")
     named = f"policy:{tmp_path / 'policy.json'}"
     done = cut(small_punch, controller=named, height_mm=5.0, resolution="fast", max_time_s=1.0)
     assert done.windows.num_rows > 30
@@ -123,9 +124,9 @@ def test_it_cuts_a_part_and_is_compared(tmp_path, small_punch, short_episodes, e
 def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     file = tmp_path / "policy.json"
 
-    def refused(model, lanes, match):
+    def refused(model, vec_env, match):
         with pytest.raises(InputError, match=match):
-            export_sb3(model, lanes, file)
+            export_sb3(model, vec_env, file)
         assert not list(tmp_path.iterdir())
 
     bare = make_sb3_vec_env("edmsim/GapFeed-v2", 2)
@@ -134,7 +135,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     refused(SAC("MlpPolicy", bare, use_sde=True, device="cpu"), bare, "SAC's network has Hardtanh: a policy file")
     refused(new("recurrent-ppo", bare, n_lstm_layers=2), bare, "LSTM.*more than a policy file holds")
     stacked = VecFrameStack(bare, 2)
-    refused(new("ppo", stacked), stacked, "VecFrameStack around the lanes may change")
+    refused(new("ppo", stacked), stacked, "VecFrameStack around the environment may change")
     twice = VecNormalize(VecNormalize(bare))
     refused(new("ppo", twice), twice, "normalised twice")
     refused(new("ppo", bare), make_sb3_vec_env("edmsim/GapFeed-v2", 2, history=2), "other observations or actions")
@@ -143,7 +144,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
         def forward(self, observations):
             return super().forward(observations) / 2
 
-    refused(new("ppo", bare, features_extractor_class=Halved), bare, "what Halved makes of observations")
+    refused(new("ppo", bare, features_extractor_class=Halved), bare, "that Halved returns: use MlpPolicy")
     broken = new("ppo", bare)
     broken.policy.action_net.bias.data[:] = float("nan")
     refused(broken, bare, "not finite")
@@ -151,7 +152,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     for model in (new("ppo", levels), DQN("MlpPolicy", levels, buffer_size=10)):
         refused(model, levels, r"chooses among Discrete\(7\)")
     scaled = DummyVecEnv([lambda: gym.wrappers.RescaleAction(gym.make("edmsim/GapFeed-v2"), -1.0, 1.0)])
-    refused(new("ppo", scaled), scaled, "RescaleAction around the lanes")
+    refused(new("ppo", scaled), scaled, "RescaleAction around the environment")
     other = DummyVecEnv([lambda: gym.make("Pendulum-v1")])
     refused(new("ppo", other), other, "PendulumEnv is not an environment of edmsim")
     with pytest.raises(InputError, match=r"name the policy's file NAME\.json"):
@@ -161,8 +162,8 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ppo", "recurrent-ppo", "tqc"])
 def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
-    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1))
-    policy = export_sb3(learner(kind, lanes), lanes, tmp_path / "policy.json")
+    vec_env = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1))
+    policy = export_sb3(learner(kind, vec_env), vec_env, tmp_path / "policy.json")
     others = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=4))
     second = learner(kind, others, steps=0)
     assert most_apart(second, others, policy) > 1e-3
@@ -182,23 +183,24 @@ def test_a_learner_begins_with_the_policy_of_another(kind, tmp_path):
 def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsim, monkeypatch):
     from edmsim.learning import train as training
 
-    begun = []
-    monkeypatch.setattr(training, "_learn", lambda trained, *_, **__: begun.append(trained))
+    started = []
+    monkeypatch.setattr(training, "_learn", lambda trained, *_, **__: started.append(trained))
     words = "train", "edmsim/GapFeed-v2", "--start", "policy:GapFeed-ppo", "--steps", 64, "--score", 0
     status, _, err = edmsim(*words, "--out", tmp_path)
     assert status == 0, err
     shipped, first = policy_file.load("GapFeed-ppo"), policy_file.load(str(tmp_path / "policy.json"))
     assert first.card.observation == shipped.card.observation
     assert "--start policy:GapFeed-ppo" in first.card.command
-    seen = np.random.default_rng(0).uniform(0, 1, (20, len(shipped.card.observation))).astype(np.float32)
-    assert all(np.array_equal(first.action(row), shipped.action(row)) for row in seen)
-    model, normalise = begun[0].model, begun[0].normalise
-    normal = normalise.normalize_obs(seen)
-    assert np.abs(model.predict(normal, deterministic=True)[0] - [shipped.action(row) for row in seen]).max() < 2e-6
+    observed = np.random.default_rng(0).uniform(0, 1, (20, len(shipped.card.observation))).astype(np.float32)
+    assert all(np.array_equal(first.action(row), shipped.action(row)) for row in observed)
+    model, normalise = started[0].model, started[0].normalise
+    normal = normalise.normalize_obs(observed)
+    expected = [shipped.action(row) for row in observed]
+    assert np.abs(model.predict(normal, deterministic=True)[0] - expected).max() < 2e-6
 
 
 @pytest.mark.parametrize(
-    ("env_id", "algo", "policy", "asked", "match"),
+    ("env_id", "algo", "policy", "options", "match"),
     [
         ("GapFeed", "sac", "GapFeed-ppo", {}, "output by clip; the learner has .* output by tanh"),
         ("GapFeed", "recurrent-ppo", "GapFeed-ppo", {}, "the learner has an LSTM of 64 cells"),
@@ -207,37 +209,38 @@ def test_a_training_begins_with_a_shipped_policy(short_training, tmp_path, edmsi
         ("GapFeed", "ppo", "GapFeed-ppo", {"privileged_critic": True}, "privileged critic"),
     ],
 )
-def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, policy, asked, match, tmp_path):
+def test_a_policy_that_a_training_cannot_begin_with_is_refused(env_id, algo, policy, options, match, tmp_path):
     from edmsim.learning.train import train
 
-    given = TrainOptions(**asked).hyperparameters(env_id, algo).model_copy(update={"num_envs": 1})
+    parameters = TrainOptions(**options).hyperparameters(env_id, algo).model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=match):
-        train(env_id, algo, tmp_path, parameters=given, steps=64, begin_from=policy_file.load(policy))
+        train(env_id, algo, tmp_path, parameters=parameters, steps=64, begin_from=policy_file.load(policy))
 
 
 def test_a_training_takes_the_policys_layers_unless_its_settings_name_others(tmp_path):
     from edmsim.learning.train import train
 
-    lanes = VecNormalize(make_sb3_vec_env("edmsim/Corner-v2", 1, seed=1))
+    vec_env = VecNormalize(make_sb3_vec_env("edmsim/Corner-v2", 1, seed=1))
     layers = {"net_arch": [24, 24], "activation_fn": torch.nn.ReLU}
-    export_sb3(learner("ppo", lanes, 0, **layers), lanes, tmp_path / "policy.json")
-    asked = TrainOptions(start=f"policy:{tmp_path / 'policy.json'}")
-    given = asked.hyperparameters("Corner", "ppo")
-    assert (given.network.widths, given.network.activation) == ([24, 24], "relu")
+    export_sb3(learner("ppo", vec_env, 0, **layers), vec_env, tmp_path / "policy.json")
+    options = TrainOptions(start=f"policy:{tmp_path / 'policy.json'}")
+    parameters = options.hyperparameters("Corner", "ppo")
+    assert (parameters.network.widths, parameters.network.activation) == ([24, 24], "relu")
     assert TrainOptions().hyperparameters("Corner", "ppo").network.widths == [64, 64]
     settings = tmp_path / "settings.toml"
     settings.write_text("[network]\nwidths = [32, 32]\n", encoding="utf-8")
-    given = asked._replace(settings=settings).hyperparameters("Corner", "ppo").model_copy(update={"num_envs": 1})
+    other = options._replace(settings=settings)
+    parameters = other.hyperparameters("Corner", "ppo").model_copy(update={"num_envs": 1})
     with pytest.raises(InputError, match=r"layers \[24, 24\] with relu.*the learner has hidden layers \[32, 32\]"):
-        train("Corner", "ppo", tmp_path, parameters=given, steps=64, begin_from=asked.policy())
+        train("Corner", "ppo", tmp_path, parameters=parameters, steps=64, begin_from=options.policy())
 
 
 def test_another_scale_of_actions_or_no_normalisation_is_refused():
-    lanes = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 1, max_change_um_s=8.0))
+    vec_env = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 1, max_change_um_s=8.0))
     wide = {"net_arch": [64, 64]}
     with pytest.raises(InputError, match=r"max_change_um_s 4\.0, the training has 8\.0"):
-        start_sb3(learner("ppo", lanes, 0, **wide), lanes, "GapFeed-ppo")
-    with pytest.raises(InputError, match="wrap the lanes in VecNormalize"):
-        start_sb3(learner("ppo", lanes.venv, 0, **wide), lanes.venv, "GapFeed-ppo")
+        start_sb3(learner("ppo", vec_env, 0, **wide), vec_env, "GapFeed-ppo")
+    with pytest.raises(InputError, match="wrap the environment in VecNormalize"):
+        start_sb3(learner("ppo", vec_env.venv, 0, **wide), vec_env.venv, "GapFeed-ppo")
     with pytest.raises(InputError, match="there is no policy 'GapFeed-dqn'"):
-        start_sb3(learner("ppo", lanes, 0, **wide), lanes, "policy:GapFeed-dqn")
+        start_sb3(learner("ppo", vec_env, 0, **wide), vec_env, "policy:GapFeed-dqn")

@@ -20,7 +20,7 @@ from edmsim.errors import InputError
 from edmsim.job.cut import make_controller
 from edmsim.learning import policy_file
 from edmsim.learning.policy_controller import PolicyController
-from edmsim.learning.score import RESOLUTIONS, RIVALS
+from edmsim.learning.score import measured_with
 
 ROOT = Path(__file__).parents[2]
 
@@ -32,9 +32,9 @@ def make_policy(tmp_path):
     def make(name, output="clip", **environment):
         environment = {"resolution": "fast", **environment}
         family = make_family(name, **environment)
-        seen = family.entries()
+        observed = family.entries()
         rng = np.random.default_rng(4)
-        sizes = [len(seen), 8, action_space_of(family).shape[0]]
+        sizes = [len(observed), 8, action_space_of(family).shape[0]]
         weights = [rng.normal(0, 0.4, shape) for shape in pairwise(sizes)]
         biases = [rng.normal(0, 0.1, size) for size in sizes[1:]]
         packed = policy_file.pack(weights, biases)
@@ -42,7 +42,7 @@ def make_policy(tmp_path):
             "format": policy_file.FORMAT, "env_id": env_id_of(name), "environment": environment,
             "observation": [
                 {"name": e.name, "meaning": e.meaning, "mean": rng.uniform(0, 0.2), "variance": rng.uniform(0.1, 1)}
-                for e in seen
+                for e in observed
             ],
             "epsilon": 1e-8, "clip": 10.0, "action": policy_file.meanings(family), "widths": [8],
             "activation": "tanh", "output": output, "arrays_sha256": policy_file.digest(packed), "algorithm": "ppo",
@@ -67,13 +67,13 @@ def test_the_controller_does_what_the_policy_does_in_its_environment(make_policy
     policy = policy_file.load(str(make_policy(name, **options)))
     env = gym.make(env_id_of(name), resolution="fast", **options)
     task, controller = Task(name, resolution="fast", **options), PolicyController(policy)
-    seen, _ = env.reset(seed=5)
+    observed, _ = env.reset(seed=5)
     task.reset(5)
     tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
     command = controller.reset(task.max_feed_um_s)
     settings = set()
     for _ in range(120):
-        seen, reward, terminated, _, info = env.step(policy.action(seen).astype(np.float32))
+        observed, reward, terminated, _, info = env.step(policy.action(observed).astype(np.float32))
         result = task.advance(command.feed_um_s, command.t_on_us, command.t_period_us, command.offset_um)
         assert command.offset_um == pytest.approx(info["offset_um"], abs=1e-4)
         # observations are float32: actions differ by some of their last digits, feeds by such a part of the greatest
@@ -93,13 +93,13 @@ def test_a_policy_that_decides_more_seldom_than_windows_come_sees_what_its_envir
     options = {"action": "servo", "decision_s": 0.1}
     policy = policy_file.load(str(make_policy("GapFeed", **options)))
     env, task = gym.make("edmsim/GapFeed-v2", **options), Task("GapFeed")
-    seen, _ = env.reset(seed=5)
+    observed, _ = env.reset(seed=5)
     task.reset(5)
     controller = PolicyController(policy)
     tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
     command = controller.reset(task.max_feed_um_s)
     for _ in range(30):
-        seen, *_, info = env.step(policy.action(seen).astype(np.float32))
+        observed, *_, info = env.step(policy.action(observed).astype(np.float32))
         assert info["dt_s"] == pytest.approx(4 * 0.0255)
         for _ in range(4):
             result = task.advance(command.feed_um_s)
@@ -162,16 +162,16 @@ def test_a_short_that_stays_raises_the_alarm_and_a_dwell_is_noticed(make_policy)
 
 
 @pytest.mark.slow
-def test_the_corners_of_a_later_leg_are_seen_where_they_are(make_policy):
+def test_the_corners_of_a_later_leg_are_observed_where_they_are(make_policy):
     file, commands = make_policy("Contour"), []
     points = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 300.0]])
-    seen = edmsim.controllers.WindowObservation(0.0, 0.0255, 10, 60, 40.0, 1.0, 9.0, 20.0, 0.0)
+    observed = edmsim.controllers.WindowObservation(0.0, 0.0255, 10, 60, 40.0, 1.0, 9.0, 20.0, 0.0)
     for start_um in (0.0, 1024.0):
         controller = make_controller(f"policy:{file}")
         tell(controller, edmsim.Machine.load(), points, start_um)
         first = controller.reset(33.0)
         places = np.arange(0.5, 600.0, 0.5) + start_um
-        commands.append([first, *(controller.update(seen._replace(path_um=place)) for place in places.tolist())])
+        commands.append([first, *(controller.update(observed._replace(path_um=place)) for place in places.tolist())])
     assert commands[0] == commands[1]
     assert len({command.feed_um_s for command in commands[0]}) > 2
 
@@ -191,10 +191,12 @@ def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     policy = policy_file.load(file.stem)
     card = policy.card
     assert file.stem == f"{card.env_id.removeprefix('edmsim/')[:-3]}-{card.algorithm}"
-    assert card.command.startswith(f"edmsim train {card.trained_in or card.env_id} --algo {card.algorithm} ")
+    made_by = f"edmsim train {card.trained_in or card.env_id} --algo {card.algorithm} "
+    assert card.command.startswith((made_by, f"python examples/learning/{card.algorithm}.py "))
     assert card.trained_in != card.env_id
+    rivals, resolutions = measured_with(card.env_id)
     assert {(s["controller"], s["resolution"]) for s in card.scores} == {
-        (c, r) for c in ("policy", *RIVALS) for r in RESOLUTIONS
+        (c, r) for c in ("policy", *rivals) for r in resolutions
     }
     assert file.with_suffix(".npz").stat().st_size < 100_000
     assert (np.abs(policy.action(np.zeros(len(card.observation)))) <= 1).all()
@@ -202,9 +204,9 @@ def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
 
 def edit(change):
     def damage(file):
-        told = json.loads(file.read_text())
-        change(told)
-        file.write_text(json.dumps(told))
+        document = json.loads(file.read_text())
+        change(document)
+        file.write_text(json.dumps(document))
 
     return damage
 
@@ -216,9 +218,9 @@ def replace_arrays(change):
             arrays = dict(stored)
         change(arrays)
         np.savez(packed, **arrays)
-        told = json.loads(file.read_text())
-        told["arrays_sha256"] = policy_file.digest(packed.read_bytes())
-        file.write_text(json.dumps(told))
+        document = json.loads(file.read_text())
+        document["arrays_sha256"] = policy_file.digest(packed.read_bytes())
+        file.write_text(json.dumps(document))
 
     return damage
 

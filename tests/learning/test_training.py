@@ -29,10 +29,10 @@ pytestmark = [
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
 @pytest.mark.parametrize("env_id", registered_ids())
 def test_every_environment_has_hyperparameters(env_id, algo):
-    given = hyperparameters.load(env_id, algo)
-    family = arguments_with(env_id, **given.environment)
+    parameters = hyperparameters.load(env_id, algo)
+    family = arguments_with(env_id, **parameters.environment)
     assert family.resolution == "fast"
-    first = given.network.first_action
+    first = parameters.network.first_action
     assert first is None or (algo not in ("sac", "tqc") and len(first) == action_space_of(family).shape[0])
 
 
@@ -62,18 +62,18 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
     from edmsim.learning.export import export
     from edmsim.learning.train import train
 
-    told = []
-    trained = train("edmsim/Corner-v2", algo, tmp_path, steps=128, seed=3, watch=told.append)
+    messages = []
+    trained = train("edmsim/Corner-v2", algo, tmp_path, steps=128, seed=3, watch=messages.append)
     file = tmp_path / "policy.json"
     policy_file.write(*export(trained, "a test"), file)
     policy = policy_file.load(str(file))
     space = trained.model.observation_space
     observations = np.random.default_rng(0).uniform(space.low, space.high, (200, *space.shape)).astype(np.float32)
-    wanted = trained.model.predict(trained.normalise.normalize_obs(observations), deterministic=True)[0]
+    expected = trained.model.predict(trained.normalise.normalize_obs(observations), deterministic=True)[0]
     found = np.array([policy.action(o) for o in observations])
-    assert np.abs(found - wanted).max() < 1e-5
-    assert wanted.std() > 1e-3
-    assert told[-1].steps == policy.card.steps >= 128
+    assert np.abs(found - expected).max() < 1e-5
+    assert expected.std() > 1e-3
+    assert messages[-1].steps == policy.card.steps >= 128
     assert list((tmp_path / "tensorboard").iterdir())
 
 
@@ -162,7 +162,7 @@ def test_without_the_extra_it_is_one_line(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_policy_is_scored_beside_its_rivals_on_the_same_episodes(monkeypatch, short_episodes):
+def test_a_policy_is_scored_with_its_rivals_on_the_same_episodes(monkeypatch, short_episodes):
     from edmsim.learning.score import RIVALS, measure
 
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))

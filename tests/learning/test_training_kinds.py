@@ -26,13 +26,13 @@ pytestmark = [
 ]
 
 
-def exported(tmp_path, env_id, algo, steps=64, **asked):
+def exported(tmp_path, env_id, algo, steps=64, **options):
     """Train for some windows; return what was trained, and the policy as it is read from its files."""
     from edmsim.learning.export import export
     from edmsim.learning.train import train
 
-    given = TrainOptions(**asked).hyperparameters(env_id, algo)
-    trained = train(env_id, algo, tmp_path, steps=steps, seed=3, parameters=given)
+    parameters = TrainOptions(**options).hyperparameters(env_id, algo)
+    trained = train(env_id, algo, tmp_path, steps=steps, seed=3, parameters=parameters)
     policy_file.write(*export(trained, "a test"), tmp_path / "policy.json")
     return trained, policy_file.load(str(tmp_path / "policy.json"))
 
@@ -41,16 +41,16 @@ def exported(tmp_path, env_id, algo, steps=64, **asked):
 def test_a_recurrent_policy_remembers_as_it_was_trained(short_training, tmp_path):
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "recurrent-ppo")
     space = trained.model.observation_space
-    seen = np.random.default_rng(0).uniform(0, 1, (20, *space.shape)).astype(np.float32)
-    state, memory, found, wanted = None, policy.fresh_memory(), [], []
-    for k, observation in enumerate(seen):
+    observed = np.random.default_rng(0).uniform(0, 1, (20, *space.shape)).astype(np.float32)
+    state, memory, found, expected = None, policy.fresh_memory(), [], []
+    for k, observation in enumerate(observed):
         normal = trained.normalise.normalize_obs(observation)
         action, state = trained.model.predict(normal, state, np.array([k == 0]), deterministic=True)
-        wanted.append(action)
+        expected.append(action)
         action, memory = policy.act(observation, memory)
         found.append(action)
-    assert np.abs(np.array(found) - wanted).max() < 1e-5
-    assert np.abs(policy.action(seen[-1]) - found[-1]).max() > 1e-6  # what it saw before counts
+    assert np.abs(np.array(found) - expected).max() < 1e-5
+    assert np.abs(policy.action(observed[-1]) - found[-1]).max() > 1e-6  # what it saw before counts
     assert policy.card.lstm == 64
 
 
@@ -62,32 +62,32 @@ def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_t
     task.reset(5)
     for controller in (first, second):
         tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
-    command = begun = first.reset(task.max_feed_um_s)
+    command = start = first.reset(task.max_feed_um_s)
     for _ in range(12):
-        seen = task.advance(command.feed_um_s).observation
-        command = first.update(seen)
+        observed = task.advance(command.feed_um_s).observation
+        command = first.update(observed)
     second.reset(task.max_feed_um_s)
     second.restore(json.loads(json.dumps(first.snapshot())))
-    assert second.update(seen) == first.update(seen)
-    assert first.reset(task.max_feed_um_s) == begun
+    assert second.update(observed) == first.update(observed)
+    assert first.reset(task.max_feed_um_s) == start
 
 
 @pytest.mark.slow
 def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(short_training, tmp_path):
-    from edmsim.learning.learners import lanes_of
+    from edmsim.learning.learners import vec_env_of
 
     law = "voltage:reference_V=20"  # a gap wide enough that the law asks for less than the planner's greatest feed
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual=law)
     assert policy.card.residual.law == law
-    lanes = lanes_of("edmsim/GapFeed-v2", trained.hyperparameters, 5).learned_on
-    seen = lanes.reset()
+    vec_env = vec_env_of("edmsim/GapFeed-v2", trained.hyperparameters, 5).learned_on
+    observed = vec_env.reset()
     task, controller = Task("GapFeed"), PolicyController(policy)
     task.reset(5)
     tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
     command = controller.reset(task.max_feed_um_s)
     feeds = set()
     for _ in range(60):
-        seen, _, done, infos = lanes.step(np.array([policy.action(row) for row in seen], np.float32))
+        observed, _, done, infos = vec_env.step(np.array([policy.action(row) for row in observed], np.float32))
         result = task.advance(command.feed_um_s)
         assert result.observation.feed_um_s == infos[0]["feed_um_s"]
         feeds.add(infos[0]["feed_um_s"])
@@ -100,7 +100,7 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
 @pytest.mark.slow
 def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     teacher = "set-point:open_target_share=0.05,on_factor=0.5,period_factor=0.8,offset_um=6"
-    _, policy = exported(tmp_path, "edmsim/Corner-v2", "imitation", steps=4096, teacher=teacher)
+    _, policy = exported(tmp_path, "edmsim/Corner-v2", "imitation", steps=2048, teacher=teacher)
     task, controller = Task("Corner"), PolicyController(policy)
     task.reset(5)
     tell(controller, task.machine, task.scenario.legs_um[0], 0.0)
@@ -118,18 +118,18 @@ def test_a_teacher_says_what_it_would_do_where_the_learner_is():
     from edmsim.learning.imitation import TaughtVecEnv
 
     taught = TaughtVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, action="speed"), "fixed:feed_um_s=9")
-    seen = [taught.reset()]
+    observed = [taught.reset()]
     for feed in (0.01, 0.02, -0.01):
-        seen.append(taught.step(np.full((2, 1), feed, np.float32))[0])
-    found, told = taught.taken()
-    assert np.array_equal(found, np.concatenate(seen[:-1]))
-    assert told == pytest.approx(np.full((6, 1), 9.0 / 100.0))
+        observed.append(taught.step(np.full((2, 1), feed, np.float32))[0])
+    found, targets = taught.taken()
+    assert np.array_equal(found, np.concatenate(observed[:-1]))
+    assert targets == pytest.approx(np.full((6, 1), 9.0 / 100.0))
     taught.step(np.zeros((2, 1), np.float32))
-    assert np.array_equal(taught.taken()[0], seen[-1])  # what was taken is forgotten
+    assert np.array_equal(taught.taken()[0], observed[-1])  # what was taken is forgotten
 
 
 @pytest.mark.parametrize(
-    ("algo", "asked", "named"),
+    ("algo", "options", "named"),
     [
         ("sac", {"privileged_critic": True}, "ppo, ppo-lag"),
         ("ppo", {"residual": "own.py:Law"}, "own.py"),
@@ -138,9 +138,9 @@ def test_a_teacher_says_what_it_would_do_where_the_learner_is():
         ("imitation", {"teacher": "nobody"}, "there is no feed controller 'nobody'"),
     ],
 )
-def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, asked, named):
+def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, options, named):
     with pytest.raises(InputError, match=named):
-        exported(tmp_path / "out", "edmsim/GapFeed-v2", algo, **asked)
+        exported(tmp_path / "out", "edmsim/GapFeed-v2", algo, **options)
     assert not (tmp_path / "out").exists()
 
 
@@ -160,19 +160,19 @@ def test_a_policy_does_not_depend_on_what_only_its_critic_sees(short_training, t
     import torch
 
     trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "ppo", steps=128, privileged_critic=True)
-    shown = trained.lanes.edm.observation_space.shape[0]
+    shown = trained.vec_env.edm.observation_space.shape[0]
     wide = trained.model.observation_space.shape[0]
     assert wide > shown == len(policy.card.observation)
     rng = np.random.default_rng(0)
-    seen = rng.uniform(0, 1, (50, wide)).astype(np.float32)
-    other = seen.copy()
+    observed = rng.uniform(0, 1, (50, wide)).astype(np.float32)
+    other = observed.copy()
     other[:, shown:] += 1.0
-    normal, changed = (trained.normalise.normalize_obs(rows) for rows in (seen, other))
-    wanted = trained.model.predict(normal, deterministic=True)[0]
-    np.testing.assert_array_equal(trained.model.predict(changed, deterministic=True)[0], wanted)
+    normal, changed = (trained.normalise.normalize_obs(rows) for rows in (observed, other))
+    expected = trained.model.predict(normal, deterministic=True)[0]
+    np.testing.assert_array_equal(trained.model.predict(changed, deterministic=True)[0], expected)
     values = [trained.model.policy.predict_values(torch.as_tensor(rows)) for rows in (normal, changed)]
     assert (values[0] - values[1]).abs().min() > 1e-6
-    assert np.abs(np.array([policy.action(row[:shown]) for row in seen]) - wanted).max() < 1e-5
+    assert np.abs(np.array([policy.action(row[:shown]) for row in observed]) - expected).max() < 1e-5
 
 
 def test_costs_beyond_the_limit_raise_their_price():
@@ -181,19 +181,19 @@ def test_costs_beyond_the_limit_raise_their_price():
     from edmsim.envs import make_sb3_vec_env
     from edmsim.learning.lagrangian import CostVecEnv, Multiplier
 
-    lanes = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2), 10.0)
+    vec_env = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2), 10.0)
     plain = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2)
-    assert (lanes.reset() == plain.reset()).all()
+    assert (vec_env.reset() == plain.reset()).all()
     for _ in range(2):
-        rewards = [env.step(np.zeros((2, 1), np.float32))[1] for env in (lanes, plain)]
+        rewards = [env.step(np.zeros((2, 1), np.float32))[1] for env in (vec_env, plain)]
         np.testing.assert_array_equal(*rewards)  # nothing broke
-    assert lanes.ended == [0.0, 0.0]
-    told = Multiplier(lanes, 0.1, 20.0)
-    told.model = type("Learner", (), {"logger": Logger(None, [])})()
+    assert vec_env.ended == [0.0, 0.0]
+    multiplier = Multiplier(vec_env, 0.1, 20.0)
+    multiplier.model = type("Learner", (), {"logger": Logger(None, [])})()
     for ended, price in (([1.0, 0.2], 20.0), ([0.0], 18.0), ([], 18.0)):
-        lanes.ended = ended
-        told._on_rollout_end()
-        assert lanes.multiplier == pytest.approx(price)
+        vec_env.ended = ended
+        multiplier._on_rollout_end()
+        assert vec_env.multiplier == pytest.approx(price)
 
 
 @pytest.mark.slow
@@ -201,18 +201,18 @@ def test_the_bound_of_a_checkpoint_is_taken_up(short_training, tmp_path):
     from edmsim.learning.train import train
 
     trained = train("edmsim/GapFeed-v2", "ppo-lag", tmp_path, steps=64, seed=1)
-    assert trained.lanes.costs.multiplier != 7.0
+    assert trained.vec_env.costs.multiplier != 7.0
     (run,) = tmp_path.glob("checkpoint-*/run.json")
-    told = json.loads(run.read_text())
-    run.write_text(json.dumps({**told, "multiplier": 7.0}))
+    document = json.loads(run.read_text())
+    run.write_text(json.dumps({**document, "multiplier": 7.0}))
     again = train("edmsim/GapFeed-v2", "ppo-lag", tmp_path, steps=64, seed=1, resume=True)
-    assert again.lanes.costs.multiplier == 7.0
+    assert again.vec_env.costs.multiplier == 7.0
 
 
 def test_settings_of_a_search_are_those_of_a_training(tmp_path):
     file = tmp_path / "best.toml"
     file.write_text("[algorithm]\nlearning_rate = 0.002\n[network]\nwidths = [8]\n")
-    usual, found = (hyperparameters.load("edmsim/GapFeed-v2", "ppo", given) for given in (None, file))
+    usual, found = (hyperparameters.load("edmsim/GapFeed-v2", "ppo", parameters) for parameters in (None, file))
     assert found.algorithm == {**usual.algorithm, "learning_rate": 0.002}
     assert found.network.widths == [8]
     for text, named in (("[gains]\nk = 1", "gains"), ("[algorithm]\nspeed = 1", "speed"), ("steps = 0", "steps")):
@@ -225,19 +225,19 @@ def test_settings_of_a_search_are_those_of_a_training(tmp_path):
 def test_a_policy_file_names_no_code_to_run(short_training, tmp_path):
     exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual="voltage")
     file = tmp_path / "policy.json"
-    told = json.loads(file.read_text())
-    told["residual"]["law"] = "evil.py:Law"
-    file.write_text(json.dumps(told))
+    document = json.loads(file.read_text())
+    document["residual"]["law"] = "evil.py:Law"
+    file.write_text(json.dumps(document))
     with pytest.raises(InputError, match="a law of edmsim"):
         policy_file.load(str(file))
 
 
 def test_infos_of_resets_and_steps_have_the_same_keys():
     env = gym.make("edmsim/Corner-v2")
-    _, begun = env.reset(seed=1)
+    _, start = env.reset(seed=1)
     *_, stepped = env.step(env.action_space.sample())
     _, again = env.reset(seed=1)
-    assert begun == again
-    assert list(begun) == list(stepped)
-    assert begun["drawn"] == stepped["drawn"]
-    assert begun["cost"] == begun["area_mm2"] == sum(begun["reward_terms"].values()) == 0.0
+    assert start == again
+    assert list(start) == list(stepped)
+    assert start["drawn"] == stepped["drawn"]
+    assert start["cost"] == start["area_mm2"] == sum(start["reward_terms"].values()) == 0.0

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from edmsim.errors import InputError
+from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import bare_name, unit_of
 from edmsim.machine.setting import (
@@ -24,9 +25,16 @@ from edmsim.machine.setting import (
     standoffs_mm,
     wire_speed_m_s,
 )
-from tests.machine.refusals import refusal
 
 OwnFile = Callable[..., str]
+
+
+def refusal(**choices: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        Machine.load(**choices)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
 
 
 def test_without_a_choice_the_files_hold() -> None:
@@ -127,7 +135,7 @@ def test_a_choice_of_the_other_kind_takes_the_place_of_the_first() -> None:
         ({"standoff_upper_mm": 101.0}, "stand-off of the upper nozzle 101 mm is not within 0..100 mm"),
     ],
 )  # fmt: skip
-def test_a_choice_that_cannot_run_is_told_in_one_line(options: dict[str, Any], said: str) -> None:
+def test_a_choice_that_cannot_run_is_refused_in_one_line(options: dict[str, Any], said: str) -> None:
     assert said in refusal(**options)
 
 
@@ -152,3 +160,26 @@ def test_a_generator_s_own_ranges_hold_in_place_of_the_field_s(own_file: OwnFile
 def test_a_triangle_is_no_shape_of_an_own_iso_pulse_generator(own_file: OwnFile) -> None:
     file = own_file("generators", "iso-pulse", ('mode = "iso-pulse"', 'mode = "iso-pulse"\npulse_shape = "triangle"'))
     assert "makes no triangles" in refusal(generator=file)
+
+
+def test_an_overridden_constant_is_in_force_and_not_drawn() -> None:
+    settings = CutSettings(constants={"gap.critical_um": 5.5, "wire.strength_MPa": 1000})
+    machine = settings.load_machine()
+    assert machine.base.gap.critical_um.value == 5.5
+    assert machine.wire.strength_MPa.value == 1000.0
+    assert {"gap.critical_um", "wire.strength_MPa"}.isdisjoint(machine.uncertain())
+    assert CutSettings.of_json(settings.model_dump_json()).load_machine() == machine
+    table = CutSettings(constants={"geometry.x_pitch_um_m": 10}).load_machine()  # of which our file has none
+    assert table.base.geometry.value("x_pitch_um_m") == 10.0
+
+
+@pytest.mark.parametrize(("constants", "named"), [
+    ({"gap.colour": 1}, "gap.critical_um"), ({"colour": 1}, "gap.*"), ({"gap.critical_um": -1}, "gap.critical_um"),
+    ({"gap.critical_um": float("nan")}, "gap.critical_um"), ({"wire.default_diameter_um": 200}, "brass-200"),
+    ({"geometry.x_periodic_um": 2}, "lead_mm"), (3, "{'gap.critical_um': 5.0}"),
+])  # fmt: skip
+def test_a_constant_that_cannot_be_is_refused_in_one_line(constants: Any, named: str) -> None:
+    with pytest.raises(InputError) as refused:
+        CutSettings(constants=constants).load_machine()
+    assert named in str(refused.value)
+    assert "\n" not in str(refused.value)

@@ -9,9 +9,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, cast, get_args
 
+import numpy as np
 import pytest
 
 import edmsim
+from edmsim.controllers import make
+from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import Kind, available
@@ -20,7 +23,8 @@ from edmsim.machine.setting import (
     least_period_us,
     mean_current_A,
 )
-from tests.machine.refusals import refusal
+from edmsim.program.path import plan_path
+from tests.machine.test_choices import refusal
 
 LABORATORY = ("iso-pulse", "iso-energetic", "ignition-pulse")
 OF_TODAY = ("stainless-steel", "titanium-alloy", "nickel-alloy", "graphite", "polycrystalline-diamond")
@@ -48,21 +52,17 @@ def constants(table: dict[str, Any], place: str = "") -> Iterator[tuple[str, dic
                 yield from constants(value, f"{place}{key}.")
 
 
-@pytest.mark.parametrize(("kind", "name"), FILES)
-def test_every_file_loads(kind: str, name: str) -> None:
-    machine = Machine.load(**cast(Any, {PARAMETER[kind]: name}))
-    assert TITLE[kind](machine) == tomllib.loads(text_of(kind, name))["title"]
-
-
-def test_the_wires_and_materials_asked_for_are_there() -> None:  # T-13
+def test_the_wires_and_materials_of_the_requirements_are_there() -> None:  # T-13
     assert {"copper", "brass", "molybdenum", "zinc-coated-brass", "diffusion-annealed"} == set(available("wires"))
     assert {"tool-steel", "cemented-carbide", "copper", "aluminium", *OF_TODAY} == set(available("materials"))
     assert {*LABORATORY, "equalising", "production"} <= set(available("generators"))
 
 
 @pytest.mark.parametrize(("kind", "name"), FILES)
-def test_every_constant_has_a_source_and_lies_in_its_range(kind: str, name: str) -> None:
-    found = list(constants(tomllib.loads(text_of(kind, name))))
+def test_every_file_loads_and_every_constant_has_a_source_and_lies_in_its_range(kind: str, name: str) -> None:
+    machine, table = Machine.load(**cast(Any, {PARAMETER[kind]: name})), tomllib.loads(text_of(kind, name))
+    assert TITLE[kind](machine) == table["title"]
+    found = list(constants(table))
     assert found
     for key, constant in found:
         assert set(constant) <= {"value", "source", "range"}, key
@@ -116,7 +116,7 @@ def test_bad_key_is_named_with_its_file(tmp_path: Path, own_file: OwnFile, old: 
     assert f"'{named}'" in text
 
 
-def test_value_outside_its_range_is_told_with_both(own_file: OwnFile) -> None:
+def test_a_value_outside_its_range_is_refused_with_both(own_file: OwnFile) -> None:
     file = own_file("wires", "brass", (BRASS_STRENGTH, BRASS_STRENGTH.replace("950.0", "95.0")))
     text = refusal(wire=file)
     assert "95 " in text
@@ -220,6 +220,20 @@ def test_open_voltage_must_exceed_the_burning_voltage(own_file: OwnFile) -> None
     assert "21 V is not above the burning voltage" in refusal(generator=file)
 
 
+@pytest.mark.parametrize(
+    ("b", "c", "loads"),
+    [("-3.69", "14.05", True), ("-3.69", "7.0", False), ("3.69", "7.0", True), ("0.0", "0.01", True)],
+)
+def test_the_median_delay_must_be_above_zero_at_every_gap(own_file: OwnFile, b: str, c: str, loads: bool) -> None:
+    """With a of 0.48 and b below zero, c must be above b^2 / 4 a, 7.09; with another b every gap has one anyway."""
+    changes = ("b_us_um = { value = -3.69,", f"b_us_um = {{ value = {b},"), ("14.05, source", f"{c}, source")
+    file = own_file("machines", "agiecut-dem15", *changes)
+    if loads:
+        assert Machine.load(file).base.gap.median_c_us.value == float(c)
+    else:
+        assert "must be above zero at every gap g: raise median_c_us" in refusal(name=file)
+
+
 def test_with_changes_one_thing_and_checks_it() -> None:
     machine = Machine.load()
     thicker = machine.with_(height_mm=40)
@@ -280,41 +294,18 @@ def test_the_production_preset_has_the_pulses_of_a_modern_rough_cut() -> None:
     assert discharge_current_A(finishing) == pytest.approx(40.0)
 
 
-def test_the_production_machine_differs_from_the_laboratory_s_where_it_says_so() -> None:
-    lab, production = Machine.load().base, Machine.load("production").base
-    assert (production.gap, production.discharge, production.model) == (lab.gap, lab.discharge, lab.model)
-    assert production.table.rapid_um_s.value > lab.table.rapid_um_s.value
-    assert production.guides.clearance_mm.value < lab.guides.clearance_mm.value
-    assert production.dielectric.flushing_pressure_Pa.value > lab.dielectric.flushing_pressure_Pa.value
-    assert production.table.max_feed_um_s is not None
-    assert lab.table.max_feed_um_s is None
-
-
 def test_a_table_of_400_mm_is_cut_with_the_planner_exact_only(tmp_path: Path) -> None:
     file = tmp_path / "far.ngc"
     file.write_text("G21 G90\nG0 X0.0 Y0.0\nG1 X300.0\nM2\n")
-    given: dict[str, Any] = {"machine": "production-400", "generator": "production", "height_mm": 5.0}
-    result = edmsim.cut(
-        file, **given, planner="exact", offset="none", resolution="fast", max_time_s=1.0,
-        controller="fixed:feed_um_s=100",
-    )  # fmt: skip
-    way = result.path.contours[0].points_um
-    assert way[-1, 0] - way[0, 0] == 300_000
-    assert result.report["outcome"] == "time-limit"
-    assert result.windows.num_rows > 0
+    machine = Machine.load("production-400", generator="production", height_mm=5.0)
+    table_um = machine.base.table.travel_mm.value * 1e3
+    path = plan_path(file, "none", auto_offset_mm=machine.auto_offset_mm, table_um=table_um)
+    cut = Simulation(machine, path, make("fixed", feed_um_s=100.0), planner="exact", resolution="fast")
+    assert np.ptp(path.contours[0].points_um[:, 0]) == 300_000
+    cut.step()
+    assert cut.plant.pulses == 255
     with pytest.raises(InputError, match="a table of 400 mm is too large: 16 bits count"):
-        edmsim.cut(file, **given)
-
-
-def test_the_wide_production_machine_shares_what_is_not_its_table_with_the_other() -> None:
-    wide, production = Machine.load("production-400").base, Machine.load("production").base
-    assert wide.guides == production.guides
-    assert wide.dielectric.side_gap_um == production.dielectric.side_gap_um
-    assert (wide.table.rapid_um_s.value, wide.table.travel_mm.value) == (10_000.0, 400.0)
-    assert wide.table.max_feed_um_s is not None
-    assert wide.table.max_feed_um_s.value * 60e-3 == pytest.approx(20.0, rel=1e-3)  # mm/min
-    assert wide.dielectric.flushing_pressure_Pa.range is not None
-    assert wide.dielectric.flushing_pressure_Pa.range[1] == 15e5
+        edmsim.cut(file, machine="production-400", generator="production", height_mm=5.0)
 
 
 # --- materials and wires of today: what is not published says so and has a range ---
@@ -351,13 +342,6 @@ def test_what_a_charge_dissolves_follows_from_faraday(
     mol_of_charge_per_g = sum(weight * valence / molar for weight, valence, molar in metals)
     per_C = 1e3 / (mol_of_charge_per_g * 96_485 * density_g_cm3 * share)
     assert surface.dissolved_mm3_C.value == pytest.approx(per_C, rel=0.01)
-
-
-def test_no_metal_of_today_but_the_cobalt_of_diamond_draws_the_wire() -> None:
-    shares = {name: Machine.load(material=name).material.magnetic_share.value for name in OF_TODAY}
-    assert all(-0.05 < share <= 0.0 for name, share in shares.items() if name != "polycrystalline-diamond")
-    carbide = Machine.load(material="cemented-carbide").material
-    assert 0.0 < shares["polycrystalline-diamond"] < carbide.magnetic_share.value
 
 
 def test_a_copper_core_conducts_and_hard_brass_holds() -> None:

@@ -50,8 +50,8 @@ def test_every_draw_is_a_valid_machine_within_its_ranges(seed: int, wire: str, m
         assert low <= constant.value <= high, name
         before = machine.uncertain()[name]
         assert (constant.source, constant.range, type(constant)) == (before.source, before.range, type(before))
-    for kept in ("tension", "height_mm", "wire_diameter_um", "t_on_us", "t_period_us", "generator", "name"):
-        assert getattr(drawn, kept) == getattr(machine, kept), kept
+    for field in ("tension", "height_mm", "wire_diameter_um", "t_on_us", "t_period_us", "generator", "name"):
+        assert getattr(drawn, field) == getattr(machine, field), field
 
 
 @pytest.mark.slow
@@ -133,7 +133,7 @@ def test_a_set_up_that_cannot_run_is_drawn_again() -> None:
     assert 902.5 < min(strengths) < 910
 
 
-def test_a_setting_no_draw_can_run_is_told(own_file: Callable[..., str]) -> None:
+def test_a_setting_no_draw_can_run_is_refused(own_file: Callable[..., str]) -> None:
     wide = "value = 1000.0, range = [1.0, 1000.0]"
     wire = own_file("wires", "brass", ("value = 950.0, range = [900.0, 1000.0]", wide))
     machine = Machine.load(wire=wire)

@@ -1,15 +1,19 @@
-"""Shares of the profile error against ways whose distance from the edge is known in closed form."""
+"""Shares of the profile error, and errors within reach of a round wire, against closed forms."""
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmsim.metrology.profile import ProfileError
+from edmsim.geometry import Polyline
+from edmsim.metrology.profile import ProfileError, element_errors
+from edmsim.metrology.reach import mean_error_um, unreachable_um, worst_place
 from edmsim.metrology.shares import SHARES, error_shares, share_stats
 from edmsim.program.path import WireContour
 
@@ -38,7 +42,7 @@ def way(moved: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(move, move, move, st.floats(-20.0, 20.0))
 def test_a_way_that_is_moved_leaves_what_it_is_further_off_each_side(planner, drive, wire, gap) -> None:
     moves = np.cumsum([planner, drive, wire], axis=0)
@@ -77,6 +81,106 @@ def test_what_was_not_measured_has_no_shares() -> None:
     shares = error_shares(measured(error), CONTOUR, [way(np.zeros(2))] * 3)
     assert np.isnan(shares[:, 3]).all()
     assert np.isfinite(np.delete(shares, 3, axis=1)).all()
-    not_begun = error_shares(measured(error), CONTOUR, [np.zeros((0, 2))] * 3)
-    assert np.isnan(not_begun).all()
-    assert all(np.isnan(value) for share in share_stats(not_begun, error).values() for value in share.values())
+    before_start = error_shares(measured(error), CONTOUR, [np.zeros((0, 2))] * 3)
+    assert np.isnan(before_start).all()
+    assert all(np.isnan(value) for share in share_stats(before_start, error).values() for value in share.values())
+
+
+ELL_OFFSET_UM = 150.0
+ELL_MM = np.array([(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4), (0, 0)], float)  # the part on its left
+INNER_MM = np.array([2.0, 2.0])
+LEFT_UM = ELL_OFFSET_UM * (math.sqrt(2) - 1)
+
+
+def contour() -> WireContour:
+    ring = shapely.Polygon(ELL_MM).buffer(ELL_OFFSET_UM / 1e3, quad_segs=64).exterior
+    path = np.round(shapely.get_coordinates(ring.reverse() if not ring.is_ccw else ring) * 1e3).astype(np.int64)
+    elements = tuple((k + 1, 10 + k) for k in range(6))
+    return WireContour(path, 0, ELL_MM, True, "left", elements=elements, offset_um=ELL_OFFSET_UM)
+
+
+def profile(error_um: np.ndarray | float = 0.0) -> ProfileError:
+    line = Polyline(ELL_MM, closed=True)
+    s = line.stations(0.02, line.corners(15.0))
+    error = np.broadcast_to(error_um, (3, len(s))).astype(float)
+    return ProfileError(line.at(s), s, error, line.distance_along(s, np.array([1.0])) <= 0.25)
+
+
+def place_of(found: ProfileError, x: float, y: float) -> int:
+    return int(np.hypot(*(found.points_mm - (x, y)).T).argmin())
+
+
+def test_only_the_inner_corner_is_out_of_reach() -> None:
+    found = profile()
+    left = unreachable_um(found, contour())
+    assert left[place_of(found, *INNER_MM)] == pytest.approx(LEFT_UM, abs=1.0)
+    assert left.max() == left[place_of(found, *INNER_MM)]
+    # the fillet touches both sides at the offset from the corner
+    assert np.hypot(*(found.points_mm[left > 0] - INNER_MM).T).max() < ELL_OFFSET_UM / 1e3
+    assert (left >= 0).all()
+
+
+def test_a_wire_on_its_path_has_no_error_within_reach_and_says_why_there_is_one_against_the_drawing() -> None:
+    bare = profile()
+    left = unreachable_um(bare, contour())
+    found = profile(left)
+    against, within = (
+        worst_place([contour()], [found], [left], [None], reachable=reachable) for reachable in (False, True)
+    )
+    assert against is not None
+    assert within is not None
+    assert (against.x_mm, against.y_mm, against.why) == (2.0, 2.0, "out of reach")
+    assert against.error_um == pytest.approx(LEFT_UM, abs=1.0)
+    assert within.error_um == 0.0
+
+
+@pytest.mark.parametrize(
+    ("place_mm", "why"),
+    [((4.0, 2.0), "outer corner"), ((2.0, 2.0), "inner corner"), ((1.0, 0.0), "start mark"), ((0.0, 2.0), "edge")],
+)
+def test_the_largest_error_says_what_lies_there(place_mm: tuple[float, float], why: str) -> None:
+    found = profile()
+    error = np.zeros_like(found.error_um)
+    error[1, place_of(found, *place_mm)] = -30.0
+    found = ProfileError(found.points_mm, found.s_mm, error, found.at_lead_in)
+    shares = np.zeros((5, len(found.s_mm)))
+    shares[3] = -30.0
+    worst = worst_place([contour()], [found], [np.zeros(len(found.s_mm))], [shares], reachable=True)
+    assert worst is not None
+    assert (worst.error_um, worst.why, worst.made_by) == (-30.0, why, "wire")
+
+
+def test_the_mean_error_is_that_of_the_walls_between_corners() -> None:
+    bare = profile()
+    left = unreachable_um(bare, contour())
+    line = Polyline(ELL_MM, closed=True)
+    at_corner = line.distance_along(bare.s_mm, line.s[line.corners(15.0)]) < 0.1
+    found = profile(np.where(at_corner | bare.at_lead_in, -40.0, 4.0))
+    assert mean_error_um([contour()], [found], [left]) == pytest.approx(4.0)
+    assert math.isnan(mean_error_um([contour()], [profile(math.nan)], [left]))
+
+
+def test_elements_are_the_lines_of_the_program() -> None:
+    bare = profile()
+    left = unreachable_um(bare, contour())
+    found = profile(left + 2.0)
+    rows = element_errors(3, contour(), found, left)
+    assert [(row.contour, row.element, row.line, row.kind) for row in rows] == [
+        (3, k + 1, 10 + k, "line") for k in range(6)
+    ]
+    assert [row.length_mm for row in rows] == [4.0, 2.0, 2.0, 2.0, 2.0, 4.0]
+    for row in rows:
+        assert (row.mean_um, row.rms_um, row.low_um, row.high_um) == pytest.approx((2.0,) * 4)
+
+
+@pytest.mark.parametrize("turn", [math.tau, 2.0])
+def test_an_arc_has_its_radius(turn: float) -> None:
+    angle = np.linspace(0, turn, 60)
+    points = 1.5 * np.column_stack([np.cos(angle), np.sin(angle)]) + 20.0
+    arc = WireContour(np.round(points * 1e3).astype(np.int64), 0, points, False, "left", elements=((1, 4),) * 59)
+    s = np.linspace(0, 1.5 * turn, 100)
+    found = ProfileError(np.zeros((100, 2)), s, np.zeros((2, 100)), np.zeros(100, bool))
+    (row,) = element_errors(1, arc, found, np.zeros(100))
+    assert (row.kind, row.line) == ("arc", 4)
+    assert row.radius_mm == pytest.approx(1.5, abs=1e-6)
+    assert row.length_mm == pytest.approx(1.5 * turn, rel=1e-3)

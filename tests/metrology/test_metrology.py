@@ -88,6 +88,13 @@ def square(half, side_of_part, offset=RADIUS):
     return make_contour(path, 4.0 + ring * half / 1000, side_of_part, closed=True, lead_in_moves=1)
 
 
+@pytest.fixture(scope="module")
+def punch():
+    """Give the contour of a square punch of 1 mm and the field that it was cut from; no test may change that."""
+    line = square(500.0, "left")
+    return line, cut(line.points_um)
+
+
 # --- kerf width ---
 
 
@@ -101,7 +108,7 @@ def test_straight_kerf_is_as_wide_as_the_swept_disc(angle_deg):
 
 
 @pytest.mark.parametrize("part_side", ["left", "right"])
-def test_a_kerf_beside_the_path_has_one_wall_nearer(part_side):
+def test_a_kerf_off_its_path_has_one_wall_nearer(part_side):
     line = straight(0.0, part_side)
     kerf = kerf_width(cut(np.add(line.points_um, (0.0, 20.0))), line, 250.0)
     nearer = -20.0 if part_side == "right" else 20.0  # +Y is on the left of +X
@@ -118,13 +125,6 @@ def test_any_straight_kerf_is_as_wide_as_the_swept_disc(angle_deg, radius):
     # along a wall parallel to the grid the half-full level is off by up to 0.35 um on either side
     assert kerf_width(field, line, 250.0).stats()["mean"] == pytest.approx(2 * radius, abs=0.9)
     assert profile_error(field, line).stats()["max"] < 1.2
-
-
-def test_barrel_shows_in_the_slices():
-    line = straight(20.0)
-    radii = (150.0, 160.0, 172.0, 160.0, 150.0)
-    kerf = kerf_width(cut(line.points_um, radii), line, 250.0)
-    np.testing.assert_allclose(kerf.slice_mean_um, 2 * np.array(radii), atol=0.4)
 
 
 def test_kerf_keeps_away_from_ends_and_corners():
@@ -146,17 +146,22 @@ def test_kerf_leaves_out_what_another_cut_opened():
     assert len(kerf.s_mm)
 
 
-def test_kerf_leaves_out_what_is_not_cut_yet():
+def test_what_is_not_cut_yet_has_neither_kerf_nor_error():
     line = straight(length=3_000.0)
-    kerf = kerf_width(cut([[4_000, 4_000], [5_800, 4_000]]), line, 250.0)
+    field = cut([[4_000, 4_000], [5_800, 4_000]])
+    kerf = kerf_width(field, line, 250.0)
     assert 1.2 < kerf.s_mm.max() < 1.5
     assert kerf.stats()["min"] > 2 * RADIUS - 0.8
+    profile = profile_error(field, line)
+    assert 1.6 < profile.s_mm[np.isfinite(profile.error_um[0])].max() <= 1.8
+    assert profile.stats()["max"] < 0.6
 
 
-def test_kerf_of_an_untouched_blank_is_not_a_number():
-    kerf = kerf_width(KerfField(2, BLANK), straight(), 250.0)
-    assert all(math.isnan(value) for value in kerf.stats().values())
+def test_kerf_and_error_of_an_untouched_blank_are_not_numbers():
+    kerf, profile = kerf_width(KerfField(2, BLANK), straight(), 250.0), profile_error(KerfField(2, BLANK), straight())
+    assert all(math.isnan(value) for value in (*kerf.stats().values(), *profile.stats().values()))
     assert np.isnan(kerf.slice_mean_um).all()
+    assert not np.isfinite(profile.error_um).any()
 
 
 def test_wire_diameter_must_be_positive():
@@ -196,6 +201,7 @@ def test_wire_on_the_nominal_edge_undercuts_by_half_the_kerf():
 def test_every_slice_is_measured_and_can_be_chosen():
     line = straight(40.0)
     field = cut(line.points_um, (150.0, 155.0, 165.0))
+    np.testing.assert_allclose(kerf_width(field, line, 250.0).slice_mean_um, [300.0, 310.0, 330.0], atol=0.4)
     profile = profile_error(field, line)
     np.testing.assert_allclose(np.median(profile.error_um, axis=1), [5.0, 0.0, -10.0], atol=0.3)
     np.testing.assert_allclose(np.median(profile.mean_um), -5 / 3, atol=0.3)
@@ -210,39 +216,25 @@ def test_a_slice_that_is_not_there_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("part_side", "radius_mm"), [("left", 0.445), ("right", 0.755)])
-def test_circle(part_side, radius_mm):
-    turn = np.linspace(0.0, 2 * np.pi, 121)
+def test_a_circle_is_exact_on_either_side_and_has_no_corners():
+    turn = np.linspace(0.0, 2 * np.pi, 61)
     ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     ring[-1] = ring[0]
-    line = make_contour(4_000 + 600 * ring, 4 + radius_mm * ring, part_side, closed=True)
-    field = cut(line.points_um)
-    profile = profile_error(field, line)
-    assert profile.stats()["max"] < 1.5  # the path is rounded to whole um
-    assert corners(line, profile) == []
-    assert kerf_width(field, line, 250.0).stats()["mean"] == pytest.approx(2 * RADIUS, abs=0.6)
+    field = cut(np.round(4_000 + 600 * ring))
+    for part_side, radius_mm in (("left", 0.445), ("right", 0.755)):
+        line = make_contour(4_000 + 600 * ring, 4 + radius_mm * ring, part_side, closed=True)
+        profile = profile_error(field, line)
+        assert profile.stats()["max"] < 1.5  # the path is rounded to whole um
+        assert corners(line, profile) == []
+        assert kerf_width(field, line, 250.0).stats()["mean"] == pytest.approx(2 * RADIUS, abs=0.6)
 
 
 def test_the_far_wall_of_the_kerf_is_no_part_wall():
     """Undercut by more than half the kerf: the far wall is nearer than the part's, and must not be taken."""
     line = straight(part_side="left", offset=-100.0)
     profile = profile_error(cut(line.points_um), line)
-    beside = np.abs(profile.s_mm - 0.8) < 0.7  # before and behind, the round end of the kerf is nearer
-    np.testing.assert_allclose(profile.error_um[:, beside], -(RADIUS + 100.0), atol=0.6)
-
-
-def test_what_is_not_cut_yet_has_no_error():
-    line = straight(length=3_000.0)
-    profile = profile_error(cut([[4_000, 4_000], [5_800, 4_000]]), line)
-    known = np.isfinite(profile.error_um[0])
-    assert 1.6 < profile.s_mm[known].max() <= 1.8
-    assert profile.stats()["max"] < 0.6
-
-
-def test_an_untouched_blank_has_no_error_at_all():
-    profile = profile_error(KerfField(2, BLANK), straight())
-    assert not np.isfinite(profile.error_um).any()
-    assert all(math.isnan(value) for value in profile.stats().values())
+    between_ends = np.abs(profile.s_mm - 0.8) < 0.7  # before and behind, the round end of the kerf is nearer
+    np.testing.assert_allclose(profile.error_um[:, between_ends], -(RADIUS + 100.0), atol=0.6)
 
 
 def test_the_blank_own_edges_are_left_out():
@@ -285,9 +277,9 @@ def test_inner_corners_keep_what_the_round_wire_cannot_reach():
 
 
 @pytest.mark.slow
-def test_outer_corners_stay_sharp():
-    line = square(500.0, "left")
-    profile = profile_error(cut(line.points_um), line)
+def test_outer_corners_stay_sharp(punch):
+    line, field = punch
+    profile = profile_error(field, line)
     found = corners(line, profile)
     assert len(found) == 4
     # a cell's corner cannot be drawn sharper than the half-full level does: 0.2 cells
@@ -319,9 +311,10 @@ def test_corner_turns_are_signed_and_the_seam_is_a_corner_too():
 
 
 @pytest.mark.slow
-def test_the_lead_in_is_marked_and_can_be_left_out():
-    line = square(500.0, "left")
-    field = cut(line.points_um)
+def test_the_lead_in_is_marked_and_can_be_left_out(punch):
+    line, whole = punch
+    field = KerfField(1, BLANK)
+    field.restore(whole.snapshot())
     carve(field, np.array([[4_000.0, 3_345.0], [4_000.0, 3_375.0]]), (RADIUS,))  # a mark 30 um deep
     profile = profile_error(field, line)
     assert profile.stats()["max"] == pytest.approx(30.0, abs=0.6)
@@ -334,24 +327,18 @@ def test_the_lead_in_is_marked_and_can_be_left_out():
 
 
 @pytest.mark.slow
-def test_contour_is_the_kerf_with_the_part_as_its_hole():
-    line = square(500.0, "left")
-    field = cut(line.points_um[1:])
+def test_contour_is_the_kerf_with_the_part_as_its_hole(punch):
+    line, field = punch
+    edges = cut_edges(field, 0)
+    assert len(edges.geoms) == 2
+    assert all(edge.is_closed for edge in edges.geoms)  # across tiles
     area = kerf_polygons(field, 0)
-    exact = LineString(line.points_um[1:] / 1000).buffer(RADIUS / 1000, quad_segs=64)
+    exact = LineString(line.points_um / 1000).buffer(RADIUS / 1000, quad_segs=64)
     assert len(area.geoms) == 1
     assert len(area.geoms[0].interiors) == 1
     assert area.symmetric_difference(exact).area < 0.0005 * exact.length
     removed_mm2 = field.removed_parts * field.part_area_um2 * 1e-6
     assert area.area == pytest.approx(removed_mm2, rel=2e-4)
-
-
-@pytest.mark.slow
-def test_edges_are_closed_across_tiles():
-    line = square(500.0, "left")
-    edges = cut_edges(cut(line.points_um[1:]), 0)
-    assert len(edges.geoms) == 2
-    assert all(edge.is_closed for edge in edges.geoms)
 
 
 def test_start_holes_and_air_are_no_removed_metal():

@@ -82,19 +82,19 @@ def main() -> int:
     parser.add_argument("names", nargs="*", help="parts of files' names; all mutants if none is named")
     parser.add_argument("--out", type=Path, required=True, help="folder for the results; is made, and gone on with")
     parser.add_argument("--limit", type=float, default=600.0, help="seconds for the tests of one mutant")
-    asked = parser.parse_args()
-    asked.out.mkdir(parents=True, exist_ok=True)
-    results = asked.out / "results.jsonl"
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    results = arguments.out / "results.jsonl"
     lines = results.read_text(encoding="utf-8").splitlines() if results.exists() else []
     known = {(row["file"], row["old"], row["new"]): row["outcome"] for row in map(json.loads, lines)}
-    chosen = [m for m in load() if not asked.names or any(name in m.file for name in asked.names)]
+    chosen = [m for m in load() if not arguments.names or any(name in m.file for name in arguments.names)]
     with tempfile.TemporaryDirectory() as folder:
         tree = copied(Path(folder))
         for number, mutant in enumerate(chosen, 1):
             key = mutant.file, mutant.old, mutant.new
             began = time.monotonic()
             if key not in known:
-                known[key] = outcome(tree, mutant, asked.limit)
+                known[key] = outcome(tree, mutant, arguments.limit)
                 took_s = round(time.monotonic() - began, 1)
                 row = {**dict(zip(("file", "old", "new"), key, strict=True)), "outcome": known[key], "took_s": took_s}
                 with results.open("a", encoding="utf-8") as file:

@@ -24,7 +24,7 @@ LARGEST_BYTES = 600_000
 SHORT_EPISODES = """
 from functools import partialmethod
 from edmsim.envs.episode import Task
-Task.__init__ = partialmethod(Task.__init__, episode_s=10.0)
+Task.__init__ = partialmethod(Task.__init__, episode_s=4.0)
 """
 SHORTER = {
     "04-gap-controllers": SHORT_EPISODES,
@@ -151,6 +151,7 @@ def test_a_cell_that_fails_or_warns_is_noticed(execute: ModuleType, kernel: Any,
         execute.run(notebook, kernel)
 
 
+@pytest.mark.slow
 def test_a_smaller_picture_has_no_other_colours(execute: ModuleType) -> None:
     ramp = np.linspace(0, 255, 256, dtype=np.uint8)
     picture = np.stack(np.broadcast_arrays(ramp, ramp[:, None], ramp[::-1, None]), axis=-1)  # far more than 256
@@ -171,7 +172,7 @@ def test_small_outputs_do_not_replace_the_committed_ones(execute: ModuleType) ->
         execute.main([NAMES[0], "--small"])
 
 
-def test_a_notebook_that_is_not_there_is_told(execute: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_notebook_that_is_not_there_is_reported(execute: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         execute.main(["99-nothing"])
     assert f"there is no notebook '99-nothing'; there are {NAMES[0]}" in capsys.readouterr().err

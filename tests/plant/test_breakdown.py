@@ -1,4 +1,4 @@
-"""Ignition: the delay law against its published table, and what the pulse loop makes of it."""
+"""Ignition: the delay law against its published table, and the pulse loop's use of it."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def cut(field, parts, *, angle=0.0, edge=20.0, width=40.0, beyond=40.0, place=(M
     parts=st.integers(0, 80 * FULL), angle=st.floats(0.0, 6.3), width=st.floats(0.5, 80.0),
     edge=st.floats(0.0, 100.0), beyond=st.floats(0.0, 60.0),
 )
-def test_carving_removes_what_was_asked_less_what_it_reports(parts, angle, width, edge, beyond):
+def test_carving_removes_what_was_requested_less_what_it_reports(parts, angle, width, edge, beyond):
     field = KerfField(1, Stock((MIDDLE + 10.0, 0.0, 4_000.0, 4_000.0)), CELL, 4_000.0)
     field.allocate(MIDDLE, MIDDLE, 300.0)
     taken, left = cut(field, parts, angle=angle, width=width, edge=edge, beyond=beyond)
@@ -171,8 +171,8 @@ def test_removed_metal_balances_the_craters(machine, drive, resolution):
     windows = drive(plant, 25.0, 5.0)
     assert plant.removed_mm3 > 0.3
     assert plant.removed_mm3 == pytest.approx(plant.craters_mm3, rel=1e-9)
-    told_mm3 = sum(w.crater_um3 for w in windows) * 1e-9
-    assert plant.removed_mm3 == pytest.approx(told_mm3, rel=1e-4)  # less what is kept for the next part
+    reported_mm3 = sum(w.crater_um3 for w in windows) * 1e-9
+    assert plant.removed_mm3 == pytest.approx(reported_mm3, rel=1e-4)  # less what is kept for the next part
 
 
 def test_craters_wait_on_the_rays_until_they_are_traced_again(machine, drive):

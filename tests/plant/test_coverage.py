@@ -33,12 +33,12 @@ from edmsim.plant.resolution import resolution
 from edmsim.plant.workpiece.blanks import started_slot
 
 FAST = resolution("fast")
-KEPT = "steam", "gas", "covered", "wake_debris", "wake_gas"
+STATE_NAMES = "steam", "gas", "covered", "wake_debris", "wake_gas"
 """What discharges leave in the water."""
 
 
 def lasting(steam, gas):
-    """Fading by e over so many grid steps."""
+    """Fading by e over a number of grid steps."""
     steps = np.arange(GRID + 1)[:, None]
     return np.exp(-steps / np.array([steam, gas]))
 
@@ -198,8 +198,8 @@ def test_a_discharge_pumps_debris_out_of_the_length_it_covers(slab):
     a, law = front(3), GasLaw(300.0, 0.0, 0.0, lasting(1e9, 1e9))
     a.debris[:] = 0.2
     blow(a, slab, law, 1, 0.1, 1.0, 0, 0.0)
-    kept = [1 - slab.pumping * 0.2, 1 - slab.pumping * 0.4, 1.0]
-    np.testing.assert_allclose(a.debris, 0.2 * np.array(kept))
+    remaining = [1 - slab.pumping * 0.2, 1 - slab.pumping * 0.4, 1.0]
+    np.testing.assert_allclose(a.debris, 0.2 * np.array(remaining))
 
 
 def test_a_discharge_spreads_its_debris_over_its_pocket(slab):
@@ -253,9 +253,9 @@ def test_the_kerf_of_a_plant_keeps_its_craters_where_no_jet_flushes_it(in_a_hole
     held = c.cavity_um3 * state["debris"].sum() + c.wake_um3 * state["wake_debris"].sum()
     energy_J = sum(w.energy_J for w in windows) / sum(w.spark + w.arc for w in windows)
     reach_um = gas_law(still, timing(still)).steam_um_J * math.sqrt(energy_J)
-    kept = 1.0 - reach_um / (2 * still.height_mm * 1e3)
-    assert 0.97 < kept < 0.99
-    assert held == pytest.approx(kept * sum(w.crater_um3 for w in windows), rel=0.005)
+    remaining = 1.0 - reach_um / (2 * still.height_mm * 1e3)
+    assert 0.97 < remaining < 0.99
+    assert held == pytest.approx(remaining * sum(w.crater_um3 for w in windows), rel=0.005)
     assert 0 < state["debris"].mean() < 3 * state["wake_debris"].mean()
     made = c.gas_um3_J * sum(w.energy_J for w in windows)
     logarithms = np.log1p(-state["wake_gas"][: FAST.slices])  # each discharge fills a share of what is water
@@ -438,7 +438,7 @@ def test_gas_and_film_are_of_the_seed_and_of_a_snapshot_and_leave_with_the_wire(
         while not at_work.advance([(at_work.time_ns, 0, 1)]).coverage:
             pass
     state = plant.snapshot()
-    assert all(state[name].any() for name in KEPT)
+    assert all(state[name].any() for name in STATE_NAMES)
     assert state["state"]["film_kg_um2_s"] > 0.0
     assert same_bits(state, other.snapshot())
     ahead = [repr(plant.advance()) for _ in range(4)]
@@ -450,7 +450,7 @@ def test_gas_and_film_are_of_the_seed_and_of_a_snapshot_and_leave_with_the_wire(
     plant.restore(state)
     plant.rethread((30_000.0, 31_000.0), 60 * 10**9)
     fresh = plant.snapshot()
-    assert not any(fresh[name].any() for name in KEPT)
+    assert not any(fresh[name].any() for name in STATE_NAMES)
 
 
 def test_a_machine_does_not_see_its_gas():

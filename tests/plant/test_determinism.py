@@ -99,9 +99,9 @@ def test_a_snapshot_does_not_change_afterwards_and_does_not_disturb(machine):
     plant, reference = plant_of(machine), plant_of(machine)
     run(plant, 20)
     state = plant.snapshot()
-    kept = {name: array.tobytes() for name, array in state.items()}
+    stored = {name: array.tobytes() for name, array in state.items()}
     run(plant, 20, 20)
-    assert {name: array.tobytes() for name, array in state.items()} == kept
+    assert {name: array.tobytes() for name, array in state.items()} == stored
     run(reference, 40)
     assert bits(plant) == bits(reference)
 
@@ -181,7 +181,7 @@ def test_another_process_gives_the_same_bits(tmp_path):
 
 
 def test_plants_in_two_threads_do_what_they_do_alone(machine, drive):
-    """The pulse loop holds no lock and shares nothing: the same bits, whoever runs beside it."""
+    """The pulse loop holds no lock and shares nothing: the same bits, whatever runs in other threads."""
 
     def cut(seed):
         return drive(edmsim.Plant(machine, seed, resolution="fast"), 25.0, 2.0)

@@ -109,8 +109,8 @@ def test_discharges_fade_out_round_the_wire(machine):
         if window.spark + window.arc:
             ray = int(plant.snapshot()["state"]["last_ray"][0])
             eighths[int(8 * min(ray, rays - ray) / (rays // 2 + 1))] += 1
-    ahead, aslant, beside, behind = eighths.reshape(4, 2).sum(axis=1)
-    assert ahead > aslant > 5 * beside > 0
+    ahead, aslant, lateral, behind = eighths.reshape(4, 2).sum(axis=1)
+    assert ahead > aslant > 5 * lateral > 0
     assert behind < 0.005 * eighths.sum()
     assert eighths[4] > eighths[5]
 
@@ -199,9 +199,9 @@ def test_the_wire_lags_the_more_the_faster_it_is_fed(machine, usual):
 @pytest.mark.slow
 def test_the_force_turns_with_the_place_of_the_discharges():
     """Past a corner the deflection turns from the old direction to the new one as the new front is cut."""
-    seen = []
-    corner = cut_corner(corner_rig(8.0), 1, lambda deflection, past: seen.append((past, *deflection)))
-    past, x, y = np.array(seen).T
+    observed = []
+    corner = cut_corner(corner_rig(8.0), 1, lambda deflection, past: observed.append((past, *deflection)))
+    past, x, y = np.array(observed).T
     before, after = past == 0, past == 1
     straight = slice(-200, None)
     lag = corner.lag_um

@@ -67,7 +67,7 @@ def sparks(n):
 
 
 def modal_answer(modes, kicks, at, end_us):
-    """What modes make of the train: deflection (pulses, axes, slices) in um at every pulse's end."""
+    """The modes' answer to the train: deflection (pulses, axes, slices) in um at every pulse's end."""
     whole = [p[0] for p in propagator_table(modes.wire_omega, modes.wire_zeta, [PERIOD_NS * 1e-9])]
     rests = propagator_table(modes.wire_omega, modes.wire_zeta, (PERIOD_NS * 1e-3 - end_us) * 1e-6)
     q, v = np.zeros((2, 2, len(modes.wire_omega)))
@@ -134,6 +134,7 @@ def test_at_the_plant_s_step_waves_run_more_like_the_string_s_than_the_modes(tra
     assert differ(full_answer(), exact) < differ(modal_answer(modes, *train), exact) < 0.25  # 18 %, 23 %
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ignite_us", "end_us"), [(30.0, 60.0), (12.5, 12.5), (100.0, 100.0), (0.0, 0.0), (3.0, 95.0)]
 )
@@ -152,6 +153,7 @@ def test_the_pull_acts_until_ignition_and_weaker_until_the_end(ignite_us, end_us
     np.testing.assert_allclose(found, exact, atol=0.01 * max(np.abs(exact).max(), 1e-9))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping_ratio", [0.0, 0.2, 5.0])
 @pytest.mark.parametrize("wire", WIRES)
 def test_the_time_step_is_stable_for_every_wire(wire, damping_ratio, train):
@@ -169,12 +171,14 @@ def battle(rig, n, train):
     return rig.run(n, kicks=kicks, at=at, end_us=end_us, pull=pull, steps=stepping(300, n // 40, axis=1))
 
 
+@pytest.mark.slow
 def test_the_same_train_gives_the_same_bits(train):
     one, two = (battle(Rig(drive=DriveSetup(2e-6, 30.0, 5e-6, 2e-6)), 400, train) for _ in range(2))
     for name in ("nodes", "place", "rotor", "commanded"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
 
 
+@pytest.mark.slow
 def test_arrays_and_snapshot_continue_bit_for_bit(train):
     rig, other = (Rig(drive=DriveSetup(2e-6, 30.0, 5e-6, 2e-6)) for _ in range(2))
     battle(rig, 200, train)
@@ -191,8 +195,9 @@ def test_arrays_and_snapshot_continue_bit_for_bit(train):
     assert not rig.full.snapshot()["friction_share"].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kick", [math.nan, math.inf, 1.0, -1e300])
-def test_a_wild_wire_is_told_and_nothing_is_written(kick, tmp_path, monkeypatch):
+def test_a_wild_wire_is_reported_and_nothing_is_written(kick, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     kicks = np.zeros((20, 2))
     kicks[7, 1] = kick
@@ -202,6 +207,7 @@ def test_a_wild_wire_is_told_and_nothing_is_written(kick, tmp_path, monkeypatch)
     assert not list(Path(tmp_path).iterdir())
 
 
+@pytest.mark.slow
 def test_the_period_is_cut_into_equal_steps_no_longer_than_stable():
     rig = Rig()
     for period_ns, steps in ((100_000, 11), (9_000, 1), (33_333, 4)):

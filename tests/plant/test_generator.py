@@ -43,9 +43,9 @@ def test_no_setting_above_two_ampere_runs(machine, on, period):  # T-34
 
 @pytest.mark.parametrize("on", [1.0, 7.3, 30.0, 250.0])
 def test_the_refusal_names_the_least_period_and_it_runs(on):  # T-34
-    with pytest.raises(edmsim.InputError, match=r"above the generator's 2 A; t_period must be at least") as told:
+    with pytest.raises(edmsim.InputError, match=r"above the generator's 2 A; t_period must be at least") as caught:
         load(t_on_us=on, t_period_us=2.0 * on)
-    least = float(re.search(r"at least ([\d.]+) us$", str(told.value))[1])
+    least = float(re.search(r"at least ([\d.]+) us$", str(caught.value))[1])
     assert mean_current_A(load(t_on_us=on, t_period_us=1.001 * least)) == pytest.approx(2.0, rel=2e-3)
     with pytest.raises(edmsim.InputError):
         load(t_on_us=on, t_period_us=0.999 * least)
@@ -61,7 +61,7 @@ def test_a_refused_setting_leaves_the_old_one(machine):  # T-34
 
 
 @pytest.mark.parametrize(
-    ("mode", "setting", "told"),
+    ("mode", "setting", "message"),
     [
         ("iso-pulse", {"t_on_us": 0.5}, r"t_on 0\.5 us is not within 1\.\.1000 us"),  # T-1
         ("iso-pulse", {"t_on_us": 1001.0, "t_period_us": 9000.0}, r"t_on 1001 us is not within 1\.\.1000 us"),  # T-1
@@ -72,8 +72,8 @@ def test_a_refused_setting_leaves_the_old_one(machine):  # T-34
         ("iso-pulse", {"t_on_us": float("nan")}, r"t_on nan us is not within"),
     ],
 )
-def test_impossible_settings_are_told_in_one_sentence(mode, setting, told):
-    with pytest.raises(edmsim.InputError, match=told) as error:
+def test_impossible_settings_are_reported_in_one_sentence(mode, setting, message):
+    with pytest.raises(edmsim.InputError, match=message) as error:
         load(mode, **setting)
     assert "\n" not in str(error.value)
 

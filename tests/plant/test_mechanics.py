@@ -92,7 +92,7 @@ def test_slices_move_with_the_straight_wire_between_nodes(modal: ModalModel, mac
 
 
 @pytest.mark.parametrize("wire", WIRES)
-def test_first_mode_has_the_asked_damping_and_none_is_neglected(wire: WireSetup) -> None:
+def test_first_mode_has_the_requested_damping_and_none_is_neglected(wire: WireSetup) -> None:
     modes = reduce_model(build_model(wire), 6, [wire.guide_distance_m / 2])
     # the same drag per metre on every mode: zeta falls as the frequency rises
     np.testing.assert_allclose(
@@ -106,7 +106,7 @@ def test_first_mode_has_the_asked_damping_and_none_is_neglected(wire: WireSetup)
 
 
 @pytest.mark.parametrize("wire", [*WIRES, dataclasses.replace(BRASS, slot_m=0.02, slot_mass_kg_m=1e-3)])
-def test_a_wire_strung_by_formula_has_the_modes_of_its_own_model(wire: WireSetup) -> None:
+def test_a_wire_modelled_by_formula_has_the_modes_of_its_own_model(wire: WireSetup) -> None:
     heights = slice_heights(wire.guide_distance_m / 2, wire.guide_distance_m, 9)
     built, by_formula = reduce_model(build_model(wire), 8, heights), string_modes(wire, MODEL_FILE, 8, heights)
     for field in dataclasses.fields(ModalModel):
@@ -117,7 +117,7 @@ def test_a_wire_strung_by_formula_has_the_modes_of_its_own_model(wire: WireSetup
         )
 
 
-def test_wires_one_after_another_have_the_modes_of_each_strung_alone() -> None:
+def test_wires_one_after_another_have_the_modes_of_each_modelled_alone() -> None:
     for wire in (BRASS, *WIRES, dataclasses.replace(BRASS, slot_m=0.02, slot_mass_kg_m=1e-3)):
         heights = tuple(slice_heights(wire.guide_distance_m / 2, wire.guide_distance_m, 9))
         alone, one_of_many = string_modes(wire, MODEL_FILE, 8, heights), modes_with(wire, MODEL_FILE, 8, heights)

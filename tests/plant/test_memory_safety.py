@@ -30,8 +30,8 @@ def test_every_constant_has_bounds() -> None:
         for value in (-1e9, 2e9, 1e300):
             with pytest.raises(ValidationError) as caught:
                 kind.model_validate({name: {"value": value, "source": "own"}})
-            told = {error["loc"][0]: error["msg"] for error in caught.value.errors()}
-            assert "out of range" in told[name] or "greater than 0" in told[name]
+            messages = {error["loc"][0]: error["msg"] for error in caught.value.errors()}
+            assert "out of range" in messages[name] or "greater than 0" in messages[name]
 
 
 def test_a_slip_of_the_pen_is_refused_in_one_line(own_file: Callable[..., str]) -> None:
@@ -129,10 +129,10 @@ def test_a_plant_whose_wire_broke_refuses_to_go_on() -> None:
     while not window.broken:
         window = plant.advance([(plant.time_ns, 0, 1)])
     assert 293 < window.wire_temperature_K <= plant.machine.wire.melting_K.value
-    kept = plant.snapshot()
+    snapshot = plant.snapshot()
     with pytest.raises(WireBrokenError, match="the wire is broken: thread a new one") as caught:
         plant.advance()
     assert caught.value.window.broken
-    np.testing.assert_equal(plant.snapshot(), kept)
+    np.testing.assert_equal(plant.snapshot(), snapshot)
     plant.rethread(plant.commanded_um, 1_000_000_000)
     assert 0 < plant.advance().pulses <= 255

@@ -37,7 +37,7 @@ def modes(machine: edmsim.Machine) -> Any:
     return modal_model(machine, resolution("fast"))
 
 
-def test_the_mjcf_beside_the_file_is_the_machines(tmp_path: Path, own_file: OwnFile) -> None:
+def test_the_mjcf_next_to_the_file_is_the_machines(tmp_path: Path, own_file: OwnFile) -> None:
     write(tmp_path, HEAVY)
     names = "agiecut-dem15", own_file("machines", "agiecut-dem15", NAME)
     ours, own = (modes(edmsim.Machine.load(name)) for name in names)
@@ -66,16 +66,16 @@ def test_both_integrators_take_it_and_its_text_is_part_of_the_settings(
     tmp_path: Path, own_file: OwnFile, small_punch: Path
 ) -> None:
     file = own_file("machines", "agiecut-dem15", NAME)
-    told, short = [], {"height_mm": 5, "resolution": "fast", "max_time_s": 0.1}
+    messages, short = [], {"height_mm": 5, "resolution": "fast", "max_time_s": 0.1}
     for changes in ((), (HEAVY,)):
         write(tmp_path, *changes)
         for mechanics in ("modal", "mujoco"):
             cut = edmsim.cut(small_punch, machine=file, mechanics=mechanics, **short)
-            told.append(cut.report["settings"]["constants_sha256"])
-    assert told[0] == told[1] != told[2] == told[3]
+            messages.append(cut.report["settings"]["constants_sha256"])
+    assert messages[0] == messages[1] != messages[2] == messages[3]
 
 
-@pytest.mark.parametrize(("change", "told"), [
+@pytest.mark.parametrize(("change", "message"), [
     (("<mujoco ", "<muyoko "), "MuJoCo cannot use this MJCF"),
     (('joint name="y_rotor"', 'joint name="why_rotor"'), "this MJCF has no joint y_rotor"),
     (('<site name="upper_guide"', '<site name="top"'), "this MJCF has no site upper_guide"),
@@ -83,16 +83,16 @@ def test_both_integrators_take_it_and_its_text_is_part_of_the_settings(
     (('<geom name="clamp_left"', '<geom name="clamp"'), "this MJCF has no geom clamp_left"),
 ])  # fmt: skip
 def test_a_mjcf_that_cannot_be_used_is_one_line(
-    tmp_path: Path, own_file: OwnFile, change: tuple[str, str], told: str
+    tmp_path: Path, own_file: OwnFile, change: tuple[str, str], message: str
 ) -> None:
     file = write(tmp_path, change)
     machine = edmsim.Machine.load(own_file("machines", "agiecut-dem15", NAME))
-    with pytest.raises(InputError, match=told) as error:
+    with pytest.raises(InputError, match=message) as error:
         Plant(machine, 0, resolution="fast")
     assert str(file) in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_a_mjcf_that_is_nowhere_is_told_when_the_machine_is_loaded(own_file: OwnFile) -> None:
+def test_a_mjcf_that_is_nowhere_is_reported_when_the_machine_is_loaded(own_file: OwnFile) -> None:
     with pytest.raises(InputError, match=r"own\.toml: key 'model': there is no MJCF 'bench\.xml' beside this file"):
         edmsim.Machine.load(own_file("machines", "agiecut-dem15", NAME))

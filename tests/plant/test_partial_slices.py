@@ -69,7 +69,7 @@ def of_10_mm():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("resolution", ["fast", "default"])
-def test_10_mm_beside_30_are_cut_as_10(of_10_mm, resolution):
+def test_10_mm_next_to_30_are_cut_as_10(of_10_mm, resolution):
     cut = Stretch(stepped_plant(30.0, [(None, 10.0)], resolution=resolution), 4.0, 14.0)
     assert cut.height_mm == pytest.approx(10.0, rel=0.02)
     assert cut.removed_mm3 == pytest.approx(cut.craters_mm3, rel=1e-9)
@@ -120,10 +120,10 @@ def test_same_seed_same_bits_and_a_snapshot_goes_on_alike(mechanics):
     assert [first.window() for _ in range(40)] == [second.window() for _ in range(40)]
     metal = plant._arrays.metal
     assert 0.66 < metal[1] < 1.0
-    kept = plant.snapshot()
+    snapshot = plant.snapshot()
     after = [plant.advance() for _ in range(30)]
     again = stepped_plant(30.0, [(0.02, 10.0)], mechanics=mechanics)
-    again.restore(kept)
+    again.restore(snapshot)
     assert [again.advance() for _ in range(30)] == after
     assert (again.removed_mm3, again.craters_mm3) == (plant.removed_mm3, plant.craters_mm3)
     plant.reset(5, stock=None)
@@ -151,7 +151,7 @@ def test_the_field_counts_the_true_volume(heights):
     area = shapely.union_all(squares)
     volume = 10.0 * area.area - sum((10.0 - h) * band.intersection(area).area for band, h in bands)
     other.restore(field.snapshot())
-    for kept in (field, other):
-        assert kept.removed_um2 == 0.0
-        kept.tiles[: kept.count] = 0
-        assert kept.removed_um2 * 2.0 == pytest.approx(volume, rel=1e-6)
+    for each in (field, other):
+        assert each.removed_um2 == 0.0
+        each.tiles[: each.count] = 0
+        assert each.removed_um2 * 2.0 == pytest.approx(volume, rel=1e-6)

@@ -224,7 +224,7 @@ def test_the_bare_wire_hangs_straight_and_leans_to_metal_nearby(machine, altered
     assert np.abs(plant.deflections_um()[:, 1]).max() < 0.1 * lean
 
 
-def told(machine, change, kind):
+def message_of(machine, change, kind):
     """Advance a plant whose state was changed by hand; returns the error."""
     plant = far(machine)
     plant.advance()
@@ -240,27 +240,27 @@ def told(machine, change, kind):
     return caught.value
 
 
-def test_a_wire_that_leaves_its_guides_is_told(machine):
+def test_a_wire_that_leaves_its_guides_is_reported(machine):
     """A wire bent by metres is not a wire any more: the error says when, where, and what the window was like."""
 
     def bend(state):
         state["wire_q"][0, 0] = 1e9
 
-    error = told(machine, bend, WireLostError)
+    error = message_of(machine, bend, WireLostError)
     assert "the wire left its guides" in str(error)
     assert error.window.deflection_um[0] > 1e6
     assert isinstance(error, PlantError)
 
 
 @pytest.mark.parametrize("name", ["wire_q", "wire_v", "debris", "table_q", "steam", "gas", "wake_gas"])
-def test_a_number_that_becomes_none_is_told(machine, name):
+def test_a_number_that_becomes_none_is_reported(machine, name):
     def spoil(state):
         state[name].flat[0] = 1e300
 
-    assert "not finite" in str(told(machine, spoil, NotFiniteError))
+    assert "not finite" in str(message_of(machine, spoil, NotFiniteError))
 
 
-def test_a_wire_inside_the_metal_is_told(machine):
+def test_a_wire_inside_the_metal_is_reported(machine):
     """A wire set down where only metal is finds no way out."""
     plant = edmsim.Plant(machine, 1, resolution="fast")
     state = plant.snapshot()

@@ -21,12 +21,12 @@ def machine(**setting):
 
 def driven(plant, windows=12):
     """Advance with two motor steps of 2 um in every window."""
-    seen = []
+    observed = []
     for _ in range(windows):
         now = plant.time_ns
         window = plant.advance([(now + 1_000_000, 0, 1), (now + 2_000_000, 0, 1)])
-        seen.append((window, plant.last_pulses()))
-    return seen
+        observed.append((window, plant.last_pulses()))
+    return observed
 
 
 @pytest.mark.parametrize("generator", ["iso-pulse", "iso-energetic"])
@@ -87,7 +87,7 @@ def test_a_copy_goes_on_watching():
     np.testing.assert_array_equal(driven(twin, 1)[0][1], driven(plant, 1)[0][1])
 
 
-def test_walls_are_seen_from_where_the_wire_was():
+def test_walls_are_observed_from_where_the_wire_was():
     plant = edmsim.Plant(machine(), 3, stock=STOCK, resolution="fast")
     plant.advance()
     place, gaps = plant.walls_um(2)

@@ -40,10 +40,10 @@ def test_slices_hold_the_area_of_the_solid_with_the_step(corners, height):
         return
     cut_mm = slices_below(height, 10.0, 5) * 2.0
     box = (320.0, 320.0, 1_280.0, 1_280.0)
-    wanted = (960.0**2 * 10.0 - triangle.area * (10.0 - cut_mm)) * 1e-9
+    expected = (960.0**2 * 10.0 - triangle.area * (10.0 - cut_mm)) * 1e-9
     field = stepped((triangle, height))
     rounding = 240**2 * HALF_PART * 16e-9 * 10.0
-    assert volume_mm3(field, box) == pytest.approx(wanted, abs=rounding)
+    assert volume_mm3(field, box) == pytest.approx(expected, abs=rounding)
 
 
 def test_a_step_off_the_grid_leaves_the_exact_share_of_its_cells():

@@ -22,6 +22,7 @@ def test_a_motor_step_moves_its_axis_two_micrometres_and_rings(axis, way):
     np.testing.assert_array_equal(ran.commanded[-1, axis], START_UM + 2.0 * way)
 
 
+@pytest.mark.slow
 def test_after_a_step_the_rotor_swings_at_its_frequency():
     rig = Rig()
     ran = rig.run(600, steps=[(1_000_000, 0, 1)])

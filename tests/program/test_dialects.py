@@ -28,19 +28,19 @@ Read = Callable[..., Program]
 
 @pytest.fixture
 def read(tmp_path: Path) -> Read:
-    def read_text(text: str, **asked: object) -> Program:
+    def read_text(text: str, **options: object) -> Program:
         file = tmp_path / "part.nc"
         file.write_text(text)
-        return load_program(file, **asked)  # type: ignore[arg-type]
+        return load_program(file, **options)  # type: ignore[arg-type]
 
     return read_text
 
 
-def example(name: str, **asked: object) -> Program:
-    return load_program(EXAMPLES / name, **asked)  # type: ignore[arg-type]
+def example(name: str, **options: object) -> Program:
+    return load_program(EXAMPLES / name, **options)  # type: ignore[arg-type]
 
 
-def told(outlines: tuple[Outline, ...]) -> list[tuple[object, ...]]:
+def summary(outlines: tuple[Outline, ...]) -> list[tuple[object, ...]]:
     return [(o.wire_side, o.offset_mm, o.condition, o.adaptive, o.continues, o.stops_after) for o in outlines]
 
 
@@ -73,9 +73,9 @@ def test_the_passes_of_a_punch_are_read_in_order(name: str) -> None:
     program = example(name)
     assert program.dialect == name.removeprefix("punch-").removesuffix(".nc")
     assert any(notice.startswith(f"dialect {program.dialect} (") for notice in program.notices)
-    for found, wanted in zip(told(program.outlines), PASSES[name], strict=True):
-        assert found[:1] + found[2:] == wanted[:1] + wanted[2:]
-        assert found[1] == pytest.approx(wanted[1])
+    for found, expected in zip(summary(program.outlines), PASSES[name], strict=True):
+        assert found[:1] + found[2:] == expected[:1] + expected[2:]
+        assert found[1] == pytest.approx(expected[1])
     unit_mm = 25.4 / 25 if name == "punch-mitsubishi.nc" else 1.0
     tab = next(k for k, o in enumerate(program.outlines) if len(o.points_mm) == 2)
     profile = program.outlines[0].points_mm / unit_mm
@@ -101,7 +101,7 @@ def test_a_pass_begins_where_the_one_before_left_off() -> None:
         before = outline
 
 
-def test_the_table_in_the_head_is_kept_as_written() -> None:
+def test_the_table_in_the_head_is_stored_as_written() -> None:
     table = example("punch-sodick.nc").conditions
     assert list(table) == ["C000", "C001", "C002", "C003"]
     assert {name: row["ON"] for name, row in table.items()} == {"C000": 10, "C001": 12, "C002": 2, "C003": 1}
@@ -248,7 +248,7 @@ def test_a_dialect_is_recognised_and_one_pass_is_cut(
     assert path.offset_um == pytest.approx(190, abs=6)
 
 
-def test_a_dialect_that_was_asked_for_is_taken(read: Read) -> None:
+def test_a_dialect_that_was_requested_is_taken(read: Read) -> None:
     text = ONE_PASS.format("D1=0.19\n", "S3 G41 D1")
     assert read(text).outlines[0].condition is None
     program = read(text, dialect="fanuc")
@@ -260,7 +260,7 @@ def test_a_dialect_that_was_asked_for_is_taken(read: Read) -> None:
         read(text, dialect="sodik")
 
 
-def test_passes_without_compensation_are_told_by_their_conditions(read: Read) -> None:
+def test_passes_without_compensation_are_reported_by_their_conditions(read: Read) -> None:
     ring = "G1 X{0} Y0.\nX{0} Y{0}\nX0. Y{0}\nX0. Y0.\n"
     lines = ["G92 X-2. Y0.", "S9", "G1 X0. Y0.", "S1", ring.format(4.0), "S2", "G1 X.05 Y.05", "X3.95", "Y3.95",
              "X.05", "Y.05"]  # fmt: skip

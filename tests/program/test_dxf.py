@@ -111,14 +111,14 @@ def test_a_mirrored_arc_lies_where_it_is_drawn(drawing):
 
 
 @pytest.mark.parametrize(("code", "unit_mm"), [(1, 25.4), (5, 10.0), (13, 0.001), (4, 1.0)])
-def test_units_are_honoured_and_told(drawing, code, unit_mm):
+def test_units_are_honoured_and_reported(drawing, code, unit_mm):
     program = drawing(lambda space: space.add_circle((0, 0), 3 / unit_mm), units=code)
     assert np.ptp(program.outlines[0].points_mm, axis=0) == pytest.approx([6, 6], rel=1e-3)
     assert chord_error(program.outlines[0], circle_line(3)) <= 1.01e-3
     assert bool(program.notices) == (code != 4)
 
 
-def test_without_a_unit_it_is_mm_and_told(drawing):
+def test_without_a_unit_it_is_mm_and_reported(drawing):
     program = drawing(square, units=0)
     assert area(program.outlines[0]) == pytest.approx(100)
     assert any("mm" in notice for notice in program.notices)
@@ -153,7 +153,7 @@ def test_a_layer_that_is_off_is_not_cut(tmp_path):
 
 
 @pytest.mark.slow
-def test_entities_drawn_twice_are_cut_once_and_told(drawing):
+def test_entities_drawn_twice_are_cut_once_and_reported(drawing):
     def draw(space):
         square(space)
         space.add_line((10, 0), (0, 0))
@@ -247,11 +247,11 @@ def plate(space):
     space.add_blockref("HOLE", (10, 0), dxfattribs=grid)
 
 
-def read_plate(tmp_path, **asked):
+def read_plate(tmp_path, **options):
     document = ezdxf.new("R2010", units=4)
     plate(document.modelspace())
     document.saveas(tmp_path / "plate.dxf")
-    return read_dxf(tmp_path / "plate.dxf", **asked)
+    return read_dxf(tmp_path / "plate.dxf", **options)
 
 
 def test_blocks_are_cut_where_they_are_inserted(tmp_path):
@@ -261,7 +261,7 @@ def test_blocks_are_cut_where_they_are_inserted(tmp_path):
     assert program.notices == ("6 TEXT left out",)
 
 
-def test_only_the_layers_asked_for_are_cut_also_within_blocks(tmp_path):
+def test_only_the_layers_requested_are_cut_also_within_blocks(tmp_path):
     grid, rest = (read_plate(tmp_path, layers=layers) for layers in (["GRID"], ["0", "slots"]))
     assert [len(program.outlines) for program in (grid, rest)] == [4, 3]
     assert "1 ELLIPSE on a layer not asked for left out" in grid.notices
@@ -269,7 +269,7 @@ def test_only_the_layers_asked_for_are_cut_also_within_blocks(tmp_path):
         read_plate(tmp_path, layers=["nix"])
 
 
-def test_a_unit_that_makes_no_sense_is_asked_for(tmp_path):
+def test_a_unit_that_makes_no_sense_is_requested(tmp_path):
     program = read_plate(tmp_path, unit="in")
     assert np.ptp(program.outlines[-1].points_mm, axis=0) == pytest.approx([1016, 1016], rel=1e-3)
     assert "the drawing is read in in, as asked, though the drawing says 1 mm" in program.notices

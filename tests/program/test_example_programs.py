@@ -77,8 +77,8 @@ def test_the_gear_is_what_its_script_draws(tmp_path):
     script = tmp_path / "make_gear.py"
     script.write_text((EXAMPLES / "make_gear.py").read_text())
     subprocess.run([sys.executable, script], check=True)
-    drawn, kept = (planned(folder / "gear.dxf") for folder in (tmp_path, EXAMPLES))
-    for one, other in zip(drawn.contours, kept.contours, strict=True):
+    drawn, shipped = (planned(folder / "gear.dxf") for folder in (tmp_path, EXAMPLES))
+    for one, other in zip(drawn.contours, shipped.contours, strict=True):
         # not to the point: sines differ in their last bit from processor to processor, and chords with them
         apart = shapely.LineString(one.points_um).hausdorff_distance(shapely.LineString(other.points_um))
         assert apart < 2.0

@@ -151,8 +151,8 @@ def test_whatever_its_switches_one_contour_is_read(
     assert program.dialect == "freecad"
     assert outline.closed
     ends = np.flatnonzero(np.diff([0, *outline.elements, 0]))
-    wanted = np.array([end for _, end, _ in moves]) * unit_mm
-    assert outline.points_mm[ends] == pytest.approx(wanted, abs=1e-6)
+    expected = np.array([end for _, end, _ in moves]) * unit_mm
+    assert outline.points_mm[ends] == pytest.approx(expected, abs=1e-6)
     arcs = [(centre, start) for (_, start, _), (_, _, centre) in pairwise(moves) if centre is not None]
     for centre, start in arcs:
         middle = (np.array(start) + centre) * unit_mm

@@ -16,10 +16,10 @@ SQUARE = "G92 X5 Y-2\nG41 D0 G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
 
 @pytest.fixture
 def read(tmp_path):
-    def read_text(text, name="part.ngc", **asked):
+    def read_text(text, name="part.ngc", **options):
         file = tmp_path / name
         file.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_gcode(file, **asked)
+        return read_gcode(file, **options)
 
     return read_text
 
@@ -109,7 +109,7 @@ def test_g92_in_mid_program_shifts_what_follows(read):
     assert outline.points_mm.tolist() == [[1, 1], [3, 1], [5, 5], [6, 5]]
 
 
-def test_bare_g92_in_mid_program_is_told(read):
+def test_bare_g92_in_mid_program_is_reported(read):
     program = read("G92 X1. Y1.\nG1 X3.\nG92\nG1 X2. Y4.\n")
     assert only(program).points_mm[-1].tolist() == [5, 5]
     assert any("line 3" in notice and "G92" in notice for notice in program.notices)
@@ -120,7 +120,7 @@ def test_dwells_keep_place_and_seconds(read):
     assert outline.dwells == ((0, 0.5), (1, 2.0))
 
 
-def test_stops_feed_registers_and_idle_codes_are_told_once_each(read):
+def test_stops_feed_registers_and_idle_codes_are_reported_once_each(read):
     program = read("G17 G21 G60\nG38\nG39\nM28\nG0 X0 Y0\nD3\nM0\nM01\nG1 X5.5 F12\nG1 Y2 F12\n")
     for what in ("G60", "G38", "G39", "M28", "M0 ", "M1 ", "F12", "D3"):
         assert sum(what in notice for notice in program.notices) == 1, what
@@ -182,7 +182,7 @@ def test_a_full_circle_as_one_arc_or_two(read):
         assert np.allclose(radius, 5, atol=1e-9)
 
 
-def test_absolute_arc_centres_are_found_out_and_told(read):
+def test_absolute_arc_centres_are_found_out_and_reported(read):
     program = read("G0 X20 Y10\nG3 X10 Y10 I15.0 J10\nG3 X20 Y10 I15. J10\n")
     assert area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
     assert [notice for notice in program.notices if "absolute" in notice] == [
@@ -308,7 +308,7 @@ def test_missing_files_and_directories_are_refused(tmp_path):
         read_gcode(Path(tmp_path))
 
 
-def test_words_that_cannot_change_a_contour_are_read_and_told(read):
+def test_words_that_cannot_change_a_contour_are_read_and_reported(read):
     idle = "O1234\nT84 T85\nG54 G71 G80 G90\nM60\nS1 C003 H0 Z20.\nM80 M82 M84\n"
     program = read(idle + SQUARE.replace("M02", "M50\nM02"))
     assert np.array_equal(only(program).points_mm, only(read(SQUARE)).points_mm)
@@ -327,15 +327,15 @@ def test_all_unknown_words_of_a_file_stand_in_one_list(read):
     assert "line 2: G51 is left out, as asked" in program.notices
 
 
-@pytest.mark.parametrize(("asked", "what"), [("X", "X: the contour"), ("G1", "G1: the"), ("$", "letters or words")])
-def test_what_makes_the_contour_is_not_ignored(read, asked, what):
+@pytest.mark.parametrize(("word", "what"), [("X", "X: the contour"), ("G1", "G1: the"), ("$", "letters or words")])
+def test_what_makes_the_contour_is_not_ignored(read, word, what):
     with pytest.raises(InputError, match=what):
-        read(SQUARE, ignore=[asked])
+        read(SQUARE, ignore=[word])
 
 
 @pytest.mark.parametrize(("text", "feed"), [
     ("G20 G0 X0 Y0\nF0.1 G1 X1. Y.5\n", "F0.1 in/min"), ("G0 X0 Y0\nF9 G1 X1. Y.5\n", "F9 mm/min"),
     ("G0 X0 Y0\nF9 G1 X1000 Y500\n", "F9 um/min"), ("G93 G0 X0 Y0\nF9 G1 X1. Y.5\n", "F9 is"),
 ])  # fmt: skip
-def test_feeds_are_told_in_the_units_of_the_program(read, text, feed):
+def test_feeds_are_reported_in_the_units_of_the_program(read, text, feed):
     assert sum(f"feed {feed}" in notice for notice in read(text).notices) == 1

@@ -155,8 +155,8 @@ def test_irregular_files_are_recovered_with_one_notice(own_text: Reading, data: 
 def test_the_librarys_warnings_are_one_notice(own_text: Reading, capfd: pytest.CaptureFixture[str]) -> None:
     program = own_text(TEXT.replace(b"LINE\n", b"LINE\n5\n21\n"))
     assert size(program) == [10, 6]
-    (told,) = [notice for notice in program.notices if "irregular" in notice]
-    assert "handle #21" in told
+    (message,) = [notice for notice in program.notices if "irregular" in notice]
+    assert "handle #21" in message
     assert capfd.readouterr() == ("", "")
 
 
@@ -184,11 +184,11 @@ OTHERS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("data", "told"), OTHERS.values(), ids=list(OTHERS))
-def test_what_is_no_whole_drawing_is_refused_in_plain_words(own_text: Reading, data: bytes, told: str) -> None:
+@pytest.mark.parametrize(("data", "message"), OTHERS.values(), ids=list(OTHERS))
+def test_what_is_no_whole_drawing_is_refused_in_plain_words(own_text: Reading, data: bytes, message: str) -> None:
     with pytest.raises(InputError) as caught:
         own_text(data)
-    assert caught.match(told)
+    assert caught.match(message)
     for python in ("Error", "Invalid", "object", "None", "Traceback", "b'"):
         assert python not in caught.value.reason
 

@@ -162,8 +162,8 @@ def test_repeated_points_leave_no_trace(drawing: Drawing, tmp_path: Path, corner
         assert len(outline.points_mm) == 5
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            told = plan_path(tmp_path / "drawing.dxf", "auto", auto_offset_mm=0.15).notices
-        assert not any("stays" in notice for notice in told)
+            notices = plan_path(tmp_path / "drawing.dxf", "auto", auto_offset_mm=0.15).notices
+        assert not any("stays" in notice for notice in notices)
 
 
 @pytest.mark.parametrize("at_mm", [0.0, 1.5875, 0.0025, 0.0075, 0.00249999])
@@ -248,8 +248,8 @@ def test_the_cases_of_the_collection() -> None:
         "23-closed-polyline-repeats-its-start": (10.0, 10.0, ""),
         "25-drawn-twice-with-noise": (4.7625, 3.175, "twice"),
     }
-    for name, (width, height, told) in expected.items():
+    for name, (width, height, notices) in expected.items():
         program = read_dxf(CASES / f"{name}.dxf")
         (outline,) = program.outlines
         assert np.ptp(outline.points_mm, axis=0) == pytest.approx((width, height), abs=1e-6), name
-        assert told in "; ".join(program.notices), name
+        assert notices in "; ".join(program.notices), name

@@ -103,7 +103,7 @@ def test_drawings_beyond_reason_are_refused(
         load_program(file)
 
 
-def test_what_the_library_fails_on_is_told_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_library_fails_on_is_reported_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = drawing(tmp_path, lambda m: m.add_open_spline([(0, 0), (1, 1), (2, 0), (3, 1)]))
 
     def fail(*_: object, **__: object) -> None:

@@ -35,8 +35,8 @@ def of_square(folder: Path, offsets_mm: tuple[float, ...] = OFFSETS_MM, **plan_o
 def test_rough_forward_trims_to_and_fro_then_the_tab(tmp_path: Path) -> None:
     """The order of shops: the profile without the tab, to and fro, a stop, the tab with the rough condition first."""
     contour = of_square(tmp_path, tab_mm=1.5)
-    told = [(p.number, p.piece, p.reversed, p.stops_before, p.frees) for p in contour.passes]
-    assert told == [
+    rows = [(p.number, p.piece, p.reversed, p.stops_before, p.frees) for p in contour.passes]
+    assert rows == [
         (1, "profile", False, False, False), (2, "profile", True, False, False), (3, "profile", False, False, False),
         (1, "tab", False, True, True), (2, "tab", True, False, False), (3, "tab", False, False, False),
     ]  # fmt: skip

@@ -56,7 +56,7 @@ def signed_area(points):
     return (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() / 2
 
 
-def check_beside(contour, offset_mm):
+def check_offset(contour, offset_mm):
     """Check the offset at every point and middle of a move, its side, and the lead-in."""
     path = cut_points(contour)
     middles = (path[1:] + path[:-1]) / 2
@@ -97,7 +97,7 @@ def test_a_punch_by_hand(plan):
     path = plan(PUNCH)
     (contour,) = path.contours
     check_job(path)
-    check_beside(contour, OFFSET_MM)
+    check_offset(contour, OFFSET_MM)
     origin = np.array(path.origin_mm)
     drawn = contour.points_um / 1000 - origin
     assert drawn[0] == pytest.approx([5, -2])
@@ -124,7 +124,7 @@ def test_a_program_without_approach_gets_one_on_the_waste_side_and_says_so(plan)
     path = plan(ROBOFIL)
     (contour,) = path.contours
     check_job(path)
-    check_beside(contour, OFFSET_MM)
+    check_offset(contour, OFFSET_MM)
     assert contour.part_side == "left"
     drawn = contour.points_um[:2] / 1000 - np.array(path.origin_mm)
     assert drawn == pytest.approx(np.array([[5, OFFSET_MM + 1.0], [5, OFFSET_MM]]))
@@ -147,7 +147,7 @@ def test_every_point_keeps_the_offset_on_the_right_side(tmp_path_factory, radii,
     file.write_text(f"{side} D1\nG0 X{corners[0][0]:.3f} Y{corners[0][1]:.3f}\n{moves}M02\n")
     path = plan_path(file, offset, auto_offset_mm=1.0)
     check_job(path)
-    check_beside(path.contours[0], offset)
+    check_offset(path.contours[0], offset)
     assert path.contours[0].part_side == ("right" if side == "G41" else "left")
 
 
@@ -158,7 +158,7 @@ def test_the_modes_of_offset(plan):
     assert distances(contour, cut_points(contour)).max() < 1e-6
     assert plan(PUNCH, 0.3).offset_um == pytest.approx(300)
     assert plan(PUNCH, "0.3").offset_um == pytest.approx(300)
-    check_beside(plan(PUNCH, 0.3).contours[0], 0.3)
+    check_offset(plan(PUNCH, 0.3).contours[0], 0.3)
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ def test_an_open_slot(plan):
     assert nominal == pytest.approx(np.array([[0, 0.155], [7.845, 0.155], [7.845, 5]]))
 
 
-def test_dwells_stay_at_their_corner_beside_the_edge(plan):
+def test_dwells_stay_at_their_corner_next_to_the_edge(plan):
     path = plan(PUNCH.replace("X0\n", "X2.5\nG4 P2\nX0\nG4 X3\n", 1).replace("G41", "G4 P1\nG41", 1))
     (contour,) = path.contours
     spots = [(contour.points_um[i] / 1000 - np.array(path.origin_mm)).tolist() for i, _ in contour.dwells]
@@ -204,7 +204,7 @@ def test_a_rounded_lead_in_is_offset_like_the_contour(plan):
     path = plan("G92 X3 Y-3.0\nG41 G1 X4 Y-1\nX6\nG3 X5 Y0 I-1 J0\nG1 X0\nY8\nX10\nY0\nX5\nM02\n")
     (contour,) = path.contours
     check_job(path)
-    check_beside(contour, OFFSET_MM)
+    check_offset(contour, OFFSET_MM)
     assert contour.lead_in_moves > 3
     assert set(contour.line_numbers[: contour.lead_in_moves]) == {2, 3, 4}
     before, after = np.diff(contour.points_um[contour.lead_in_moves - 1 : contour.lead_in_moves + 2], axis=0)
@@ -220,7 +220,7 @@ def test_drawings_hole_first_then_outside(plan_drawing):
     path = plan_drawing(draw)
     check_job(path)
     for contour, radius in zip(path.contours, (2 - OFFSET_MM, 10 + OFFSET_MM), strict=True):
-        check_beside(contour, OFFSET_MM)
+        check_offset(contour, OFFSET_MM)
         assert contour.part_side == "left"
         distance = np.hypot(*(cut_points(contour) - np.array(path.origin_mm)).T)
         assert distance == pytest.approx(np.full(len(distance), radius), abs=3e-3)
@@ -228,9 +228,9 @@ def test_drawings_hole_first_then_outside(plan_drawing):
         assert all(hole.distance(shapely.LineString(other.nominal_mm)) > 0 for other in path.contours)
 
 
-def test_a_lead_in_without_room_is_shortened_and_told(plan_drawing):
+def test_a_lead_in_without_room_is_shortened_and_reported(plan_drawing):
     path = plan_drawing(lambda space: (space.add_circle((0, 0), 0.6), space.add_circle((0, 0), 9)))
-    check_beside(path.contours[0], OFFSET_MM)
+    check_offset(path.contours[0], OFFSET_MM)
     assert any("as there is no more room" in notice for notice in path.notices)
 
 
@@ -276,7 +276,7 @@ def test_where_the_wire_does_not_fit_it_says_so(plan_drawing, draw, words):
 
 
 def test_a_slot_as_wide_as_the_wire_needs_is_cut(plan_drawing):
-    check_beside(plan_drawing(narrow_slot, 0.095).contours[0], 0.095)
+    check_offset(plan_drawing(narrow_slot, 0.095).contours[0], 0.095)
 
 
 def test_no_room_for_the_start_hole(plan_drawing):

@@ -20,8 +20,8 @@ def notices(folder: Path, corner: str) -> list[str]:
     """Plan an opening of 10 by 10 mm whose lower right corner is cut as given, and say what the wire cannot make."""
     file = folder / "opening.ngc"
     file.write_text(f"G92 X5 Y5\nG41 D1 G1 X5 Y0\n{corner}\nY10\nX0\nY0\nX5\nG40\nM02\n")
-    told = plan_path(file, OFFSET_MM, auto_offset_mm=1.0).notices
-    return [notice for notice in told if "wire and gap" in notice]
+    notices = plan_path(file, OFFSET_MM, auto_offset_mm=1.0).notices
+    return [notice for notice in notices if "wire and gap" in notice]
 
 
 def test_a_small_inner_radius_is_named_with_its_place(tmp_path: Path) -> None:

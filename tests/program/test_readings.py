@@ -39,7 +39,7 @@ def length_mm(points: np.ndarray) -> float:
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
-def told(program: Program, words: str) -> bool:
+def has_notice(program: Program, words: str) -> bool:
     return any(words in notice for notice in program.notices)
 
 
@@ -84,7 +84,7 @@ def test_an_arc_without_a_radius_is_left_out(read: Read) -> None:
     (outline,) = program.outlines
     assert outline.points_mm.tolist() == [[5, 2], [5, 5], [12, 5], [12, 9]]
     assert outline.dwells == ((2, 1.0),)
-    assert told(program, "line 5: an arc without a radius is left out")
+    assert has_notice(program, "line 5: an arc without a radius is left out")
 
 
 def test_a_circle_about_the_zero_where_centres_are_absolute(read: Read) -> None:
@@ -102,14 +102,14 @@ def test_a_circle_whose_ends_differ_by_rounding_is_full(read: Read, end: str) ->
     program = read(f"G20\nG0 X0 Y0\nG1 X.5 Y0\nG3 {end} I-.5 J0\nG1 X0 Y0\nM2\n")
     (outline,) = program.outlines
     assert length_mm(outline.points_mm) == pytest.approx(25.4 * math.pi, rel=1e-3)
-    assert told(program, "it is read as a full circle") == (end != "X.5 Y0.0")
+    assert has_notice(program, "it is read as a full circle") == (end != "X.5 Y0.0")
 
 
 def test_a_short_arc_of_a_contour_that_closes_without_a_circle_is_one(read: Read) -> None:
     program = read("G21\nG0 X0 Y-3.\nG1 Y0.\nX10.\nG3 X10.003 Y0.001 I-0.5 J3.\nG1 Y8.\nX0.\nY0.\nM2\n")
     (outline,) = program.outlines
     assert np.ptp(outline.points_mm, axis=0) == pytest.approx((10.003, 8))
-    assert told(program, "line 5: the arc's ends are 3.2 um apart: it is read as the short arc")
+    assert has_notice(program, "line 5: the arc's ends are 3.2 um apart: it is read as the short arc")
 
 
 # tolerances from the resolution that is written
@@ -155,7 +155,7 @@ def test_what_no_rounding_explains_is_refused(read: Read) -> None:
 def test_words_of_codes_without_effect_have_none(read: Read, block: str) -> None:
     program = read(f"D1=0.16\n{block}\nG0 X0 Y0\nG41 D1 G1 X5.\nX9.\nM2\n")
     assert program.outlines[0].offset_mm == 0.16
-    assert told(program, "line 2: ")
+    assert has_notice(program, "line 2: ")
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_only_m_codes_are_offered_to_be_ignored(read: Read) -> None:
 def test_what_the_program_says_of_centres_is_read(read: Read, code: str, centre: tuple[float, float]) -> None:
     program = read(f"{code}\nG0 X10. Y0\nG3 X10. Y0 I5. J0\nM2\n")
     assert program.outlines[0].points_mm.mean(axis=0) == pytest.approx(centre, abs=0.2)
-    assert not told(program, "absolute")
+    assert not has_notice(program, "absolute")
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_overlap_of_any_number_of_moves_is_no_lead_out(read: Read, end: str, lea
     (outline,) = program.outlines
     assert outline.closed
     assert outline.points_mm.tolist() == [[6, 0], [0, 0], [0, 8], [12, 8], [12, 0], [6, 0]]
-    assert told(program, "overlap") == (end != "X6.\n")
+    assert has_notice(program, "overlap") == (end != "X6.\n")
     planned(program)
 
 
@@ -234,7 +234,7 @@ def test_a_circle_may_overlap_its_beginning(read: Read) -> None:
     program = read("G21\nG0 X0 Y0\nG41 G1 X5. Y0\nG3 X-5. Y0 I-5. J0\nG3 X4.698 Y1.710 I5. J0\nG40 G1 X0 Y0\nM2\n")
     (outline,) = program.outlines
     assert length_mm(outline.points_mm) == pytest.approx(10 * math.pi, rel=1e-3)
-    assert told(program, "line 5: the overlap")
+    assert has_notice(program, "line 5: the overlap")
 
 
 def test_a_dwell_keeps_its_place_where_a_move_runs_over_the_beginning(read: Read) -> None:
@@ -279,7 +279,7 @@ CIRCLE = "G92 X0 Y0\nG41 D1 G1 X.25 Y0\nG3 X-.25 Y0 I-.25 J0\nG3 X.25 Y0 I.25 J0
 def test_an_offset_before_the_unit_has_the_only_unit(read: Read, define: str) -> None:
     program = read(f"{define}\n{CIRCLE}")
     assert program.outlines[0].offset_mm == pytest.approx(0.0061 * 25.4)
-    assert told(program, "lengths before G20 are read in inches") == (define[:3] != "G20")
+    assert has_notice(program, "lengths before G20 are read in inches") == (define[:3] != "G20")
 
 
 def test_places_before_the_unit_have_the_only_unit(read: Read) -> None:

@@ -69,7 +69,7 @@ def test_whole_um_count_for_registers_as_well(tmp_path: Path) -> None:
     assert plan(tmp_path, text).offset_um == pytest.approx(155.0)
 
 
-def test_an_offset_that_was_asked_for_wins_with_a_notice(tmp_path: Path) -> None:
+def test_an_offset_that_was_requested_wins_with_a_notice(tmp_path: Path) -> None:
     path = plan(tmp_path, SQUARE.format("D1=0.155", "D1"), offset=0.16)
     assert path.offset_um == 160.0
     assert "the offset is 0.16 mm, as requested, not the 0.155 mm of the register" in path.notices
@@ -96,9 +96,9 @@ def test_contours_have_the_offsets_of_their_registers(tmp_path: Path) -> None:
         away = np.hypot(*(contour.points_um[contour.lead_in_moves :] - contour.nominal_mm.mean(axis=0) * 1e3).T)
         assert away == pytest.approx(radius_um, abs=15.0)  # the mean of the chords' ends is near the centre
     assert "offset 160, 200 um" in repr(path)
-    asked = plan(tmp_path, TWO_HOLES.format(x="X5.", second="D2"), offset=0.18)
-    assert asked.offset_um == 180.0
-    assert "the offset is 0.18 mm, as requested, not the 0.16, 0.2 mm of the register" in asked.notices
+    requested = plan(tmp_path, TWO_HOLES.format(x="X5.", second="D2"), offset=0.18)
+    assert requested.offset_um == 180.0
+    assert "the offset is 0.18 mm, as requested, not the 0.16, 0.2 mm of the register" in requested.notices
 
 
 def test_a_register_that_is_set_again_holds_from_there(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def test_sharp_corners_move_by_tan_a_times_the_sum_of_normals(angle_deg):
 
 @pytest.mark.parametrize("angle_deg", [3.0, 15.0, -15.0])
 @pytest.mark.parametrize("height_mm", [0.0, 5.0, 10.0])
-def test_the_wire_is_beside_a_wall_by_the_ellipse(angle_deg, height_mm):
+def test_the_wire_is_next_to_a_wall_by_the_ellipse(angle_deg, height_mm):
     wall, wire = wall_and_wire(square(angle_deg), OFFSET, GUIDES)
     edge, way = (shapely.LinearRing(of.at(height_mm)) for of in (wall, wire))
     middles = shapely.points((way.coords[:-1] + np.array(way.coords[1:])) / 2)
@@ -192,7 +192,7 @@ def test_the_plain_offset_would_leave_the_formulas_undersize():
         assert (gap - 0.173) * 1e3 == pytest.approx(undersize_um, abs=0.05)
 
 
-def test_a_wire_path_as_written_has_its_wall_beside_it():
+def test_a_wire_path_as_written_has_its_wall_next_to_it():
     outline = square(3.0, side=None)
     wall, wire = wall_and_wire(outline, OFFSET, GUIDES)
     np.testing.assert_allclose(wire.lower_mm, outline.points_mm)
@@ -320,7 +320,7 @@ def test_without_taper_a_path_is_what_it_was():
     assert known.contours[0].lean is None
 
 
-def test_beside_is_the_offset_itself_where_a_wall_is_upright():
+def test_next_to_is_the_offset_itself_where_a_wall_is_upright():
     outline = replace(square(), taper=Taper(upper_mm=square().points_mm))
     wall, _ = wall_and_wire(outline, OFFSET, GUIDES)
     for points in (offset_surface(wall, "right", OFFSET).lower_mm, offset_surface(wall, "right", OFFSET).upper_mm):

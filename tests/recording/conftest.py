@@ -14,7 +14,7 @@ from edmsim.recording import (
     Closeups,
     ErrorMap,
     Frames,
-    Quality,
+    Report,
     Scene,
     SceneCorner,
     Totals,
@@ -22,6 +22,7 @@ from edmsim.recording import (
     build_report,
     polylines,
 )
+from edmsim.recording.report import Corner, Kerf, Origin, ProfileErrors, Surface
 
 N_WINDOWS = 3000
 N_SLICES = 9
@@ -89,19 +90,19 @@ def windows(draw: np.random.Generator) -> WindowTable:
 
 
 def frames(rows: np.ndarray) -> Frames:
-    kept = Frames(N_SLICES)
+    store = Frames(N_SLICES)
     shape = np.sin(np.pi * (np.arange(N_SLICES) + 0.5) / N_SLICES)
     for row in rows:
-        kept.offer(row[0], row[1], row[2], row[-1], -shape[:, None] * row[12:14], GAS)
-    return kept
+        store.offer(row[0], row[1], row[2], row[-1], -shape[:, None] * row[12:14], GAS)
+    return store
 
 
 def closeups(rows: np.ndarray) -> Closeups:
     """Every window's pulses: spark, open, short, arc by turns, all in the middle slice, along ray 0 (+x)."""
-    kept = Closeups(N_SLICES, N_RAYS, N_SLICES // 2)
+    store = Closeups(N_SLICES, N_RAYS, N_SLICES // 2)
     number = np.arange(96)
     for row in rows:
-        r, p = kept.row, kept.row["pulses"]
+        r, p = store.row, store.row["pulses"]
         r["t_s"], r["guides_um"], r["path_um"] = row[0], row[1:3], row[-1]
         r["burning_V"], r["current_A"], r["short_A"] = 22.0, 6.6, 8.0
         r["wire_um"] = row[1:3] - row[12:14]
@@ -115,8 +116,8 @@ def closeups(rows: np.ndarray) -> Closeups:
         p["gap_um"] = np.where(number % 4 == 2, 0.0, 15.0)
         p["x_um"], p["y_um"] = r["wire_um"]
         r["count"] = len(number)
-        kept.keep()
-    return kept
+        store.keep()
+    return store
 
 
 def cut_edges(stop: float | None = None) -> tuple[tuple[np.ndarray, ...], ...]:
@@ -165,28 +166,16 @@ def cut() -> SimpleNamespace:
         removed_mm3=205.0,
         vibration_um_rms=0.8,
     )
-    quality = Quality(
-        kerf_mean_um=308.0,
-        kerf_min_um=301.0,
-        kerf_max_um=314.0,
-        profile_max_um=10.2,
-        profile_rms_um=2.1,
-        profile_p95_um=4.0,
-        corners=corners,
-        ra_um=1.9,
-    )
+    part = Report(
+        origin_mm=Origin(20.0, 20.0), kerf_um=Kerf(308.0, 301.0, 314.0),
+        profile_error_um=ProfileErrors(10.2, 2.1, 4.0),
+        corners=[Corner(c.x_mm - 20.0, c.y_mm - 20.0, c.x_mm, c.y_mm, c.turn_deg, c.error_um) for c in corners],
+        surface=Surface(1.9),
+    )  # fmt: skip
     report = build_report(
-        outcome="finished",
-        reason=None,
-        windows=arrow,
-        totals=totals,
-        quality=quality,
-        notices=["made up"],
-        seed=7,
-        settings={"program": "rectangle.ngc", "controller": "counts"},
-        version="0.0.0",
-        origin_mm=(20.0, 20.0),
-    )
+        part, arrow, totals, outcome="finished", reason=None, notices=["made up"], seed=7,
+        settings={"program": "rectangle.ngc", "controller": "counts"}, version="0.0.0",
+    )  # fmt: skip
     return SimpleNamespace(
         table=table,
         windows=arrow,
@@ -195,11 +184,11 @@ def cut() -> SimpleNamespace:
         machine=Machine.load(height_mm=20.0),
         scene=scene,
         totals=totals,
-        quality=quality,
+        part=part,
         report=report,
     )
 
 
 @pytest.fixture(autouse=True)
-def pictures_of_reports() -> None:
-    """Draw all pictures, in place of what the fixture of this name leaves away elsewhere."""
+def pictures_of_cuts() -> None:
+    """Draw all pictures, in place of what the fixture of this name leaves out elsewhere."""

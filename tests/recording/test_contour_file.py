@@ -7,7 +7,6 @@ import dataclasses
 import re
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from ezdxf.filemanagement import readfile
 from edmsim.errors import InputError
 from edmsim.recording.contour_file import write_contour
 from edmsim.recording.html_report import elements_table
+from edmsim.recording.report import Element
 
 
 def expected(cut: SimpleNamespace) -> list[np.ndarray]:
@@ -67,12 +67,8 @@ def test_another_suffix_is_refused(cut: SimpleNamespace, tmp_path: Path) -> None
         write_contour(cut.scene, tmp_path / "cut.step")
 
 
-def row(number: int, high_um: float | None) -> dict[str, Any]:
-    return {
-        "contour": 1, "element": number, "line": None, "kind": "arc", "radius_mm": 0.5, "program_x_mm": -1e-9,
-        "program_y_mm": -2.0, "program_end_x_mm": 1.0, "program_end_y_mm": 2.0, "length_mm": float(number),
-        "mean_um": high_um, "rms_um": high_um, "low_um": high_um, "high_um": high_um,
-    }  # fmt: skip
+def row(number: int, high_um: float | None) -> Element:
+    return Element(1, number, None, "arc", 0.5, float(number), *[high_um] * 4, -1e-9, -2.0, 1.0, 2.0)
 
 
 def test_the_table_shows_every_element_or_the_worst_of_very_many() -> None:

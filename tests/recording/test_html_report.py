@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from edmsim import InputError
-from edmsim.job.remake import remake
+from edmsim.job.result import remake
 from edmsim.recording import Scene, read_scene, write_scene
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.html_report import page
@@ -37,12 +37,12 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        told = dict(attrs)
+        attributes = dict(attrs)
         if tag not in ("meta", "img", "input"):
             self.open.append(tag)
-        self.addresses += [told[key] or "" for key in ("src", "href") if key in told]
+        self.addresses += [attributes[key] or "" for key in ("src", "href") if key in attributes]
         if tag == "figure":
-            self.figures.append(told["id"] or "")
+            self.figures.append(attributes["id"] or "")
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
@@ -84,11 +84,11 @@ def test_the_page_holds_table_settings_and_notices(written: Page, small_cut: Sim
 
 
 def test_what_a_report_says_is_text_not_markup(cut: SimpleNamespace) -> None:
-    report = cut.report | {
-        "reason": "the <b>wire</b> broke", "outcome": "wire-break", "notices": ['feed "F<2>" & more'],
-        "settings": {"program": "a<script>.ngc", "max_time_s": None, "heights": []},
-    }  # fmt: skip
-    text = page(report, "a<script>.ngc", [], ["not drawn: <i>"])
+    report = dataclasses.replace(
+        cut.report, reason="the <b>wire</b> broke", outcome="wire-break", notices=['feed "F<2>" & more'],
+        settings={"program": "a<script>.ngc", "max_time_s": None, "heights": []},
+    )  # fmt: skip
+    text = page(report, "a<script>.ngc", b"", [], ["not drawn: <i>"])
     shown = Page(text)
     assert "<script" not in text
     assert shown.open == []
@@ -162,7 +162,7 @@ def test_figures_are_written_as_files(folder: Path) -> None:
     [
         (lambda f: (f / "report.json").unlink(), "report.json: no such file"),
         (lambda f: (f / "report.json").write_text("{"), "report.json: not the report of a cut"),
-        (lambda f: (f / "report.json").write_text('{"settings": {}}'), "without kerf_section: cut again"),
+        (lambda f: (f / "report.json").write_text('{"settings": {}}'), "without outcome: cut again"),
         (lambda f: (f / "windows.parquet").write_bytes(b"PAR1"), "windows.parquet: not a Parquet file"),
         (lambda f: (f / "part.npz").unlink(), "part.npz: no such file"),
         (lambda f: (f / "part.npz").write_bytes((f / "part.npz").read_bytes()[:500]), "part.npz: damaged"),

@@ -64,23 +64,23 @@ def test_a_figure_shows_by_itself(result: edmsim.CutResult, name: str) -> None:
     assert figure._repr_png_().startswith(PNG)  # type: ignore[attr-defined]
 
 
-def test_a_figure_that_is_not_there_is_told(result: edmsim.CutResult) -> None:
+def test_a_figure_that_is_not_there_is_reported(result: edmsim.CutResult) -> None:
     with pytest.raises(InputError, match=r"no figure 'kerf'; there are: profile, profile-error, .*wire-spectrum$"):
         result.plot("kerf")
 
 
 @pytest.mark.slow
 def test_a_file_of_samples_has_every_pulse_as_the_model_had_it(result: edmsim.CutResult, tmp_path: Path) -> None:
-    kept = result.closeups.table()
-    result.write_traces(tmp_path / "traces.parquet", every_us=0.1, end_s=float(kept["t_s"][2]))
+    rows = result.closeups.table()
+    result.write_traces(tmp_path / "traces.parquet", every_us=0.1, end_s=float(rows["t_s"][2]))
     table = pq.read_table(tmp_path / "traces.parquet")
     assert table.column_names == ["window_t_s", "time_us", "voltage_V", "current_A", "pulse", "kind"]
     at, t, u, i, pulse = (table.column(name).to_numpy() for name in table.column_names[:5])
-    assert np.unique(at).tolist() == kept["t_s"][:3].tolist()
+    assert np.unique(at).tolist() == rows["t_s"][:3].tolist()
     first = at == at[0]
     assert np.allclose(np.diff(t[first]), 0.1)
-    count = int(kept["count"][0])
-    time, voltage, current = (corners[0].reshape(count, 7) for corners in traces(kept[:1], count))
+    count = int(rows["count"][0])
+    time, voltage, current = (corners[0].reshape(count, 7) for corners in traces(rows[:1], count))
     for number in range(8):
         mine = first & (pulse == number)
         assert 0.1 * u[mine].sum() == pytest.approx(np.trapezoid(voltage[number], time[number]), abs=0.2 * 100)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import sys
 from types import SimpleNamespace
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -31,6 +30,7 @@ from edmsim.recording.figures import (
 )
 from edmsim.recording.figures.style import WIDTH_IN
 from edmsim.recording.figures.wire import folded_hz, spectrum, wire_frequencies_hz
+from edmsim.recording.report import HeightError, KerfSlice, PassFigures, Report, Wall
 
 
 def texts(figure: Figure) -> str:
@@ -100,9 +100,9 @@ def test_the_corner_shows_the_wire_behind_its_guides(cut: SimpleNamespace) -> No
 
 def test_the_kerf_is_drawn_from_wire_to_wall(cut: SimpleNamespace) -> None:
     section = [
-        {"height_mm": z, "places": 9, "part": wall(155.0 + z), "rest": wall(160.0)} for z in (2.5, 7.5, 12.5, 17.5)
+        KerfSlice(z, 9, wall(155.0 + z), wall(160.0)) for z in (2.5, 7.5, 12.5, 17.5)
     ]
-    report = cut.report | {"kerf_section": section, "settings": {"wire_diameter_um": 250.0}}
+    report = dataclasses.replace(cut.report, kerf_section=section, settings={"wire_diameter_um": 250.0})
     figure = kerf_figure(report)
     part, rest = (axes.get_lines()[0].get_data() for axes in reversed(figure.axes))
     np.testing.assert_allclose(part, [[32.5, 37.5, 42.5, 47.5], [2.5, 7.5, 12.5, 17.5]])
@@ -112,8 +112,8 @@ def test_the_kerf_is_drawn_from_wire_to_wall(cut: SimpleNamespace) -> None:
     assert figure.axes[0].get_ylim() == (0.0, 20.0)
 
 
-def wall(mean_um: float) -> dict[str, float]:
-    return {"mean_um": mean_um, "p5_um": mean_um - 3, "p95_um": mean_um + 3}
+def wall(mean_um: float) -> Wall:
+    return Wall(mean_um, mean_um - 3, mean_um + 3)
 
 
 def test_the_plane_holds_every_window_and_the_path_between(cut: SimpleNamespace) -> None:
@@ -209,7 +209,7 @@ def test_a_cut_that_left_nothing_says_so(cut: SimpleNamespace) -> None:
         (error_figure(scene), "no profile error"),
         (shares_figure(scene), "no shares"),
         (corner_figure(scene, nothing), "no corner"),
-        (kerf_figure(cut.report | {"kerf_section": empty}), "no kerf"),
+        (kerf_figure(dataclasses.replace(cut.report, kerf_section=empty)), "no kerf"),
         (pulses_figure(nothing), "no pulses"),
         (plane_figure(nothing), "no pulses"),
         (delay_figure(made_up(np.zeros(0), 50)), "no ignition delay"),
@@ -224,16 +224,17 @@ def test_a_corner_without_windows_near_it_is_drawn(cut: SimpleNamespace) -> None
     assert np.isnan(line(figure, "guides")).all()
 
 
-def pass_row(number: int, left_um: float) -> dict[str, Any]:
-    return {
-        "contour": 1, "number": number, "piece": "profile", "left_um": left_um, "begin_s": 60.0 * number,
-        "end_s": 60.0 * number + 50.0, "ra_um": 1.5 / number, "slices_um": [left_um, left_um + 2.0, left_um],
-    }  # fmt: skip
+def pass_row(number: int, left_um: float) -> PassFigures:
+    slices_um, begin_s = [left_um, left_um + 2.0, left_um], 60.0 * number
+    return PassFigures(
+        1, number, "profile", False, begin_s, begin_s + 50.0, 5.0, 20.0, 155.0, None, left_um, None, 2.0, 2.0, None,
+        None, slices_um, 1.5 / number, None, 0.1, 0.2,
+    )  # fmt: skip
 
 
 def test_passes_are_drawn_over_the_height(cut: SimpleNamespace) -> None:
-    heights = [{"height_mm": z, "mean_um": 0.0, "rms_um": 1.0} for z in (5.0, 10.0, 15.0)]
-    figure = passes_figure({"passes": [pass_row(1, 90.0), pass_row(2, 0.0)], "heights": heights})
+    heights = [HeightError(z, 0.0, 1.0) for z in (5.0, 10.0, 15.0)]
+    figure = passes_figure(Report(passes=[pass_row(1, 90.0), pass_row(2, 0.0)], heights=heights))
     wall = figure.axes[0]
     np.testing.assert_allclose(wall.get_lines()[1].get_data(), [[0.0, 2.0, 0.0], [5.0, 10.0, 15.0]])
     assert [bar.get_height() for bar in figure.axes[2].patches] == [90.0, 0.0]

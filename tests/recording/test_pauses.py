@@ -120,8 +120,8 @@ def test_no_curve_runs_over_a_pause_and_it_is_marked(cut: SimpleNamespace, drawn
                  for path in kind.get_paths()]  # fmt: skip
         for x in [*curves, *areas]:
             assert x.max() <= begin + 1e-9 or x.min() >= end - 1e-9
-    told = [text.get_text() for text in drawn.axes[0].get_legend().get_texts()]
-    assert told == ["threading", "feed"]
+    labels = [text.get_text() for text in drawn.axes[0].get_legend().get_texts()]
+    assert labels == ["threading", "feed"]
 
 
 @pytest.mark.slow

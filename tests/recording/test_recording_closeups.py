@@ -26,14 +26,14 @@ def show(closeups: Closeups, start: int, stop: int, happened: dict[int, int]) ->
         closeups.keep(happened.get(i, NOTHING))
 
 
-def kept(closeups: Closeups) -> np.ndarray:
+def stored_rows(closeups: Closeups) -> np.ndarray:
     return np.round(closeups.table()["t_s"] / 0.5 - 1).astype(int)
 
 
-def test_everything_around_an_event_is_kept() -> None:
+def test_everything_around_an_event_is_stored() -> None:
     closeups = Closeups(3, 8, 1)
     show(closeups, 0, 5000, {2000: RETRACT, 3333: TURN})
-    found = set(kept(closeups))
+    found = set(stored_rows(closeups))
     for event in (2000, 3333):
         assert set(range(event - AROUND, event + AROUND + 1)) <= found
     assert set(range(5000 - AROUND, 5000)) <= found  # and how the cut ended
@@ -45,7 +45,7 @@ def test_everything_around_an_event_is_kept() -> None:
 def test_an_event_in_the_first_window_has_none_before() -> None:
     closeups = Closeups(3, 8, 1)
     show(closeups, 0, 10, {0: TURN})
-    np.testing.assert_array_equal(kept(closeups), np.arange(10))
+    np.testing.assert_array_equal(stored_rows(closeups), np.arange(10))
 
 
 @pytest.mark.slow
@@ -54,7 +54,7 @@ def test_an_event_in_the_first_window_has_none_before() -> None:
 def test_no_number_of_events_makes_it_grow_beyond_bounds(every: int, windows: int) -> None:
     closeups = Closeups(1, 1, 0)
     show(closeups, 0, windows, dict.fromkeys(range(0, windows, every), RETRACT))
-    found = kept(closeups)
+    found = stored_rows(closeups)
     assert len(found) <= REGULAR + BLOCKS * (2 * AROUND + 1) + AROUND + 1
     assert np.all(np.diff(found) > 0)
 

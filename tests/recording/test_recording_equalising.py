@@ -29,11 +29,11 @@ def cut_of(generator: str) -> SimpleNamespace:
     contour = WireContour(points, 0, points * 1e-3, False, "left", ((1, 0.05),), (1, 1))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.15, (30.0, 30.0), (), "test")
     machine = Machine.load(height_mm=5, generator=generator)
-    kept = recorders_for(machine, (), "fast")
-    run = Simulation(machine, path, FixedController(33.0), seed=1, resolution="fast", observers=list(kept))
+    store = recorders_for(machine, (), "fast")
+    run = Simulation(machine, path, FixedController(33.0), seed=1, resolution="fast", observers=list(store))
     for _ in range(60):
         run.step()
-    return SimpleNamespace(machine=machine, run=run, table=kept.windows.to_arrow(), kept=kept)
+    return SimpleNamespace(machine=machine, run=run, table=store.windows.to_arrow(), store=store)
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +56,8 @@ def test_the_table_has_what_is_left_and_what_it_takes_and_a_plain_one_does_not(e
     for name in table.column_names:
         np.testing.assert_array_equal(column(read, name), column(table, name))
     resumed = WindowTable(equalising=True)
-    resumed.restore(equalised.kept.windows.snapshot())
-    np.testing.assert_array_equal(resumed.values(), equalised.kept.windows.values())
+    resumed.restore(equalised.store.windows.snapshot())
+    np.testing.assert_array_equal(resumed.values(), equalised.store.windows.values())
 
 
 # T-86
@@ -71,7 +71,7 @@ def test_sums_have_the_voltage_with_its_sign_and_the_energy_of_the_supply(equali
 
 # T-12
 def test_traces_show_them_and_their_mean_is_0(equalised) -> None:
-    rows = equalised.kept.closeups.table()
+    rows = equalised.store.closeups.table()
     count = int(rows["count"].min())
     time, voltage, current = traces(rows, count)
     assert time.shape == (len(rows), count, 9)
@@ -90,15 +90,15 @@ def test_traces_show_them_and_their_mean_is_0(equalised) -> None:
 
 def made_up(opposite_V: float) -> np.ndarray:
     """Two pulses, 20 us of 90 V and 10 us of 30 V, then one to end with: periods of 80 us."""
-    kept = Closeups(3, 8, 1)
-    row = kept.row
+    store = Closeups(3, 8, 1)
+    row = store.row
     row["t_s"], row["burning_V"], row["current_A"] = 1.0, 30.0, 6.0
     row["opposite_V"], row["opposite_A"] = opposite_V, -0.02
     pulses = row["pulses"][:3]
     pulses["kind"], pulses["start_us"], pulses["delay_us"], pulses["conducting_us"] = 1, (0, 80, 160), 20, 10
     pulses["open_V"], row["count"] = 90.0, 3
-    kept.keep()
-    return kept.table()
+    store.keep()
+    return store.table()
 
 
 @pytest.mark.parametrize(("opposite_V", "first_us", "second_us"), [(-70.0, 30.0, 30.0), (-40.0, 50.0, 50.0)])
@@ -123,8 +123,8 @@ def test_the_figure_has_a_second_voltage(equalised) -> None:
 def test_the_report_says_what_is_left_and_what_it_takes(equalised, cut: SimpleNamespace) -> None:
     totals = replace(cut.totals, equalising_J=2.5)
     report = build_report(
-        outcome="finished", reason=None, windows=equalised.table, totals=totals, quality=cut.quality, notices=(),
-        seed=1, settings={}, version="0", origin_mm=(0.0, 0.0),
+        cut.part, equalised.table, totals, outcome="finished", reason=None, notices=(), seed=1, settings={},
+        version="0",
     )  # fmt: skip
     assert report["equalising"]["net_voltage_V"] == pytest.approx(0.0, abs=1e-9)
     assert report["equalising"]["power_W"] == pytest.approx(column(equalised.table, "equalising_W").mean())
@@ -139,11 +139,12 @@ def test_the_report_says_what_is_left_and_what_it_takes(equalised, cut: SimpleNa
 def test_the_oscilloscope_has_its_0_above_the_pulses_of_the_other_polarity(
     equalised, cut: SimpleNamespace, tmp_path
 ) -> None:
-    kept = equalised.kept
+    store = equalised.store
     file = tmp_path / "cut.rrd"
-    write_recording(file, cut.scene, equalised.table, kept.frames, kept.closeups, equalised.machine, cut.report, "x")
+    stores = store.frames, store.closeups
+    write_recording(file, cut.scene, equalised.table, *stores, equalised.machine, cut.report, "x")
     play = Playback(file)
-    t_s = float(kept.closeups.table()["t_s"][-1])
+    t_s = float(store.closeups.table()["t_s"][-1])
     strips = np.array(play.strips("/scope/voltage", "LineStrips2D:strips", t_s))
     assert strips.shape == (SCOPE_PULSES, 9, 2)
     marks = play.points("/scope/scale", "Points2D:labels", 0.0)

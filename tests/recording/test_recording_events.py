@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,12 +18,12 @@ def changed(cut: SimpleNamespace, name: str, values: np.ndarray) -> pa.Table:
     return cut.windows.set_column(at, cut.windows.schema.field(at), pa.array(values))
 
 
-def told(cut: SimpleNamespace, windows: pa.Table, **report: object) -> list[tuple[int, str, str]]:
-    return [tuple(event) for event in events(windows, cut.scene, cut.report | report)]
+def events_of(cut: SimpleNamespace, windows: pa.Table, **report: object) -> list[tuple[int, str, str]]:
+    return [tuple(event) for event in events(windows, cut.scene, replace(cut.report, **report))]
 
 
 def test_begin_corners_and_end(cut: SimpleNamespace) -> None:
-    found = told(cut, cut.windows)
+    found = events_of(cut, cut.windows)
     assert found[0] == (0, "INFO", "begins at X -1.000 Y -1.000 mm")
     corners = [text for _, _, text in found if text.startswith("corner")]
     assert corners[0] == "corner of +90° at X 0.000 Y 0.000 mm, error -9.1 µm"
@@ -37,7 +38,7 @@ def test_a_retract_says_how_far_and_why(cut: SimpleNamespace) -> None:
     path[1009] = path[999] - 25.0
     windows = changed(cut, "feed_um_s", feed)
     windows = windows.set_column(NAMES.index("path_um"), "path_um", pa.array(path))
-    (retract,) = [event for event in told(cut, windows) if "retract" in event[2]]
+    (retract,) = [event for event in events_of(cut, windows) if "retract" in event[2]]
     short = 100 * column(cut.windows, "short")[999] / 255
     assert retract[:2] == (1000, "WARN")
     assert f"{short:.0f} % short, 25 µm back" in retract[2]
@@ -49,7 +50,7 @@ def test_settings_and_threading(cut: SimpleNamespace) -> None:
     windows = changed(cut, "t_on_us", on)
     t_s[2000:] += 60.0
     windows = windows.set_column(0, "t_s", pa.array(t_s))
-    texts = {row: text for row, _, text in told(cut, windows)}
+    texts = {row: text for row, _, text in events_of(cut, windows)}
     assert texts[1500] == "generator set to 12 µs of 100 µs"
     assert texts[2000].startswith("wire threaded at X ")
     assert texts[2000].endswith("after 61 s")
@@ -61,11 +62,11 @@ def test_settings_and_threading(cut: SimpleNamespace) -> None:
      ("limit-switch", "ERROR", "limit-switch: why"), ("time-limit", "WARN", "time-limit: why")],
 )  # fmt: skip
 def test_how_it_ended_has_its_weight(cut: SimpleNamespace, outcome: str, level: str, text: str) -> None:
-    assert told(cut, cut.windows, outcome=outcome, reason="why")[-1] == (2999, level, text)
+    assert events_of(cut, cut.windows, outcome=outcome, reason="why")[-1] == (2999, level, text)
 
 
 def test_too_many_are_thinned_and_none_is_fine(cut: SimpleNamespace) -> None:
     feed = np.where(np.arange(3000) % 2 == 0, 20.0, -20.0)
-    retracts = [event for event in told(cut, changed(cut, "feed_um_s", feed)) if "retract" in event[2]]
+    retracts = [event for event in events_of(cut, changed(cut, "feed_um_s", feed)) if "retract" in event[2]]
     assert len(retracts) == MOST
-    assert told(cut, WindowTable().to_arrow()) == []
+    assert events_of(cut, WindowTable().to_arrow()) == []

@@ -20,7 +20,7 @@ from edmsim.recording.figures.profile import binned
 
 
 def texts(cut: SimpleNamespace, scene: Scene, **report: object) -> str:
-    figure = profile_figure(scene, cut.windows, cut.report | report, "punch.ngc")
+    figure = profile_figure(scene, cut.windows, dataclasses.replace(cut.report, **report), "punch.ngc")
     return "\n".join(text.get_text() for text in figure.findobj(match=lambda a: hasattr(a, "get_text")))
 
 
@@ -76,7 +76,8 @@ def test_a_stopped_cut_says_why_and_where(cut: SimpleNamespace) -> None:
 @pytest.mark.slow
 def test_a_long_reason_has_two_lines_within_the_figure(cut: SimpleNamespace) -> None:
     reason = "; ".join(["the wire broke at 612 K", *4 * ["its sensor did not see that, and the machine went on"]])
-    figure = profile_figure(cut.scene, cut.windows, cut.report | {"outcome": "time-limit", "reason": reason}, "long")
+    report = dataclasses.replace(cut.report, outcome="time-limit", reason=reason)
+    figure = profile_figure(cut.scene, cut.windows, report, "long")
     figure.canvas.draw()
     (text,) = (text for text in figure.texts if text.get_text().startswith("stopped: "))
     assert text.get_text().count("\n") == 1
@@ -86,7 +87,7 @@ def test_a_long_reason_has_two_lines_within_the_figure(cut: SimpleNamespace) -> 
 @pytest.mark.slow
 def test_a_cut_that_left_nothing_can_be_drawn(cut: SimpleNamespace, tmp_path: Path) -> None:
     scene = Scene((), (), (), np.zeros((0, 2)), (0, 0, 10, 80), 20.0, (-10, 30), 250.0)
-    report = cut.report | {"machining_time_s": None, "path_length_mm": None}
+    report = dataclasses.replace(cut.report, machining_time_s=None, path_length_mm=None)
     write_figure(profile_figure(scene, WindowTable().to_arrow(), report, "nothing"), tmp_path / "profile.png")
     assert (tmp_path / "profile.png").stat().st_size > 10_000
 

@@ -18,17 +18,17 @@ def offer(frames: Frames, start: int, stop: int) -> None:
 
 @pytest.mark.slow
 @given(capacity=st.integers(2, 40), windows=st.integers(0, 700))
-def test_kept_windows_are_the_multiples_of_the_stride(capacity: int, windows: int) -> None:
+def test_stored_windows_are_the_multiples_of_the_stride(capacity: int, windows: int) -> None:
     frames = Frames(3, capacity)
     offer(frames, 0, windows)
     assert len(frames) <= capacity
-    kept = np.arange(0, windows, frames.stride)
-    np.testing.assert_array_equal(frames.t_s, 0.5 * kept)
-    np.testing.assert_array_equal(frames.guides_um, np.column_stack([10.0 * kept, -kept]))
-    np.testing.assert_array_equal(frames.path_um, 3.0 * kept)
-    assert frames.deflection_um.shape == (len(kept), 3, 2)
-    np.testing.assert_array_equal(frames.deflection_um[:, 1, 1], kept + 0.25)
-    np.testing.assert_allclose(frames.coverage[:, 2], 1 / (kept + 1), rtol=1e-6)
+    stored = np.arange(0, windows, frames.stride)
+    np.testing.assert_array_equal(frames.t_s, 0.5 * stored)
+    np.testing.assert_array_equal(frames.guides_um, np.column_stack([10.0 * stored, -stored]))
+    np.testing.assert_array_equal(frames.path_um, 3.0 * stored)
+    assert frames.deflection_um.shape == (len(stored), 3, 2)
+    np.testing.assert_array_equal(frames.deflection_um[:, 1, 1], stored + 0.25)
+    np.testing.assert_allclose(frames.coverage[:, 2], 1 / (stored + 1), rtol=1e-6)
     assert windows < capacity or len(frames) >= capacity // 2
 
 

@@ -17,6 +17,7 @@ from edmsim.plant.plant import Plant
 from edmsim.recording import Closeups, Frames, Playback, WindowTable, render_table
 from edmsim.recording.figures import pulses_figure
 from edmsim.recording.film import Film
+from edmsim.recording.report import Coverage
 from edmsim.recording.rerun.gap import SMALLEST, travel_at
 from edmsim.recording.rerun.machine import Shapes, wire_strips
 from edmsim.recording.rerun.write import write_recording
@@ -65,17 +66,17 @@ def test_a_cut_records_the_same_gas_everywhere(small_cut: SimpleNamespace) -> No
     for times, shares in ((result.frames.t_s, result.frames.coverage), (closeups["t_s"], closeups["coverage"])):
         rows = np.searchsorted(t_s, times)
         np.testing.assert_allclose(shares.mean(axis=1), covered[rows], atol=1e-6)
-    told = result.report["coverage"]
-    assert told["mean"] == pytest.approx(covered.mean())  # its period is the same in all windows
-    assert told["max"] == covered.max()
+    coverage = result.report["coverage"]
+    assert coverage["mean"] == pytest.approx(covered.mean())  # its period is the same in all windows
+    assert coverage["max"] == covered.max()
 
 
 def test_a_report_says_mean_and_largest_coverage(cut: SimpleNamespace) -> None:
     written = io.StringIO()
-    report = cut.report | {"coverage": {"mean": 0.126, "max": 0.584}}
+    report = dataclasses.replace(cut.report, coverage=Coverage(0.126, 0.584))
     Console(width=200, file=written).print(render_table(report))
     assert "covers 12.6 % of the wire's front in the mean, at most 58.4 %" in written.getvalue()
-    Console(width=200, file=written).print(render_table(report | {"coverage": {"mean": None, "max": None}}))
+    Console(width=200, file=written).print(render_table(dataclasses.replace(report, coverage=Coverage())))
     assert "covers – of the wire's front" in written.getvalue()
 
 

@@ -14,8 +14,19 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from edmsim.recording import Quality, Totals, WindowTable, build_report, render_table, write_json
-from edmsim.recording.report import corner_mm, cut_id, duration_text, figure_text, outcome_text, rate_text, summary
+from edmsim.recording import Report, Totals, WindowTable, build_report, render_table, write_json
+from edmsim.recording.report import (
+    Corner,
+    Feed,
+    Following,
+    Offset,
+    cut_id,
+    duration_text,
+    figure_text,
+    outcome_text,
+    rate_text,
+    summary,
+)
 
 FIELDS: dict[str, Any] = {
     "outcome": None, "reason": None, "machining_time_s": None, "wall_time_s": None, "realtime_factor": None,
@@ -35,19 +46,25 @@ FIELDS: dict[str, Any] = {
 NAN = math.nan
 
 
-def text_of(report: dict[str, Any]) -> str:
+def text_of(report: Report) -> str:
     written = io.StringIO()
     Console(width=200, file=written).print(render_table(report))
     return written.getvalue()
 
 
-def nothing_known() -> dict[str, Any]:
+def nothing_known() -> Report:
     totals = Totals(NAN, 0.0, 0, 0, 0, 0, NAN, 0.0, 0.0, 0.0, 0.0, NAN)
-    quality = Quality(NAN, NAN, NAN, NAN, NAN, NAN, (), NAN)
-    return build_report(
-        outcome="stopped", reason="persistent short", windows=WindowTable().to_arrow(), totals=totals,
-        quality=quality, notices=(), seed=1, settings={"out": Path("x"), "t": NAN}, version="0", origin_mm=(0.0, 0.0),
+    return made_of(
+        totals, WindowTable().to_arrow(), offset=Offset(NAN, NAN, NAN), outcome="stopped", reason="persistent short",
+        settings={"out": Path("x"), "t": NAN},
     )  # fmt: skip
+
+
+def made_of(totals: Totals, windows: Any, offset: Offset | None = None, **changes: Any) -> Report:
+    made: dict[str, Any] = {
+        "outcome": "finished", "reason": None, "notices": (), "seed": 1, "settings": {}, "version": "0", **changes
+    }
+    return build_report(Report(offset=offset or Offset()), windows, totals, **made)
 
 
 def test_fields_are_the_agreed_ones(cut: SimpleNamespace) -> None:
@@ -80,10 +97,7 @@ def test_means_are_weighted_by_the_time_a_window_takes() -> None:
         row[3], row[9], row[20] = feed, feed / 10, period
         table.append(row)
     totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, feed_limit_um_s=40.0, limited_share=1 / 3)
-    report = build_report(
-        outcome="finished", reason=None, windows=table.to_arrow(), totals=totals,
-        quality=Quality(1, 1, 1, 1, 1, 1, (), 1), notices=(), seed=0, settings={}, version="0", origin_mm=(0.0, 0.0),
-    )  # fmt: skip
+    report = made_of(totals, table.to_arrow())
     assert report["feed_um_s"] == {
         "mean": pytest.approx(20.0), "max": 40.0, "limit": 40.0, "share_at_limit": pytest.approx(1 / 3)
     }
@@ -110,10 +124,7 @@ def test_what_could_not_be_obtained_is_null(tmp_path: Path) -> None:
 
 def test_numpy_values_become_plain_json(cut: SimpleNamespace, tmp_path: Path) -> None:
     totals = dataclasses.replace(cut.totals, energy=np.float64(3.5), spark=np.int64(10))
-    report = build_report(
-        outcome="finished", reason=None, windows=cut.windows, totals=totals, quality=cut.quality, notices=(),
-        seed=7, settings={"sizes": np.array([1.0, np.nan])}, version="0", origin_mm=(0.0, 0.0),
-    )  # fmt: skip
+    report = made_of(totals, cut.windows, settings={"sizes": np.array([1.0, np.nan])})
     write_json(report, tmp_path / "report.json")
     back = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert back["energy_J"] == 3.5
@@ -135,10 +146,10 @@ def test_terminal_shows_the_figures(cut: SimpleNamespace) -> None:
 
 
 def test_the_summary_reads_as_a_person_says_it(cut: SimpleNamespace) -> None:
-    report = {
-        **cut.report, "following_error_um": {"max": 3.25, "rms": 0.75}, "coverage": {"mean": 0.125, "max": 0.5},
-        "surface": {"ra_um": 1.9, "heat_affected_um": 12.0, "electrolysed_um": None},
-    }  # fmt: skip
+    report = dataclasses.replace(
+        cut.report, following_error_um=Following(3.25, 0.75), coverage={"mean": 0.125, "max": 0.5},
+        surface={"ra_um": 1.9, "heat_affected_um": 12.0, "electrolysed_um": None},
+    )  # fmt: skip
     said = dict(summary(report))
     assert said["machining time"] == "27 min 30 s  (computed in 41.0 s, 40.24 times real time)"
     assert said["path"] == "33.20 mm"
@@ -162,11 +173,12 @@ def test_the_summary_tells_what_only_some_cuts_have(cut: SimpleNamespace) -> Non
     equalising = {"net_voltage_V": -0.125, "power_W": 2.0, "energy_J": 30.0}
     shares = {"lag": {"rms": 1.5}, "gap": {"rms": None}}
     edge = {**cut.report["profile_error_um"], "shares": shares}
-    said = dict(summary({**cut.report, "table_error_um": table, "equalising": equalising, "profile_error_um": edge}))
+    changes = {"table_error_um": table, "equalising": equalising, "profile_error_um": edge}
+    said = dict(summary(dataclasses.replace(cut.report, **changes)))
     assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms"
     assert said["equalising"] == "its pulses leave -0.12 V of the mean gap voltage and take 2.00 W, 30.00 J in all"
     assert said["made by"] == "lag 1.5 µm, gap – rms"
-    said = dict(summary({**cut.report, "table_error_um": {**table, "compensated": True}}))
+    said = dict(summary(dataclasses.replace(cut.report, table_error_um={**table, "compensated": True})))
     assert said["table"] == "moves the wall by 4.0 µm max, 1.0 µm rms; compensated to 8.0 µm max, 2.0 µm rms"
     assert said["profile error without compensation"] == "12.0 µm max, 3.0 µm rms"
 
@@ -177,20 +189,29 @@ def test_the_summary_tells_what_only_some_cuts_have(cut: SimpleNamespace) -> Non
 def test_a_feed_that_held_the_cut_back_is_said_from_a_tenth_on(
     cut: SimpleNamespace, share: float | None, said: str
 ) -> None:
-    feed = {"mean": 20.0, "max": 40.0, "limit": 40.0, "share_at_limit": share}
-    assert dict(summary({**cut.report, "feed_um_s": feed}))["feed"] == f"20.0 µm/s mean, 40.0 µm/s max{said}"
+    report = dataclasses.replace(cut.report, feed_um_s=Feed(20.0, 40.0, 40.0, share))
+    assert dict(summary(report))["feed"] == f"20.0 µm/s mean, 40.0 µm/s max{said}"
 
 
-def test_reports_of_earlier_versions_are_still_read(cut: SimpleNamespace) -> None:
-    corner = {"x_mm": 30.0, "y_mm": -1e-9, "turn_deg": -90.0, "error_um": 3.0}
-    unmeasured = {**corner, "error_um": None}
-    older = {key: value for key, value in cut.report.items() if key != "overall_rate_mm2_min"} | {"corners": [corner]}
-    assert dict(summary(older))["cutting rate"] == "26.6 mm²/min over the whole time"
-    assert dict(summary(older))["corners"] == "1, worst +3.0 µm at X 30.000 Y 0.000 mm (-90°)"
-    assert math.copysign(1.0, corner_mm(corner)[1]) == 1.0
-    assert corner_mm({**corner, "program_x_mm": 10.0, "program_y_mm": 2.5}) == (10.0, 2.5)
-    assert dict(summary({**older, "corners": [unmeasured]}))["corners"] == "1, none measured"
-    assert dict(summary({**older, "corners": []}))["corners"] == "none"
+def test_corners_are_placed_in_the_program(cut: SimpleNamespace) -> None:
+    def said(*errors_um: float | None) -> str:
+        corners = [Corner(30.0, -1e-9, 50.0, 20.0, -90.0, error_um) for error_um in errors_um]
+        return dict(summary(dataclasses.replace(cut.report, corners=corners)))["corners"]
+
+    assert said(1.0, 3.0, None) == "3, worst +3.0 µm at X 30.000 Y 0.000 mm (-90°)"
+    assert said(None) == "1, none measured"
+    assert said() == "none"
+
+
+def test_a_report_is_read_by_attribute_and_by_name(cut: SimpleNamespace) -> None:
+    back = Report(**json.loads(json.dumps(cut.report, default=dict)))
+    assert back == cut.report
+    assert back.kerf_um.mean == back["kerf_um"]["mean"] == 308.0
+    assert back.text("kerf_um.mean") == "308.0 µm"
+    with pytest.raises(KeyError):
+        back["text"]
+    with pytest.raises(ValueError, match="5 where figures belong"):
+        Report(kerf_um=5)
 
 
 def test_following_error_is_that_of_both_axes_together() -> None:
@@ -201,19 +222,16 @@ def test_following_error_is_that_of_both_axes_together() -> None:
         row[names.index("following_x_um")], row[names.index("following_y_um")], row[20] = x, y, period
         table.append(row)
     totals = Totals(1.0, 1.0, 0, 0, 1, 0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0)
-    report = build_report(
-        outcome="finished", reason=None, windows=table.to_arrow(), totals=totals,
-        quality=Quality(1, 1, 1, 1, 1, 1, (), 1), notices=(), seed=0, settings={}, version="0", origin_mm=(0.0, 0.0),
-    )  # fmt: skip
+    report = made_of(totals, table.to_arrow())
     assert report["following_error_um"] == {"max": pytest.approx(5.0), "rms": pytest.approx(2.5)}
 
 
 def test_a_cut_is_the_same_whatever_the_computer_s_time_was(cut: SimpleNamespace) -> None:
     number = cut_id(cut.report)
     assert len(number) == 16
-    assert cut_id({**cut.report, "wall_time_s": 1e3, "realtime_factor": 2.0}) == number
-    assert cut_id({**cut.report, "machining_time_s": 1e3}) != number
-    assert cut_id({**cut.report, "seed": 8}) != number
+    assert cut_id(dataclasses.replace(cut.report, wall_time_s=1e3, realtime_factor=2.0)) == number
+    assert cut_id(dataclasses.replace(cut.report, machining_time_s=1e3)) != number
+    assert cut_id(dataclasses.replace(cut.report, seed=8)) != number
 
 
 def test_a_heading_tells_outcome_and_rate(cut: SimpleNamespace) -> None:

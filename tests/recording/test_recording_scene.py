@@ -29,13 +29,13 @@ def test_a_sharp_corner_is_not_smooth() -> None:
 
 
 @given(st.floats(1e-9, 1e12))
-def test_round_numbers_are_1_2_or_5(wanted: float) -> None:
-    found = round_number(wanted)
-    assert found <= wanted * (1 + 1e-9) < 2.6 * found
+def test_round_numbers_are_1_2_or_5(expected: float) -> None:
+    found = round_number(expected)
+    assert found <= expected * (1 + 1e-9) < 2.6 * found
     assert f"{found:.3e}"[:5] in ("1.000", "2.000", "5.000")
 
 
-def test_factor_draws_the_error_as_long_as_asked() -> None:
+def test_factor_draws_the_error_as_long_as_requested() -> None:
     assert round_factor(np.full(100, 10.0), 0.4) == 20.0  # 10 um shown 0.4 mm long would be 40 times
     assert round_factor(np.array([np.nan, 0.0]), 0.4) == 1.0
     assert round_factor(np.zeros(0), 0.4) == 1.0

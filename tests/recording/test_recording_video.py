@@ -22,8 +22,8 @@ from edmsim.recording.rerun.write import write_recording
 
 
 def write(folder: Path, cut: SimpleNamespace, **changed: object) -> Path:
-    given = {name: getattr(cut, name) for name in ("scene", "windows", "frames", "closeups", "machine", "report")}
-    write_recording(folder / "cut.rrd", **(given | changed), title="punch.ngc")
+    arguments = {name: getattr(cut, name) for name in ("scene", "windows", "frames", "closeups", "machine", "report")}
+    write_recording(folder / "cut.rrd", **(arguments | changed), title="punch.ngc")
     return folder / "cut.rrd"
 
 
@@ -58,14 +58,14 @@ def test_a_gif_plays_the_cut(recording: Path, tmp_path: Path) -> None:
 def test_an_mp4_plays_the_cut(recording: Path, tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     render(recording, tmp_path / "cut.mp4", seconds=0.5)
-    told = subprocess.run(
+    done = subprocess.run(
         [ffmpeg.get_ffmpeg_exe(), "-i", str(tmp_path / "cut.mp4"), "-f", "null", "-"],
         capture_output=True, text=True, check=True,
     ).stderr  # fmt: skip
-    assert "h264" in told
-    assert "1280x720" in told
-    assert "25 fps" in told
-    assert "frame=   12" in told
+    assert "h264" in done
+    assert "1280x720" in done
+    assert "25 fps" in done
+    assert "frame=   12" in done
 
 
 @pytest.mark.slow

@@ -39,14 +39,15 @@ def test_missing_folder_and_missing_recording(tmp_path: Path) -> None:
         viewer.find_recording(tmp_path)
 
 
+@pytest.mark.slow
 def test_whole_recording_is_found(folder: Path) -> None:
     assert viewer.find_recording(folder) == folder / "cut.rrd"
 
 
-@pytest.mark.parametrize("kept", [0, 3, 100, 20_000, -1])
-def test_damaged_recording_is_refused(folder: Path, kept: int) -> None:
+@pytest.mark.parametrize("size", [0, 3, 100, 20_000, -1])
+def test_damaged_recording_is_refused(folder: Path, size: int) -> None:
     recording = folder / "cut.rrd"
-    recording.write_bytes(recording.read_bytes()[:kept])
+    recording.write_bytes(recording.read_bytes()[:size])
     with pytest.raises(InputError, match="not a whole rerun recording"):
         viewer.find_recording(folder)
 
@@ -148,7 +149,7 @@ def test_view_runs_the_viewer_and_says_the_address(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(subprocess, "call", call)
-    monkeypatch.setattr(viewer, "free_port", lambda wanted: wanted)
+    monkeypatch.setattr(viewer, "free_port", lambda port: port)
     assert viewer.view(folder, web_port=9191, grpc_port=9881) == 0
     assert called == [viewer.viewer_command(folder / "cut.rrd", False, 9191, 9881)]
     address = "http://127.0.0.1:9191?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9881%2Fproxy"
@@ -191,5 +192,5 @@ def test_two_cuts_are_laid_side_by_side(folder: Path, monkeypatch: pytest.Monkey
         viewer.compare(folder, folder / "nowhere")
 
 
-def test_the_viewers_exit_status_is_kept(tmp_path: Path) -> None:
+def test_the_viewers_exit_status_is_stored(tmp_path: Path) -> None:
     assert subprocess.call([*viewer.RERUN, "--no-such-option"], stderr=subprocess.DEVNULL) != 0

@@ -25,9 +25,9 @@ def benchmark(load_script: Callable[[Path], ModuleType]) -> ModuleType:
     return load_script(SCRIPT)
 
 
-def result(rate=10.0, outcome="finished", error=math.nan, earned=100.0, time_s=60.0) -> Result:
+def result(rate=10.0, outcome="finished", error=math.nan, reward=100.0, time_s=60.0) -> Result:
     lost = int(outcome == "wire break")
-    return Result(0, "any", outcome, time_s, 1.0, 10.0, rate, earned, lost, 0.0, 0.1, 0.2, error, math.nan, 320.0)
+    return Result(0, "any", outcome, time_s, 1.0, 10.0, rate, reward, lost, 0.0, 0.1, 0.2, error, math.nan, 320.0)
 
 
 def comparison(env_id: str = GAP_FEED, **results: Result) -> Comparison:
@@ -36,24 +36,24 @@ def comparison(env_id: str = GAP_FEED, **results: Result) -> Comparison:
     return Comparison(env_id, "fast", (1, 2), made, figures)
 
 
-def test_it_is_told_where_a_constant_set_point_reaches_the_reference(benchmark: ModuleType) -> None:
-    made = {"oracle": result(earned=100.0), "fixed": result(earned=0.0), "counts": result(earned=60.0)}
+def test_it_is_reported_where_a_constant_set_point_reaches_the_reference(benchmark: ModuleType) -> None:
+    made = {"oracle": result(reward=100.0), "fixed": result(reward=0.0), "counts": result(reward=60.0)}
     (text,) = benchmark.verdicts(comparison(**made))
     assert text == "The best classic controller, `counts`, scores 0.60 (0.60 to 0.60)."
-    (text,) = benchmark.verdicts(comparison(**made, voltage=result(earned=97.0)))
+    (text,) = benchmark.verdicts(comparison(**made, voltage=result(reward=97.0)))
     assert "`voltage`, scores 0.97" in text
-    assert "A servo with a constant set-point already comes as far as the reference here" in text
+    assert "So a servo with a constant set-point reaches the reference" in text
 
 
 @pytest.mark.parametrize(
-    ("earned", "verdict"), [(80.0, "more than"), (40.0, "less than"), (60.0, "no more and no less")]
+    ("reward", "verdict"), [(80.0, "more than"), (40.0, "less than"), (60.0, "not significantly different from")]
 )
-def test_a_policy_is_judged_beside_the_best_classic_controller(
-    benchmark: ModuleType, earned: float, verdict: str
+def test_a_policy_is_compared_with_the_best_classic_controller(
+    benchmark: ModuleType, reward: float, verdict: str
 ) -> None:
-    made = {"oracle": result(earned=100.0), "fixed": result(earned=0.0), "counts": result(earned=60.0)}
-    text = benchmark.verdicts(comparison(**made, policy_mine=result(earned=earned)))[1]
-    assert text.startswith(f"`policy:mine` scores 0.{earned:.0f}")
+    made = {"oracle": result(reward=100.0), "fixed": result(reward=0.0), "counts": result(reward=60.0)}
+    text = benchmark.verdicts(comparison(**made, policy_mine=result(reward=reward)))[1]
+    assert text.startswith(f"`policy:mine` scores 0.{reward:.0f}")
     assert verdict in text
 
 
@@ -62,7 +62,7 @@ def test_one_command_makes_leaderboard_and_page(
 ) -> None:
     for name, file in (("BOARD", "board.json"), ("PAGE", "page.md")):
         monkeypatch.setattr(benchmark, name, tmp_path / file)
-    made = comparison(oracle=result(earned=120.0), fixed=result(earned=10.0), voltage=result())
+    made = comparison(oracle=result(reward=120.0), fixed=result(reward=10.0), voltage=result())
     monkeypatch.setattr(benchmark, "evaluate", lambda env_id: made)
     monkeypatch.setattr(sys, "argv", [str(SCRIPT), GAP_FEED])
     benchmark.main()

@@ -56,9 +56,9 @@ def test_the_guide_explains_every_option_of_a_cut(tables: ModuleType) -> None:
 
 
 def test_resolutions() -> None:
-    told = re.findall(r"^\| `(\w+)`" + r" \| (\d+)" * 5 + r" \|$", page("guide/cutting"), re.MULTILINE)
-    assert [name for name, *_ in told] == ["fast", "default", "fine"]
-    for name, *sizes in told:
+    listed = re.findall(r"^\| `(\w+)`" + r" \| (\d+)" * 5 + r" \|$", page("guide/cutting"), re.MULTILINE)
+    assert [name for name, *_ in listed] == ["fast", "default", "fine"]
+    for name, *sizes in listed:
         res = resolution(name)
         assert tuple(map(int, sizes)) == (res.slices, res.rays, res.modes, res.cell_um, res.trace_windows)
 
@@ -74,7 +74,7 @@ def test_every_controller_has_its_law_source_and_parameters() -> None:
 
 
 def keys(value: Any, before: str = "") -> set[str]:
-    """Names of a report's entries, those of inner ones behind a point; lists of records are told by their first."""
+    """Names of a report's entries, those of inner ones behind a point; of lists of records the first is shown."""
     if isinstance(value, list) and value and isinstance(value[0], dict):
         return keys(value[0], before) | {before}
     if isinstance(value, dict):
@@ -104,8 +104,8 @@ def test_the_outputs_are_those_of_a_cut(tmp_path: Path) -> None:
 
 def test_exit_statuses_and_outcomes() -> None:
     text = page("guide/outcomes")
-    told = [int(status) for status in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
-    assert told == [0, FAILED, BAD_INPUT, console.STOPPED, console.INTERRUPTED]
+    listed = [int(status) for status in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
+    assert listed == [0, FAILED, BAD_INPUT, console.STOPPED, console.INTERRUPTED]
     ends = text.split("## How a cut ends")[1].split("\n## ")[0]
     causes = set(StopCause) - {StopCause.RUNNING, StopCause.OUT_OF_RANGE}  # the second is an error, no outcome
     assert set(cells(ends)) - {"--max-time"} == {WORDS[cause].report for cause in causes}

@@ -14,7 +14,13 @@ PAGES = [
     *sorted(page for page in (ROOT / "docs").rglob("*.md") if page.parent != ROOT / "docs" / "notebooks"),
 ]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-BANNED = ("told", "anew", "stands", "lays down", "tells of", "worth the while", "for good", "what came of it")
+BANNED = (
+    "told", "anew", "stands", "lays down", "tells of", "worth the while", "for good", "what came of it", "so that",
+    "as one would", "whom", "nobody", "of its own accord", "as it were", "save for", "if need be", "another than",
+    "one's own", "an own", "no machine shows", "what it comes to", "comes to nothing", "truth lies", "go on from",
+    "for certain", "to the bit", "one behind the other", "in its course", "what comes of", "begun", "fresh wire",
+    "a bar says", "goes by", "so long as", "time and again", "thereby", "thereof", "whereby",
+)  # fmt: skip
 """Words that a reader of other documentation would not meet, or not in this sense."""
 _CODE = re.compile(r"^ *(```|~~~).*?^ *\1|^(?: {4}|\t).*?$|`[^`\n]*`", re.DOTALL | re.MULTILINE)
 

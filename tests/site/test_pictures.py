@@ -26,7 +26,7 @@ def test_the_pages_are_there(pictures: ModuleType) -> None:
         assert source.is_file(), step
 
 
-def test_a_machine_without_a_browser_is_told(
+def test_a_machine_without_a_browser_is_reported(
     pictures: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))

@@ -29,8 +29,8 @@ def section(heading: str) -> list[str]:
 def test_the_page_has_every_planner_at_every_speed(planners: ModuleType, heading: str) -> None:
     lines = [line for line in section(heading) if line.startswith("|")]
     assert [cell.strip() for cell in lines[0].strip("|").split("|")] == list(planners.HEADS)
-    told = [tuple(cell.strip() for cell in line.strip("|").split("|"))[:2] for line in lines[2:]]
-    assert told == [(f"`{planner}`", str(speed)) for planner in COMPARED for speed in SPEEDS]
+    listed = [tuple(cell.strip() for cell in line.strip("|").split("|"))[:2] for line in lines[2:]]
+    assert listed == [(f"`{planner}`", str(speed)) for planner in COMPARED for speed in SPEEDS]
     assert (DOCS / "planners.png").is_file()
 
 
@@ -72,7 +72,7 @@ def test_a_straight_move_along_an_axis_has_no_error_but_its_ends() -> None:
     assert found.ripple_percent < 0.1
 
 
-def test_a_lost_axis_is_told_as_the_end_s_error_and_45_degrees_as_the_path_s() -> None:  # T-G11, T-G9
+def test_a_lost_axis_is_reported_as_the_end_s_error_and_45_degrees_as_the_path_s() -> None:  # T-G11, T-G9
     lost = move("poscal-literal", (10_000, 30), 127)
     assert (lost.path_max_um, lost.end_um) == pytest.approx((30.0, 30.0), abs=1e-3)
     slow = move("poscal-literal", (700, 300), 1)

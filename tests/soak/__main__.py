@@ -34,10 +34,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", choices=[*PARTS, []])
     parser.add_argument("--out", type=Path, default=Path("out/soak"))
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
-    file = given.out / "soak.json"
-    for name in given.parts or [part for part in PARTS if part != "sweep"]:
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    file = options.out / "soak.json"
+    for name in options.parts or [part for part in PARTS if part != "sweep"]:
         found = {**PARTS[name](), "python": platform.python_version()}
         known = json.loads(file.read_text()) if file.exists() else {}
         file.write_text(json.dumps({**known, name: found}, indent=1) + "\n")

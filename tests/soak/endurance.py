@@ -20,7 +20,7 @@ CHECKED = 10
 """How often a run is compared with one restored from its snapshot (ours)."""
 TOGETHER = 20
 """Windows that both then run."""
-LANES = 16
+NUM_ENVS = 16
 
 
 def simulate(seconds: float, seed: int = 1) -> dict[str, Any]:
@@ -53,30 +53,30 @@ def simulate(seconds: float, seed: int = 1) -> dict[str, Any]:
 
 def restored_goes_on_alike(plant: Plant, seed: int) -> bool:
     """Whether a plant restored from another's snapshot runs as that one does; the other is left as it was."""
-    kept = plant.snapshot()
+    state = plant.snapshot()
     twin = begin(plant.machine, seed + 1)
-    twin.restore(kept)
+    twin.restore(state)
     for both in (plant, twin):
         for _ in range(TOGETHER):
             both.advance([(both.time_ns, 0, 1)])
     ends = [both.snapshot() for both in (plant, twin)]
-    plant.restore(kept)
-    return all(np.array_equal(ends[0][name], ends[1][name]) for name in kept)
+    plant.restore(state)
+    return all(np.array_equal(ends[0][name], ends[1][name]) for name in state)
 
 
 def step(steps: int, seed: int = 1) -> dict[str, Any]:
-    """Make environment steps with random actions, in lanes side by side; episodes end and begin as they do."""
+    """Make environment steps with random actions, in environments side by side; episodes end and begin as they do."""
     began = time.monotonic()
     env = gym.make_vec(
-        "edmsim/GapFeed-v2", num_envs=LANES, vectorization_mode="vector_entry_point", resolution="fast", threads=1,
+        "edmsim/GapFeed-v2", num_envs=NUM_ENVS, vectorization_mode="vector_entry_point", resolution="fast", threads=1,
     )  # fmt: skip
     env.reset(seed=seed)
     env.action_space.seed(seed)
     at, held, ended, machine_s = [], [], 0, 0.0
-    turns = steps // LANES
+    turns = steps // NUM_ENVS
     for turn in range(turns + 1):
         if turn % max(turns // SAMPLES, 1) == 0:
-            at.append(float(turn * LANES))
+            at.append(float(turn * NUM_ENVS))
             held.append(float(resident_bytes()))
         if turn == turns:
             break
@@ -88,7 +88,7 @@ def step(steps: int, seed: int = 1) -> dict[str, Any]:
     env.close()
     rate = growth(at, held)
     return {
-        "steps": turns * LANES, "episodes": ended, "machine_s": machine_s, "held_MB": held[-1] * 1e-6,
+        "steps": turns * NUM_ENVS, "episodes": ended, "machine_s": machine_s, "held_MB": held[-1] * 1e-6,
         "growth_kB_per_million": [v * 1e3 for v in rate], "wall_s": time.monotonic() - began,
     }
 

@@ -34,7 +34,7 @@ def kill(count: int, folder: Path, seed: int = 1) -> dict[str, Any]:
     _end(_start(partial(_cut, program, folder / "whole")))
     takes_s = time.monotonic() - started
     whole = _results(folder / "whole")
-    killed = cuts = equal = kept = 0
+    killed = cuts = equal = with_checkpoint = 0
     while killed < count:
         out, done = folder / f"cut-{cuts}", False
         for _ in range(PER_CUT):
@@ -42,14 +42,14 @@ def kill(count: int, folder: Path, seed: int = 1) -> dict[str, Any]:
                 child = _start(partial(_cut, program, out))
                 died = _kill_after(child, draw.uniform(0.0, takes_s))
                 killed += died
-                kept += died and (out / checkpoint.NAME).exists()
+                with_checkpoint += died and (out / checkpoint.NAME).exists()
                 done = not died
         if not done:
             _end(_start(partial(_cut, program, out)))
         equal += _results(out) == whole
         cuts += 1
     return {
-        "killed": killed, "with_checkpoint": kept, "cuts": cuts, "equal": equal,
+        "killed": killed, "with_checkpoint": with_checkpoint, "cuts": cuts, "equal": equal,
         "wall_s": time.monotonic() - began,
     }  # fmt: skip
 

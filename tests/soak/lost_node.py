@@ -63,7 +63,7 @@ def lose(folder: Path, cuts: int = 200) -> dict[str, Any]:
         killed_at = _wait(driver, out, round(DRIVER_KILLED * cuts))
         driver.send_signal(signal.SIGKILL)
         driver.wait()
-        kept = {row["id"]: row for row in journal_rows(out)}
+        before = {row["id"]: row for row in journal_rows(out)}
         nodes.add_node(num_cpus=1, node_ip_address="127.0.0.4", object_store_memory=80 * 2**20)
         _finish(ray)
     _finish([*command, str(folder / "here")])
@@ -73,7 +73,7 @@ def lose(folder: Path, cuts: int = 200) -> dict[str, Any]:
     return {
         "cuts": cuts, "node_lost_after": lost_at, "driver_killed_after": killed_at,
         "missing": cuts - len(set(ids)), "twice": sum(n - 1 for n in Counter(ids).values()),
-        "made_again_though_done": sum(times[name] != row["wall_time_s"] for name, row in kept.items()),
+        "made_again_though_done": sum(times[name] != row["wall_time_s"] for name, row in before.items()),
         "same_as_local": there.equals(here), "failed": there.num_rows - there["error"].null_count,
         "errors": sorted({str(error) for error in there["error"].to_pylist() if error is not None}),
         "wall_s": time.monotonic() - began,
@@ -81,14 +81,14 @@ def lose(folder: Path, cuts: int = 200) -> dict[str, Any]:
 
 
 def _finish(command: list[str]) -> None:
-    """Run a sweep to its end; runs that fail are told as rows, and by a status of 3."""
+    """Run a sweep to its end; runs that fail are rows, and by a status of 3."""
     status = subprocess.run(command, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
     if status not in (0, 3):
         raise RuntimeError(f"the sweep ended with status {status}")
 
 
 def _wait(driver: subprocess.Popen[bytes], out: Path, rows: int) -> int:
-    """Wait until so many runs are done; return how many are."""
+    """Wait until a number of runs is done; return how many are."""
     while (done := _done(out)) < rows:
         if driver.poll() is not None:
             raise RuntimeError(f"the sweep ended with status {driver.returncode} after {done} runs")

@@ -84,15 +84,15 @@ KINDS = tuple((kind, method) for method in ("fork", "spawn") for kind in ("Async
 def compare(steps: int, kinds: tuple[tuple[str, str], ...] = KINDS) -> dict[str, Any]:
     """Run kinds under fork and spawn; tell which gave the rewards of one process, and what was left open."""
     began = time.monotonic()
-    wanted = in_one_process(steps)
+    expected = in_one_process(steps)
     with_gymnasium("spawn", 1)  # whatever libraries open once for all
     with_sb3("fork", 1)
     before, same = left_open(), {}
     for kind, method in kinds:
         if kind == "AsyncVectorEnv":
-            equal = with_gymnasium(method, steps) == wanted
+            equal = with_gymnasium(method, steps) == expected
         else:
-            equal = bool(np.allclose(with_sb3(method, steps), wanted, rtol=1e-6, atol=1e-7))  # float32 there
+            equal = bool(np.allclose(with_sb3(method, steps), expected, rtol=1e-6, atol=1e-7))  # float32 there
         same[f"{kind}, {method}"] = equal
     after = left_open()
     return {

@@ -1,11 +1,7 @@
-"""A line of 0.3 mm through thin stock, of which the first second is cut: a fifth of a second of this computer; and a
-cluster of two nodes."""
+"""A line of 0.3 mm through thin stock, of which the first second is cut: a fifth of a second of this computer."""
 
 from __future__ import annotations
 
-import os
-import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -47,22 +43,3 @@ def two_controllers(line: Path, short: dict[str, Any]) -> Specification:
     return Specification(
         program=[str(line)], seeds=[0, 1], settings=short, grid={"controller": ["counts", "fixed:feed_um_s=9"]}
     )
-
-
-@pytest.fixture
-def nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Two nodes, each with a processor and a loopback address of its own."""
-    ray = pytest.importorskip("ray")
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    monkeypatch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    monkeypatch.setenv("PYTHONPATH", f"{Path(__file__).parents[2]}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Ray's, of files it leaves to the collector
-        from ray.cluster_utils import Cluster as Nodes
-
-        node = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "include_dashboard": False}
-        cluster = Nodes(initialize_head=True, head_node_args={**node, "node_ip_address": "127.0.0.2"})
-        cluster.second = cluster.add_node(**node, node_ip_address="127.0.0.3")
-        yield cluster
-        ray.shutdown()
-        cluster.shutdown()

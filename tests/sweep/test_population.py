@@ -1,47 +1,40 @@
-"""Population-based training: the worst go on from the best with settings of their own, and it can be interrupted."""
+"""Population-based training: what it refuses, and what a training takes over from another one.
+
+`test_sweep_cluster.py` trains a population.
+"""
 
 from __future__ import annotations
 
-import json
-import sys
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from edmsim.cli import app as cli
-from edmsim.controllers import from_text
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters
-from edmsim.sweep.population import TABLE, PopulationResult, train_population
-from edmsim.sweep.tune import TRAINING
+from edmsim.sweep.population import train_population
+
+from ..conftest import Run
 
 ENV = "edmsim/GapFeed-v2"
 
 
-@pytest.mark.parametrize(("given", "named"), [
+@pytest.mark.parametrize(("options", "named"), [
     ({"population": 3}, "no best quarter: give 4 or more"), ({"generations": 0}, "1 or more"),
     ({"steps": 9}, "fewer than 10 generations"), ({"algo": "dqn"}, "ppo, sac"),
     ({"seed": 1_000_000}, "training seeds"), ({"algo": "imitation"}, "algorithm 'imitation'"),
     ({"seeds": 0}, "1 or more"),
 ])  # fmt: skip
-def test_what_cannot_be_bred_is_refused(given: dict[str, Any], named: str, tmp_path: Path) -> None:
+def test_what_cannot_be_bred_is_refused(options: dict[str, Any], named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):
-        train_population(ENV, tmp_path / "new", **given)
+        train_population(ENV, tmp_path / "new", **options)
     assert not (tmp_path / "new").exists()
 
 
-def test_the_command_refuses_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["edmsim", "tune", "population", ENV, "--out", str(tmp_path / "new"), "--learners", "2"]
-    monkeypatch.setattr(sys, "argv", words)
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    err = capsys.readouterr().err
-    assert (left.value.code, len(err.splitlines())) == (2, 1)
-    assert "a population of 2 has no best quarter: give 4 or more" in err
+def test_the_command_refuses_in_one_line(edmsim: Run, tmp_path: Path) -> None:
+    refused = edmsim("tune", "population", ENV, "--out", tmp_path / "new", "--learners", "2")
+    assert (refused.status, len(refused.err.splitlines())) == (2, 1)
+    assert "a population of 2 has no best quarter: give 4 or more" in refused.err
 
 
 @pytest.mark.slow
@@ -55,52 +48,16 @@ def test_a_training_begins_from_another_ones_checkpoint(short_training: None, tm
     (checkpoint,) = (tmp_path / "first").glob("checkpoint-*")
     usual = hyperparameters.load(ENV, "ppo")
     changed = {**usual.algorithm, "learning_rate": 7e-5, "gamma": 0.96, "clip_range": 0.3, "gae_lambda": 0.9}
-    given = usual.model_copy(update={"algorithm": changed})
-    stays = train(ENV, "ppo", tmp_path / "same", steps=64, seed=2, parameters=given, begin_from=checkpoint)
+    options = usual.model_copy(update={"algorithm": changed})
+    stays = train(ENV, "ppo", tmp_path / "same", steps=64, seed=2, parameters=options, begin_from=checkpoint)
     assert stays.model.num_timesteps == 64
     assert stays.normalise.obs_rms.count == first.normalise.obs_rms.count
     for name, value in first.model.policy.state_dict().items():
         assert (stays.model.policy.state_dict()[name] == value).all()
-    second = train(ENV, "ppo", tmp_path / "second", steps=128, seed=2, parameters=given, begin_from=checkpoint)
+    second = train(ENV, "ppo", tmp_path / "second", steps=128, seed=2, parameters=options, begin_from=checkpoint)
     model = second.model
     assert (model.num_timesteps, model.seed, model.gamma, model.gae_lambda) == (128, 2, 0.96, 0.9)
     assert (model.learning_rate, model.clip_range(1.0), second.normalise.gamma) == (7e-5, 0.3, 0.96)
     assert model.rollout_buffer.gamma == 0.96
     assert model.policy.optimizer.param_groups[0]["lr"] == 7e-5
     assert checkpoint.is_dir()
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(400)
-@pytest.mark.filterwarnings("ignore")
-def test_a_population_exploits_and_explores_on_two_nodes(
-    nodes: Any, short_training: None, tmp_path: Path
-) -> None:
-    pytest.importorskip("stable_baselines3")
-    import pyarrow.parquet as pq
-
-    seen: list[PopulationResult] = []
-    given: dict[str, Any] = {"address": nodes.address, "population": 4, "generations": 2, "steps": 256, "seeds": 1}
-    found = train_population(ENV, tmp_path, **given, watch=seen.append)
-    assert len(seen) == 8
-    rows = pq.read_table(tmp_path / TABLE).to_pylist()
-    first, second = ([row for row in rows if row["generation"] == n] for n in (1, 2))
-    assert sorted(row["learner"] for row in first) == sorted(row["learner"] for row in second) == [0, 1, 2, 3]
-    assert all(row["parent"] == row["learner"] for row in first)
-    assert {row["windows"] for row in first} == {128}
-    assert {row["windows"] for row in second} == {256}
-    best, worst = (choose(first, key=lambda row: row["score"])["learner"] for choose in (max, min))
-    moved = [row for row in second if row["parent"] != row["learner"]]
-    assert [(row["learner"], row["parent"]) for row in moved] == [(worst, best)]
-    before = next(row for row in first if row["learner"] == best)
-    assert [key for key in TRAINING["ppo"] if moved[0][key] != before[key]]
-    for row in rows:
-        assert all(bound.low <= row[key] <= bound.high for key, bound in TRAINING["ppo"].items())
-    assert found.value == max(row["score"] for row in second)
-    assert tomllib.loads((tmp_path / "best.toml").read_text())["algorithm"] == found.values
-    assert from_text(f"policy:{tmp_path / 'policy.json'}").name == "policy"
-
-    assert train_population(ENV, tmp_path, **given) == found  # all is done: nothing is trained again
-    assert json.loads((tmp_path / "population.json").read_text())["population"] == 4
-    with pytest.raises(InputError, match="begun with other arguments"):
-        train_population(ENV, tmp_path, **{**given, "population": 5})

@@ -28,12 +28,12 @@ def found(runs: Array, figure: Array) -> Sensitivity:
     return sensitivity([VariedSetting(n, column.tolist()) for n, column in zip(NAMES, runs.T, strict=False)], figure)
 
 
-def first(told: Sensitivity) -> list[float]:
-    return [effect.first_order for effect in told.effects.values()]
+def first(result: Sensitivity) -> list[float]:
+    return [effect.first_order for effect in result.effects.values()]
 
 
-def total(told: Sensitivity) -> list[float]:
-    return [effect.total for effect in told.effects.values()]
+def total(result: Sensitivity) -> list[float]:
+    return [effect.total for effect in result.effects.values()]
 
 
 THREE = [0.0, 1.0, 2.0]
@@ -43,12 +43,12 @@ def test_a_grid_of_voltage_and_on_time_has_both_effects() -> None:
     """The rate rises with voltage at every on-time, by 31 to 56 %; alone voltage is hidden by the on-time."""
     voltage_V, on_us = grid([60.0, 80.0, 100.0], [10.0, 20.0, 30.0]).T
     rate = (1 + 0.0108 * (voltage_V - 60)) * on_us**0.6
-    told = found(np.column_stack([voltage_V, on_us]), rate)
+    result = found(np.column_stack([voltage_V, on_us]), rate)
     means = rate.reshape(3, 3)
-    assert first(told) == pytest.approx([means.mean(axis=k).var() / rate.var() for k in (1, 0)])
-    assert 0.2 < first(told)[0] < 0.3
-    assert sum(first(told)) + told.interactions == pytest.approx(1.0)
-    assert np.isnan(told.unexplained)  # each was run once
+    assert first(result) == pytest.approx([means.mean(axis=k).var() / rate.var() for k in (1, 0)])
+    assert 0.2 < first(result)[0] < 0.3
+    assert sum(first(result)) + result.interactions == pytest.approx(1.0)
+    assert np.isnan(result.unexplained)  # each was run once
 
 
 @pytest.mark.parametrize(("of", "singly", "in_all"), [
@@ -61,58 +61,58 @@ def test_a_whole_grid_gives_the_exact_indices(
     of: Callable[..., Array], singly: list[float], in_all: list[float]
 ) -> None:
     runs = grid(THREE, THREE, THREE)
-    told = found(runs, of(*runs.T))
-    assert first(told) == pytest.approx(singly, abs=1e-12)
-    assert total(told) == pytest.approx(in_all, abs=1e-12)
+    result = found(runs, of(*runs.T))
+    assert first(result) == pytest.approx(singly, abs=1e-12)
+    assert total(result) == pytest.approx(in_all, abs=1e-12)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kept", [1.0, 0.8])
-def test_seeds_show_what_is_chance_also_where_runs_failed(kept: float) -> None:
+@pytest.mark.parametrize("fraction", [1.0, 0.8])
+def test_seeds_show_what_is_chance_also_where_runs_failed(fraction: float) -> None:
     """Of 27 combinations of four seeds: a variance of 2/3 and 6, an interaction of 4/9, and a chance of 1."""
     rng = np.random.default_rng(5)
     all_runs = grid(THREE, THREE, THREE, seeds=4)
     whole = 2 / 3 + 6 + 4 / 9 + 1
     shares = []
     for _ in range(40):
-        runs = all_runs[rng.random(len(all_runs)) < kept]
+        runs = all_runs[rng.random(len(all_runs)) < fraction]
         a, b, _ = runs.T
-        told = found(runs, a + 3 * b + (a - 1) * (b - 1) + rng.normal(size=len(runs)))
-        shares.append([*first(told), *total(told), told.interactions, told.unexplained])
-    told_in_the_mean = np.mean(shares, axis=0)
+        result = found(runs, a + 3 * b + (a - 1) * (b - 1) + rng.normal(size=len(runs)))
+        shares.append([*first(result), *total(result), result.interactions, result.unexplained])
+    mean_result = np.mean(shares, axis=0)
     expected = [2 / 3, 6, 0, 2 / 3 + 4 / 9, 6 + 4 / 9, 0, 4 / 9, 1]
-    np.testing.assert_allclose(told_in_the_mean, np.array(expected) / whole, atol=0.02)
+    np.testing.assert_allclose(mean_result, np.array(expected) / whole, atol=0.02)
 
 
 def test_a_run_that_failed_leaves_a_gap_and_not_another_answer() -> None:
     runs = grid(THREE, THREE)
     rate = runs[:, 0] + 2 * runs[:, 1]
     rate[4] = np.nan
-    told = found(runs, rate)
-    assert first(told) == pytest.approx([0.2, 0.8])
-    assert total(told) == pytest.approx([0.2, 0.8])
+    result = found(runs, rate)
+    assert first(result) == pytest.approx([0.2, 0.8])
+    assert total(result) == pytest.approx([0.2, 0.8])
 
 
 def test_of_one_setting_at_a_time_interactions_are_not_claimed() -> None:
     runs = np.array([[1, 1, 1], [0, 1, 1], [2, 1, 1], [1, 0, 1], [1, 2, 1], [1, 1, 0], [1, 1, 2]], float)
-    told = found(runs, runs[:, 0] + 3 * runs[:, 1])
-    assert first(told) == pytest.approx([0.1, 0.9, 0.0], abs=1e-12)
-    assert np.isnan([*total(told), told.interactions]).all()
+    result = found(runs, runs[:, 0] + 3 * runs[:, 1])
+    assert first(result) == pytest.approx([0.1, 0.9, 0.0], abs=1e-12)
+    assert np.isnan([*total(result), result.interactions]).all()
 
 
 def test_settings_that_only_change_together_are_not_parted() -> None:
-    told = found(np.array([[1, 10, 1], [2, 20, 1], [3, 30, 1], [1, 10, 2], [2, 20, 2], [3, 30, 2]], float),
+    result = found(np.array([[1, 10, 1], [2, 20, 1], [3, 30, 1], [1, 10, 2], [2, 20, 2], [3, 30, 2]], float),
                  np.array([1.0, 2.0, 3.0, 2.0, 3.0, 4.0]))  # fmt: skip
-    assert np.isnan(first(told)[:2]).all()
+    assert np.isnan(first(result)[:2]).all()
 
 
 def test_a_setting_that_is_a_name_counts_by_its_names() -> None:
     runs = [(name, height) for name in ("counts", "voltage", "fixed") for height in (5, 10)]
     figure = np.array([{"counts": 3.0, "voltage": 0.0, "fixed": 3.0}[name] + height for name, height in runs])
     settings = [VariedSetting("controller", [r[0] for r in runs]), VariedSetting("height_mm", [r[1] for r in runs])]
-    told = sensitivity(settings, figure)
-    assert first(told) == pytest.approx([2 / 8.25, 6.25 / 8.25])
-    assert np.isnan(told.effects["controller"].rank_correlation)
+    result = sensitivity(settings, figure)
+    assert first(result) == pytest.approx([2 / 8.25, 6.25 / 8.25])
+    assert np.isnan(result.effects["controller"].rank_correlation)
 
 
 def ishigami(u: Array) -> Array:
@@ -131,29 +131,29 @@ SAMPLES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", SAMPLES)
 def test_ishigami_in_samples(kind: str) -> None:
-    told = found(SAMPLES[kind], ishigami(SAMPLES[kind]))
-    assert first(told)[:3] == pytest.approx([0.314, 0.442, 0.0], abs=0.03)
-    assert total(told)[:3] == pytest.approx([0.558, 0.442, 0.244], abs=0.04)
-    assert max(total(told)[3:], default=0.0) < 0.01
-    assert told.unexplained < 0.03
-    assert sum(first(told)) + told.interactions + told.unexplained == pytest.approx(1.0)
+    result = found(SAMPLES[kind], ishigami(SAMPLES[kind]))
+    assert first(result)[:3] == pytest.approx([0.314, 0.442, 0.0], abs=0.03)
+    assert total(result)[:3] == pytest.approx([0.558, 0.442, 0.244], abs=0.04)
+    assert max(total(result)[3:], default=0.0) < 0.01
+    assert result.unexplained < 0.03
+    assert sum(first(result)) + result.interactions + result.unexplained == pytest.approx(1.0)
 
 
 @pytest.mark.slow
 def test_a_sample_of_orders_of_magnitude_needs_nothing_else() -> None:
     runs = 10.0 ** (3 * sobol(2, 64))
-    told = found(runs, np.log10(runs[:, 0]) + 2 * np.log10(runs[:, 1]))
-    assert first(told) == pytest.approx([0.2, 0.8], abs=0.02)
+    result = found(runs, np.log10(runs[:, 0]) + 2 * np.log10(runs[:, 1]))
+    assert first(result) == pytest.approx([0.2, 0.8], abs=0.02)
 
 
 def test_what_is_chance_in_a_sample_is_unexplained() -> None:
     """Variances of 1, 9 and none, and a chance of 2.5: the sample tells each to a few percent."""
     runs = sobol(3, 256)
     noise = np.random.default_rng(0).normal(0.0, np.sqrt(2.5), 256)
-    told = found(runs, np.sqrt(12) * (runs[:, 0] + 3 * runs[:, 1]) + noise)
-    assert first(told) == pytest.approx([1 / 12.5, 9 / 12.5, 0.0], abs=0.04)
-    assert total(told)[2] < 0.02
-    assert told.unexplained == pytest.approx(0.2, abs=0.05)
+    result = found(runs, np.sqrt(12) * (runs[:, 0] + 3 * runs[:, 1]) + noise)
+    assert first(result) == pytest.approx([1 / 12.5, 9 / 12.5, 0.0], abs=0.04)
+    assert total(result)[2] < 0.02
+    assert result.unexplained == pytest.approx(0.2, abs=0.05)
 
 
 @pytest.mark.slow
@@ -169,9 +169,9 @@ def test_chance_alone_is_nearly_never_taken_for_an_effect(points: int) -> None:
 def test_chance_alone_is_no_effect_in_a_grid_either() -> None:
     rng = np.random.default_rng(1)
     runs = grid(THREE, THREE, seeds=5)
-    told = [found(runs, rng.normal(size=len(runs))) for _ in range(100)]
-    assert np.mean([first(one) for one in told]) < 0.03
-    assert np.mean([one.unexplained for one in told]) > 0.9
+    result = [found(runs, rng.normal(size=len(runs))) for _ in range(100)]
+    assert np.mean([first(one) for one in result]) < 0.03
+    assert np.mean([one.unexplained for one in result]) > 0.9
 
 
 @pytest.mark.slow
@@ -181,8 +181,8 @@ def test_a_sample_with_a_grid_and_seeds() -> None:
     shares = []
     for seed in range(6):
         noise = np.random.default_rng(seed).normal(0.0, 0.3, len(runs))
-        told = found(runs, 2 * runs[:, 0] * runs[:, 1] + noise)
-        shares.append([*first(told), *total(told), told.unexplained])
+        result = found(runs, 2 * runs[:, 0] * runs[:, 1] + noise)
+        shares.append([*first(result), *total(result), result.unexplained])
     # of 2 a u: the means over u and over a vary by 1/4 and 1/12, and 1/12 is of both together
     whole = 1 / 4 + 1 / 12 + 1 / 12 + 0.09
     expected = np.array([1 / 4, 1 / 12, 0, 1 / 3, 1 / 6, 0, 0.09]) / whole
@@ -191,5 +191,5 @@ def test_a_sample_with_a_grid_and_seeds() -> None:
 
 @pytest.mark.parametrize("figure", [[], [1.0], [np.nan, np.nan, np.nan, np.nan], [2.0, 2.0, 2.0, 2.0]])
 def test_what_tells_nothing_is_unknown(figure: list[float]) -> None:
-    told = found(np.arange(2.0 * len(figure)).reshape(-1, 2), np.array(figure))
-    assert np.isnan([*first(told), *total(told), told.interactions, told.unexplained]).all()
+    result = found(np.arange(2.0 * len(figure)).reshape(-1, 2), np.array(figure))
+    assert np.isnan([*first(result), *total(result), result.interactions, result.unexplained]).all()

@@ -76,7 +76,7 @@ def test_seeds_of_environments_are_those_held_back() -> None:
     assert [run.seed for run in runs_of(spec)] == [HELD_BACK, HELD_BACK + 1, HELD_BACK + 2]
 
 
-@pytest.mark.parametrize(("given", "named"), [
+@pytest.mark.parametrize(("options", "named"), [
     ({}, "either program or environment"),
     ({"program": "none.ngc"}, "none.ngc"),
     ({"colour": "red"}, "colour"),
@@ -95,21 +95,21 @@ def test_seeds_of_environments_are_those_held_back() -> None:
     ({"sobol": {"samples": 4, "ranges": {"tension": "range"}}}, "published range"),
     ({"recordings": "video"}, "video"),
 ])  # fmt: skip
-def test_what_is_no_sweep_is_refused_in_one_line(line: Path, given: dict[str, Any], named: str) -> None:
-    start = {} if given in ({}, {"program": "none.ngc"}) else {"program": str(line)}
+def test_what_is_no_sweep_is_refused_in_one_line(line: Path, options: dict[str, Any], named: str) -> None:
+    start = {} if options in ({}, {"program": "none.ngc"}) else {"program": str(line)}
     with pytest.raises(InputError) as refused:
-        next(runs_of(Specification.model_validate({**start, **given})))
+        next(runs_of(Specification.model_validate({**start, **options})))
     assert named in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize(("given", "named"), [
+@pytest.mark.parametrize(("options", "named"), [
     ({"machine_samples": 2}, "randomise"), ({"recordings": "all"}, "no recordings"),
     ({"settings": {"colour": 1}}, "colour"), ({"settings": {"gap.critical_um": 5}}, "randomise"),
 ])  # fmt: skip
-def test_what_an_environment_cannot_do_is_refused(given: dict[str, Any], named: str) -> None:
+def test_what_an_environment_cannot_do_is_refused(options: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError, match=named):
-        next(runs_of(Specification.model_validate({"environment": "edmsim/GapFeed-v2", **given})))
+        next(runs_of(Specification.model_validate({"environment": "edmsim/GapFeed-v2", **options})))
 
 
 def test_a_file_that_is_none_says_where(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ CLOCKS = ["wall_time_s", "host"]
 
 
 class Here:
-    """An engine in this process that stops, as by Ctrl-C, after so many jobs."""
+    """An engine in this process that stops, as by Ctrl-C, after a number of jobs."""
 
     def __init__(self, stop_after: int = 10**9) -> None:
         self.left, self.made = stop_after, list[str]()
@@ -69,13 +69,13 @@ def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, t
 
 @pytest.mark.slow
 def test_processes_find_the_same_bits_as_this_one(two_controllers: Specification, tmp_path: Path) -> None:
-    seen: list[SweepProgress] = []
+    observed: list[SweepProgress] = []
     sweep(two_controllers, tmp_path / "here", engine=Here())
-    last = sweep(two_controllers, tmp_path / "there", engine=Processes(2), watch=seen.append)
+    last = sweep(two_controllers, tmp_path / "there", engine=Processes(2), watch=observed.append)
     here, there = (read(tmp_path / name).drop_columns(CLOCKS) for name in ("here", "there"))
     assert here.equals(there)
     assert last == SweepProgress(4, 4, 4, 0)
-    assert [progress.done for progress in seen] == [0, 1, 2, 3, 4]
+    assert [progress.done for progress in observed] == [0, 1, 2, 3, 4]
     assert here["controller"].to_pylist().count("counts") == 2
     assert json.loads(here["report"][0].as_py())["settings"]["resolution"] == "fast"
 
@@ -151,20 +151,20 @@ def test_programs_samples_and_environments_are_looked_at_as_well(
 ) -> None:
     odd = tmp_path / "odd.ngc"
     odd.write_text("G0 X0 Y0\nG1 X1 Q5 Q6\nG77\nM2\n")
-    for given, named in (
+    for options, named in (
         ({"program": [str(line), str(odd)]}, "odd.ngc"),
         ({"program": str(line), "sobol": {"samples": 4, "ranges": {"tension": [8, 80]}}}, "with tension "),
         ({"program": str(line), "machine_samples": 2, "sample_only": ["nonsense"]}, "'nonsense' is not a section"),
     ):
         with pytest.raises(InputError, match=named):
-            sweep(Specification(settings=short, **given), tmp_path / "out", engine=Here())
+            sweep(Specification(settings=short, **options), tmp_path / "out", engine=Here())
     grid = {"height_mm": [5, 900], "controller": ["counts", "genius"]}
     with pytest.raises(InputError, match=r"3 of 4 .*controller genius: .* with height_mm 900: "):
         sweep(Specification(environment="edmsim/GapFeed-v2", grid=grid), tmp_path / "out", engine=Here())
-    seen: list[tuple[int, int]] = []
+    observed: list[tuple[int, int]] = []
     spec = Specification(program=[str(line)], seeds=3, settings=short, grid={"t_on": [20, 30]})
-    sweep(spec, tmp_path / "out", engine=_Nothing(), checking=lambda *count: seen.append(count))
-    assert seen == [(0, 2), (1, 2)]
+    sweep(spec, tmp_path / "out", engine=_Nothing(), checking=lambda *count: observed.append(count))
+    assert observed == [(0, 2), (1, 2)]
 
 
 @pytest.mark.slow
@@ -184,7 +184,7 @@ def outcomes(count: int) -> list[tuple[Any, Outcome]]:
     return [(run, Outcome({**blank(run), "machining_time_s": 0.1 + run.seed}, {})) for run in runs_of(spec)]
 
 
-def test_what_was_kept_is_there_once_whenever_the_driver_dies(
+def test_what_was_stored_is_there_once_whenever_the_driver_dies(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stores, "ROWS_PER_PART", 4)
@@ -207,9 +207,9 @@ def test_what_was_kept_is_there_once_whenever_the_driver_dies(
     assert sorted(table["machining_time_s"].to_pylist()) == [0.1 + k for k in range(11)]
     assert journal.read_bytes() == b""
     # others read the dataset, too: the folders name the task
-    seen = pyarrow.dataset.dataset(tmp_path / "results", partitioning="hive").to_table()
-    assert set(seen["task"].to_pylist()) == {"edmsim/GapFeed-v2"}
-    assert len(seen) == 11
+    observed = pyarrow.dataset.dataset(tmp_path / "results", partitioning="hive").to_table()
+    assert set(observed["task"].to_pylist()) == {"edmsim/GapFeed-v2"}
+    assert len(observed) == 11
 
 
 @pytest.mark.slow
@@ -280,11 +280,11 @@ def test_a_killed_driver_leaves_no_process_and_nothing_is_done_twice(
     worker = next(int(pid) for thread in threads for pid in (thread / "children").read_text().split())
     driver.kill()
     driver.wait()
-    kept = {row["id"] for row in read(tmp_path / "out").to_pylist()}
-    assert 3 <= len(kept) < 30
+    finished = {row["id"] for row in read(tmp_path / "out").to_pylist()}
+    assert 3 <= len(finished) < 30
     while Path(f"/proc/{worker}").exists() and time.monotonic() < until:
         time.sleep(0.05)
     assert not Path(f"/proc/{worker}").exists()
     rest = Here()
-    assert sweep(spec, tmp_path / "out", engine=rest) == SweepProgress(30, 30, 30 - len(kept), 0)
-    assert not kept & set(rest.made)
+    assert sweep(spec, tmp_path / "out", engine=rest) == SweepProgress(30, 30, 30 - len(finished), 0)
+    assert not finished & set(rest.made)

@@ -1,23 +1,84 @@
-"""A sweep on a real Ray cluster of two nodes, one of which is lost in the middle."""
+"""A real Ray cluster of two nodes: a population is trained on both, and a sweep loses one of them in the middle."""
 
 from __future__ import annotations
 
+import json
+import os
+import tomllib
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
+from edmsim.controllers import from_text
 from edmsim.errors import InputError
+from edmsim.sweep.population import TABLE, PopulationResult, train_population
 from edmsim.sweep.run import SweepProgress, sweep
 from edmsim.sweep.specification import Specification
 from edmsim.sweep.table import read
+from edmsim.sweep.tune import TRAINING
 
 ray = pytest.importorskip("ray")
+pytestmark = pytest.mark.filterwarnings("ignore")
+ENV = "edmsim/GapFeed-v2"
+
+
+@pytest.fixture(scope="module")
+def nodes() -> Iterator[Any]:
+    """Two nodes, each with a processor and a loopback address of its own."""
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        patch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+        patch.setenv("PYTHONPATH", f"{Path(__file__).parents[2]}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+        warnings.simplefilter("ignore")  # Ray's, of files it leaves to the collector
+        from ray.cluster_utils import Cluster as Nodes
+
+        node = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "include_dashboard": False}
+        cluster = Nodes(initialize_head=True, head_node_args={**node, "node_ip_address": "127.0.0.2"})
+        cluster.second = cluster.add_node(**node, node_ip_address="127.0.0.3")
+        yield cluster
+        ray.shutdown()
+        cluster.shutdown()
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-@pytest.mark.filterwarnings("ignore")
+def test_a_population_exploits_and_explores_on_two_nodes(
+    nodes: Any, short_training: None, tmp_path: Path
+) -> None:
+    pytest.importorskip("stable_baselines3")
+    observed: list[PopulationResult] = []
+    options: dict[str, Any] = {"address": nodes.address, "population": 4, "generations": 2, "steps": 256, "seeds": 1}
+    found = train_population(ENV, tmp_path, **options, watch=observed.append)
+    assert len(observed) == 8
+    rows = pq.read_table(tmp_path / TABLE).to_pylist()
+    first, second = ([row for row in rows if row["generation"] == n] for n in (1, 2))
+    assert sorted(row["learner"] for row in first) == sorted(row["learner"] for row in second) == [0, 1, 2, 3]
+    assert all(row["parent"] == row["learner"] for row in first)
+    assert {row["windows"] for row in first} == {128}
+    assert {row["windows"] for row in second} == {256}
+    best, worst = (choose(first, key=lambda row: row["score"])["learner"] for choose in (max, min))
+    moved = [row for row in second if row["parent"] != row["learner"]]
+    assert [(row["learner"], row["parent"]) for row in moved] == [(worst, best)]
+    before = next(row for row in first if row["learner"] == best)
+    assert [key for key in TRAINING["ppo"] if moved[0][key] != before[key]]
+    for row in rows:
+        assert all(bound.low <= row[key] <= bound.high for key, bound in TRAINING["ppo"].items())
+    assert found.value == max(row["score"] for row in second)
+    assert tomllib.loads((tmp_path / "best.toml").read_text())["algorithm"] == found.values
+    assert from_text(f"policy:{tmp_path / 'policy.json'}").name == "policy"
+
+    assert train_population(ENV, tmp_path, **options) == found  # all is done: nothing is trained again
+    assert json.loads((tmp_path / "population.json").read_text())["population"] == 4
+    with pytest.raises(InputError, match="begun with other arguments"):
+        train_population(ENV, tmp_path, **{**options, "population": 5})
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_a_lost_node_loses_nothing(
     nodes: Any, line: Path, short: dict[str, Any], giving_up: str, tmp_path: Path
 ) -> None:
@@ -39,12 +100,14 @@ def test_a_lost_node_loses_nothing(
     assert len(set(there["id"].to_pylist())) == 20
 
 
+@pytest.mark.slow
 def test_without_a_cluster_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     from edmsim.sweep.engine import Cluster
 
     def refuse(**_: object) -> None:
         raise ConnectionError("Could not find any running Ray instance. Start one")
 
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
     monkeypatch.setattr(ray, "init", refuse)
     with pytest.raises(InputError, match="no Ray cluster at 'auto'"):
         Cluster()

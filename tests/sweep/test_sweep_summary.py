@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from edmsim.cli import app as cli
 from edmsim.sweep.summary import KEYS, front_of, groups, pareto_front, sensitivities
 from edmsim.sweep.table import as_table, read
+
+from ..conftest import Run
 
 
 @pytest.fixture
@@ -49,8 +49,8 @@ def test_sensitivities_are_shares_of_the_variance(table: object) -> None:
     assert np.isnan(sensitivities(table)["short_share"].effects["height_mm"].first_order)  # it never changes
 
 
-@pytest.mark.parametrize(("machines", "told"), [(3, ["height_mm", "machine_sample"]), (40, ["gap.a", "height_mm"])])
-def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines: int, told: list[str]) -> None:
+@pytest.mark.parametrize(("machines", "shown"), [(3, ["height_mm", "machine_sample"]), (40, ["gap.a", "height_mm"])])
+def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines: int, shown: list[str]) -> None:
     drawn = np.random.default_rng(2).random(machines)
     extra = ["gap.a"] if machines > 10 else ["gap.a", "gap.b", "wire.c"]
     rows = [
@@ -61,10 +61,11 @@ def test_of_few_drawn_machines_nobody_can_tell_which_constant_it_was(machines: i
     ]  # fmt: skip
     table = as_table([{**row, **{name: row.get(name) for name in KEYS}} for row in rows])
     found = sensitivities(table)["cutting_rate_mm2_min"]
-    assert sorted(found.effects) == told
+    assert sorted(found.effects) == shown
     assert sum(effect.first_order for effect in found.effects.values()) == pytest.approx(1.0, abs=0.01)
     by_machine = (6.0 * drawn).var() / ((6.0 * drawn).var() + 0.25)
-    assert found.effects[min(told, key=lambda name: name == "height_mm")].total == pytest.approx(by_machine, abs=0.02)
+    machine = found.effects[min(shown, key=lambda name: name == "height_mm")]
+    assert machine.total == pytest.approx(by_machine, abs=0.02)
 
 
 def test_a_constant_that_was_chosen_is_grouped_by_although_machines_are_drawn() -> None:
@@ -86,31 +87,24 @@ def test_the_front_is_what_nothing_surpasses(table: object) -> None:
     assert best == {(2.0, "counts"), (2.0, "voltage")}
 
 
-def command(*words: object, monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr(sys, "argv", ["edmsim", *map(str, words)])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    return int(left.value.code or 0)
-
-
 @pytest.mark.slow
 def test_the_command_sweeps_shows_and_goes_on(
-    line: Path, giving_up: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: Path, giving_up: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edmsim: Run
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = ("sweep", "run", line, "--height", "5,8", "--controller", f"counts,{giving_up}", "--max-time=1",
              "--resolution", "fast", "--offset", "none", "--out", "o", "--processes", 1)  # fmt: skip
-    assert command(*words, monkeypatch=monkeypatch) == 3  # some failed
-    told = capsys.readouterr()
-    assert "4 runs, 4 made now, 2 failed." in told.out
-    assert "runs 100.0 % 4 of 4, 2 failed" in told.err
-    assert command(*words, monkeypatch=monkeypatch) == 3
-    assert "4 runs, 0 made now, 2 failed." in capsys.readouterr().out
-    assert command("sweep", "show", "o", monkeypatch=monkeypatch) == 0
-    shown = capsys.readouterr().out
-    assert "4 runs, 2 failed" in shown
-    assert "2 failed: RuntimeError: out of ideas" in shown
-    assert "height_mm" in shown
+    shown = edmsim(*words)
+    assert shown.status == 3  # some failed
+    assert "4 runs, 4 made now, 2 failed." in shown.out
+    assert "runs 100.0 % 4 of 4, 2 failed" in shown.err
+    again = edmsim(*words)
+    assert again.status == 3
+    assert "4 runs, 0 made now, 2 failed." in again.out
+    status, table, _ = edmsim("sweep", "show", "o")
+    assert status == 0
+    for words in ("4 runs, 2 failed", "2 failed: RuntimeError: out of ideas", "height_mm"):
+        assert words in table
     with Image.open("o/pareto.png") as picture:
         assert picture.size[0] == 700
     assert len(read("o")) == 4
@@ -127,13 +121,11 @@ def test_the_command_sweeps_shows_and_goes_on(
     (("line.ngc", "--out", "o", "--height", "5,abc"), "with height_mm abc"),
 ])  # fmt: skip
 def test_bad_usage_is_one_line(
-    line: Path, words: tuple[str, ...], named: str, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    line: Path, words: tuple[str, ...], named: str, monkeypatch: pytest.MonkeyPatch, edmsim: Run
 ) -> None:
     monkeypatch.chdir(line.parent)
-    assert command("sweep", *(() if words[0] == "show" else ("run",)), *words, monkeypatch=monkeypatch) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.count("\n") == 1
-    assert named in told.err
+    shown = edmsim("sweep", *(() if words[0] == "show" else ("run",)), *words)
+    assert (shown.status, shown.out) == (2, "")
+    assert shown.err.count("\n") == 1
+    assert named in shown.err
     assert not Path("o").exists()

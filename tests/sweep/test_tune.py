@@ -24,7 +24,7 @@ class Peak:
     """An engine that takes a feed of 20 um/s for the best, loses the third job, and may do something in between."""
 
     def __init__(self, then: Any = None, stop_after: int = 10**9) -> None:
-        self.seen, self.then, self.left = list[Trial](), then, stop_after
+        self.observed, self.then, self.left = list[Trial](), then, stop_after
 
     def done(self, function: Any, jobs: Any) -> Iterator[Any]:
         assert function is judge_trial
@@ -32,7 +32,7 @@ class Peak:
             if not self.left:
                 raise KeyboardInterrupt
             self.left -= 1
-            self.seen.append(job)
+            self.observed.append(job)
             if self.then is not None:
                 self.then, then = None, self.then
                 then()
@@ -43,18 +43,18 @@ class Peak:
 
 @pytest.mark.slow
 def test_a_search_finds_what_is_best_and_goes_on(tmp_path: Path) -> None:
-    seen: list[Tuned] = []
+    observed: list[Tuned] = []
     first = Peak(stop_after=10)
     with pytest.raises(KeyboardInterrupt):
-        tune_gains("fixed", tmp_path, trials=30, engine=first, watch=seen.append)
+        tune_gains("fixed", tmp_path, trials=30, engine=first, watch=observed.append)
     again = Peak()
-    found = tune_gains("fixed", tmp_path, trials=30, engine=again, watch=seen.append)
+    found = tune_gains("fixed", tmp_path, trials=30, engine=again, watch=observed.append)
     # the eleventh was asked for when the search was interrupted; nothing of it is left under way
-    assert (found.trials, found.failed, len(again.seen)) == (30, 2, 19)
+    assert (found.trials, found.failed, len(again.observed)) == (30, 2, 19)
     assert found.values["feed_um_s"] == pytest.approx(20.0, abs=0.5)
-    assert found.value >= max(found.first_value, seen[0].value)
+    assert found.value >= max(found.first_value, observed[0].value)
     usual = from_text("fixed").feed_um_s  # type: ignore[attr-defined]
-    assert first.seen[0].values["feed_um_s"] == pytest.approx(usual, rel=0.01)
+    assert first.observed[0].values["feed_um_s"] == pytest.approx(usual, rel=0.01)
     best = tomllib.loads((tmp_path / "best.toml").read_text())["gains"]
     assert best == found.values
     assert from_text(f"fixed:feed_um_s={best['feed_um_s']}").name == "fixed"
@@ -65,31 +65,31 @@ def test_processes_share_a_study(tmp_path: Path) -> None:
     one = Peak(then=lambda: tune_gains("fixed", tmp_path, trials=8, engine=other))
     found = tune_gains("fixed", tmp_path, trials=16, engine=one)
     assert found.trials == 16
-    assert (len(other.seen), len(one.seen)) == (8, 8)
-    numbers = [trial.number for trial in (*one.seen, *other.seen)]
+    assert (len(other.observed), len(one.observed)) == (8, 8)
+    numbers = [trial.number for trial in (*one.observed, *other.observed)]
     assert sorted(numbers) == list(range(16))
-    feeds = {trial.values["feed_um_s"] for trial in (*one.seen, *other.seen)}
+    feeds = {trial.values["feed_um_s"] for trial in (*one.observed, *other.observed)}
     assert len(feeds) > 12
 
 
 def test_gains_are_judged_by_training_seeds() -> None:
-    told = judge_trial(Trial(0, "gains", "fixed", {"feed_um_s": 400.0}, (3,)))
-    assert "feed_um_s" in str(told.error)
+    judged = judge_trial(Trial(0, "gains", "fixed", {"feed_um_s": 400.0}, (3,)))
+    assert "feed_um_s" in str(judged.error)
     with pytest.raises(InputError, match="training seeds"):
         tune_gains("fixed", "nowhere", seed=1_000_000)
     assert not Path("nowhere").exists()
 
 
-@pytest.mark.parametrize(("given", "named"), [
+@pytest.mark.parametrize(("options", "named"), [
     ({"name": "genius"}, "counts"), ({"name": "fixed", "trials": 0}, "1 or more"),
     ({"name": "fixed", "method": "luck"}, "tpe, evolution"),
     ({"env_id": "edmsim/GapFeed-v2", "algo": "dqn"}, "ppo, sac"), ({"name": "fixed", "seeds": 0}, "1 or more"),
     ({"env_id": "edmsim/GapFeed-v2", "algo": "imitation"}, "no settings of the algorithm 'imitation' are searched"),
     ({"env_id": "edmsim/GapFeed-v2", "steps": 0}, "0 windows train nothing"),
 ])  # fmt: skip
-def test_what_cannot_be_searched_is_refused(given: dict[str, Any], named: str, tmp_path: Path) -> None:
+def test_what_cannot_be_searched_is_refused(options: dict[str, Any], named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):
-        (tune_training if "env_id" in given else tune_gains)(**given, out=tmp_path / "new")
+        (tune_training if "env_id" in options else tune_gains)(**options, out=tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
@@ -102,9 +102,9 @@ def test_a_folder_has_one_study(tmp_path: Path) -> None:
 def of_reference(seeds: Any, controller: Any) -> list[Result]:
     """Cuts that earn most, 100, with a reference of 12 V and little proportional action."""
     law = controller()
-    earned = 100.0 - 10 * abs(law.reference_V - 12.0) - law.proportional_um_s_V
+    reward = 100.0 - 10 * abs(law.reference_V - 12.0) - law.proportional_um_s_V
     return [
-        Result(0, law.name, "finished", 60.0, 1.0, 10.0, 1.0, earned, 0, 0.0, 0.1, 0.2, math.nan, math.nan, 320.0)
+        Result(0, law.name, "finished", 60.0, 1.0, 10.0, 1.0, reward, 0, 0.0, 0.1, 0.2, math.nan, math.nan, 320.0)
         for _ in seeds
     ]
 
@@ -114,10 +114,10 @@ def test_an_evolution_finds_the_best_gains_and_repeats_itself_also_interrupted(
 ) -> None:
     monkeypatch.setattr(tune, "run_all", of_reference)
     search = partial(tune_gains, "voltage", method="evolution", trials=120, seed=3, seeds=1)
-    seen: list[Tuned] = []
-    found = search(tmp_path / "whole", watch=seen.append)
-    assert [one.trials for one in seen] == list(range(1, len(seen) + 1))
-    assert 8 < len(seen) <= 120  # it may stop where all gains have become the same
+    observed: list[Tuned] = []
+    found = search(tmp_path / "whole", watch=observed.append)
+    assert [one.trials for one in observed] == list(range(1, len(observed) + 1))
+    assert 8 < len(observed) <= 120  # it may stop where all gains have become the same
     assert found.values["reference_V"] == pytest.approx(12.0, abs=1.0)
     assert found.first_value < found.value < 100.0
     text = (tmp_path / "whole" / "best.toml").read_text()

@@ -55,39 +55,39 @@ class Machines:
     """An engine whose machines differ by their seed: 10 um/s do well on most of them, 6 on all."""
 
     def __init__(self, lost: int = -9) -> None:
-        self.seen = list[Trial]()
+        self.observed = list[Trial]()
         self.lost = lost
 
     def done(self, function: Any, jobs: Any) -> Iterator[Any]:
         assert function is judge_trial
         for job in jobs:
-            self.seen.append(job)
+            self.observed.append(job)
             feed = job.values["feed_um_s"]
             returns = tuple(-100.0 if feed > 6.5 and seed % 4 == 0 else feed for seed in job.seeds)
             lost = job.number == self.lost
-            worth = TrialResult(worst_share_mean(returns), None, {}, returns)
-            yield job, LostJob("the computer was lost") if lost else worth
+            result = TrialResult(worst_share_mean(returns), None, {}, returns)
+            yield job, LostJob("the computer was lost") if lost else result
 
 
 def test_the_choice_is_robust_and_its_spread_is_of_other_machines(tmp_path):
-    engine, seen = Machines(), list[tuple[int, float]]()
+    engine, observed = Machines(), list[tuple[int, float]]()
     own = written(tmp_path)
-    found = tune_own(own, tmp_path / "study", trials=25, seeds=4, engine=engine, watch=lambda *a: seen.append(a))
+    found = tune_own(own, tmp_path / "study", trials=25, seeds=4, engine=engine, watch=lambda *a: observed.append(a))
     assert 5.5 < found.values["feed_um_s"] <= 6.5
     assert found.spread.worst == found.spread.low == found.values["feed_um_s"]
     assert found.first_spread.worst == 5.0
     assert (found.trials, found.failed, found.machines) == (25, 0, 4 * FRESH)
-    again = [trial for trial in engine.seen if trial.seeds == tuple(range(8))]
+    again = [trial for trial in engine.observed if trial.seeds == tuple(range(8))]
     assert len(again) == 1 + FINALISTS
-    tried = [seed for trial in engine.seen[:25] for seed in trial.seeds]
+    tried = [seed for trial in engine.observed[:25] for seed in trial.seeds]
     assert tried == list(range(8, 8 + 25 * 4))  # every trial has machines of its own, and none of these
-    assert engine.seen[0].values == {"feed_um_s": 5.0, "window_s": 0.1}  # what is in use comes first
-    assert seen[-1][0] == 25
+    assert engine.observed[0].values == {"feed_um_s": 5.0, "window_s": 0.1}  # what is in use comes first
+    assert observed[-1][0] == 25
     best = tomllib.loads((tmp_path / "study" / "best.toml").read_text())["parameters"]
     assert best == found.values
     more = Machines()
     tune_own(own, tmp_path / "study", trials=27, seeds=4, engine=more)
-    assert [trial.number for trial in more.seen if len(trial.seeds) == 4] == [25, 26]  # the study goes on
+    assert [trial.number for trial in more.observed if len(trial.seeds) == 4] == [25, 26]  # the study goes on
 
 
 @pytest.mark.slow

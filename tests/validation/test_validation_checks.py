@@ -55,7 +55,7 @@ def test_published_tables_have_their_source_and_are_copies(name):
     assert rows == list(csv.DictReader([line for line in text.splitlines() if not line.startswith("#")]))
 
 
-def test_a_table_that_is_none_is_told():
+def test_a_table_that_is_none_is_reported():
     with pytest.raises(InputError, match=r"no data file 'published/none\.csv'"):
         models.published("none")
 
@@ -72,7 +72,7 @@ def test_a_window_of_a_frail_wire_ends_with_its_first_discharge():
     assert sum(window.spark for window in windows) > 90
 
 
-def test_the_mean_gap_that_rays_see_is_the_one_asked_for():
+def test_the_mean_gap_that_rays_see_is_the_one_requested():
     machine = altered(Machine.load(height_mm=5.0), STILL)
     for gap in (8.0, 12.5, 30.0):
         plant = ignition.isolated_gap(machine, gap, seed=1)
@@ -105,7 +105,7 @@ def test_the_median_s_interval_holds_it_19_times_in_20():
     assert 0.93 < np.mean([abs(median - math.log(2)) <= half for median, half in found]) < 0.97
 
 
-def test_delays_longer_than_claimed_are_seen():
+def test_delays_longer_than_claimed_are_observed():
     delays = np.random.default_rng(6).exponential(1.1 * 132.25 / math.log(2), 8_000)
     row = ignition._mixture_row(20.0, delays + 0.2, np.full(10, 20.0))
     assert not row.passed
@@ -202,15 +202,15 @@ def test_a_wire_of_a_tenth_gets_weaker_pulses_and_holds_its_tension():
 
 
 def test_rates_are_found_for_every_seed_by_itself(monkeypatch):
-    asked = []
+    requests = []
 
     def search(machine, *, seeds, **_):
-        asked.append(seeds)
+        requests.append(seeds)
         return SimpleNamespace(rate_mm2_min=seeds[0])
 
     monkeypatch.setattr(stable_rate, "highest_stable_rate", search)
     assert stable_rate.rates_mm2_min(stable_rate.preset(40.0), (3, 5)) == [3, 5]
-    assert asked == [(3,), (5,)]
+    assert requests == [(3,), (5,)]
 
 
 @pytest.mark.parametrize(

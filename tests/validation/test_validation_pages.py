@@ -26,7 +26,7 @@ NO_PHYSICS = {
 ROWS = [
     Row.band("gap", "agrees", "Someone | 1982", low=1, simulated=2.0, unit="um"),
     Row.band("gap", "explained", "s", low=1, simulated=0.0, note="docs/theory/breakdown.md#flow"),
-    Row.band("heat", "astray", "s", low=1, simulated=0.0),
+    Row.band("heat", "deviating", "s", low=1, simulated=0.0),
 ]
 
 
@@ -60,9 +60,9 @@ def test_every_proof_that_is_named_exists(page):
     for cell in re.findall(r"^\|.*\| ([^|]*\brows?\b[^|]*) \|$", text, re.MULTILINE):
         topical = "of topic" in cell
         for name in re.findall(r'"([^"]+)"', cell):
-            wanted = name.removesuffix(" ...")
-            headings = re.search(rf"^## {re.escape(wanted)}$", table, re.MULTILINE | re.IGNORECASE)
-            assert f"| {wanted}" in table or (topical and headings), name
+            expected = name.removesuffix(" ...")
+            headings = re.search(rf"^## {re.escape(expected)}$", table, re.MULTILINE | re.IGNORECASE)
+            assert f"| {expected}" in table or (topical and headings), name
 
 
 def test_all_constants_of_all_files_stand_in_some_table():
@@ -108,11 +108,11 @@ def test_tables_of_rows_wait_for_rows(pages):
     new = pages.refreshed(text, ROWS)
     assert "| agrees | at least 1 um | 2 um | central value >= 1 um | agrees | Someone \\| 1982 |" in new
     assert "**fails**, [why](breakdown.md#flow)" in new
-    assert "astray" not in new
+    assert "deviating" not in new
 
 
 @pytest.mark.parametrize("mark", ["constants gape", "figures gap"])
-def test_an_unknown_table_is_told_with_its_page(pages, mark):
+def test_an_unknown_table_is_reported_with_its_page(pages, mark):
     text = f"<!-- begin table: {mark} -->\n<!-- end table -->"
     with pytest.raises(InputError, match=r"^wire\.md: no .*there are"):
         pages.refreshed(text, page=Path("wire.md"))
@@ -121,7 +121,7 @@ def test_an_unknown_table_is_told_with_its_page(pages, mark):
 def test_the_page_of_all_rows_is_by_topic(pages):
     page = pages.validation_page(ROWS)
     assert "3 rows: 1 agree, 2 fail, 1 of them without an explanation." in page
-    assert page.index("## Gap") < page.index("| explained |") < page.index("## Heat") < page.index("| astray |")
+    assert page.index("## Gap") < page.index("| explained |") < page.index("## Heat") < page.index("| deviating |")
     assert "[why](theory/breakdown.md#flow)" in page
     assert rows_table(ROWS)[-1].split(" | ")[4] == "**fails**"
 
@@ -130,7 +130,7 @@ def test_rows_that_do_not_count_are_listed_with_their_reason(pages):
     rows = [ROWS[0], ROWS[2].context("another | material"), ROWS[1].calibration("the flux")]
     page = pages.validation_page(rows)
     assert "1 rows: 1 agree, 0 fail, 0 of them without an explanation; 1 of calibration and 1 of context" in page
-    assert "| astray | heat | context | another \\| material |" in page
+    assert "| deviating | heat | context | another \\| material |" in page
     assert "| explained | gap | calibration | the flux |" in page
     assert [line.split(" | ")[4] for line in rows_table(rows)[3:]] == ["context", "calibration: fails"]
     assert "## Rows that do not count" not in pages.validation_page(ROWS[:1])
@@ -141,7 +141,7 @@ def test_writing_refreshes_the_theory_and_makes_the_page(pages, tmp_path):
     page = tmp_path / "theory" / "x.md"
     page.write_text("<!-- begin table: rows heat -->\n<!-- end table -->\n", encoding="utf-8")
     pages.write(tmp_path, ROWS)
-    assert "| astray |" in page.read_text(encoding="utf-8")
+    assert "| deviating |" in page.read_text(encoding="utf-8")
     assert (tmp_path / "validation.md").read_text(encoding="utf-8") == pages.validation_page(ROWS)
 
 
@@ -155,8 +155,8 @@ def test_only_a_failure_nobody_explains_fails_the_command(rows, status, json, mo
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert (left.value.code or 0) == status
-    told = capsys.readouterr().out
-    assert '"agree": 1' in told if json else "explained" in told
+    output = capsys.readouterr().out
+    assert '"agree": 1' in output if json else "explained" in output
 
 
 
@@ -183,6 +183,6 @@ def test_what_fails_fits_a_terminal_of_eighty_columns():
     for said in ("why: unknown", "why: The push of the", "4 rows: 1 agree, 3 fail"):
         assert said in text
     assert "agrees\n" not in text
-    kept = as_json(ROWS, failed(ROWS))
-    assert '"agree": 1' in kept
-    assert '"agrees"' not in kept
+    document = as_json(ROWS, failed(ROWS))
+    assert '"agree": 1' in document
+    assert '"agrees"' not in document

@@ -1,4 +1,4 @@
-"""Rows: what passes and what does not, and how a table of them is told."""
+"""Rows: what passes and what does not, and how a table of them is shown."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ def test_a_sign_needs_its_whole_interval_on_one_side(rises, change, half, passed
 
 
 def test_a_sign_says_what_was_published():
-    told = {"simulated": 1.0, "uncertainty": 0.1}
-    assert Row.sign("t", "n", "s", rises=True, **told).published == "rises"
-    assert Row.sign("t", "n", "s", rises=False, **told).published == "falls"
-    assert Row.sign("t", "n", "s", rises=True, published="positive", **told).published == "positive"
+    document = {"simulated": 1.0, "uncertainty": 0.1}
+    assert Row.sign("t", "n", "s", rises=True, **document).published == "rises"
+    assert Row.sign("t", "n", "s", rises=False, **document).published == "falls"
+    assert Row.sign("t", "n", "s", rises=True, published="positive", **document).published == "positive"
 
 
 def test_a_failure_is_unexpected_unless_a_page_explains_it():
@@ -75,10 +75,10 @@ def test_only_judged_rows_count():
     assert summary(rows) == (
         "1 rows: 1 agree, 0 fail, 0 of them without an explanation; 1 of calibration and 2 of context do not count"
     )
-    told = json.loads(as_json(rows))
-    assert (told["agree"], told["fail"]) == (1, 0)
-    assert [row["kind"] for row in told["rows"]] == ["judged", "calibration", "context", "context"]
-    assert told["rows"][2]["reason"] == "another pulse"
+    document = json.loads(as_json(rows))
+    assert (document["agree"], document["fail"]) == (1, 0)
+    assert [row["kind"] for row in document["rows"]] == ["judged", "calibration", "context", "context"]
+    assert document["rows"][2]["reason"] == "another pulse"
 
 
 @pytest.mark.slow
@@ -108,11 +108,11 @@ def test_the_worst_is_so_in_proportion():
 
 def test_json_has_no_numbers_json_does_not_know():
     rows = [value(math.nan, math.inf), value(-10.0), value(0.0, note="docs/x")]
-    told = json.loads(as_json(rows))
-    assert (told["agree"], told["fail"], told["unexpected"]) == (1, 2, 1)
-    assert told["rows"][0]["simulated"] is None
-    assert told["rows"][0]["uncertainty"] is None
-    assert told["rows"][1]["passed"] is True
+    document = json.loads(as_json(rows))
+    assert (document["agree"], document["fail"], document["unexpected"]) == (1, 2, 1)
+    assert document["rows"][0]["simulated"] is None
+    assert document["rows"][0]["uncertainty"] is None
+    assert document["rows"][1]["passed"] is True
     assert summary(rows) == "3 rows: 1 agree, 2 fail, 1 of them without an explanation"
 
 
@@ -121,7 +121,7 @@ def test_json_has_no_numbers_json_does_not_know():
     [(38.127, 1.66, "38.1 ± 1.7 um"), (0.21302, 0.00326, "0.2130 ± 0.0033 um"), (12084.0, 122.0, "12084 ± 122 um"),
      (3.13607, 0.0, "3.136 um"), (2.0, math.inf, "2 ± inf um")],
 )  # fmt: skip
-def test_values_are_told_to_two_digits_of_their_uncertainty(central, half, text):
+def test_values_are_reported_to_two_digits_of_their_uncertainty(central, half, text):
     assert simulated(value(central, half)) == text
 
 
@@ -134,7 +134,7 @@ def test_constants_are_replaced_where_they_stand_and_nowhere_else():
 
 
 @pytest.mark.parametrize("place", ["base.gap.critical", "gap.critical_um", "base.gap", "height_mm", "base.title.x"])
-def test_a_place_that_is_none_is_told(place):
+def test_a_place_that_is_none_is_reported(place):
     with pytest.raises(edmsim.InputError, match=f"no constant '{place}'"):
         altered(edmsim.Machine.load(), {place: 1.0})
 
@@ -154,12 +154,12 @@ def test_rows_come_in_order_whatever_finishes_first(monkeypatch):
         return [Row.band("other", "n", "s", simulated=float(seeds[0]), low=0)]
 
     monkeypatch.setattr(validation, "checks", lambda modules: [slow, fast, slow])
-    monkeypatch.setattr(validation.os, "cpu_count", lambda: 2)
-    seen = []
-    rows = validation.run(lambda done, total: seen.append((done, total)))
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    observed = []
+    rows = validation.run(lambda done, total: observed.append((done, total)))
     assert [row.topic for row in rows] == ["t"] * 4 + ["other"]
     assert [row.simulated for row in rows[:4]] == [-10.0, -9.5] * 2
-    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert observed == [(1, 3), (2, 3), (3, 3)]
 
 
 def test_an_error_in_a_check_is_not_hidden(monkeypatch):

@@ -9,15 +9,7 @@ from __future__ import annotations
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.controllers.axis.eanpos.homing import give_up, preset
-from edmsim.controllers.axis.eanpos.moves import (
-    catch_up,
-    check_resolution,
-    jog,
-    place,
-    shift,
-    start,
-    warn,
-)
+from edmsim.controllers.axis.eanpos.moves import catch_up, check_resolution, jog, place, shift, start, warn
 from edmsim.controllers.axis.eanpos.profile import brake, break_off
 from edmsim.controllers.axis.eanpos.registers import Reals, Words
 
@@ -31,10 +23,7 @@ _WITHOUT_CONDITION = (1 << at.RSERR) | (1 << at.RSWRN) | (1 << at.RSPRSOK)
 
 @exactly_compiled
 def _may_move(reg: Words) -> bool:
-    """Say whether a move may start; in emergency, calibration, a search or an error none does (rows Q-A3, Q-61).
-
-    Speeds are no condition (manual 1.7.2): at a speed of nought an axis is under way and does not come nearer.
-    """
+    """Say whether a move may start: not in emergency, calibration, a search or an error (rows Q-A3, Q-61)."""
     blocked = reg[at.ST_REGOFF] + reg[at.ST_EMRG] + reg[at.ST_CAL] + reg[at.ST_PRSON] + reg[at.ST_ERROR]
     return bool(blocked == 0 and reg[at.ST_STILL] == 1)
 

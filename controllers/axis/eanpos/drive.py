@@ -372,6 +372,5 @@ class Eanpos:
         return b""
 
 
-_TUNED_STEP_UM = 2.0
-"""Motor step of the machine that devices are tuned for."""
+_TUNED_STEP_UM = 2.0  # motor step of the machine that devices are tuned for
 _BITS = (at.HAS_COUNTER, at.HAS_INDEX, at.HAS_HOME, at.HAS_OUTPUT)

@@ -88,15 +88,7 @@ def _edges_since_mark(reg: Words, index_at: int) -> int:
 
 @exactly_compiled
 def search(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) -> None:
-    """Carry a running search on by a sample.
-
-    Parameters
-    ----------
-    cam_before : int
-        The enabling input at the last sample; `CAM` has it now.
-    marks, index_at : int
-        How many zero pulses have come, and the counter at the last one.
-    """
+    """Carry a search on by a sample; `cam_before` is the enabling input at the last one, `index_at` the last mark."""
     phase, rests = reg[at.HOME_PHASE], reg[at.MOVE] == at.RESTING
     if phase == FAST and reg[at.CAM] > cam_before:
         brake(reg, real)

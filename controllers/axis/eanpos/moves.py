@@ -176,20 +176,7 @@ def _goal(reg: Words, real: Reals) -> float:
 
 @exactly_compiled
 def shift(reg: Words, real: Reals, numerator: int, always: bool) -> bool:
-    """Put another count under the axis: theoretical and actual place move alike.
-
-    Parameters
-    ----------
-    numerator : int
-        New position in 1 / pulse of a unit.
-    always : bool
-        Whether it must be taken even if the axis can no longer stop at its target; it ends where its ramp leads then.
-
-    Returns
-    -------
-    bool
-        False, and nothing is changed, where a move in motion could not end at its target any more.
-    """
+    """Put another count under the axis; False, unless `always`, where it cannot stop at its target any more."""
     by = (numerator - reg[at.NUMERATOR]) / reg[at.PULSE]
     bound = _is_bound(reg)
     if bound and not always and _epicycloid_ends(reg):
@@ -245,10 +232,7 @@ def _take_ramps(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def take_writes(reg: Words, real: Reals) -> None:
-    """Take parameters written since the last sample that act on a motion or on the count.
-
-    Speeds and ramp times wait for the end of a first ramp that is not broken off.
-    """
+    """Take parameters written since the last sample; speeds and ramp times wait for the end of a first ramp."""
     written = reg[at.WRITTEN]
     reg[at.WRITTEN] = 0
     if written & at.NEW_RESOLUTION:

@@ -17,10 +17,8 @@ from edmsim.controllers.axis.eanpos.registers import Reals, Words
 
 STRAIGHT, EPICYCLOID, STEEP_EPICYCLOID, JERK = range(4)
 """Laws of a ramp; a steep one has the time of the straight one, and twice its slope in the middle."""
-_CLOSE = 1e-6
-"""Ways within so much of a unit are equal: far below an edge."""
-_HALVINGS = 60
-"""A speed is searched to the last bit."""
+_CLOSE = 1e-6  # ways within so much of a unit are equal: far below an edge
+_HALVINGS = 60  # a speed is searched to the last bit
 
 
 @exactly_compiled
@@ -98,20 +96,7 @@ def _put(real: Reals, top: float, first_s: float, even_s: float, last_s: float, 
 
 @exactly_compiled
 def plan(reg: Words, real: Reals, way: float, top: float) -> bool:
-    """Make a profile from the present place and speed that comes to rest after a way.
-
-    Parameters
-    ----------
-    way : float
-        In the present direction, 0 or more; infinite for a search.
-    top : float
-        Speed to reach; at 0 the axis slows down to rest, and is under way until it gets another speed.
-
-    Returns
-    -------
-    bool
-        False if the axis cannot stop within that way; nothing is changed then.
-    """
+    """Make a profile that comes to rest after a way (infinite for a search); False, and no change, if it cannot."""
     speed, direction = real[at.SPEED], reg[at.DIRECTION]
     if way < stopping_way(reg, real, speed) - _CLOSE:
         return False
@@ -167,13 +152,7 @@ def keeps_first_ramp(reg: Words, real: Reals) -> bool:
 
 @exactly_compiled
 def lengthen(reg: Words, real: Reals, way: float) -> bool:
-    """Keep the first ramp and move its end of the profile; false, and no change, if that cannot be reached.
-
-    Parameters
-    ----------
-    way : float
-        From the profile's begin.
-    """
+    """Keep the first ramp and let the profile end `way` after its begin; False, and no change, if it cannot."""
     top = real[at.TOP_SPEED]
     last_s = _down_s(reg, real, top)
     even = way - 0.5 * (real[at.FIRST_SPEED] + top) * real[at.FIRST_S] - 0.5 * top * last_s

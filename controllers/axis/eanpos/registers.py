@@ -47,10 +47,8 @@ COMMANDS = (
     MANFW, MANBW, REGOFF, REGON, DELCNT, RSERR, RSWRN, RSPRSOK,
 ) = range(22)  # fmt: skip
 
-MAILBOX, WRITTEN = 77, 78
-"""Commands and writes that the next sample takes, a bit each."""
-NEW_SETPOS, NEW_SETVEL, NEW_POSIT, NEW_RAMPS, NEW_RESOLUTION = 1, 2, 4, 8, 16
-"""Bits of `WRITTEN`."""
+MAILBOX, WRITTEN = 77, 78  # commands and writes that the next sample takes, a bit each
+NEW_SETPOS, NEW_SETVEL, NEW_POSIT, NEW_RAMPS, NEW_RESOLUTION = 1, 2, 4, 8, 16  # bits of `WRITTEN`
 SETTINGS: tuple[str, ...] = tuple(DATA["settings"])
 FIRST_SETTING = 66
 (
@@ -82,5 +80,4 @@ ramps; integral of the loop; where a homing search began; end of a jog."""
 
 CAM_NOT_FOUND, MARK_NOT_FOUND, OUTPUT_TAKEN, BAD_RESOLUTION, RESOURCE_MISSING = range(1, 6)
 """Error codes (ours, the manual's table is missing)."""
-NOT_EXECUTED, NOT_WRITTEN, OUT_OF_LIMITS = 1, 2, 3
-"""Warning codes; the manual has only the first."""
+NOT_EXECUTED, NOT_WRITTEN, OUT_OF_LIMITS = 1, 2, 3  # warning codes; the manual has only the first

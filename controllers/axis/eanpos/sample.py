@@ -28,8 +28,7 @@ from edmsim.controllers.axis.eanpos.moves import (
 from edmsim.controllers.axis.eanpos.profile import follow
 from edmsim.controllers.axis.eanpos.registers import Reals, Words
 
-FULL_SCALE = 32768
-"""Codes of 10 V: 16 bits with sign."""
+FULL_SCALE = 32768  # codes of 10 V: 16 bits with sign
 _GATE_NS, _HOLD_NS = at.DEVICE["speed_gate_ns"], at.DEVICE["following_hold_ns"]
 _EDGES_A_LINE = 4
 

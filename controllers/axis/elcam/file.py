@@ -41,27 +41,15 @@ from edmsim.controllers.axis.elcam.registers import DATA, CallStatus, Descriptor
 from edmsim.errors import InputError
 from edmsim.numeric import real
 
-NAMES = "x", "y", "u", "v"
-"""Axes in the order of their numbers."""
-PATH = "path"
-"""The length of path behind the wire, in mm: the control has it as an axis that nothing moves."""
-PLACES = (*NAMES, PATH)
-"""What a table can look up, in the order of the control's numbers."""
+NAMES = "x", "y", "u", "v"  # axes in the order of their numbers
+PATH = "path"  # the length of path behind the wire, in mm: the control has it as an axis that nothing moves
+PLACES = (*NAMES, PATH)  # what a table can look up, in the order of the control's numbers
 CAM_AXES, CAM_MASTERS = NAMES[2:], ("x", "y", PATH)
-_STEEPEST = 1.0
-"""Travel of a follower over that of its master, at most (ours): it then is no faster than the wire."""
+_STEEPEST = 1.0  # travel of a follower over that of its master, at most (ours): it then is no faster than the wire
 
 
 class _Section:
-    """A section of a file.
-
-    Parameters
-    ----------
-    name : str
-        For messages, such as ``table 2``.
-    values : mapping
-        The parsed TOML.
-    """
+    """A parsed section of a file; its name is for messages, such as ``table 2``."""
 
     def __init__(self, name: str, values: Mapping[str, Any], file: str | Path) -> None:
         self._name, self._values, self._file = name, values, file

@@ -8,22 +8,15 @@ from typing import NamedTuple
 from edmsim.controllers.axis.elcam.registers import DATA
 from edmsim.errors import InputError
 
-BUFFER_VARIABLE = "SZELCAMPUFFER"
-"""Environment variable with the bytes for the points of all tables."""
-_MANY_DIGITS = 20
-"""More digits than any count of bytes has (ours)."""
+BUFFER_VARIABLE = "SZELCAMPUFFER"  # environment variable with the bytes for the points of all tables
+_MANY_DIGITS = 20  # more digits than any count of bytes has (ours)
 
-_FIRST_ADDRESS = 0x1000_0000
-"""Of the first piece given out (ours: some address above the first megabytes)."""
-_PAGE = 0x1000
-"""Pieces begin at whole pages (ours)."""
+_FIRST_ADDRESS = 0x1000_0000  # of the first piece given out (ours: some address above the first megabytes)
+_PAGE = 0x1000  # pieces begin at whole pages (ours)
 
 
 def buffer_bytes_chosen() -> int:
-    """Return the room that the environment asks for, else the control's own.
-
-    Raises `InputError` if what SZELCAMPUFFER holds is not a number of bytes.
-    """
+    """Return the room that SZELCAMPUFFER of the environment asks for, else the control's own."""
     text = os.environ.get(BUFFER_VARIABLE, "").strip()
     if not text:
         return int(DATA["elcam"]["buffer_bytes"])
@@ -34,21 +27,11 @@ def buffer_bytes_chosen() -> int:
 
 
 class Allocation(NamedTuple):
-    """What asking for memory returns.
+    """What asking for memory returns."""
 
-    Attributes
-    ----------
-    status : int
-        0 where there is memory.
-    memory : bytearray
-        The piece, for the program ("virtual address").
-    address : int
-        Where it is, for the control ("physical address").
-    """
-
-    status: int
-    memory: bytearray
-    address: int
+    status: int  # 0 where there is memory
+    memory: bytearray  # the piece, for the program ("virtual address")
+    address: int  # where it is, for the control ("physical address")
 
 
 class PhysicalMemory:

@@ -18,12 +18,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from edmsim.controllers.axis.elcam.memory import PhysicalMemory, buffer_bytes_chosen
-from edmsim.controllers.axis.elcam.places import CamAxis, CamPlace, ControlFaults
 from edmsim.controllers.axis.elcam.registers import (
     ACCESS,
     DATA,
@@ -41,6 +40,41 @@ from edmsim.controllers.axis.elcam.registers import (
 from edmsim.controllers.axis.elcam.table import CamTable
 from edmsim.errors import InputError
 from edmsim.numeric import whole
+
+
+class CamAxis(Protocol):
+    """What ELCAM reads of an axis, in its unit; `auxiliary` is by a stepper's own encoder, if that is used."""
+
+    @property
+    def setpoint(self) -> float:
+        """Its commanded place."""
+
+    @property
+    def actual(self) -> float:
+        """Where it is."""
+
+    @property
+    def auxiliary(self) -> float | None:
+        """Where its own encoder says a stepper is."""
+
+
+@dataclass
+class CamPlace:
+    """An axis that is nothing but its places."""
+
+    setpoint: float = 0.0
+    actual: float = 0.0
+    auxiliary: float | None = None
+
+
+@dataclass
+class ControlFaults:
+    """Faults of the control to switch on."""
+
+    rebooted: bool = False  # another program boots it while a table is loaded
+    system: bool = False  # the same, seen later
+    memory: bool = False  # the library cannot reach the tables' memory
+
 
 __all__ = ["CamPlace", "Elcam", "Function", "Mode", "TableAccess"]
 

@@ -11,30 +11,17 @@ from typing import Any, NamedTuple
 
 from edmsim.controllers.axis.drive import data_of
 
-DATA: dict[str, Any] = data_of("mcu_g3")
-"""Tables of ``models/drives/mcu_g3.toml``."""
+DATA: dict[str, Any] = data_of("mcu_g3")  # tables of ``models/drives/mcu_g3.toml``
 
 
 @dataclass(frozen=True)
 class Descriptor:
-    """An object's address.
+    """An object's address."""
 
-    Attributes
-    ----------
-    bus : int
-        1200 for ELCAM.
-    device : int
-        1 for a table; 0 with ``index`` 30 for the switch of the compensation of all tables.
-    index : int
-        Number of the table, 0 or more, chosen by the user.
-    sub_index : int
-        A `Function`.
-    """
-
-    bus: int
-    device: int
-    index: int
-    sub_index: int
+    bus: int  # 1200 for ELCAM
+    device: int  # 1 for a table; 0 with index 30 for the switch of the compensation of all tables
+    index: int  # number of the table, 0 or more, chosen by the user
+    sub_index: int  # a `Function`
 
 
 class Function(IntEnum):
@@ -42,36 +29,26 @@ class Function(IntEnum):
 
     ERROR = 1
     RESET = 2
-    BUFFER_SIZE = 3
-    """Greatest number of points, those of all rows (BUFSIZE)."""
+    BUFFER_SIZE = 3  # greatest number of points, those of all rows (BUFSIZE)
     AXIS = 4
     """Number of the axis that follows, or is compensated."""
     MASTER = 5
     GAIN = 6
-    PHASE = 7
-    """Shift of the points along the master (PHASE)."""
-    SHIFT = 8
-    """Shift of the points along the follower (SHIFT)."""
+    PHASE = 7  # shift of the points along the master (PHASE)
+    SHIFT = 8  # shift of the points along the follower (SHIFT)
     MODE = 10
     ADD_MASTER = 11
     ADD_FOLLOW = 12
     SIZE_MASTER = 13
     SIZE_FOLLOW = 14
-    ROW_AXIS = 15
-    """Number of the axis that chooses the row (MLAXIS)."""
-    ROW_START = 16
-    """Its place at row 0 (MLSTART, MasterLineStart)."""
-    ROW_END = 17
-    """Its place at the last row (MLEND, MasterLineEnd)."""
-    ROW_COUNT = 18
-    """Number of rows; 0 for a table without (MLCOUNT, MasterLineCount)."""
-    TARGET_POSITION = 19
-    """Where the follower ought to be now (CALC TARGET POSITION)."""
+    ROW_AXIS = 15  # number of the axis that chooses the row (MLAXIS)
+    ROW_START = 16  # its place at row 0 (MLSTART, MasterLineStart)
+    ROW_END = 17  # its place at the last row (MLEND, MasterLineEnd)
+    ROW_COUNT = 18  # number of rows; 0 for a table without (MLCOUNT, MasterLineCount)
+    TARGET_POSITION = 19  # where the follower ought to be now (CALC TARGET POSITION)
     MEMORY_ADDRESS = 20
-    TABLE_SIZE = 21
-    """Points of a table in the computer's memory (SetTabSize)."""
-    COMPENSATION = 30
-    """Whether the table is one of errors to compensate (AxisCompensationMode)."""
+    TABLE_SIZE = 21  # points of a table in the computer's memory (SetTabSize)
+    COMPENSATION = 30  # whether the table is one of errors to compensate (AxisCompensationMode)
     INTERPOLATE_ROWS = 31
     PHYSICAL_ADDRESS = 300
 
@@ -115,35 +92,26 @@ class Mode(IntFlag):
     """Bits of the register MODE (table 4)."""
 
     RUN = 1
-    ACTUAL = 1 << 1
-    """The master's actual value is looked up, not its setpoint (RpModeTable)."""
-    ACTUAL_ROW = 1 << 2
-    """The same of the axis that chooses the row (RpModeLine)."""
-    ROWS = 1 << 3
-    """Set by the system: the table has rows (MultiDimTable)."""
-    SINGLE = 1 << 4
-    """Points are numbers of 32 bits (SinglePrecision)."""
+    ACTUAL = 1 << 1  # the master's actual value is looked up, not its setpoint (RpModeTable)
+    ACTUAL_ROW = 1 << 2  # the same of the axis that chooses the row (RpModeLine)
+    ROWS = 1 << 3  # set by the system: the table has rows (MultiDimTable)
+    SINGLE = 1 << 4  # points are numbers of 32 bits (SinglePrecision)
     COMPENSATION = 1 << 5
     INTERPOLATE_ROWS = 1 << 6
-    AUXILIARY = 1 << 7
-    """With ACTUAL: a stepper's own encoder is its actual value (AuxModeTable)."""
+    AUXILIARY = 1 << 7  # with ACTUAL: a stepper's own encoder is its actual value (AuxModeTable)
     AUXILIARY_ROW = 1 << 8
 
 
-KNOWN = Mode(0x1FF)
-"""All bits of MODE."""
+KNOWN = Mode(0x1FF)  # all bits of MODE
 
 
 class CallStatus(IntEnum):
     """What a call of the object interface returns; all but BUSY and LOCKED are ours."""
 
     OK = 0
-    REFUSED = 1
-    """No such object or right, an invalid number, or what its register forbids; nothing has changed."""
-    BUSY = 2
-    """Not while the table runs."""
-    LOCKED = 16
-    """"Error 10 hex": the precision cannot change any more."""
+    REFUSED = 1  # no such object or right, an invalid number, or what its register forbids; nothing has changed
+    BUSY = 2  # not while the table runs
+    LOCKED = 16  # "Error 10 hex": the precision cannot change any more
 
 
 class LoadStatus(IntEnum):

@@ -10,9 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from edmsim.controllers.axis.elcam.file import NAMES, PATH, PLACES
-from edmsim.controllers.axis.elcam.module import Elcam
-from edmsim.controllers.axis.elcam.places import CamPlace
+from edmsim.controllers.axis.elcam.module import CamPlace, Elcam
+from edmsim.controllers.axis.elcam.table import CamTable
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 
@@ -21,25 +24,7 @@ _PATH = PLACES.index(PATH)
 
 
 class StepCompensation:
-    """What is between a planner's steps and the motors.
-
-    Parameters
-    ----------
-    elcam : Elcam
-        With tables of `edmsim.controllers.axis.elcam.file.load_tables`.
-    step_um : float
-        Travel of a step.
-
-    Attributes
-    ----------
-    offset_um : (float, float)
-        By how much the motors of x and y are further than the program says.
-
-    Raises
-    ------
-    InputError
-        The axes of the tables' control have no places that can be set.
-    """
+    """What is between a planner's steps and the motors: the tables of `load_tables` move them `offset_um` further."""
 
     def __init__(self, elcam: Elcam, step_um: float) -> None:
         self._places = [axis for axis in elcam.axes if isinstance(axis, CamPlace)]
@@ -107,3 +92,42 @@ class StepCompensation:
         self._extra = list(state["extra"])
         for k, direction in state["directions"].items():
             self._elcam.tables[int(k)].go_on(direction, self._elcam.axes[self._elcam.tables[int(k)].master].setpoint)
+
+
+_STEEPEST_WIRE = 0.1
+"""The upper guide may lead by this share of the guides' distance (ours): the gap is computed slice by slice, as if
+each were upright, which holds for small angles."""
+_PLACES = 1000  # places of its master at which a cam is evaluated, besides its points (ours)
+
+
+def check_cams(elcam: Elcam, contours_um: Sequence[NDArray[np.int64]], guide_distance_mm: float) -> None:
+    """Refuse a cam that leads the upper guide too far on a way: which axis, how far, and how far it may go."""
+    points_mm = np.concatenate(contours_um) * 1e-3
+    length_mm = sum(float(np.hypot(*np.diff(points, axis=0).T).sum()) for points in contours_um) * 1e-3
+    ranges = {0: points_mm[:, 0], 1: points_mm[:, 1], len(PLACES) - 1: np.array([0.0, length_mm])}
+    most_mm = _STEEPEST_WIRE * guide_distance_mm
+    for table in elcam.tables.values():
+        if not table.leads:
+            continue
+        places = ranges[table.master]
+        place_mm, lead_mm = _furthest(table, float(places.min()), float(places.max()))
+        if lead_mm > most_mm:
+            raise InputError(
+                f"the cam of {NAMES[table.axis]} leads the upper guide {lead_mm:.3f} mm away from the lower one, at "
+                f"{PLACES[table.master]} {place_mm:.3f} mm; between guides {guide_distance_mm:g} mm apart it may be "
+                f"{most_mm:.3f} mm"
+            )
+
+
+def _furthest(table: CamTable, low_mm: float, high_mm: float) -> tuple[float, float]:
+    """Return where a master in some range leads its follower furthest away from 0, and how far (mm)."""
+    own = table.points[: table.size_master, 0]
+    period = own[-1] - own[0]
+    first, last = (np.floor((end - own[0]) / period) for end in (low_mm, high_mm))
+    passes = np.unique([first, first + 1, last - 1, last])
+    corners = (own[None, :] + passes[:, None] * period).ravel()
+    corners = corners[(corners > low_mm) & (corners < high_mm)]
+    places = np.concatenate([corners, np.linspace(low_mm, high_mm, _PLACES)])
+    lead = np.abs([table.follow(place, 0.0) for place in places.tolist()])
+    k = int(np.argmax(lead))
+    return float(places[k]), float(lead[k])

@@ -10,43 +10,63 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.axis.elcam.extensions import CamExtensions, cubic
 from edmsim.controllers.axis.elcam.registers import Error, Mode
 
-UNSET = -1
-"""Number of an axis that nobody has named yet."""
+
+@dataclass
+class CamExtensions:
+    """Extensions of a table; as made, all are off.
+
+    Attributes
+    ----------
+    cubic : bool
+        Between points, a cubic through them with the slopes of the points' neighbours, instead of a straight line:
+        it has no corners in speed, and passes through every point all the same.
+    reversal : float
+        For compensation tables: by how much the error is greater while the master moves up than while it moves
+        down, in units of the follower. Half of it is added upwards and taken off downwards.
+    """
+
+    cubic: bool = False
+    reversal: float = 0.0
+
+
+def cubic(xs: NDArray[Any], ys: NDArray[Any], k: int, share: float) -> float:
+    """Return Hermite's cubic on piece `k` at a share of its way, with Catmull and Rom's slopes for uneven points."""
+    width = float(xs[k + 1]) - float(xs[k])
+    y0, y1 = float(ys[k]), float(ys[k + 1])
+    if width <= 0.0:
+        return y0
+    rise0 = _slope(xs, ys, k - 1, k + 1) * width if k > 0 else y1 - y0
+    rise1 = _slope(xs, ys, k, k + 2) * width if k + 2 < len(xs) else y1 - y0
+    away = 1.0 - share
+    bend = share * away * (away * (rise0 - (y1 - y0)) - share * (rise1 - (y1 - y0)))
+    return y0 + share * (y1 - y0) + bend
+
+
+def _slope(xs: NDArray[Any], ys: NDArray[Any], a: int, b: int) -> float:
+    width = float(xs[b]) - float(xs[a])
+    return (float(ys[b]) - float(ys[a])) / width if width > 0.0 else 0.0
+
+
+def blend(share: float) -> float:
+    """Return how much of a ramp is done at a share of its time: without a jump in speed at either end."""
+    share = min(max(share, 0.0), 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
+UNSET = -1  # number of an axis that nobody has named yet
 _ROW_FAULTS = Error.ROW_SIZE | Error.ROW_START | Error.ROW_END | Error.ROW_AXIS
 
 
 class CamTable:
-    """One table.
-
-    Attributes
-    ----------
-    points : float64 or float32 array (buffer size, 2)
-        Master and follower, row after row; those from ``size_master`` and ``size_follow`` on are not entered.
-    error : Error
-        What was wrong when points were entered; what they are wrong in stands in `faults`.
-    marked : bool
-        Whether function 30 has made it a table of errors; bit 5 of ``mode`` alone does not.
-    gain, phase, shift : float
-        The follower is at ``shift + gain * curve(master - phase)``.
-    base : float
-        What is added in place of ``shift`` alone since the table runs: a change of gain acts from its place on.
-    direction : int
-        Which way the master of a compensation table moved last: 1, -1, or 0 before it moved.
-    held : bool
-        Whether a compensation table was asked for a place beyond its ends since it was last started.
-    in_computer : bool
-        Whether the points stand in a piece of the computer's memory, at ``physical_address``.
-    extensions : CamExtensions
-        What the document does not know; all off.
-    """
+    """One table."""
 
     def __init__(self) -> None:
         self.error, self.mode = Error(0), Mode(0)
@@ -56,13 +76,15 @@ class CamTable:
         self.row_start = self.row_end = 0.0
         self.row_count = 0
         self.physical_address = 0
-        self.extensions = CamExtensions()
+        self.extensions = CamExtensions()  # what the document does not know; all off
+        # whether a compensation table was asked for a place beyond its ends since it was last started
         self.held = False
         self.direction, self._last_master = 0, math.nan
         self.clear()
 
     def clear(self) -> None:
         """Discard points, sizes, errors and Run; axes, gain, phase, shift, rows and the mark stay."""
+        # (buffer size, 2): master and follower; those behind the sizes are not entered
         self.points: NDArray[Any] = np.zeros((0, 2))
         self.size_master = self.size_follow = 0
         self.error, self.mode = Error(0), self.mode & ~Mode.RUN
@@ -136,13 +158,7 @@ class CamTable:
         return 1 + int(np.count_nonzero(entered[1:] <= entered[:-1]))
 
     def faults(self, axes: int) -> Error:
-        """Return what forbids to follow the table, of what does not already stand in ``error``.
-
-        Parameters
-        ----------
-        axes : int
-            How many the control has.
-        """
+        """Return what forbids to follow the table, of what does not already stand in ``error``."""
         found = Error(0)
         if self.size_master != self.size_follow or self.size_master < 2:
             found |= Error.SIZE
@@ -169,13 +185,7 @@ class CamTable:
         return found
 
     def follow(self, master: float, row_place: float) -> float:
-        """Return where the follower belongs.
-
-        Parameters
-        ----------
-        master, row_place : float
-            Places of the master, and of the axis that chooses the row.
-        """
+        """Return where the follower belongs, at places of the master and of the axis that chooses the row."""
         offset = self.base if self.runs else self.shift
         return offset + self.gain * self.curve(master - self.phase, row_place)
 

@@ -21,27 +21,13 @@ from edmsim.controllers.axis.servo_module.recorder import FIRST_SOURCE, N_SOURCE
 
 DATA: dict[str, Any] = data_of("servo_module")
 LETTERS = {entry["letter"]: register for register, entry in zip(at.PARAMETERS, DATA["parameter"], strict=True)}
-_SCALED = at.PROPORTIONAL, at.INTEGRAL, at.DERIVATIVE
-"""The gains that the antidither scale acts on (guide 4.9)."""
+_SCALED = at.PROPORTIONAL, at.INTEGRAL, at.DERIVATIVE  # the gains that the antidither scale acts on (guide 4.9)
 UNKNOWN = "?"
 _HIGHEST, _LOWEST = WORD - 1, -WORD // 2
 
 
 def answer(reg: NDArray[np.int64], text: str) -> list[str]:
-    """Do what a line says.
-
-    Parameters
-    ----------
-    reg : int64 array
-        Registers of the module.
-    text : str
-        In upper case, without blanks and line end.
-
-    Returns
-    -------
-    list of str
-        The lines it answers, none to an empty line.
-    """
+    """Do what a line (upper case, without blanks) says to the module's registers; returns the lines it answers."""
     if not text:
         return []
     if reg[at.DUMPING] != 0:  # the answer meets one that is being sent (ours: the guide does not say when)

@@ -18,18 +18,15 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis.drive import Screw, axis_row, new_record, restart, set_period
 from edmsim.controllers.axis.eeprom import WORD, decode, encode
 from edmsim.controllers.axis.extensions import SETTINGS, Extensions, record_sample
-from edmsim.controllers.axis.parameters import Registers, tuned_values
+from edmsim.controllers.axis.parameters import Registers, law_with, tuned_values
 from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor
 from edmsim.controllers.axis.servo_module import registers as at
 from edmsim.controllers.axis.servo_module.dialogue import DATA, answer, words_of
 from edmsim.controllers.axis.servo_module.law import Words, cycle, put_duty, take_steps, wrapped
 from edmsim.controllers.axis.servo_module.recorder import dump, note
-from edmsim.errors import InputError
 
-LARGEST_OFFSET = -WORD // 2, WORD // 2 - 1
-"""The offset is the only signed parameter (row M-46)."""
-_BITS_OF_A_BYTE = 10
-"""Start bit, eight, stop bit."""
+LARGEST_OFFSET = -WORD // 2, WORD // 2 - 1  # the offset is the only signed parameter (row M-46)
+_BITS_OF_A_BYTE = 10  # start bit, eight, stop bit
 _CHIP = DATA["chip"]
 
 
@@ -126,10 +123,7 @@ class ServoModule:
         law: Mapping[str, int] | None = None,
     ) -> None:  # fmt: skip
         self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
-        unknown = sorted((law or {}).keys() - DATA["law"].keys())
-        if unknown:
-            raise InputError(f"the law of the servo module has no {unknown[0]!r}; it has {', '.join(DATA['law'])}")
-        self._law = {**DATA["law"], **(law or {})}
+        self._law = law_with(DATA["law"], law or {}, "servo module")
         self.record: NDArray[np.void] = _fresh(self._law, None)
         names = [entry["name"] for entry in DATA["parameter"]]
         bounds = [LARGEST_OFFSET if register == at.OFFSET else (0, WORD - 1) for register in at.PARAMETERS]

@@ -26,8 +26,7 @@ from edmsim.controllers.axis.extensions import (
 from edmsim.controllers.axis.servo_module import registers as at
 
 Words: TypeAlias = NDArray[np.int64]
-SCALE_ONE = 256
-"""K, F and the antidither bracket are in 1/256 (guide 4.5, 4.9)."""
+SCALE_ONE = 256  # K, F and the antidither bracket are in 1/256 (guide 4.5, 4.9)
 
 
 @exactly_compiled
@@ -154,26 +153,7 @@ def _take_count(reg: Words, count: int) -> None:
 
 @exactly_compiled
 def cycle(reg: Words, count: int, edges: int, fault: bool, time_ns: int) -> tuple[bool, bool]:
-    """Run the loop once.
-
-    Parameters
-    ----------
-    reg : int64 array
-        As `edmsim.controllers.axis.servo_module.registers` lays it out.
-    count : int
-        The encoder's counter.
-    edges : int
-        Steps up less steps down since the machine was switched on.
-    fault : bool
-        Whether the fault input is low.
-    time_ns : int
-        Time of the plant's clock.
-
-    Returns
-    -------
-    (bool, bool)
-        Whether the loop ran, and whether the commanded direction changed.
-    """
+    """Run the loop on the counters of encoder and steps; returns whether it ran, and whether it changed direction."""
     reg[at.NOW_NS] = time_ns
     take_steps(reg, edges)
     _take_count(reg, count)

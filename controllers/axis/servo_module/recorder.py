@@ -16,11 +16,9 @@ from edmsim.controllers.axis.servo_module.law import Words
 
 RATE, TRIGGER, FIRST_SOURCE = 0b111, 0b11 << 3, 5
 """Parts of a code: cycles of an entry as a power of 2, when to start, and from which bit on what to note."""
-ON_VELOCITY, ON_TURN, UNUSED, AT_ONCE = 0, 8, 16, 24
-"""Triggers."""
+ON_VELOCITY, ON_TURN, UNUSED, AT_ONCE = 0, 8, 16, 24  # triggers
 N_SOURCES = 6
-_RETURN, _LINE_FEED, _MINUS, _ZERO = 13, 10, 45, 48
-"""Characters."""
+_RETURN, _LINE_FEED, _MINUS, _ZERO = 13, 10, 45, 48  # characters
 
 
 @exactly_compiled

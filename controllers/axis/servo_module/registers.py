@@ -34,14 +34,11 @@ for the cycle in which the fault output is let go, which may be what holds the f
 IMAGE, N_IMAGE = 64, 62
 """The bytes that a save writes, eight to a word: 15 parameters and a checksum in their code
 (`edmsim.controllers.axis.eeprom`). Words from 96 on are those of `edmsim.controllers.axis.extensions`."""
-N_MEMORY = 128
-"""Words of the recorder's memory (row M-A4)."""
+N_MEMORY = 128  # words of the recorder's memory (row M-A4)
 
 FAULT_BIT, FOLLOWING_BIT, EXTERNAL_BIT = 1 << 0, 1 << 1, 1 << 2
 RECORDER_BIT, TRIGGERED_BIT, SATURATED_BIT, NEGATIVE_BIT = 1 << 7, 1 << 8, 1 << 10, 1 << 11
-RECEIVE_BIT, TRANSMIT_BIT = 1 << 14, 1 << 15
-"""Bits of ``STATUS`` (guide 4.6.8)."""
+RECEIVE_BIT, TRANSMIT_BIT = 1 << 14, 1 << 15  # bits of ``STATUS`` (guide 4.6.8)
 CLEARED_BY_RESET = FAULT_BIT | FOLLOWING_BIT | EXTERNAL_BIT | SATURATED_BIT | RECEIVE_BIT | TRANSMIT_BIT
 """Guide 4.14: "all internal error flags" and the saturation flag (row M-A15)."""
-NO_ERROR_LIMIT = 32767
-"""Guide 4.4: an error limit above this one never trips."""
+NO_ERROR_LIMIT = 32767  # guide 4.4: an error limit above this one never trips

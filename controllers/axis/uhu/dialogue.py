@@ -35,51 +35,34 @@ class UhuActions(Protocol):
     @property
     def position(self) -> int:
         """Where the axis is, in counts from where it was at power-up."""
-        ...
 
     def value(self, letter: str) -> int:
         """Return a parameter."""
-        ...
 
     def enter(self, letter: str, value: int) -> None:
         """Set a parameter to a word."""
-        ...
 
     def load(self, bank: int) -> bool:
         """Load a bank; return whether it could be read. If not, the output is off."""
-        ...
 
     def save(self, bank: int) -> None:
         """Store the parameters in a bank."""
-        ...
 
     def go(self, counts: int) -> None:
         """Move the setpoint."""
-        ...
 
     def soft_reset(self) -> None:
         """Switch the output on with the parameters there are."""
-        ...
 
     def hard_reset(self) -> bytes:
         """Start again as at power-up; return the start-up text."""
-        ...
 
     def stream(self, on: bool) -> None:
         """Start or end the stream of tracking errors."""
-        ...
 
 
 class Dialogue:
-    """The terminal of one drive.
-
-    Parameters
-    ----------
-    labels : dict of str to str
-        Text before the value of each parameter, by letter, in the order of the help.
-    serial_number : int
-        That of the start-up text.
-    """
+    """The terminal of one drive; `labels` stand before the values of the parameters, in the order of the help."""
 
     def __init__(self, labels: dict[str, str], serial_number: int) -> None:
         self._labels = labels

@@ -31,14 +31,12 @@ from edmsim.compiled.axis_rows import (
 from edmsim.controllers.axis import eeprom
 from edmsim.controllers.axis.drive import Screw, axis_row, data_of, new_record, restart, set_period
 from edmsim.controllers.axis.extensions import SETTINGS, Extensions, note_limit, record_sample, start_command
-from edmsim.controllers.axis.parameters import Registers, tuned_values
+from edmsim.controllers.axis.parameters import Registers, law_with, tuned_values
 from edmsim.controllers.axis.uhu import law as loop
 from edmsim.controllers.axis.uhu import registers as at
 from edmsim.controllers.axis.uhu.dialogue import Dialogue
-from edmsim.errors import InputError
 
-_DUTY_RANGE = 0
-"""Place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase."""
+_DUTY_RANGE = 0  # place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase
 _N_BANKS, _LARGEST = 3, 65535
 _NOT_STORED = "overruns"
 
@@ -155,10 +153,7 @@ class Uhu:
         law: Mapping[str, int] | None = None,
     ) -> None:
         data = _data()
-        unknown = sorted((law or {}).keys() - data["law"].keys())
-        if unknown:
-            raise InputError(f"the law of the UHU has no {unknown[0]!r}; it has {', '.join(data['law'])}")
-        self._law = {**data["law"], **(law or {})}
+        self._law = law_with(data["law"], law or {}, "UHU")
         self.record = _fresh(self._law)
         self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
         self.baud = data["clock"]["crystal_Hz"] / 16 / data["serial"]["baud_divisor"]
@@ -167,9 +162,7 @@ class Uhu:
         self.parameters = Registers(self, {row["name"]: (place, 0, _LARGEST) for place, row in enumerate(table)})
         self.extensions = Extensions(self, wraps=False)
         self._stored = [row["name"] for row in table if row["name"] != _NOT_STORED]
-        self._dialogue = Dialogue(
-            {row["letter"]: row["label"] for row in table}, data["identity"]["serial_number"]
-        )
+        self._dialogue = Dialogue({row["letter"]: row["label"] for row in table}, data["identity"]["serial_number"])
         for bank in range(_N_BANKS):
             self.save(bank, false_checksum=True)
         if stored is not None:

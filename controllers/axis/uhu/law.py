@@ -28,10 +28,7 @@ def take_steps(reg: NDArray[np.int64], edges: int) -> None:
 
 @exactly_compiled
 def restart(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> None:
-    """Carry out a reset: the setpoint becomes the position, nothing of the motion before is left (row U-A25).
-
-    A hard reset counts from 0 again.
-    """
+    """Carry out a reset: the setpoint becomes the position (row U-A25); a hard reset counts from 0 again."""
     if reg[at.RESTART] == at.HARD:
         reg[at.ZERO_COUNT] = reg[at.ENCODER_SENSE] * count
         reg[at.LAST_ILLEGAL] = illegal
@@ -44,10 +41,7 @@ def restart(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> Non
 
 @exactly_compiled
 def judge(reg: NDArray[np.int64], illegal: int, error_input_low: bool) -> None:
-    """Count false transitions of the encoder, and latch what shuts the output off (rows U-6, U-21, U-50).
-
-    What its own error output does to the net is no news, and a motor that is off has nothing to follow.
-    """
+    """Count false transitions of the encoder, and latch what shuts the output off (rows U-6, U-21, U-50)."""
     reg[at.O] = min(reg[at.O] + illegal - reg[at.LAST_ILLEGAL], _LARGEST_WORD)
     reg[at.LAST_ILLEGAL] = illegal
     if error_input_low and reg[at.LATCHED] & at.OWN_FAULTS == 0:
@@ -66,11 +60,7 @@ def measure(reg: NDArray[np.int64], count: int) -> None:
 
 @exactly_compiled
 def control(reg: NDArray[np.int64], now_ns: int) -> int:
-    """Return the control variable in units of T, -T to T.
-
-    The reference follows the setpoint by X at most (row U-A29). The error counts proportionally and summed up, speed
-    and its change count against it. The sum is limited to T, then smoothed by N.
-    """
+    """Return the control variable, -T to T; the reference follows the setpoint by X at most (row U-A29)."""
     behind = reg[at.TARGET] * reg[at.SPEED_DIVISOR] - reg[at.REFERENCE]
     reg[at.REFERENCE] += min(max(behind, -reg[at.X]), reg[at.X])
     reference = reg[at.REFERENCE] // reg[at.SPEED_DIVISOR]

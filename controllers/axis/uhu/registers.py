@@ -25,5 +25,4 @@ LATCHED, RESTART = 32, 33
 TRACKING, ERROR_INPUT, WATCHDOG, BAD_BANK = 1, 2, 4, 8
 OWN_FAULTS = TRACKING | WATCHDOG | BAD_BANK
 SOFT, HARD = 1, 2
-STREAM_ON, STREAM_WAIT = 34, 35
-"""Whether the stream of tracking errors is on, and intervals since its last byte."""
+STREAM_ON, STREAM_WAIT = 34, 35  # whether the stream of tracking errors is on, and intervals since its last byte

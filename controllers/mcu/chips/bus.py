@@ -18,8 +18,7 @@ PORT2A, PORT2B, PORT2C, CPORT2 = 0x4020, 0x4021, 0x4022, 0x4023
 PORT3A, PORT3B, PORT3C, CPORT3 = 0x4030, 0x4031, 0x4032, 0x4033
 TIMERS, INTERRUPTS, DISPLAY, TERMINAL, HOST = 0x4000, 0x4008, 0x4010, 0x4018, 0x401C
 """First addresses of the 8253, the 8259, the 8279 and both 8251 (ours)."""
-FLOATING = 0xFF
-"""What is read where nothing answers."""
+FLOATING = 0xFF  # what is read where nothing answers
 
 
 class Chip(Protocol):
@@ -33,15 +32,7 @@ class Chip(Protocol):
 
 
 class Bus(Snapshots):
-    """Address decoder and memory.
-
-    A write to EPROM or to an address without a chip changes nothing, as on the board.
-
-    Attributes
-    ----------
-    ram : bytearray
-        Bytes from 2000H on.
-    """
+    """Address decoder and memory; a write to EPROM or where no chip is changes nothing, as on the board."""
 
     STATE = ("ram",)
 
@@ -66,10 +57,7 @@ class Bus(Snapshots):
         return self._eprom[address] if address in EPROM else FLOATING
 
     def write(self, address: int, byte: int) -> None:
-        """Put a byte at an address.
-
-        Raises `InputError` if there can be no such address, or the value is not a byte.
-        """
+        """Put a byte at an address."""
         found = self._chips.get(address)
         if found is not None and 0 <= byte <= BYTE:
             found[0].write(found[1], byte)
@@ -80,10 +68,7 @@ class Bus(Snapshots):
             self.ram[address - RAM.start] = byte
 
     def check_writable(self, address: int) -> None:
-        """Refuse an address at which a write changes nothing.
-
-        Raises `InputError` for EPROM, and where nothing answers.
-        """
+        """Refuse an address at which a write changes nothing: EPROM, and where nothing answers."""
         if address in EPROM:
             raise InputError(f"{address:04X}H is EPROM, which cannot be written")
         if address not in RAM and address not in self._chips:

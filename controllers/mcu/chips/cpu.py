@@ -13,8 +13,7 @@ from edmsim.controllers.mcu.chips.bus import EPROM, Bus
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
 from edmsim.errors import InputError
 
-B, C, D, E, H, L, M, A = range(8)
-"""Registers in the order of the instructions; M is the byte that H and L point at."""
+B, C, D, E, H, L, M, A = range(8)  # registers in the order of the instructions; M is the byte that H and L point at
 CARRY, PARITY, AUXILIARY, ZERO, SIGN = 0x01, 0x04, 0x10, 0x40, 0x80
 _BC, _DE, _HL, _SP = range(4)
 _EVEN = [not bin(byte).count("1") & 1 for byte in range(256)]
@@ -26,20 +25,7 @@ class NoCodeError(InputError):
 
 
 class Cpu8085:
-    """Registers and instructions.
-
-    Parameters
-    ----------
-    routine : callable
-        Called with an address in EPROM; does what stands there and returns its T-states, 0 to be asked again.
-
-    Attributes
-    ----------
-    registers : list of int
-        B, C, D, E, H, L, nothing, A.
-    enabled : bool
-        Interrupts, by EI and DI.
-    """
+    """Registers (B, C, D, E, H, L, nothing, A) and instructions; `routine` is called with an address in EPROM."""
 
     def __init__(self, memory: Bus, routine: Callable[[int], int]) -> None:
         self._memory = memory
@@ -49,10 +35,7 @@ class Cpu8085:
         self.enabled = self.halted = False
 
     def step(self) -> int:
-        """Run the next instruction; return its T-states.
-
-        Raises `NoCodeError` for a byte that is not a documented instruction.
-        """
+        """Run the next instruction; returns its T-states; `NoCodeError` for a byte that is not a documented one."""
         if self.pc in EPROM:
             cost = self._routine(self.pc)
             if cost:

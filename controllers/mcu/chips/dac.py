@@ -19,36 +19,22 @@ from edmsim.controllers.mcu.firmware.arithmetic import BYTE
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
-T_I_FULL_V, T_P_FULL_V = 5.0, 15.0
-"""Voltages of code 255 with untouched trims (row T-32)."""
-LIMIT_A = 2.0
-"""Largest mean current of the generator (row T-34)."""
-SHORTEST_T_I_US, SHORTEST_T_P_US = 1.0, 2.0
-"""The shortest pulse (row T-1), and 500 kHz (row T-36)."""
+T_I_FULL_V, T_P_FULL_V = 5.0, 15.0  # voltages of code 255 with untouched trims (row T-32)
+LIMIT_A = 2.0  # largest mean current of the generator (row T-34)
+SHORTEST_T_I_US, SHORTEST_T_P_US = 1.0, 2.0  # the shortest pulse (row T-1), and 500 kHz (row T-36)
 LONGEST_T_I_US, LONGEST_T_P_US = 1000.0, 10_000.0
 """Ends of the coarse ranges: the longest pulse and period the document has (rows T-1, T-2)."""
-COARSE = 0x100
-"""Bit of a code that chooses the coarse range; the lower eight are the converter's."""
+COARSE = 0x100  # bit of a code that chooses the coarse range; the lower eight are the converter's
 MOST_CODE = COARSE | BYTE
 
 
 @dataclass(frozen=True)
 class Dac:
-    """One converter with its amplifier, whose gain and zero are trimmed with ten-turn potentiometers (row T-33).
+    """One converter with its amplifier, whose gain and zero are trimmed with ten-turn potentiometers (row T-33)."""
 
-    Parameters
-    ----------
-    full_V : float
-        Voltage of code 255.
-    gain : float
-        Trim of the gain; 1 is right.
-    offset_V : float
-        Trim of the zero; 0 is right.
-    """
-
-    full_V: float
-    gain: float = 1.0
-    offset_V: float = 0.0
+    full_V: float  # voltage of code 255
+    gain: float = 1.0  # 1 is right
+    offset_V: float = 0.0  # 0 is right
 
     def volts(self, code: int) -> float:
         """Voltage of a code, in V; the amplifier gives none below 0."""
@@ -57,29 +43,16 @@ class Dac:
 
 @dataclass(frozen=True)
 class PulseSettings:
-    """What codes mean in us, and the current they draw.
-
-    Parameters
-    ----------
-    t_i_us_V, t_p_us_V : float
-        us per volt in the fine range (ours: with 10, 2 V and 10 V are the 20 us and 100 us of a usual cut, and below
-        7 V, where the generator drops out, lie the short periods in which its supply must give most).
-    t_i_coarse_us_V, t_p_coarse_us_V : float
-        us per volt in the coarse range; by default the full voltages are 1000 us and 10 ms.
-    pulse_A : float
-        Current of a pulse (ours: 6.6 A, that of the default machine).
-    law : {"period", "frequency"}
-        What rises with V(t(p)), see row T-A16. By the law of frequency code 1 is the longest period, that of code 255
-        by the other, and 0 V are not pulses.
-    """
+    """What codes mean in us, and the current they draw."""
 
     t_i: Dac = Dac(T_I_FULL_V)
     t_p: Dac = Dac(T_P_FULL_V)
-    t_i_us_V: float = 10.0
+    t_i_us_V: float = 10.0  # fine range (ours: 2 V and 10 V are the 20 us and 100 us of a usual cut)
     t_p_us_V: float = 10.0
-    t_i_coarse_us_V: float = LONGEST_T_I_US / T_I_FULL_V
+    t_i_coarse_us_V: float = LONGEST_T_I_US / T_I_FULL_V  # coarse range: the full voltages are 1000 us and 10 ms
     t_p_coarse_us_V: float = LONGEST_T_P_US / T_P_FULL_V
-    pulse_A: float = 6.61
+    pulse_A: float = 6.61  # current of a pulse (ours: 6.6 A, that of the default machine)
+    # what rises with V(t(p)), row T-A16; by frequency, code 1 is the longest period
     law: Literal["period", "frequency"] = "period"
 
     def times_us(self, t_i_code: int, t_p_code: int) -> tuple[float, float]:
@@ -92,12 +65,7 @@ class PulseSettings:
         return self.pulse_A * min(t_i_us / t_p_us, 1.0)
 
     def check(self, t_i_code: int, t_p_code: int) -> None:
-        """Refuse a pair of codes that draws more than 2 A (row T-34), or is not a pair of codes.
-
-        Raises
-        ------
-        InputError
-        """
+        """Refuse a pair of codes that draws more than 2 A (row T-34), or is not a pair of codes."""
         for name, code in (("t(i)", t_i_code), ("t(p)", t_p_code)):
             if not (isinstance(code, int) and 0 <= code <= MOST_CODE):
                 raise InputError(f"the code of {name} is 0..{MOST_CODE}, not {code!r}")
@@ -111,10 +79,7 @@ class PulseSettings:
             )
 
     def code_of_t_i(self, us: float) -> int:
-        """Code nearest to a pulse duration, in the finest range that reaches it.
-
-        Raises `InputError` if it lies outside both ranges.
-        """
+        """Code nearest to a pulse duration, in the finest range that reaches it."""
         return _nearest("t(i)", us, self._t_i_us, min(us, SHORTEST_T_I_US))
 
     def code_of_t_p(self, us: float) -> int:
@@ -150,20 +115,13 @@ def _nearest(name: str, us: float, us_of: Callable[[int], float], least_us: floa
 
 
 class PulseGeneratorLine(Snapshots):
-    """OEV: 0 runs the pulse generator, 1 stops it and the high voltage with it, which stays stored (row T-27).
-
-    Parameters
-    ----------
-    response_ns : int
-        What a level must last to reach the generator through its optocoupler.
-    decay_s : float
-        Time constant with which the stored voltage goes (ours: the document gives none, only the warning).
-    """
+    """OEV: 0 runs the pulse generator, 1 stops it and the high voltage with it, which stays stored (row T-27)."""
 
     STATE = ("running", "_stored_V", "_since_ns", "_before_V", "_began_ns")
 
     def __init__(self, response_ns: int = 0, decay_s: float = 5.0) -> None:
-        self.response_ns = response_ns
+        self.response_ns = response_ns  # what a level must last to reach the generator through its optocoupler
+        # time constant with which the stored voltage goes (ours: the document only warns of it)
         self.decay_s = decay_s
         self.running = False
         self._stored_V = 0.0
@@ -171,10 +129,7 @@ class PulseGeneratorLine(Snapshots):
         self._before_V, self._began_ns = 0.0, -1
 
     def switch(self, oev: bool, now_ns: int, open_V: float) -> None:
-        """Take the line's level; `open_V` is the open voltage while it runs.
-
-        The instruction during which INIT lets the line fall does not get through the optocoupler.
-        """
+        """Take the line's level; `open_V` is the open voltage while it runs."""
         if not oev and not self.running:
             self._before_V, self._began_ns = self.voltage_V(now_ns), now_ns
             self.running, self._stored_V = True, open_V

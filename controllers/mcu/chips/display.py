@@ -12,28 +12,19 @@ from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
 DIGITS, BANK = 32, 16
-SHIFT, CTRL = 0x40, 0x80
-"""Bits that the two keys add to a key's code, for up to four codes a key."""
+SHIFT, CTRL = 0x40, 0x80  # bits that the two keys add to a key's code, for up to four codes a key
 KEYS = 64
-SCAN_NS = 5_100_000
-"""Time of a scan of all keys at the chip's internal 100 kHz (data sheet of the 8279)."""
+SCAN_NS = 5_100_000  # time of a scan of all keys at the chip's internal 100 kHz (data sheet of the 8279)
 FIFO = 8
 READ_KEYS, READ_DIGITS, WRITE_DIGITS, CLEAR = 0x40, 0x60, 0x80, 0xC0
 """Commands; to the second and third the number of the word is added, and 10H to go on to the next by itself."""
 _NEXT = 0x10
 _COMMANDS = 0xE0
-BLANK = 0xF
-"""Digit that lights no segment: the 4511 decodes nothing above 9."""
+BLANK = 0xF  # digit that lights no segment: the 4511 decodes nothing above 9
 
 
 class Kdc8279(Snapshots):
-    """One 8279 with its digits and keys.
-
-    Parameters
-    ----------
-    debounce_scans : int
-        Scans a key must be closed after each other ("several" in the document; ours: 3).
-    """
+    """One 8279 with its digits and keys, which must be closed for `debounce_scans` ("several"; ours: 3)."""
 
     STATE = ("_command", "lost", "_words", "_keys", "_scans")
 
@@ -56,20 +47,7 @@ class Kdc8279(Snapshots):
         return len(self._keys)
 
     def scan(self, closed: frozenset[int], shift: bool = False, ctrl: bool = False) -> bool:
-        """Scan the keys once.
-
-        Parameters
-        ----------
-        closed : frozenset of int
-            Keys found closed, 0..63: eight times the column, and the row.
-        shift, ctrl : bool
-            Their lines.
-
-        Returns
-        -------
-        bool
-            Whether a key was accepted, which raises the interrupt.
-        """
+        """Scan the keys (0..63: eight times the column, and the row); returns whether one was accepted."""
         for key in closed:
             if not 0 <= key < KEYS:
                 raise InputError(f"a key is 0..{KEYS - 1}, not {key!r}")
@@ -115,20 +93,7 @@ class Kdc8279(Snapshots):
 
 
 def write_digit(chip: Kdc8279, digit: int, value: int) -> None:
-    """Write one digit and keep its neighbour in the other bank (row T-28): read the word, change a half, write it.
-
-    Parameters
-    ----------
-    digit : int
-        0..31; 0..15 are bank A.
-    value : int
-        0..9, or `BLANK`.
-
-    Raises
-    ------
-    InputError
-        If there is no such digit or value.
-    """
+    """Write digit 0..31 (0..15 are bank A) and keep its neighbour in the other bank (row T-28): 0..9 or `BLANK`."""
     if not (0 <= digit < DIGITS and 0 <= value <= BLANK):
         raise InputError(f"there are digits 0..{DIGITS - 1} and values 0..{BLANK}, not {digit!r} and {value!r}")
     place = digit % BANK

@@ -11,20 +11,13 @@ from typing import Any
 
 from edmsim.snapshots import Snapshots
 
-NOISE_FROM_A = 1.5
-"""Mean current above which sparks disturb the serial lines (row T-29)."""
+NOISE_FROM_A = 1.5  # mean current above which sparks disturb the serial lines (row T-29)
 DROPS_BELOW_V, RUNS_FROM_V = 6.5, 7.0
 """V(t(p)) below which the generator drops out, and from which it surely runs (row T-A5)."""
 
 
 class SerialNoise(Snapshots):
-    """Turns a bit of a character over, now and then, while the mean current is above 1.5 A.
-
-    Parameters
-    ----------
-    chance : float
-        Of each character (ours).
-    """
+    """Turns a bit of a character over, with a chance (ours), while the mean current is above 1.5 A."""
 
     STATE = ("drawn", "disturbed")
 
@@ -56,15 +49,7 @@ class SerialNoise(Snapshots):
 
 
 class DropOut(Snapshots):
-    """The generator stops where V(t(p)) is low: below 6.5 V always, from 7 V on never, between with a chance.
-
-    Once out, it stays out until the voltage is 7 V again.
-
-    Parameters
-    ----------
-    chance : float
-        Of each new voltage between (ours).
-    """
+    """The generator stops below 6.5 V of V(t(p)), between 6.5 and 7 V with a chance (ours), until it is 7 V again."""
 
     STATE = ("drawn", "out")
 

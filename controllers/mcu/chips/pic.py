@@ -9,10 +9,8 @@ from __future__ import annotations
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
-EMERGENCY, X_STEPPER, Y_STEPPER, KEYBOARD = range(4)
-"""Levels: the order is the document's, the numbers are ours."""
-SPURIOUS = 7
-"""Level answered where a request has gone before it was acknowledged."""
+EMERGENCY, X_STEPPER, Y_STEPPER, KEYBOARD = range(4)  # levels: the order is the document's, the numbers are ours
+SPURIOUS = 7  # level answered where a request has gone before it was acknowledged
 ENTRY_BYTES = 4
 JUMP_TABLE = 0x3FE0
 ICW1 = 0x16 | JUMP_TABLE & 0xE0
@@ -63,10 +61,7 @@ class Pic8259(Snapshots):
         return self._next() >= 0
 
     def acknowledge(self) -> int:
-        """Answer the processor: the address of the table's entry, which is then in service.
-
-        Raises `InputError` if the chip has not been initialised.
-        """
+        """Answer the processor: the address of the table's entry, which is then in service."""
         if self._table < 0:
             raise InputError("the 8259 has no jump table: write ICW1 and ICW2 first")
         level = self._next()

@@ -13,10 +13,8 @@ from edmsim.controllers.mcu.firmware.timers import NEVER, TIMER_COUNT
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
-X, Y, BIT_RATE, CONTROL = range(4)
-"""Offsets of the counters and the control register."""
-TERMINAL_COUNT, RATE, SQUARE_WAVE = 0, 2, 3
-"""Modes."""
+X, Y, BIT_RATE, CONTROL = range(4)  # offsets of the counters and the control register
+TERMINAL_COUNT, RATE, SQUARE_WAVE = 0, 2, 3  # modes
 
 
 def control_word(counter: int, mode: int) -> int:
@@ -26,19 +24,11 @@ def control_word(counter: int, mode: int) -> int:
 
 @dataclass
 class Counter:
-    """One counter.
-
-    Attributes
-    ----------
-    reload : int
-        Count loaded, 0 for 65 536.
-    left : int
-        Ticks until the output rises; 0 when it has risen in mode 0, or nothing is loaded.
-    """
+    """One counter."""
 
     mode: int = TERMINAL_COUNT
-    reload: int = 0
-    left: int = 0
+    reload: int = 0  # count loaded, 0 for 65 536
+    left: int = 0  # ticks until the output rises; 0 when it has risen in mode 0, or nothing is loaded
     low: int = -1
     latched: int = -1
 

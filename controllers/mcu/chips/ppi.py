@@ -11,17 +11,13 @@ from dataclasses import dataclass
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
-A, B, C, CONTROL = range(4)
-"""Offsets of the ports and the control register."""
+A, B, C, CONTROL = range(4)  # offsets of the ports and the control register
 MODE_SET = 0x80
-BASIC_OUTPUTS = 0x80
-"""Control word of the 8255 that drives machine and DACs: all ports out, mode 0."""
-STROBED_INPUTS = 0xB6
-"""Control word of the 8255 that reads the counters: A and B inputs in mode 1, C7 and C6 out."""
+BASIC_OUTPUTS = 0x80  # control word of the 8255 that drives machine and DACs: all ports out, mode 0
+STROBED_INPUTS = 0xB6  # control word of the 8255 that reads the counters: A and B inputs in mode 1, C7 and C6 out
 INTE_A_BIT, INTE_B_BIT, RESET_BIT = 4, 2, 7
 """Bits of port C behind which the flags INTE A and INTE B lie (data sheet of the 8255), and our counter reset."""
-INTR_B, IBF_B, INTE_B, INTR_A, INTE_A, IBF_A = 0x01, 0x02, 0x04, 0x08, 0x10, 0x20
-"""Bits of port C read in mode 1."""
+INTR_B, IBF_B, INTE_B, INTR_A, INTE_A, IBF_A = 0x01, 0x02, 0x04, 0x08, 0x10, 0x20  # bits of port C read in mode 1
 
 
 @dataclass
@@ -38,18 +34,7 @@ class _Input:
 
 
 class Ppi8255(Snapshots):
-    """One 8255.
-
-    Parameters
-    ----------
-    on_output : callable, optional
-        Called with port and byte when an output changes its lines or is written.
-
-    Attributes
-    ----------
-    inputs : list of int
-        Levels at the pins of ports that are inputs in mode 0.
-    """
+    """One 8255; `on_output` takes port and byte when an output changes its lines or is written."""
 
     STATE = ("_mode", "_out", "inputs", "_strobed")
 

@@ -13,17 +13,7 @@ NAMES = (X_END, Y_END, WIRE_BREAK, STOP_BUTTON)
 
 
 class SafetySwitches(Snapshots):
-    """Switches whose lines are ORed into one interrupt.
-
-    An open end switch cuts the steppers' supply, a broken wire stops the generator, whatever the program does.
-
-    Parameters
-    ----------
-    on_rise : callable
-        Called when the ORed line rises: the interrupt.
-    stuck : set of str
-        Names of switches that never open.
-    """
+    """Switches ORed into one interrupt; they cut supply and generator themselves; `stuck` ones never open."""
 
     STATE = ("_open",)
 

@@ -11,24 +11,15 @@ from collections.abc import Callable
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
-MODE_8_BITS = 0x4E
-"""Asynchronous, 16 clocks a bit, 8 bits, no parity, 1 stop bit."""
+MODE_8_BITS = 0x4E  # asynchronous, 16 clocks a bit, 8 bits, no parity, 1 stop bit
 COMMAND_RUN, COMMAND_RESET_ERRORS, COMMAND_RESET = 0x05, 0x10, 0x40
 """Transmitter and receiver on; errors cleared; back to waiting for a mode word."""
-TX_READY, RX_READY, TX_EMPTY, OVERRUN = 0x01, 0x02, 0x04, 0x10
-"""Bits of the status."""
-BITS_PER_CHARACTER = 10
-"""With start and stop bit."""
+TX_READY, RX_READY, TX_EMPTY, OVERRUN = 0x01, 0x02, 0x04, 0x10  # bits of the status
+BITS_PER_CHARACTER = 10  # with start and stop bit
 
 
 class Usart8251(Snapshots):
-    """One serial channel.
-
-    Parameters
-    ----------
-    transmit : callable
-        Takes every byte sent.
-    """
+    """One serial channel; `transmit` takes every byte sent."""
 
     STATE = ("_mode", "_command", "_received", "_ready", "_overrun")
 

@@ -34,10 +34,7 @@ _SHIFT = "SHIFT"
 
 
 def read_keys(text: str) -> list[int]:
-    """Return the codes of keys by their names, ``300 X SHIFT Y``; SHIFT belongs to the key after it.
-
-    Raises `InputError` for a name that no key has, a SHIFT without a key, and where there is none at all.
-    """
+    """Return the codes of keys by their names, ``300 X SHIFT Y``; SHIFT belongs to the key after it."""
     codes: list[int] = []
     shift = 0
     for name in text.split():
@@ -54,13 +51,7 @@ def read_keys(text: str) -> list[int]:
 
 
 class FrontPanel:
-    """Keys and digits of one computer.
-
-    Parameters
-    ----------
-    machine : MachinePort
-        What the keys work on, as the words of MAIN do.
-    """
+    """Keys and digits of one computer; the keys do what the words of MAIN do."""
 
     def __init__(self, computer: Computer, machine: MachinePort) -> None:
         self._computer, self._machine = computer, machine

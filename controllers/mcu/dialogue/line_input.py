@@ -19,29 +19,19 @@ from edmsim.errors import InputError
 BACKSPACE, DELETE, CANCEL, RETYPE = 0x08, 0x7F, 0x18, 0x12
 """The four correction characters BS, DEL, CAN (Ctrl-X) and Ctrl-R; the text counts them only (row T-A10)."""
 
-RETURN, LINE_FEED = 0x0D, 0x0A
-"""The two characters that end a line (row T-A10)."""
+RETURN, LINE_FEED = 0x0D, 0x0A  # the two characters that end a line (row T-A10)
 
 BELL, TAB, SPACE, END = 0x07, 0x09, 0x20, 0x00
 """A refused character rings the bell; a tabulator is kept as a space; 00H ends the buffer (row T-55)."""
 
-SEPARATORS = b" ,;="
-"""What SKIP passes over (ours: the text says spaces and separators)."""
+SEPARATORS = b" ,;="  # what SKIP passes over (ours: the text says spaces and separators)
 
 _RUB_OUT = b"\b \b"
 _NEW_LINE = b"\r\n"
 
 
 class InputBuffer:
-    """The input buffer (BPTR.DATA): up to 64 characters, closed by 00H, and the pointer BPTR to one of them; in RAM.
-
-    Parameters
-    ----------
-    text : bytes
-        A line to begin with.
-    streams : Streams, optional
-        Those of the computer in whose memory the buffer lies; by default it has a memory of its own.
-    """
+    """The input buffer (BPTR.DATA) in RAM, up to 64 characters closed by 00H, and the pointer BPTR to one of them."""
 
     def __init__(self, text: bytes = b"", streams: Streams | None = None) -> None:
         self._streams = streams or Streams(Bus())
@@ -107,13 +97,6 @@ class Line:
     BS and DEL take the last character back, CAN the whole line, Ctrl-R types the line again. The 65th character and
     every control character ring the bell and are not kept; a line of which characters were refused for its length,
     and not corrected since, is not given away either (ours: half a number must move nothing).
-
-    Parameters
-    ----------
-    buffer : InputBuffer
-        Where the finished line goes, normalised to upper case.
-    out : callable
-        Takes the bytes echoed to the operator.
     """
 
     def __init__(self, buffer: InputBuffer, out: Callable[[bytes], None]) -> None:
@@ -132,11 +115,7 @@ class Line:
         self._too_long = False
 
     def take(self, character: int) -> bool:
-        """Take one character; True if it ended the line, which then lies in the buffer.
-
-        Raises `InputError` at the terminator of a line of more than 64 characters; the line is forgotten and the
-        buffer empty.
-        """
+        """Take one character; True if it ended the line, which then lies in the buffer, in upper case."""
         if character in (RETURN, LINE_FEED):
             return self._end()
         if character in (BACKSPACE, DELETE, CANCEL):
@@ -185,28 +164,14 @@ def gnumci(buffer: InputBuffer) -> int:
 
 
 def skip(buffer: InputBuffer) -> bool:
-    """Pass over spaces and separators (SKIP, row T-57).
-
-    Returns
-    -------
-    bool
-        The carry: False at the end of the buffer, True if a character waits.
-    """
+    """Pass over spaces and separators (SKIP, row T-57); returns the carry, True if a character waits."""
     while buffer.waiting in SEPARATORS:
         buffer.advance()
     return buffer.waiting != END
 
 
 def getnum(buffer: InputBuffer) -> int:
-    """Read a decimal number of 16 bits at the pointer (GETNUM, row T-56).
-
-    The pointer ends on the first character after the number.
-
-    Raises
-    ------
-    InputError
-        If no digit stands there, or the number has more than 16 bits (row T-60); it is passed all the same.
-    """
+    """Read a decimal number of 16 bits at the pointer and pass it, right or not (GETNUM, rows T-56, T-60)."""
     return _number(buffer, 10, b"0123456789", "decimal")
 
 

@@ -152,8 +152,7 @@ BYE             makes the machine safe and leaves""",
 }
 """What each word does, by the word."""
 
-ALIASES = {"CCW": "CW", "Y": "X", "?": "HELP"}
-"""Words explained together with another."""
+ALIASES = {"CCW": "CW", "Y": "X", "?": "HELP"}  # words explained together with another
 
 
 END, STRAIGHT, CLOCKWISE, COUNTER_CLOCKWISE, SETTING = 0x00, 0x01, 0x02, 0x03, 0x10
@@ -161,15 +160,7 @@ _WORDS = {STRAIGHT: 2, CLOCKWISE: 4, COUNTER_CLOCKWISE: 4}
 
 
 class ProgramStore:
-    """Entries in memory.
-
-    Parameters
-    ----------
-    first : int
-        Address of the first entry's kind.
-    most : int
-        Entries that fit.
-    """
+    """Entries in memory: address of the first one's kind, and how many fit."""
 
     def __init__(self, memory: Bus, first: int, most: int) -> None:
         self._memory = memory
@@ -281,15 +272,7 @@ _POSITION, _NEW, _T_I, _T_P, _SPEED, _START = range(6)
 
 
 class MainProgram:
-    """The dialogue: one line at a time, from the input buffer.
-
-    Parameters
-    ----------
-    say : callable
-        Prints a text of one or more lines.
-    memory : Bus
-        Where the new position and the program from the host lie.
-    """
+    """The dialogue: one line at a time, from the input buffer."""
 
     def __init__(self, machine: MachinePort, desk: Desk, say: Callable[[str], None], memory: Bus) -> None:
         self._machine = machine
@@ -335,10 +318,7 @@ class MainProgram:
         return f"{_QUESTIONS[self._question]}{f' ({shown})' if shown else ''} ? "
 
     def obey(self, buffer: InputBuffer) -> None:
-        """Do what a line says.
-
-        Raises `InputError` if the line cannot be understood, or the machine cannot do it now; nothing was done.
-        """
+        """Do what a line says; an error means that nothing was done."""
         waits = skip(buffer)
         if self._question is not None and self._answers(buffer):
             self._answer(self._question, buffer)

@@ -22,33 +22,20 @@ from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
 from edmsim.errors import InputError
 
-RECORD_BYTES = 16
-"""Bytes in a record that is punched, as Intel's own programs punch them."""
+RECORD_BYTES = 16  # bytes in a record that is punched, as Intel's own programs punch them
 DATA, END = 0x00, 0x01
-_FRAME = 5
-"""Bytes of a record besides its data: count, address, kind, checksum."""
+_FRAME = 5  # bytes of a record besides its data: count, address, kind, checksum
 
 
 class Tape(NamedTuple):
-    """What stands on a tape.
-
-    Attributes
-    ----------
-    bytes : dict of int to int
-        Bytes by their addresses.
-    start : int
-        Address at which the program on it is to be started; 0 where the tape names none.
-    """
+    """What stands on a tape: bytes by address, and where its program is to be started (0: it names no place)."""
 
     bytes: dict[int, int]
     start: int
 
 
 def read_tape(text: bytes) -> Tape:
-    """Read a tape.
-
-    Raises `InputError` if a record is invalid, its checksum is wrong, or the end is missing; the line is named.
-    """
+    """Read a tape; an invalid record, a wrong checksum or a missing end is refused with its line."""
     found: dict[int, int] = {}
     for number, line in enumerate(text.replace(b"\0", b"").splitlines(), 1):
         if not line.strip():
@@ -95,8 +82,7 @@ def _record(line: bytes) -> tuple[int, int, bytes]:
     return record[1] << 8 | record[2], record[3], record[4:-1]
 
 
-ESCAPE = 0x1B
-"""Ends a command, as Ctrl-X does."""
+ESCAPE = 0x1B  # ends a command, as Ctrl-X does
 BYTES_A_LINE, COLUMNS = 16, 80
 _HEX = b"0123456789ABCDEF"
 _ENDS = (RETURN, LINE_FEED)
@@ -154,15 +140,7 @@ class Bench(Protocol):
 
 
 class Monitor:
-    """The monitor's commands, a character at a time.
-
-    Parameters
-    ----------
-    out : callable
-        Takes the bytes shown to the operator.
-    say : callable
-        Prints a text of one or more lines.
-    """
+    """The monitor's commands, a character at a time."""
 
     prompt = ". "
 
@@ -188,10 +166,7 @@ class Monitor:
         self._typing = None
 
     def take(self, character: int) -> bool:
-        """Handle a character; True if it ended a command.
-
-        Raises `InputError` if it is wrong here or the command cannot be done; the command is at its end.
-        """
+        """Handle a character; True if it ended a command, as every error does."""
         try:
             if self._typing is None:
                 return self._begin(character)

@@ -26,17 +26,7 @@ LAST_WORD, COMMENT = b"END", b"*"
 
 
 class Move(NamedTuple):
-    """A way to a new position in um: straight, or about a centre.
-
-    Attributes
-    ----------
-    end_um : (int, int)
-        New position, 16-bit unsigned.
-    centre_um : (int, int) or None
-        Centre of an arc.
-    clockwise : bool
-        Sense of the arc.
-    """
+    """A way to a new position in um: straight, or about a centre."""
 
     end_um: tuple[int, int]
     centre_um: tuple[int, int] | None = None
@@ -67,13 +57,7 @@ Entry = Move | Setting
 
 
 class Codes(NamedTuple):
-    """How times in us become codes of the two DACs.
-
-    Attributes
-    ----------
-    of_t_i, of_t_p : callable
-        From whole us to the nearest code; raise `InputError` outside the range.
-    """
+    """How times in whole us become the nearest codes of the two DACs."""
 
     of_t_i: Callable[[int], int]
     of_t_p: Callable[[int], int]
@@ -90,10 +74,7 @@ def read_word(buffer: InputBuffer) -> str:
 
 
 def read_number(buffer: InputBuffer) -> int:
-    """Read a decimal number of 16 bits that ends where it should: at a separator or the end of the line.
-
-    Raises `InputError` if it is invalid.
-    """
+    """Read a decimal number of 16 bits that ends where it should: at a separator or the end of the line."""
     column, written = buffer.column, buffer.rest.decode("ascii")
     number = getnum(buffer)
     if buffer.waiting and buffer.waiting not in SEPARATORS:
@@ -103,10 +84,7 @@ def read_number(buffer: InputBuffer) -> int:
 
 
 def read_numbers(buffer: InputBuffer, count: int, what: str) -> list[int]:
-    """Read decimal numbers of 16 bits, separated.
-
-    Raises `InputError` if there are fewer (`what` names them) or one is not a number.
-    """
+    """Read `count` decimal numbers of 16 bits, separated; `what` names them in an error."""
     numbers: list[int] = []
     while len(numbers) < count:
         if not skip(buffer):
@@ -133,10 +111,7 @@ def read_move(word: str, buffer: InputBuffer) -> Move:
 
 
 def read_setting(word: str, buffer: InputBuffer, codes: Codes) -> Setting:
-    """Read one or more of TI, TP and SPEED with their numbers, up to the end of the line.
-
-    A time is a decimal number of us or, with an H after it, a hexadecimal code of the DAC (``4DH``).
-    """
+    """Read one or more of TI, TP and SPEED with their numbers: decimal us, or hexadecimal codes (``4DH``)."""
     found: dict[str, int] = {}
     while word:
         if word == "SPEED":
@@ -174,14 +149,7 @@ def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> 
 
 
 def read_program(lines: Iterable[bytes], codes: Codes) -> list[Entry]:
-    """Read the host's lines, in capitals, up to END.
-
-    Raises
-    ------
-    InputError
-        If a line has an unknown word, END is missing, there is no move, or there are too many entries; the line is
-        named.
-    """
+    """Read the host's lines, in capitals, up to END; an error names its line."""
     entries: list[Entry] = []
     for number, text in enumerate(lines, 1):
         if text.strip() == LAST_WORD:

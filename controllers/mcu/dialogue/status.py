@@ -10,53 +10,27 @@ from edmsim.controllers.pulse_counters import percent_of_window
 
 
 class Status(NamedTuple):
-    """What the machine shows its operator.
+    """What the machine shows its operator."""
 
-    Attributes
-    ----------
-    state : str
-        ``STAND-BY``, ``CUTTING``, ``JOGGING`` or ``EMERGENCY: ...`` with its cause.
-    position : (int, int)
-        Position counters.
-    unit : str
-        What they count: ``um`` or ``STEPS``.
-    speed, running : int
-        Greatest cutting speed set, and the speed now, in units; negative while running back.
-    short, open, counted : int
-        Counts of the last 255 pulses; and 255, or 0 while none have been counted since INIT.
-    windows, missed : int
-        Windows read since the start, and those that were not read in time (row T-44).
-    t_i, t_p : int
-        Codes of V(t(i)) and V(t(p)).
-    t_i_us, t_p_us : float
-        The times they mean.
-    voltage_V, current_A : float
-        Means over the gap.
-    time_s : float
-        Machine time.
-    move : Move or None
-        Of the cut under way.
-    """
-
-    state: str
+    state: str  # ``STAND-BY``, ``CUTTING``, ``JOGGING`` or ``EMERGENCY: ...`` with its cause
     position: tuple[int, int]
-    unit: str
-    speed: int
-    running: int
+    unit: str  # what position counters count: ``um`` or ``STEPS``
+    speed: int  # greatest cutting speed set, in units
+    running: int  # the speed now; negative while running back
     short: int
     open: int
-    counted: int
-    windows: int
-    missed: int
-    t_i: int
+    counted: int  # 255, or 0 while no pulses have been counted since INIT
+    windows: int  # read since the start
+    missed: int  # not read in time (row T-44)
+    t_i: int  # code of V(t(i))
     t_p: int
     t_i_us: float
     t_p_us: float
     generator_on: bool
-    voltage_V: float
+    voltage_V: float  # mean over the gap
     current_A: float
     time_s: float
-    move: Move | None
+    move: Move | None  # of the cut under way
 
     @property
     def erosion(self) -> int:

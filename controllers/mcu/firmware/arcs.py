@@ -19,37 +19,17 @@ from edmsim.errors import InputError
 
 Point = tuple[int, int]
 
-MOST_EXCESS = 2 * WORD
-"""More than any point of a walk has: the longest radius on the table is ``sqrt(2) * 65535``."""
+MOST_EXCESS = 2 * WORD  # more than any point of a walk has: the longest radius on the table is ``sqrt(2) * 65535``
 
-RADIUS_TOLERANCE_UM = STEP_UM
-"""Largest difference of start and end radius in um (ours): one motor step."""
+RADIUS_TOLERANCE_UM = STEP_UM  # largest difference of start and end radius in um (ours): one motor step
 
 
 def arc_points(start_um: Point, centre_um: Point, end_um: Point, clockwise: bool) -> NDArray[np.int64]:
-    """Corner points of an arc as chords, fit for every planner.
+    """Corner points (n, 2) of an arc as chords in whole um, within 1 um of the circle, from start to end as given.
 
-    The chords lie within 1 um of the circle through the start; the last goes to the end as given. With a planner
-    that keeps the line (all but ``poscal-literal``) the steps stay within 2 um, one step, of the circle.
-    On a table that counts steps, give the points in steps and double what comes back.
-
-    Parameters
-    ----------
-    start_um, centre_um, end_um : (int, int)
-        Whole um on the table, 0..65535; a start and end in the same direction from the centre mean
-        a full circle.
-    clockwise : bool
-        Direction of travel, seen with x to the right and y upwards.
-
-    Returns
-    -------
-    int64 array (n, 2)
-        From the start to the end, both included.
-
-    Raises
-    ------
-    InputError
-        A point off the table, a start on its centre, or an end whose radius is another by over 2 um.
+    A start and end in the same direction from the centre mean a full circle. With a planner that keeps the line
+    (all but ``poscal-literal``) the steps stay within 2 um, one step, of the circle. On a table that counts steps,
+    give the points in steps and double what comes back.
     """
     for name, point in (("start", start_um), ("centre", centre_um), ("end", end_um)):
         if not all(0 <= word <= WORD for word in point):
@@ -58,9 +38,7 @@ def arc_points(start_um: Point, centre_um: Point, end_um: Point, clockwise: bool
         raise InputError(f"the arc starts on its centre {centre_um} um: it has no radius")
     turn = -1 if clockwise else 1
     # a clockwise arc is a counter-clockwise one seen from below
-    first, last = (
-        (point[0] - centre_um[0], turn * (point[1] - centre_um[1])) for point in (start_um, end_um)
-    )
+    first, last = ((point[0] - centre_um[0], turn * (point[1] - centre_um[1])) for point in (start_um, end_um))
     _check_radii(first, last)
     points = [first, *_corners(first, last)]
     placed = [(centre_um[0] + x, centre_um[1] + turn * y) for x, y in points]
@@ -68,11 +46,7 @@ def arc_points(start_um: Point, centre_um: Point, end_um: Point, clockwise: bool
 
 
 def chord_walk(x: int, y: int) -> int:
-    """Points of the walk to one chord: SQRT of the radius, which POSCAL's own length gives.
-
-    A point is at most the root of 2 um from the one before, so a chord over ``sqrt(r)`` of them is no longer than
-    ``sqrt(2 r)`` and bulges by ``2 r / 8 r``, a quarter um.
-    """
+    """Points of the walk to one chord: SQRT of the radius r, so that it bulges by ``2 r / 8 r``, a quarter um."""
     vector = resolve(subsgn(x, 0)[0], subsgn(y, 0)[0], 1, 1)
     return max(sqrt(min(vector.length << vector.halvings, WORD - 1)), 1)
 
@@ -117,7 +91,7 @@ def _across(a: Point, b: Point) -> int:
 
 
 def _walk(x: int, y: int) -> Iterator[tuple[int, int, int]]:
-    """Walk counter-clockwise around zero for ever, a point for every um along the axis that is the faster one.
+    """Walk counter-clockwise around zero for ever, a point for every um along the faster axis.
 
     The third number, the excess, is what ``x^2 + y^2`` has over its value at the start. It stays within the radius
     (twice that below 4 um), so it needs a sign and 17 bits: three bytes.

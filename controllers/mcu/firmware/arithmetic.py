@@ -10,42 +10,20 @@ from __future__ import annotations
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.errors import InputError
 
-WORD = 0xFFFF
-"""Largest 16-bit number: every number of the controller has 16 bits (row T-60)."""
+WORD = 0xFFFF  # largest 16-bit number: every number of the controller has 16 bits (row T-60)
 
-BYTE = 0xFF
-"""Largest 8-bit number, the operands of VERM (row T-64)."""
+BYTE = 0xFF  # largest 8-bit number, the operands of VERM (row T-64)
 
 
 @exactly_compiled
 def subsgn(a: int, b: int) -> tuple[int, int]:
-    """Absolute difference and which of the two is larger (SUBSGN, row T-62).
-
-    Parameters
-    ----------
-    a, b : int
-        16-bit unsigned.
-
-    Returns
-    -------
-    (int, int)
-        ``|a - b|``, and +1 if ``a >= b``, else -1.
-    """
+    """Return ``|a - b|`` of two words, and +1 if ``a >= b``, else -1 (SUBSGN, row T-62)."""
     return (a - b, 1) if a >= b else (b - a, -1)
 
 
 @exactly_compiled
 def reduc(a: int, b: int) -> tuple[int, int, int]:
-    """Halve two 16-bit numbers together until both fit in 8 bits, losing the bits dropped (REDUC, row T-63).
-
-    The text reduces one number; the pair goes together because reducing each alone destroys the direction
-    (row T-A2).
-
-    Returns
-    -------
-    (int, int, int)
-        The reduced numbers and how often they were halved.
-    """
+    """Halve two words together until both fit in 8 bits; returns them and how often (REDUC, rows T-63, T-A2)."""
     halvings = 0
     while (a | b) >> halvings > BYTE:
         halvings += 1
@@ -59,10 +37,7 @@ def reduc2(a: int, b: int) -> tuple[int, int]:
 
 
 def verm(a: int, b: int) -> int:
-    """8 x 8 bit product of 16 bits, exact (VERM, row T-64); compiled code, whose bytes are bytes, multiplies.
-
-    Raises `InputError` if an operand does not fit in 8 bits.
-    """
+    """8 x 8 bit product of 16 bits, exact (VERM, row T-64); compiled code, whose bytes are bytes, multiplies."""
     if not (0 <= a <= BYTE and 0 <= b <= BYTE):
         raise InputError(f"VERM multiplies 8-bit numbers 0..255, not {a} and {b}")
     return a * b
@@ -78,12 +53,8 @@ def divide(dividend: int, divisor: int) -> int:
     """16 / 16 bit division: double the divisor until larger, then halve and subtract (DIVIDE, row T-66).
 
     The doubled divisor reaches 131 070 and so needs a 17th bit. The text exchanges the words for dividend
-    and divisor (row T-A3): read literally every square root from 4 up would be 2.
-
-    Returns
-    -------
-    int
-        0 if either operand is 0; 1 where the quotient of two non-zero numbers would be 0; else the floor.
+    and divisor (row T-A3): read literally every square root from 4 up would be 2. Returns 0 if either operand is 0;
+    1 where the quotient of two non-zero numbers would be 0; else the floor.
     """
     if dividend == 0 or divisor == 0:
         return 0
@@ -101,16 +72,10 @@ def divide(dividend: int, divisor: int) -> int:
 
 @exactly_compiled
 def sqrt(n: int) -> int:
-    """Square root of a 16-bit number by Newton-Raphson in integers (SQRT, row T-67).
+    """Square root of a word by Newton-Raphson in integers, 0..256 (SQRT, row T-67).
 
-    ``n + 1`` wraps at 16 bits as in the machine, so 65 535 gives 0 instead of 256; no sum of two squares is
-    65 535 (row T-G3).
-
-    Returns
-    -------
-    int
-        ``k + 1`` from ``n = k*k + k`` up, else ``k``, with ``k`` the floor of the root (row T-G2): 0..256,
-        nine bits.
+    With ``k`` the floor of the root it is ``k + 1`` from ``n = k*k + k`` up, else ``k`` (row T-G2). ``n + 1`` wraps
+    at 16 bits as in the machine: 65 535 gives 0, but no sum of two squares is 65 535 (row T-G3).
     """
     x, following = n, ((n + 1) & WORD) >> 1
     while x != following:

@@ -14,15 +14,7 @@ from edmsim.controllers.mcu.firmware.arithmetic import BYTE
 
 
 def write_codes(board: Board, t_i: int, t_p: int) -> None:
-    """Write both codes; no pair on the way draws more current than both the old and the new (row T-34).
-
-    The one that lowers the current goes first. While a range changes, t(i) is 0.
-
-    Parameters
-    ----------
-    t_i, t_p : int
-        0..1FFH: the byte of the converter, and `COARSE`.
-    """
+    """Write both codes, the one that lowers the current first: no pair on the way draws more (row T-34)."""
     bus, lines = board.bus, board.lines
     if (t_i ^ board.codes[0] | t_p ^ board.codes[1]) & COARSE:
         bus.write(PORT2A, 0)
@@ -39,24 +31,7 @@ def set_tension(board: Board, low: bool) -> None:
 
 
 def before_corner(t_i: int, to_corner_um: int, reach_um: int, share: int) -> int:
-    """Code of t(i) at some distance before a corner.
-
-    Parameters
-    ----------
-    t_i : int
-        The program's code, with its range.
-    to_corner_um : int
-        Distance to the corner ahead, a word.
-    reach_um : int
-        Distance below which t(i) is shortened.
-    share : int
-        What is left of it, in 1/256; 256 leaves it alone.
-
-    Returns
-    -------
-    int
-        At least 1 where the program's is.
-    """
+    """Code of t(i) before a corner: within `reach_um`, what `share` / 256 leaves of it, at least 1 where it was."""
     if to_corner_um >= reach_um:
         return t_i
     byte = t_i & BYTE

@@ -8,12 +8,9 @@ from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE
 from edmsim.controllers.mcu.firmware.tstates import CPU_HZ
 
-JUMP = 0xC3
-"""JMP of the 8085."""
-BIT_RATE = 9600
-"""Of both serial channels in bit/s (ours)."""
-BIT_RATE_COUNT = CPU_HZ // (16 * BIT_RATE)
-"""Count of counter 2: sixteen clocks a bit."""
+JUMP = 0xC3  # JMP of the 8085
+BIT_RATE = 9600  # of both serial channels in bit/s (ours)
+BIT_RATE_COUNT = CPU_HZ // (16 * BIT_RATE)  # count of counter 2: sixteen clocks a bit
 _ROUTINES = {
     pic.EMERGENCY: at.EMERGENCY_ROUTINE, pic.X_STEPPER: at.X_ENTRY, pic.Y_STEPPER: at.Y_ENTRY,
     pic.KEYBOARD: at.KBD_ROUTINE,
@@ -41,15 +38,7 @@ def copy_start_values(memory: Bus) -> None:
 
 
 def make_outputs_safe(memory: Bus, oev: int) -> None:
-    """Directions of the ports and safe values: both voltages 0, generator off, handshake off.
-
-    The mode word clears the port, and OEV with it, for the microseconds until that is written.
-
-    Parameters
-    ----------
-    oev : int
-        Bit of the line OEV in port 4022H.
-    """
+    """Directions of the ports and safe values: both voltages 0, handshake off, generator off by its bit `oev`."""
     memory.write(bus.CPORT2, ppi.BASIC_OUTPUTS)
     memory.write(bus.PORT2C, 1 << oev)
     memory.write(bus.PORT2A, 0)

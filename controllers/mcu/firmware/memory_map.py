@@ -19,14 +19,11 @@ POSITION, VELOCITY, TARGET, ROUNDS = 0, 2, 4, 6
 """Counter in um, signed speed in units, where the axis is to go, and rounds of its timer to be waited."""
 XPOS, XVELOC, NEWX = (X_AREA + offset for offset in (POSITION, VELOCITY, TARGET))
 YPOS, YVELOC, NEWY = (Y_AREA + offset for offset in (POSITION, VELOCITY, TARGET))
-CUTVEL = 0x2020
-"""Cutting speed in force, signed, in units."""
+CUTVEL = 0x2020  # cutting speed in force, signed, in units
 SHORTS, OPENS, COUNTED = 0x2022, 0x2024, 0x2026
 """Counts read last, and of how many pulses: 255, or 0 while none have been read."""
-ENTRY = 0x2028
-"""Number being entered at the keys."""
-SAVED = 0x2030
-"""Copy of both areas and the speed, made first thing in an emergency (row T-49)."""
+ENTRY = 0x2028  # number being entered at the keys
+SAVED = 0x2030  # copy of both areas and the speed, made first thing in an emergency (row T-49)
 SAVED_WORDS = (XPOS, XVELOC, YPOS, YVELOC, CUTVEL)
 CONSTANTS, VARIABLES = 0x2040, 0x2070
 """What the optimising routine is set to, and what it keeps: the words of `Settings` and `State` in their order."""
@@ -34,12 +31,10 @@ CONSTANT_WORDS = Settings._fields
 VARIABLE_WORDS = tuple(State.__dataclass_fields__)
 MAXVEL = CONSTANTS + 2 * CONSTANT_WORDS.index("limit")
 """Greatest cutting speed the operator allows, in units: the optimising routine's limit."""
-LINE_LENGTH = 64
-"""Characters of a line (row T-53)."""
+LINE_LENGTH = 64  # characters of a line (row T-53)
 BPTR, BPTR_DATA = 0x20A0, 0x20A2
 """The pointer into the operator's line, and the line with the 00H behind it (row T-55)."""
-NEW = 0x20F0
-"""The new position that START runs to, as an entry of a program."""
+NEW = 0x20F0  # the new position that START runs to, as an entry of a program
 START_VALUES = 0x2100
 START_AREAS = (
     (XVELOC, 2), (X_AREA + ROUNDS, 2), (YVELOC, 2), (Y_AREA + ROUNDS, 2), (CUTVEL, 2), (SHORTS, 6), (ENTRY, 2),
@@ -51,12 +46,9 @@ Position counters, targets and what the operator set are not among them: they ou
 """
 PROGRAM, PROGRAM_ENTRIES, ENTRY_MOST_BYTES = 0x2180, 500, 9
 """The program from the host: greatest number of entries (ours), bytes of each at most, and 00H behind the last."""
-FREE = 0x3320
-"""From here to the stack nothing is used: room for tapes."""
-STACK = 0x3FD0
-"""The stack of a program begins below."""
-CIADR, COADR = 0x3FD0, 0x3FD2
-"""Addresses of the routines that fetch and send characters (row T-58)."""
+FREE = 0x3320  # from here to the stack nothing is used: room for tapes
+STACK = 0x3FD0  # the stack of a program begins below
+CIADR, COADR = 0x3FD0, 0x3FD2  # addresses of the routines that fetch and send characters (row T-58)
 
 # addresses of routines in EPROM: what the jump table and the two words above point at
 MONITOR, TERMINAL_IN, HOST_IN, BUFFER_IN, TERMINAL_OUT, HOST_OUT = 0x0000, 0x0100, 0x0108, 0x0120, 0x0110, 0x0118

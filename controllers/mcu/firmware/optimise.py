@@ -17,102 +17,52 @@ from typing import NamedTuple
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.tstates import ADD_T, FRACTION_T, MULTIPLY_T, POSCAL_BOUND_T, READ_OUT_T
 
-TICK_NS = 100_000
-"""System tick: 0.1 ms (ours), so that a word holds 6.5 s, more than twice the longest window."""
-SHARE = 255 << 8
-"""A share of 1: all 255 pulses."""
-ERROR = 255 << 5
-"""An error of 1 in share; the word reaches eight times as far."""
-DOUBLE = 0xFFFF_FFFF
-"""Largest number of two words."""
-HALF = 0x8000
-"""Half of a word: rounds what is cut off, and tells ahead from behind where places wrap."""
-CUT, RETRACT, DWELL, ALARM = range(4)
-"""Phases."""
+TICK_NS = 100_000  # system tick: 0.1 ms (ours), so that a word holds 6.5 s, more than twice the longest window
+SHARE = 255 << 8  # a share of 1: all 255 pulses
+ERROR = 255 << 5  # an error of 1 in share; the word reaches eight times as far
+DOUBLE = 0xFFFF_FFFF  # largest number of two words
+HALF = 0x8000  # half of a word: rounds what is cut off, and tells ahead from behind where places wrap
+CUT, RETRACT, DWELL, ALARM = range(4)  # phases
 BASE_T = READ_OUT_T + POSCAL_BOUND_T + 12 * ADD_T
 """Cost of every path: reading the counts, phases and comparisons, and POSCAL with the new speed."""
 
 
 class Settings(NamedTuple):
-    """What the routine is set to, all words.
+    """What the routine is set to, all words."""
 
-    Attributes
-    ----------
-    target : int
-        Open pulses held, in 1/32 pulse.
-    weight : int
-        Open pulses that a short one outweighs, in 1/256.
-    proportional : int
-        Speed per error, in 2^-16 units per 1/32 pulse.
-    integral : int
-        Growth of the speed per error and tick, in 2^-32 units per 1/32 pulse.
-    filter_ticks : int
-        Time constant of the filter, 0..32767.
-    start, limit, retract, slow : int
-        Speeds in units: at the beginning, at most, backwards, and until the place of a short is reached again.
-    air : int
-        Open pulses from which on there is no metal near, in 1/256 pulse.
-    shorted, clear : int
-        Short pulses of 255 from which on a window counts as shorted, and below which a short has cleared.
-    patience_ticks, retract_ticks, dwell_ticks : int
-        Shorted time before a retract; its longest duration; the wait behind it.
-    progress_um : int
-        A short further on than this is a new one.
-    tries : int
-        Retracts and waits for one short before the alarm.
-    """
-
-    target: int
-    weight: int
-    proportional: int
-    integral: int
-    filter_ticks: int
-    start: int
-    limit: int
-    retract: int
-    slow: int
-    air: int
-    shorted: int
-    clear: int
-    patience_ticks: int
-    retract_ticks: int
-    dwell_ticks: int
-    progress_um: int
-    tries: int
+    target: int  # open pulses held, in 1/32 pulse
+    weight: int  # open pulses that a short one outweighs, in 1/256
+    proportional: int  # speed per error, in 2^-16 units per 1/32 pulse
+    integral: int  # growth of the speed per error and tick, in 2^-32 units per 1/32 pulse
+    filter_ticks: int  # time constant of the filter, 0..32767
+    start: int  # speeds in units: at the beginning
+    limit: int  # at most
+    retract: int  # backwards
+    slow: int  # until the place of a short is reached again
+    air: int  # open pulses from which on there is no metal near, in 1/256 pulse
+    shorted: int  # short pulses of 255 from which on a window counts as shorted
+    clear: int  # short pulses below which a short has cleared
+    patience_ticks: int  # shorted time before a retract
+    retract_ticks: int  # its longest duration
+    dwell_ticks: int  # the wait behind it
+    progress_um: int  # a short further on than this is a new one
+    tries: int  # retracts and waits for one short before the alarm
 
 
 @dataclass(slots=True)
 class State:
-    """The routine's variables, all words.
+    """The routine's variables, all words."""
 
-    Attributes
-    ----------
-    clock : int
-        Tick at which the routine last ran.
-    phase, phase_ticks : int
-        `CUT`, `RETRACT`, `DWELL` or `ALARM`, and for how long.
-    short, open : int
-        Filtered counts in 1/256 pulse.
-    shorted_ticks : int
-        For how long there have been shorted windows only.
-    speed, fraction : int
-        Two words: the integral of the speed in units and 2^-16 units.
-    place : int
-        Where along the path the last short began, in um.
-    tries : int
-        Retracts and waits for it; 0 where no short is remembered.
-    """
-
-    clock: int = 0
-    phase: int = CUT
-    phase_ticks: int = 0
-    short: int = 0
+    clock: int = 0  # tick at which the routine last ran
+    phase: int = CUT  # `CUT`, `RETRACT`, `DWELL` or `ALARM`
+    phase_ticks: int = 0  # for how long
+    short: int = 0  # filtered counts in 1/256 pulse, as `open`
     open: int = 0
-    shorted_ticks: int = 0
-    speed: int = 0
-    fraction: int = 0
-    place: int = 0
-    tries: int = 0
+    shorted_ticks: int = 0  # for how long there have been shorted windows only
+    speed: int = 0  # integral of the speed in units
+    fraction: int = 0  # and in 2^-16 units
+    place: int = 0  # where along the path the last short began, in um
+    tries: int = 0  # retracts and waits for it; 0 where no short is remembered
 
 
 def fraction(part: int, whole: int) -> int:
@@ -121,24 +71,7 @@ def fraction(part: int, whole: int) -> int:
 
 
 def optimise(settings: Settings, state: State, short: int, open: int, clock: int, path: int) -> tuple[int, int]:
-    """Take in the counts of a window and decide on the speed.
-
-    Parameters
-    ----------
-    state : State
-        Brought up to date.
-    short, open : int
-        Counts of 255 pulses.
-    clock : int
-        Present tick, a word that wraps.
-    path : int
-        Place along the path in um, a word that wraps.
-
-    Returns
-    -------
-    (int, int)
-        Speed in units, negative backwards; and what the routine cost with the POSCAL that follows, in T-states.
-    """
+    """Take in a window's counts at a tick and a place in um (words that wrap); returns speed and T-states."""
     ticks = (clock - state.clock) & WORD
     state.clock = clock
     cost = BASE_T + _look(settings, state, short, open, ticks)

@@ -8,14 +8,12 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.mcu.firmware.arithmetic import WORD, divide, reduc, reduc2, sqrt, subsgn
 from edmsim.errors import InputError
 
-STEP_UM = 2
-"""Table travel in um of one motor step of the machine of 1982 (row T-16)."""
+STEP_UM = 2  # table travel in um of one motor step of the machine of 1982 (row T-16)
 
 Unit = Literal["um", "step"]
 """What the 16 bits of a position count: um, or steps for a table of more travel (row T-61)."""
 
-OFF_TABLE = -1
-"""What `counted` returns at a soft limit."""
+OFF_TABLE = -1  # what `counted` returns at a soft limit
 
 
 def unit_um(unit: Unit, step_um: int = STEP_UM) -> int:
@@ -24,10 +22,7 @@ def unit_um(unit: Unit, step_um: int = STEP_UM) -> int:
 
 
 def unit_for(travel_um: float, step_um: int = STEP_UM) -> Unit:
-    """Unit in which positions on a table fit 16 bits: um up to 65 535 um of travel, steps up to 65 535 steps.
-
-    Raises `InputError` if the table is larger still (row T-61).
-    """
+    """Unit in which positions on a table fit 16 bits: um up to 65 535 um of travel, else steps (row T-61)."""
     if travel_um <= WORD:
         return "um"
     if travel_um <= WORD * step_um:
@@ -38,10 +33,7 @@ def unit_for(travel_um: float, step_um: int = STEP_UM) -> Unit:
 
 
 def check_1982(step_um: float) -> None:
-    """Refuse a machine whose motor steps are not those the controller of 1982 is built for (row T-16).
-
-    Raises `InputError` for another step than 2 um.
-    """
+    """Refuse a machine whose motor steps are not the 2 um that the controller of 1982 is built for (row T-16)."""
     if step_um != STEP_UM:
         raise InputError(
             f"the machine's table.step_um is {step_um:g}, and the controller of 1982 is built for motor steps of "
@@ -50,41 +42,22 @@ def check_1982(step_um: float) -> None:
 
 
 class Displacement(NamedTuple):
-    """A displacement vector as VELOCM needs it.
+    """A displacement vector as VELOCM needs it."""
 
-    Attributes
-    ----------
-    x, y : int
-        Components reduced to 8 bits, 0..255.
-    length : int
-        SQRT of the sum of their squares, 0..256: nine bits (row T-G7).
-    x_direction, y_direction : int
-        +1 or -1 (rows T-17, T-62).
-    halvings : int
-        How often the components were halved.
-    """
-
-    x: int
+    x: int  # component reduced to 8 bits, 0..255
     y: int
-    length: int
-    x_direction: int
+    length: int  # SQRT of the sum of their squares, 0..256: nine bits (row T-G7)
+    x_direction: int  # +1 or -1 (rows T-17, T-62)
     y_direction: int
-    halvings: int
+    halvings: int  # how often the components were halved
 
 
 @exactly_compiled
 def resolve(x: int, y: int, x_direction: int, y_direction: int, literal_wrap: bool = False) -> Displacement:
-    """Reduce the magnitudes of a displacement and find its length (the middle of POSCAL, row T-69).
+    """Reduce the magnitudes (words) of a displacement and find its length (the middle of POSCAL, row T-69).
 
-    Parameters
-    ----------
-    x, y : int
-        Magnitudes, 16-bit unsigned.
-    x_direction, y_direction : int
-        +1 or -1, kept as they are.
-    literal_wrap : bool
-        True lets the sum of squares wrap at 16 bits, as the thesis' text would; the length is then nonsense
-        for a fifth of all vectors (row T-G6). False halves both components once more (row T-A2).
+    With `literal_wrap` the sum of squares wraps at 16 bits, as the thesis' text would; the length is then nonsense
+    for a fifth of all vectors (row T-G6). Without, both components are halved once more (row T-A2).
     """
     x, y, halvings = reduc(x, y)
     total = x * x + y * y
@@ -100,20 +73,10 @@ def resolve(x: int, y: int, x_direction: int, y_direction: int, literal_wrap: bo
 
 @exactly_compiled
 def velocm(displacement: Displacement, speed: int) -> tuple[int, int]:
-    """Split a path speed into signed axis speeds, ``component * speed / length`` (VELOCM, row T-68).
+    """Split a path speed (0..255) into axis speeds of its sign, ``component * speed / length`` (VELOCM, row T-68).
 
     DIVIDE answers at least 1 for every component that is not 0, so the slow axis never stands still and at
     speeds of 1 and 2 units every oblique path runs at 45 degrees (row T-A4).
-
-    Parameters
-    ----------
-    speed : int
-        Path speed in units, 0..255.
-
-    Returns
-    -------
-    (int, int)
-        Speeds of x and y in the same units.
     """
     x = divide(displacement.x * speed, displacement.length)
     y = divide(displacement.y * speed, displacement.length)
@@ -124,20 +87,7 @@ def velocm(displacement: Displacement, speed: int) -> tuple[int, int]:
 def poscal(
     position_um: tuple[int, int], target_um: tuple[int, int], speed: int, literal_wrap: bool = False
 ) -> tuple[int, int]:
-    """Axis speeds that lead from one point to another in a straight line (POSCAL, row T-69).
-
-    Parameters
-    ----------
-    position_um, target_um : (int, int)
-        16-bit unsigned coordinates in um.
-    speed : int
-        Path speed in units, 0..255.
-
-    Returns
-    -------
-    (int, int)
-        XVELOC and YVELOC: signed speeds in the same units.
-    """
+    """Axis speeds that lead from one point (words, um) straight to another: XVELOC and YVELOC (POSCAL, row T-69)."""
     x, x_direction = subsgn(target_um[0], position_um[0])
     y, y_direction = subsgn(target_um[1], position_um[1])
     return velocm(resolve(x, y, x_direction, y_direction, literal_wrap), speed)
@@ -153,25 +103,9 @@ def counted(position: int, units: int, wrap: bool) -> int:
 
 
 def positi(position: int, direction: int, wrap: bool = False, unit: Unit = "um") -> int:
-    """Position counter after one step: 2 um, or 1 step, up or down (POSITI, row T-70).
+    """Position counter after a step of 2 um or 1 unit (POSITI, row T-70); lost steps stay unseen (row T-19).
 
-    The counter assumes that the motor obeys; lost steps stay unseen (row T-19).
-
-    Parameters
-    ----------
-    position : int
-        Counter before the step, 0..65535 units.
-    direction : int
-        +1 or -1.
-    wrap : bool
-        True wraps at 16 bits as the machine did; False treats the ends as soft limits (row T-A11).
-    unit : {"um", "step"}
-        What the counter counts (row T-61).
-
-    Raises
-    ------
-    InputError
-        If the step would leave 0..65535 units and `wrap` is False.
+    It wraps at 16 bits as the machine did, or takes the ends as soft limits and refuses (row T-A11).
     """
     size_um = unit_um(unit)
     units = STEP_UM // size_um * direction

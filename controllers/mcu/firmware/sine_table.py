@@ -17,11 +17,9 @@ from edmsim.controllers.mcu.firmware.arithmetic import BYTE, reduc
 from edmsim.controllers.mcu.firmware.poscal import Displacement
 from edmsim.errors import InputError
 
-LAST = 254
-"""Index of the last entry, 90 degrees: 255 entries in all (row T-72)."""
+LAST = 254  # index of the last entry, 90 degrees: 255 entries in all (row T-72)
 
-FULL_SCALE = 255
-"""Entry of a sine of 1: 8 bits (row T-72)."""
+FULL_SCALE = 255  # entry of a sine of 1: 8 bits (row T-72)
 
 SINE = bytes(round(FULL_SCALE * math.sin(math.pi / 2 * i / LAST)) for i in range(LAST + 1))
 """The table as it would be burnt into the EPROM."""
@@ -40,23 +38,7 @@ def cosine(index: int) -> int:
 
 
 def direction(x: int, y: int) -> int:
-    """Index of the entry whose direction lies nearest to a vector's.
-
-    Parameters
-    ----------
-    x, y : int
-        Magnitudes of 8 bits, not both 0.
-
-    Returns
-    -------
-    int
-        0 (along x) to 254 (along y).
-
-    Raises
-    ------
-    InputError
-        If a magnitude does not fit in 8 bits.
-    """
+    """Index of the entry nearest to a vector's direction: 0 (along x) to 254 (along y), of magnitudes of 8 bits."""
     if not (0 <= x <= BYTE and 0 <= y <= BYTE):
         raise InputError(f"the sine table takes magnitudes of 8 bits, 0..255, not {x} and {y}")
     return _nearest(x, y)
@@ -83,22 +65,7 @@ def _aside(x: int, y: int, index: int) -> int:
 
 @exactly_compiled
 def look_up(x: int, y: int, x_direction: int, y_direction: int) -> Displacement:
-    """Vector of length 255 in the direction of a displacement: what `resolve` does, without a square root.
-
-    VELOCM takes it like any other.
-
-    Parameters
-    ----------
-    x, y : int
-        Magnitudes, 16-bit unsigned.
-    x_direction, y_direction : int
-        +1 or -1, kept as they are.
-
-    Returns
-    -------
-    Displacement
-        Its length is 0 where both magnitudes are.
-    """
+    """Vector of length 255 (0 for none) in a displacement's direction: what `resolve` does, without a square root."""
     x, y, halvings = reduc(x, y)
     if x == y == 0:
         return Displacement(0, 0, 0, x_direction, y_direction, halvings)

@@ -28,36 +28,20 @@ from edmsim.controllers.mcu.firmware.tstates import (
 from edmsim.controllers.protocols import Step
 from edmsim.snapshots import Snapshots
 
-SIGN = 0x8000
-"""Bit of a negative word."""
+SIGN = 0x8000  # bit of a negative word
 
 
 class Steppers(Snapshots):
-    """Both axes: their variables in RAM, their timers, their lines.
-
-    Parameters
-    ----------
-    serve : callable
-        Serves the interrupts that wait; returns whether interrupts are still enabled.
-
-    Attributes
-    ----------
-    own : bool
-        Whether the timers make the steps, of a move of the program's own.
-    t_states : int
-        What the routines have cost.
-    free_ns : int
-        When the main program has done what it computes; interrupts put that off.
-    """
+    """Both axes: their variables in RAM, their timers, their lines."""
 
     STATE = ("own", "t_states", "free_ns", "_tick", "_last_tick", "_aim")
     _aim: Displacement | None
 
     def __init__(self, board: Board, serve: Callable[[], bool], unit: Unit, wrap: bool) -> None:
         self.board = board
-        self.own = False
-        self.t_states = 0
-        self.free_ns = 0
+        self.own = False  # whether the timers make the steps, of a move of the program's own
+        self.t_states = 0  # what the routines have cost
+        self.free_ns = 0  # when the main program has done what it computes; interrupts put that off
         self.unit: Unit = unit
         self._serve = serve
         self._half_step = STEP_UM // unit_um(unit) // 2
@@ -94,20 +78,7 @@ class Steppers(Snapshots):
             bus.store(area + at.ROUNDS, 0)
 
     def aim(self, x: int, y: int, heading: int = 1) -> int:
-        """Note where the wire is to go, and resolve the way there: the first part of POSCAL (row T-69).
-
-        Parameters
-        ----------
-        x, y : int
-            The target.
-        heading : {1, -1}
-            -1 for a place that negative speeds lead to.
-
-        Returns
-        -------
-        int
-            The cost in T-states, with VELOCM.
-        """
+        """Note the target and resolve the way there (POSCAL, row T-69); returns T-states with VELOCM."""
         bus, distances = self.board.bus, []
         self.lead_to(x, y)
         for area, target in zip(at.AREAS, (x, y), strict=True):
@@ -129,10 +100,7 @@ class Steppers(Snapshots):
         self.set_speed(self.signed(at.CUTVEL))
 
     def set_speed(self, units: int) -> None:
-        """VELOCM with the way resolved before; XVELOC and YVELOC are read by the next interrupts.
-
-        In a move of the program's own the timer of an axis that stood is loaded, and an axis at its target stays.
-        """
+        """VELOCM with the way resolved before; XVELOC and YVELOC are read by the next interrupts."""
         bus = self.board.bus
         bus.store(at.CUTVEL, units)
         if self._aim is None:
@@ -147,10 +115,7 @@ class Steppers(Snapshots):
             bus.store(area + at.VELOCITY, velocity)
 
     def begin(self, x: int, y: int, heading: int = 1) -> int:
-        """Begin a move of the program's own with POSCAL, from a stand; `set_speed` starts the timers.
-
-        Parameters and return value: see `aim`.
-        """
+        """Begin a move of the program's own with POSCAL, from a stand; `set_speed` starts the timers."""
         for area in at.AREAS:
             self.board.bus.store(area + at.VELOCITY, 0)
         self.own = True
@@ -162,13 +127,7 @@ class Steppers(Snapshots):
         self.free_ns = self.board.now_ns + nanoseconds(t_states)
 
     def run_until(self, end_ns: int, to_the_end: bool = True) -> None:
-        """Let the timers run up to a time and serve their interrupts; a routine that has begun is finished.
-
-        Parameters
-        ----------
-        to_the_end : bool
-            False returns as soon as the move under way is over.
-        """
+        """Let the timers run up to a time, or the move's end, and serve interrupts; a routine begun is finished."""
         board, clock = self.board, self._clock
         x, y, _ = board.timers.counters
         was = not to_the_end and self.moving
@@ -204,7 +163,7 @@ class Steppers(Snapshots):
                 return
 
     def interrupt(self, axis: int) -> None:
-        """The stepper interrupt routine, entered for x or for y (row T-71): the next count, one step, POSITI.
+        """The stepper interrupt routine of an axis (row T-71): the next count, one step, POSITI.
 
         The count comes first, so that the time between two steps is the count's however long the routine takes. In a
         move of the program's own an axis at its target gets the speed 0, and its next interrupt does nothing.

@@ -11,15 +11,7 @@ from edmsim.errors import InputError
 
 
 class Streams:
-    """Input and output, each redirectable to any routine with an address.
-
-    Attributes
-    ----------
-    memory : Bus
-        Holds the two addresses.
-    inputs, outputs : dict
-        Routines by address; an input routine returns None while nothing has come.
-    """
+    """Input and output, each redirectable to any routine with an address; the addresses are in `memory`."""
 
     def __init__(self, memory: Bus) -> None:
         self.memory = memory
@@ -33,10 +25,7 @@ class Streams:
         }
 
     def ci(self) -> int | None:
-        """Character from the stream that CIADR names; None while none has come.
-
-        Raises `InputError` if there is no input routine at that address.
-        """
+        """Character from the stream that CIADR names; None while none has come."""
         address = self.memory.word(at.CIADR)
         if address not in self.inputs:
             raise InputError(f"CIADR holds {address:04X}H: there is no input routine")

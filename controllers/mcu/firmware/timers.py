@@ -12,52 +12,29 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.errors import InputError
 
-TIMER_COUNT = 65_536
-"""Counts of the 16-bit 8253 at which a speed of one unit makes one step (row T-74)."""
+TIMER_COUNT = 65_536  # counts of the 16-bit 8253 at which a speed of one unit makes one step (row T-74)
 
 SPEED_UNIT_NM_S = 262.5
 """Speed unit in nm/s: 15.75 um/min, so that 7 bits reach 2 mm/min (row T-A1; the text prints 252.6)."""
 
-MAX_SPEED = 127
-"""Largest path speed in units (row T-A1)."""
+MAX_SPEED = 127  # largest path speed in units (row T-A1)
 
-MAX_FEED_UM_S = MAX_SPEED * SPEED_UNIT_NM_S / 1000
-"""Largest path speed in um/s: 33.3375, or 2 mm/min (row T-A1)."""
+MAX_FEED_UM_S = MAX_SPEED * SPEED_UNIT_NM_S / 1000  # largest path speed in um/s: 33.3375, or 2 mm/min (row T-A1)
 
-NEVER = 1 << 62
-"""A number of ticks that no run reaches: the axis stands still."""
+NEVER = 1 << 62  # a number of ticks that no run reaches: the axis stands still
 
-STEP_PHASE = TIMER_COUNT << 7
-"""Phase of one motor step: every tick adds the axis speed in units / 128."""
+STEP_PHASE = TIMER_COUNT << 7  # phase of one motor step: every tick adds the axis speed in units / 128
 
-OVERFLOW = STEP_PHASE * 5 // 8
-"""Phase beyond which an axis steps (see `run_phase`)."""
+OVERFLOW = STEP_PHASE * 5 // 8  # phase beyond which an axis steps (see `run_phase`)
 
 _SECOND_NS = 1_000_000_000
 _MOST_HERTZ = 4_000_000_000
 
 
 def timer_clock_hz(speed_unit_nm_s: float, step_um: float = STEP_UM) -> Fraction:
-    """Clock at which one unit is one step per 65 536 ticks (row T-74): exactly 43008/5 Hz at 262.5 nm/s.
-
-    The real clock is unknown (row T-75).
-
-    Parameters
-    ----------
-    speed_unit_nm_s : float
-        Speed unit in nm/s.
-    step_um : float
-        Table travel of one motor step.
-
-    Raises
-    ------
-    InputError
-        If the unit is not above 0, or so large that the clock's terms do not fit the arithmetic.
-    """
+    """Clock (row T-75) at which one unit is one step per 65 536 ticks (row T-74): 43008/5 Hz at 262.5 nm/s."""
     if not speed_unit_nm_s > 0:
-        raise InputError(
-            f"the speed unit must be above 0 nm/s (the controller has 262.5), not {speed_unit_nm_s}"
-        )
+        raise InputError(f"the speed unit must be above 0 nm/s (the controller has 262.5), not {speed_unit_nm_s}")
     # Both are decimal numbers such as 252.6; their binary fractions would give a clock of absurd terms.
     unit, step = (Fraction(number).limit_denominator(1000) for number in (speed_unit_nm_s, step_um))
     hertz = TIMER_COUNT * unit / (step * 1000)
@@ -74,14 +51,7 @@ def reload_count(speed: int) -> int:
 
 @exactly_compiled
 def tick_before(time_ns: int, hertz: int, per: int) -> int:
-    """Index of the last tick before a time; ``before(a) + 1 .. before(b)`` fall into ``a <= t < b``.
-
-    Parameters
-    ----------
-    hertz, per : int
-        Numerator and denominator of the clock. Seconds and nanoseconds are multiplied apart, as 64 bits would not
-        hold the product of an hour in ns with the clock of a unit of 252.6 nm/s.
-    """
+    """Index of the last tick before a time; ``before(a) + 1 .. before(b)`` fall into ``a <= t < b``."""
     seconds = (time_ns - 1) // _SECOND_NS
     rest_ns = time_ns - 1 - seconds * _SECOND_NS
     ticks = seconds * hertz // per
@@ -98,13 +68,7 @@ def tick_time_ns(tick: int, hertz: int, per: int) -> int:
 
 
 class TickClock:
-    """The common clock, for callers in Python (see `tick_before`, `tick_time_ns`).
-
-    Parameters
-    ----------
-    speed_unit_nm_s, step_um : float
-        Speed unit in nm/s and motor step in um, which fix the clock.
-    """
+    """The common clock, for callers in Python (see `tick_before`, `tick_time_ns`)."""
 
     def __init__(self, speed_unit_nm_s: float = SPEED_UNIT_NM_S, step_um: float = STEP_UM) -> None:
         self.hertz = timer_clock_hz(speed_unit_nm_s, step_um)
@@ -130,17 +94,12 @@ def ticks_to_overflow(phase: int, rate: int) -> int:
 
 @exactly_compiled
 def run_phase(phase: int, rate: int, ticks: int) -> tuple[int, int]:
-    """Let some ticks pass, at most `ticks_to_overflow`, in an accumulator that steps on overflow.
+    """Let at most `ticks_to_overflow` ticks pass in an accumulator; returns its phase, and the step due: +1, -1 or 0.
 
     Its phase is the lead of the commanded position over the counter. Every tick adds the axis speed, so a new speed
     counts at once and the fraction of a step is kept. Seven bits below the unit carry the axis speeds of slow paths.
     The overflow lies a quarter of a half step beyond it, so that a path that runs exactly between two motor
     positions does not make the motor swing to and fro.
-
-    Returns
-    -------
-    (int, int)
-        The phase after them, and the step due: +1, -1, or 0 for none.
     """
     phase += rate * ticks
     if phase > OVERFLOW:
@@ -152,8 +111,5 @@ def run_phase(phase: int, rate: int, ticks: int) -> tuple[int, int]:
 
 @exactly_compiled
 def loaded(left: int, speed: int) -> int:
-    """Ticks until a channel of the 8253 interrupts: those left, or at 0 the next load (row T-76).
-
-    The interrupt routine reads the axis speed and loads the next count, so a new speed counts from the next step on.
-    """
+    """Ticks until a channel of the 8253 interrupts: those left, or at 0 the next load (row T-76)."""
     return reload_count(speed) if left == 0 else left

@@ -17,8 +17,7 @@ from __future__ import annotations
 
 from edmsim.controllers.mcu.firmware.arithmetic import WORD, reduc, reduc2
 
-CPU_HZ = 3_072_000
-"""Clock of the 8085: half of a 6.144 MHz crystal (row T-77, assumed there)."""
+CPU_HZ = 3_072_000  # clock of the 8085: half of a 6.144 MHz crystal (row T-77, assumed there)
 
 VERM_T = 430
 MULTIPLY_T = 1580
@@ -28,20 +27,16 @@ DIVIDE_BIT_T = 170
 SQRT_PASS_T = 120
 SUBSGN_T = 80
 HALVING_T = 60
-ADD_T = 60
-"""Addition, subtraction or comparison of words in memory, with the loads and stores around it."""
-POSCAL_FRAME_T = 250
-"""POSCAL's own calls, saves, and the stores to XVELOC and YVELOC."""
-READ_OUT_T = 150
-"""Polling port 3C, reading both counters at 4030H and 4031H, reading the clock."""
+ADD_T = 60  # addition, subtraction or comparison of words in memory, with the loads and stores around it
+POSCAL_FRAME_T = 250  # POSCAL's own calls, saves, and the stores to XVELOC and YVELOC
+READ_OUT_T = 150  # polling port 3C, reading both counters at 4030H and 4031H, reading the clock
 POSITI_T = 130
 ENTRY_T, LOAD_T, PULSE_T, RETURN_T = 100, 80, 70, 50
 """The stepper interrupt routine without POSITI, in its order: acknowledge, save and read the speed; its count from a
 table of 127 words to the timer; direction and pulse to port 2C; compare with the target, restore and return."""
 INIT_T = 1500
 EMERGENCY_T = 900
-KEYBOARD_T = 250
-"""The routine of the keyboard interrupt: one word from the 8279 into the buffer."""
+KEYBOARD_T = 250  # the routine of the keyboard interrupt: one word from the 8279 into the buffer
 POSCAL_BOUND_T = 18_000
 """No POSCAL costs more; a test goes through all reduced vectors. The optimising routine counts with it."""
 
@@ -70,15 +65,7 @@ def sqrt_t_states(n: int) -> int:
 
 
 def poscal_t_states(dx: int, dy: int, speed: int) -> int:
-    """Cost of one POSCAL.
-
-    Parameters
-    ----------
-    dx, dy : int
-        Magnitudes of the displacement in um, 16 bits.
-    speed : int
-        Path speed in units, 0..255.
-    """
+    """Cost of one POSCAL for magnitudes in um (words) and a path speed of 0..255 units."""
     x, y, halvings = reduc(dx, dy)
     if x * x + y * y > WORD:
         x, y = reduc2(x, y)

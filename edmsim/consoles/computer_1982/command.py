@@ -15,10 +15,8 @@ from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.chips.switches import WIRE_BREAK
 from edmsim.errors import InputError, one_of
 
-REAL_TIME = 1.0
-"""Machine seconds per second for a person."""
-SERIAL_NOISE, DROP_OUT = "serial-noise", "drop-out"
-"""The faults of 1982, rows T-29 and T-30."""
+REAL_TIME = 1.0  # machine seconds per second for a person
+SERIAL_NOISE, DROP_OUT = "serial-noise", "drop-out"  # the faults of 1982, rows T-29 and T-30
 STUCK = {"stuck-end-switch": frozenset(END_SWITCHES), "stuck-wire-sensor": frozenset({WIRE_BREAK})}
 """Switches that never open, by the fault's name."""
 FAULTS = (SERIAL_NOISE, DROP_OUT, *STUCK)
@@ -27,21 +25,9 @@ FAULTS = (SERIAL_NOISE, DROP_OUT, *STUCK)
 def run(
     rig: Rig, host: Path | None, speed: float | None, view: bool, monitor: bool = False, tapes: Path | None = None
 ) -> int:
-    """Serve the operator at standard input and output; return the exit status.
+    """Serve the operator at standard input and output; returns the exit status.
 
-    Parameters
-    ----------
-    rig : Rig
-    host : path or None
-        File that the host minicomputer sends.
-    speed : float or None
-        Machine seconds per second; by default 1 for a person, and as fast as it goes for a script.
-    view : bool
-        Whether a person gets the live view.
-    monitor : bool
-        Whether the session begins in the monitor.
-    tapes : path or None
-        Folder of the monitor's tapes.
+    The speed is in machine seconds per second: 1 for a person, as fast as it goes for a script, if not given.
     """
     if speed is not None and not speed > 0:
         raise InputError(f"--speed is above 0, in machine seconds per second, not {speed:g}")

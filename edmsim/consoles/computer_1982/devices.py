@@ -18,15 +18,11 @@ if TYPE_CHECKING:
     from edmsim.consoles.computer_1982.operation import Operation
 
 _CHUNK = 4096
-_POLL_S = 0.2
-"""A wait for input is broken this often, to see whether Ctrl-C was pressed."""
+_POLL_S = 0.2  # a wait for input is broken this often, to see whether Ctrl-C was pressed
 
 
 class Interrupts:
-    """Ctrl-C as the emergency stop: counted where it can be asked for, instead of raised anywhere.
-
-    A third one that nobody has asked for means that nothing is alive here: it raises `KeyboardInterrupt`.
-    """
+    """Ctrl-C as the emergency stop, counted where it can be asked for; a third that nobody asked for raises."""
 
     _PATIENCE = 2
 
@@ -68,13 +64,7 @@ class Interrupts:
 
 
 class Pipe:
-    """Input from a pipe or file, output to standard output.
-
-    Parameters
-    ----------
-    source, sink : int
-        File descriptors.
-    """
+    """Input from a pipe or file, output to standard output."""
 
     def __init__(self, interrupts: Interrupts, source: int = 0, sink: int = 1) -> None:
         self._interrupts = interrupts
@@ -82,13 +72,7 @@ class Pipe:
         self.at_end = False
 
     def read(self, timeout_s: float | None) -> bytes:
-        """Bytes that have come; empty after the timeout, at the end, and after Ctrl-C.
-
-        Parameters
-        ----------
-        timeout_s : float or None
-            How long to wait for the first one; None waits for ever.
-        """
+        """Bytes that have come; empty after the timeout (None waits for ever), at the end, and after Ctrl-C."""
         if self.at_end:
             time.sleep(timeout_s or 0.0)
             return b""

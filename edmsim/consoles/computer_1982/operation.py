@@ -19,10 +19,8 @@ from edmsim.controllers.mcu.firmware.generator_control import set_tension
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.errors import InputError
 
-HELD_NS, RELEASED_NS = 60_000_000, 40_000_000
-"""How long a key is held, and until the next one (ours: a quick typist)."""
-TOGGLE = 0x0B
-"""Ctrl-K."""
+HELD_NS, RELEASED_NS = 60_000_000, 40_000_000  # how long a key is held, and until the next one (ours: a quick typist)
+TOGGLE = 0x0B  # Ctrl-K
 TYPED = {
     **{bytes([character]): digit for digit, character in enumerate(b"0123456789")},
     b"c": KEYS["CLEAR"], b"\b": KEYS["CLEAR"], b"\x7f": KEYS["CLEAR"],
@@ -83,19 +81,13 @@ class KeyPresses:
 
 
 class Operation:
-    """The operator's hands on a rig; see `edmsim.controllers.mcu.dialogue.main_program.MachinePort`.
-
-    Attributes
-    ----------
-    at_panel : bool
-        Whether what a person types goes to the keys of the front panel.
-    """
+    """What the operator does with a rig; see `edmsim.controllers.mcu.dialogue.main_program.MachinePort`."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
         self._panel = FrontPanel(rig.computer, self)
         self._presses = KeyPresses(rig.board)
-        self.at_panel = False
+        self.at_panel = False  # whether what a person types goes to the keys of the front panel
 
     @property
     def greeting(self) -> str:
@@ -205,10 +197,7 @@ class Operation:
         self.rig.resume_cut(planner, route)
 
     def jog(self, axis: int, way: int) -> None:
-        """Move one axis with the generator off, as fast as the timers run; the way is counted as positions are.
-
-        The operator's hand on the keys bridges a switch that is open: an end switch only to lead back from it.
-        """
+        """Move one axis with the generator off, as fast as the timers run; past an open end switch only back."""
         self._check_still()
         if abs(way) * self.rig.unit_um < STEP_UM:
             raise InputError(f"a motor step is {STEP_UM} um; jog by at least that")

@@ -37,8 +37,7 @@ from edmsim.plant.constants import table_mechanics
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
 
-Point = tuple[int, int]
-"""A place by the position counters, in um or steps."""
+Point = tuple[int, int]  # a place by the position counters, in um or steps
 
 
 class SettingChange(NamedTuple):
@@ -56,21 +55,11 @@ class RouteMove(NamedTuple):
 
 
 class Route(NamedTuple):
-    """A program laid out from where the wire is.
-
-    Attributes
-    ----------
-    lengths_um : list of float
-        Length of path up to every corner but the first.
-    dues : list of Due
-        In order.
-    moves: list of RouteMove
-        In order.
-    """
+    """A program laid out from where the wire is."""
 
     corners: list[Point]
-    lengths_um: list[float]
-    dues: list[SettingChange]
+    lengths_um: list[float]  # length of path up to every corner but the first
+    dues: list[SettingChange]  # in order
     moves: list[RouteMove]
 
     def move_at(self, path_um: float) -> Move:
@@ -84,10 +73,7 @@ class Route(NamedTuple):
 
 
 def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
-    """Lay a program out from a start on; `unit_um` is a counter's unit.
-
-    Raises `InputError` if an arc has no circle through its ends, or the program moves nowhere.
-    """
+    """Lay a program out from a start on; `unit_um` is a counter's unit."""
     corners, lengths, dues, moves = [start], [0.0], [], []
     for entry in program:
         if isinstance(entry, Setting):
@@ -130,15 +116,7 @@ END_SWITCHES = (X_END, Y_END)
 
 
 class TableEnds:
-    """What keeps the carriage on its table.
-
-    Parameters
-    ----------
-    machine : Machine
-        Its MJCF has the stops.
-    switches : SafetySwitches
-        Those that are stuck never open.
-    """
+    """What keeps the carriage on its table: the stops of the machine's MJCF, and switches that are not stuck."""
 
     def __init__(self, machine: Machine, switches: SafetySwitches) -> None:
         self._travel_um = machine.base.table.travel_mm.value * 1e3
@@ -164,8 +142,7 @@ class TableEnds:
 
 
 STAND_BY, CUTTING, JOGGING = "STAND-BY", "CUTTING", "JOGGING"
-LOW_TENSION = 0.5
-"""Share of the wire's tension that is left while its spare line is up (ours: half)."""
+LOW_TENSION = 0.5  # share of the wire's tension that is left while its spare line is up (ours: half)
 BENT_SHARE = 0.01
 """A wire bent by more than this share of its free length breaks (ours: the model of a taut string does not hold that
 far; cuts bend it ten times less)."""
@@ -173,40 +150,9 @@ UNKNOWN_CAUSE = "NO SWITCH IS OPEN: CALLED BY A PROGRAM, OR BY A SPARK ON THE SW
 
 
 class Rig:
-    """Computer and machine.
+    """Computer and machine, with a fixed period, steps of 2 um and a planner that counts, as in 1982; not ``exact``.
 
-    Parameters
-    ----------
-    machine : Machine
-        Its generator must have a fixed period, and its motors steps of 2 um, as those of 1982 have.
-    seed : int
-    resolution : str
-    planner : str
-        Name of the planner that cuts; one that counts as the computer does, so not ``exact``. ``poscal-literal`` is
-        the computer's own motion, by its timers; so are all jogs.
-    faults : Faults
-        Faults of 1982 to be injected.
-
-    Attributes
-    ----------
-    plant : Plant
-    board : Board
-    computer : Computer
-    ends : TableEnds
-    way : str
-        ``STAND-BY``, ``CUTTING`` or ``JOGGING``.
-    cause : str
-        Of the last emergency.
-    held : (Planner, Route, Point) or None
-        An unfinished cut, and where it stopped.
-    wire : bool
-        Whether there is one.
-    windows : int
-        Windows read while cutting.
-    unit : {"um", "step"}
-        What the position counters count, by the table's travel (row T-61).
-    unit_um : int
-        Its length in um.
+    With ``poscal-literal`` the motion is the computer's own, by its timers; so are all jogs.
     """
 
     def __init__(
@@ -224,10 +170,10 @@ class Rig:
         self._planner_name = check_counts(planner)
         self._literal = kind_of(planner).number == LITERAL
         self.computer = Computer(self.board, unit=self.unit, wrap=self._literal)
-        self.way, self.cause = STAND_BY, ""
-        self.held: tuple[Planner, Route, Point] | None = None
+        self.way, self.cause = STAND_BY, ""  # of the last emergency
+        self.held: tuple[Planner, Route, Point] | None = None  # an unfinished cut, and where it stopped
         self.wire = True
-        self.windows = 0
+        self.windows = 0  # read while cutting
         law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
         optimiser_words.set_constants(self.board.bus, law._replace(limit=MAX_SPEED))
         self._events: list[str] = []
@@ -303,13 +249,7 @@ class Rig:
         self._events.append(f"? {reason}")
 
     def set(self, setting: Setting) -> None:
-        """Take over codes and speed.
-
-        Raises
-        ------
-        InputError
-            If the pair draws more than 2 A or leaves no pause; the old pair stays (row T-34).
-        """
+        """Take over codes and speed; a pair that draws more than 2 A or leaves no pause is refused (row T-34)."""
         old = self.computer.pulse_codes
         t_i = old[0] if setting.t_i is None else setting.t_i
         t_p = old[1] if setting.t_p is None else setting.t_p

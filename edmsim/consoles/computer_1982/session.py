@@ -72,10 +72,7 @@ class SerialLines:
 
 
 def read_host(file: Path, lines: SerialLines) -> list[bytes]:
-    """Lines of the host's file as LINE takes them from the second channel: 64 characters, in capitals, no echo.
-
-    Raises `InputError` if the file cannot be read, or a line is too long or holds what no line can.
-    """
+    """Lines of the host's file as LINE takes them from the second channel: 64 characters, in capitals, no echo."""
     data = bytes_of(file)
     buffer, taken = InputBuffer(), []
     line = Line(buffer, lambda echo: None)
@@ -101,19 +98,7 @@ def bytes_of(file: Path) -> bytes:
 
 
 class MonitorBench:
-    """See `edmsim.controllers.mcu.dialogue.monitor.Bench`.
-
-    Parameters
-    ----------
-    tapes : path
-        Folder of the tapes.
-    from_host : callable
-        Returns what the host sends.
-    reset : callable
-        Presses the reset button.
-    to_main : callable
-        Gives the terminal to MAIN, as it was left or, if its argument says so, from its beginning.
-    """
+    """See `edmsim.controllers.mcu.dialogue.monitor.Bench`."""
 
     def __init__(
         self, operation: Operation, tapes: Path, from_host: Callable[[], bytes], reset: Callable[[], None],
@@ -175,12 +160,9 @@ ETX, EOT, RESET = 0x03, 0x04, 0x1C
 """Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves, Ctrl-\\ is the reset button."""
 FINE, REFUSED, STOPPED = 0, 2, 3
 """Exit statuses: all was done; a line of a script was refused; the machine was left in an emergency."""
-_BEHIND_S = 0.5
-"""A machine that cannot keep up with the clock on the wall catches up by no more than this."""
-PROGRAM_NS = 60_000_000_000
-"""A script waits no longer for a program that the monitor started."""
-_IDLE_S = 0.05
-"""Longest wait between two looks at the machine."""
+_BEHIND_S = 0.5  # a machine that cannot keep up with the clock on the wall catches up by no more than this
+PROGRAM_NS = 60_000_000_000  # a script waits no longer for a program that the monitor started
+_IDLE_S = 0.05  # longest wait between two looks at the machine
 
 
 class Screen(Protocol):
@@ -201,32 +183,13 @@ class Screen(Protocol):
 
 
 class Session:
-    """An operator at the machine.
-
-    Parameters
-    ----------
-    speed : float or None
-        Machine seconds per second, live; None for a script.
-    host : path, optional
-        File that the host minicomputer sends.
-    person : bool
-        A person types: refused lines are part of the work and do not count for the exit status.
-    monitor : bool
-        The session begins where power-up leads, in the monitor, and MAIN is started from it; else in MAIN.
-    tapes : path, optional
-        Folder of the monitor's tapes; the current one, if not given.
-
-    Attributes
-    ----------
-    refused : int
-        Lines that were refused.
-    """
+    """An operator at the machine: live at a speed, or a script; begins in MAIN or, with `monitor`, in the monitor."""
 
     def __init__(
         self, rig: Rig, screen: Screen, interrupts: Interrupts, *, speed: float | None = None,
         host: Path | None = None, person: bool = False, monitor: bool = False, tapes: Path | None = None,
     ) -> None:
-        self.refused = 0
+        self.refused = 0  # lines that were refused; a person's are part of the work and leave the exit status
         self._rig = rig
         self._operation = Operation(rig)
         self._lines = SerialLines(rig.computer)
@@ -305,10 +268,7 @@ class Session:
         self._end_line()
 
     def _receive(self, timeout_s: float) -> None:
-        """Take in what was typed; Ctrl-C acts at once, and what was typed before it is forgotten.
-
-        A program that the monitor started fetches for itself what is typed.
-        """
+        """Take in what was typed; Ctrl-C acts at once, and what was typed before it is forgotten."""
         typed = self._to_panel(self._screen.read(timeout_s))
         if typed and self._rig.computer.code.running and not {ETX, CANCEL, RESET} & set(typed):
             for byte in typed:

@@ -50,10 +50,7 @@ class Oscillation(NamedTuple):
 
 
 def oscillation_of(operator: Operator) -> Oscillation:
-    """Let an axis swing under a relay whose height is raised or lowered until the swing is well seen.
-
-    Raises `InputError` if the axis does not swing, or so widely that the drive shows no swing.
-    """
+    """Let an axis swing under a relay whose height is raised or lowered until the swing is well seen."""
     heights = {_HEIGHT}
     height = _HEIGHT
     while True:
@@ -80,8 +77,7 @@ def oscillation_of(operator: Operator) -> Oscillation:
 
 _STEPS = 10, -10, 50, -50
 """Steps of a trial in counts (ours): within friction's reach, and as many as the UHU's stream shows."""
-_OVERSHOOT, _I_ADDS = 0.15, 0.15
-"""Overshoots that are no oscillation (ours): while P is raised, and what I may add."""
+_OVERSHOOT, _I_ADDS = 0.15, 0.15  # overshoots that are no oscillation (ours): while P is raised, and what I may add
 _SHARE_OF_ULTIMATE, _LEAD = 0.3, 0.125
 """First gains as shares of the ultimate gain and of its period: Ziegler and Nichols 1942 have 0.6 and 1/8; half of
 their gain, as what follows raises it."""
@@ -90,15 +86,11 @@ _RAISE, _LOWER, _BACK_OFF = 1.12, 0.8, 0.9
 _MORE, _FIRST, _STOPPED, _IN_VAIN, _SWEEPS = 1.4, 50, 0.8, 3, 2
 """Factor between two values of what compensates, the first value, the share of the highest P below which it stops no
 oscillation any more, how many such values end it, and how often each letter is gone through (ours)."""
-_MARGIN = 1.25
-"""Factor by which all gains may grow without oscillation (ours): motors warm up and tables are loaded."""
-_FINE = 1.6, 0.6, 1.3, 0.75, 1.3, 0.75, 1.1, 0.9, 1.1, 0.9
-"""Factors of the fine tuning (ours)."""
-_LARGEST = {"H": 20_000}
-"""Manual of the UHU: the largest useful value; other gains go up to a word's."""
+_MARGIN = 1.25  # factor by which all gains may grow without oscillation (ours): motors warm up and tables are loaded
+_FINE = 1.6, 0.6, 1.3, 0.75, 1.3, 0.75, 1.1, 0.9, 1.1, 0.9  # factors of the fine tuning (ours)
+_LARGEST = {"H": 20_000}  # manual of the UHU: the largest useful value; other gains go up to a word's
 _WORD = 65_535
-_FULL = 256
-"""Gains of both drives are in 1/256."""
+_FULL = 256  # gains of both drives are in 1/256
 _BETTER, _WORSE = 0.8, 3.0
 """Every figure shall be so much of that upon delivery; power of the ratio by which one is not (ours)."""
 
@@ -122,13 +114,7 @@ class Figures(NamedTuple):
 
 
 class Recipe:
-    """Trials of one operator.
-
-    Parameters
-    ----------
-    say : callable
-        Called with a line per step.
-    """
+    """Trials of one operator."""
 
     def __init__(self, operator: Operator, say: Callable[[str], None]) -> None:
         self._operator, self._say = operator, say
@@ -137,23 +123,7 @@ class Recipe:
         self._before = self.tried({**self._fixed, **delivered}, math.inf)
 
     def run(self, oscillation: Oscillation) -> dict[str, int]:
-        """Tune.
-
-        Parameters
-        ----------
-        swing : Swing
-            The answer to the relay.
-
-        Returns
-        -------
-        dict of str to int
-            Letters and values, those included that stay.
-
-        Raises
-        ------
-        InputError
-            No values bring the axis to rest.
-        """
+        """Tune by the answer to the relay; returns letters and values, also those that stay."""
         values = self._raised_p(self._first(oscillation))
         for _ in range(_SWEEPS):
             for letter in self._operator.gains[1:-1]:
@@ -273,12 +243,9 @@ def fed_forward(operator: ModuleOperator, values: Values) -> Values:
     return {**values, "V": max(round((there - back) / 2 / speed * _FULL), 0)}
 
 
-STEP_COUNTS = 50
-"""Step of the measurement (ours): one that the UHU's stream shows."""
-_MEASURED_S, _DRAWN_MS = 0.4, 120.0
-"""Time for which an answer is measured, and for which a step's is drawn (ours)."""
-_TRIP = 4
-"""Following error that trips the drive, over that of the move; or twice the step (ours)."""
+STEP_COUNTS = 50  # step of the measurement (ours): one that the UHU's stream shows
+_MEASURED_S, _DRAWN_MS = 0.4, 120.0  # time for which an answer is measured, and for which a step's is drawn (ours)
+_TRIP = 4  # following error that trips the drive, over that of the move; or twice the step (ours)
 _OPERATORS: dict[str, type[Operator]] = {kind.chip: kind for kind in (UhuOperator, ModuleOperator)}
 
 
@@ -301,44 +268,18 @@ class AxisResponse:
 
 @dataclass(frozen=True)
 class Tuning:
-    """What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    lines : tuple of str
-        What to type: values, the restart and the saving.
-    values : dict of str to int
-        Letters and values.
-    swing : Swing
-        The axis under a relay.
-    before, after : AxisResponse
-        The drive as delivered, though with an error limit out of reach, and tuned.
-    """
-
-    lines: tuple[str, ...]
-    values: dict[str, int]
+    lines: tuple[str, ...]  # what to type: values, the restart and the saving
+    values: dict[str, int]  # letters and values
     oscillation: Oscillation
+    # the drive as delivered, though with an error limit out of reach, and tuned
     before: AxisResponse
     after: AxisResponse
 
 
 def autotune(name: str, motor: NDArray[np.void], say: Callable[[str], None]) -> Tuning:
-    """Tune a drive for an axis.
-
-    Parameters
-    ----------
-    name : str
-        ``uhu`` or ``servo-module``.
-    motor : record array (1,)
-        The axis, see `edmsim.controllers.axis.drive.axis_row`.
-    say : callable
-        Called with a line for everything that is done.
-
-    Raises
-    ------
-    InputError
-        There is no such drive; the axis does not swing under a relay; or no values bring it to rest.
-    """
+    """Tune a drive (``uhu`` or ``servo-module``) for an axis of `axis_row`; `say` is called with what is done."""
     if name not in _OPERATORS:
         raise InputError(f"there is no drive {name!r} with a serial line; choose one of {one_of(name, CHIPS)}")
     kind = _OPERATORS[name]

@@ -15,27 +15,14 @@ from edmsim.errors import InputError, one_of
 from edmsim.files import make_writable
 
 _MACHINE_AXES = ("x", "y")
-_MACHINE_MOTOR = "table"
-"""Motor on the screws of the machine's own axes, as ``edmsim cut --drive`` has it."""
+_MACHINE_MOTOR = "table"  # motor on the screws of the machine's own axes, as ``edmsim cut --drive`` has it
 
 
 def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
-    """Return a bench with a drive.
+    """Return a bench with a drive, as delivered or tuned, on a motor's own axis or on the machine's.
 
-    Parameters
-    ----------
-    name : str
-        ``uhu`` or ``servo-module``.
-    axis : str
-        ``x`` or ``y`` of the DEM-15, moved by MuJoCo with its screw, mass and travel, from its middle; or a motor
-        with a screw and a table of its own, see `edmsim.controllers.axis.drive.axis_row`.
-    tuned : bool
-        Whether somebody has tuned it for the axis; else it is as delivered.
-
-    Raises
-    ------
-    InputError
-        There is no such drive, no such axis, or nobody has tuned the drive for it.
+    The axes ``x`` and ``y`` are those of the DEM-15, moved by MuJoCo with its screw, mass and travel, from its
+    middle.
     """
     if name not in CHIPS:
         raise InputError(f"there is no drive {name!r} with a serial line; choose one of {one_of(name, CHIPS)}")
@@ -48,22 +35,7 @@ def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
 
 
 def tune(name: str, axis: str, out: Path | None, say: Callable[[str], None]) -> tuple[str, ...]:
-    """Tune a drive for an axis and return what to type.
-
-    Parameters
-    ----------
-    name, axis : str
-        See `bench_for`.
-    out : path or None
-        Where to draw steps and a move before and after.
-    say : callable
-        Called with a line for everything that is done.
-
-    Raises
-    ------
-    InputError
-        There is no such drive or axis, it cannot be tuned, or the picture cannot be written.
-    """
+    """Tune a drive for an axis (see `bench_for`), perhaps draw it before and after; returns what to type."""
     from edmsim.consoles.servo.autotune import autotune, draw
     from edmsim.recording.figures import write_figure
 

@@ -22,22 +22,14 @@ from edmsim.controllers.axis.drive import data_of
 _REBOUND, _LEAST_COUNTS, _RESTLESS_COUNTS = 0.08, 2.5, 2
 """What is no oscillation (ours): a swing back behind the overshoot up to a share of the step, or a few counts, which
 are the encoder's and friction's; and the most counts that a settled end may move by."""
-_SETTLED_COUNTS = 1
-"""The axis has settled when it stays this near: the encoder tells no more."""
+_SETTLED_COUNTS = 1  # the axis has settled when it stays this near: the encoder tells no more
 
 
 class AxisTrace(NamedTuple):
-    """What is seen after a step or a move.
+    """What is seen after a step or a move."""
 
-    Attributes
-    ----------
-    time_s : float64 array (n,)
-        Times since then.
-    error : int64 array (n,)
-        Setpoint less position in counts; after a step, positive is short of the setpoint, whichever way it went.
-    """
-
-    time_s: NDArray[np.float64]
+    time_s: NDArray[np.float64]  # (n,): times since then
+    # (n,): setpoint less position in counts; after a step, positive is short of the setpoint, whichever way it went
     error: NDArray[np.int64]
 
     def overshoot(self, counts: int) -> float:
@@ -56,15 +48,7 @@ class AxisTrace(NamedTuple):
         return float(np.sqrt(np.mean(self.error.astype(np.float64) ** 2)))
 
     def oscillates(self, counts: int, most_overshoot: float) -> bool:
-        """Return whether the answer to a step swings instead of going there and staying.
-
-        Parameters
-        ----------
-        counts : int
-            Size of the step.
-        most_overshoot : float
-            What of it an answer may go beyond.
-        """
+        """Return whether the answer to a step of `counts` goes beyond it by a share, or does not come to rest."""
         end = self.error[len(self.error) * 3 // 4 :]
         if not len(end) or np.ptp(end) > _RESTLESS_COUNTS:
             return True
@@ -78,14 +62,10 @@ class AxisTrace(NamedTuple):
         return too_far or back > max(_REBOUND * counts, _LEAST_COUNTS)
 
 
-_START_S = 0.05
-"""Time for the start-up text (ours)."""
-_REST_S = 0.2
-"""Time for an axis to come to rest (ours)."""
-_BITS = 10
-"""Of a byte on the line: start bit, eight, stop bit."""
-_DATA = 0x80
-"""Bytes from here on are the stream's (row U-35)."""
+_START_S = 0.05  # time for the start-up text (ours)
+_REST_S = 0.2  # time for an axis to come to rest (ours)
+_BITS = 10  # of a byte on the line: start bit, eight, stop bit
+_DATA = 0x80  # bytes from here on are the stream's (row U-35)
 STEP_RATE, MOVE_RATE, _AT_ONCE, _OUTPUT = 1, 2, 24, 96
 """Parts of a recorder's code (guide 4.20): rates, no trigger, the output instead of the error."""
 _WATCHED_S = {STEP_RATE: 0.3, MOVE_RATE: 0.5}
@@ -95,36 +75,19 @@ _SPEED_SHARE, _MOST_HZ, _RAMP_S = 0.2, 20_000.0, 0.05
 
 
 class Operator(ABC):
-    """One who tunes a drive, as delivered, on an axis.
-
-    Parameters
-    ----------
-    motor : record array (1,)
-        The axis, see `edmsim.controllers.axis.drive.axis_row`.
-
-    Attributes
-    ----------
-    rate_Hz : float
-        Steps per second of a move.
-    """
+    """One who tunes a drive, as delivered, on an axis; `rate_Hz` are the steps per second of a move."""
 
     chip: ClassVar[str]
-    file: ClassVar[str]
-    """Of ``models/drives``."""
+    file: ClassVar[str]  # of ``models/drives``
     gains: ClassVar[tuple[str, ...]]
     """Letters of what is found: P, then what is raised against oscillation in the manual's order, then I."""
-    fixed: ClassVar[Mapping[str, int]]
-    """Letters of what stays as it is while they are found."""
+    fixed: ClassVar[Mapping[str, int]]  # letters of what stays as it is while they are found
     relay: ClassVar[Mapping[str, int]]
     """What makes the loop a relay: gain without end, nothing besides, and a limit for its height."""
-    height: ClassVar[str]
-    """Letter of the relay's height."""
-    no_trip: ClassVar[int]
-    """An error limit that nothing reaches."""
-    shown: ClassVar[int]
-    """The largest error that the drive shows, in counts."""
-    saving: ClassVar[tuple[str, ...]]
-    """Lines that save what was typed."""
+    height: ClassVar[str]  # letter of the relay's height
+    no_trip: ClassVar[int]  # an error limit that nothing reaches
+    shown: ClassVar[int]  # the largest error that the drive shows, in counts
+    saving: ClassVar[tuple[str, ...]]  # lines that save what was typed
 
     def __init__(self, motor: NDArray[np.void]) -> None:
         drive = CHIPS[self.chip](motor)

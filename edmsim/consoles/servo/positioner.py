@@ -18,8 +18,7 @@ from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.drives import AXIS_NAMES
 
-PASS_NS = 1_000_000
-"""From one pass of the program to the next (ours)."""
+PASS_NS = 1_000_000  # from one pass of the program to the next (ours)
 
 
 class Press(NamedTuple):
@@ -31,16 +30,7 @@ class Press(NamedTuple):
 
 
 class Contactors:
-    """The contactors that lead one drive to the motor of one axis at a time.
-
-    One that closes keeps the others open until it opens again: they are interlocked, as two motors would overload the
-    drive (ours).
-
-    Parameters
-    ----------
-    coils : dict of str to str
-        Addresses of the outputs that close them, by the axis.
-    """
+    """The contactors (outputs by axis) that lead one drive to the motor of one axis at a time, interlocked (ours)."""
 
     def __init__(self, bench: AxisBench, coils: dict[str, str]) -> None:
         self._bench, self._coils = bench, coils
@@ -206,10 +196,8 @@ def _text(file: Path) -> str:
         raise InputError(f"it cannot be read: {error.strerror}", file) from None
 
 
-_REPORTED = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")
-"""Parameters printed at the end."""
-_FAST = ("st_acc", "st_dec", "st_vconst", "st_int")
-"""States that every move changes several times."""
+_REPORTED = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")  # parameters printed at the end
+_FAST = ("st_acc", "st_dec", "st_vconst", "st_int")  # states that every move changes several times
 
 
 def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Callable[[str], None]) -> None:
@@ -237,10 +225,7 @@ def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Ca
 
 
 def contactors_of(texts: Sequence[str]) -> dict[str, str]:
-    """Read contactors, ``OUTPUT=DEVICE`` each.
-
-    Raises `InputError` if one is something else, or its output is given twice.
-    """
+    """Read contactors, ``OUTPUT=DEVICE`` each."""
     found: dict[str, str] = {}
     for text in texts:
         output, _, device = text.partition("=")

@@ -16,35 +16,14 @@ from edmsim.recording.rerun.viewer import LiveViewer
 
 _DATA = 0x80
 _TIME = "simulated_time"
-_CURVES = "duty", "current_A", "place_um", "speed_rad_s"
-"""Curves besides the stream: columns of the bench's notes."""
+_CURVES = "duty", "current_A", "place_um", "speed_rad_s"  # curves besides the stream: columns of the bench's notes
 _BATCH_S = 0.1
 """Simulated time of what is drawn at once (ours); every piece has a head: with 100 a second files were four times
 as large."""
 
 
 class Scope:
-    """Curves of a drive in rerun.
-
-    Parameters
-    ----------
-    live : bool
-        Whether to open rerun's viewer and draw while the drive runs.
-    file : path, optional
-        Recording to write, ``.rrd``.
-    streams : bool
-        Whether the drive sends its tracking error, as the UHU does.
-
-    Attributes
-    ----------
-    notice : str
-        What to tell the user of the viewer; empty if none runs.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, or the viewer does not start.
-    """
+    """Curves of a drive in rerun, live or in a recording; `streams` is whether the drive sends its tracking error."""
 
     def __init__(self, live: bool, file: Path | None, streams: bool = True) -> None:
         import rerun as rr
@@ -65,21 +44,14 @@ class Scope:
         self._samples: list[NDArray[np.void]] = []
         self._drawn_s = 0.0
         self._viewer = LiveViewer("the scope", "--record FILE.rrd keeps the curves") if live else None
+        # what to tell the user of the viewer; empty if none runs
         self.notice = self._viewer.notice if self._viewer else ""
         sinks: list[rr.GrpcSink | rr.FileSink] = [rr.GrpcSink(self._viewer.source)] if self._viewer else []
         sinks += [rr.FileSink(str(file))] if file is not None else []
         self._recording.set_sinks(*sinks, default_blueprint=rrb.Blueprint(rrb.Vertical(*views)))
 
     def draw(self, heard: Sequence[tuple[int, float]], samples: NDArray[np.void]) -> None:
-        """Take what has come since the last call, and draw it as soon as it is enough.
-
-        Parameters
-        ----------
-        heard : sequence of (int, float)
-            Bytes of the drive with their times in s; those of the analyser have bit 7 set.
-        samples : records of `SAMPLE_ROW`
-            The bench's notes.
-        """
+        """Take bytes with their times, those of the analyser with bit 7, and the bench's notes; draw when enough."""
         self._heard += [(byte, at_s) for byte, at_s in heard if byte >= _DATA]
         self._samples.append(samples)
         if len(samples) and samples["time_ns"][-1] * 1e-9 >= self._drawn_s + _BATCH_S:

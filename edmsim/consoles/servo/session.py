@@ -20,8 +20,7 @@ from edmsim.consoles.servo.scope import Scope
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
 
-LEAVE = b"\x1b"
-"""ESC, where no more follows: it ends the program."""
+LEAVE = b"\x1b"  # ESC, where no more follows: it ends the program
 _MOVES = {
     b"\x1b[C": 32, b"\x1b[A": 32, b"\x1b[D": -32, b"\x1b[B": -32,
     b"\x1b[1;5C": 64, b"\x1b[1;5A": 64, b"\x1b[1;5D": -64, b"\x1b[1;5B": -64,
@@ -30,24 +29,11 @@ _MOVES = {
 
 
 def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, bool]:
-    r"""Return what some keys, as they came at once, send to a drive.
+    r"""Return what keys send to a drive, whether its analyser is on then, and whether the program is to be left.
 
-    Parameters
-    ----------
-    keys : bytes
-    streams : bool
-        Whether the drive has an analyser (``A`` and ``Z``) and moves by ``G``, as the UHU; the servo module moves by
-        ``+`` and ``-``.
-    analysing : bool
-        Whether the analyser is on.
+    A drive that `streams` has an analyser (``A`` and ``Z``) and moves by ``G``, as the UHU; the servo module moves by
+    ``+`` and ``-``.
 
-    Returns
-    -------
-    bytes, bool, bool
-        What is sent, whether the analyser is on then, and whether the program is to be left.
-
-    Examples
-    --------
     >>> sent_for(b" ", True, False)
     (b'A\r', True, False)
     >>> sent_for(b"\x1b[1;5D", False, False)
@@ -67,13 +53,7 @@ _CHUNK = 4096
 
 
 class PseudoTerminal:
-    """Both ends of a pseudo-terminal, in raw mode.
-
-    Attributes
-    ----------
-    name : str
-        What a terminal program opens, for example ``/dev/pts/3``.
-    """
+    """Both ends of a pseudo-terminal, in raw mode; a terminal program opens its `name`, as ``/dev/pts/3``."""
 
     def __init__(self) -> None:
         self._ours, self._theirs = os.openpty()  # theirs stays open here, so that it outlasts who opens and closes it
@@ -109,13 +89,10 @@ class PseudoTerminal:
             os.close(end)
 
 
-FRAME_S = 0.01
-"""Simulated time between two looks at the terminal (ours): far below what a person notices."""
-_START_S, _LAST_S = 0.1, 0.1
-"""Time for the start-up text, and for the last answer, of a script (ours)."""
+FRAME_S = 0.01  # simulated time between two looks at the terminal (ours): far below what a person notices
+_START_S, _LAST_S = 0.1, 0.1  # time for the start-up text, and for the last answer, of a script (ours)
 _STDIN = 0
-_DATA = 0x80
-"""Bytes from here on are the analyser's (row U-35)."""
+_DATA = 0x80  # bytes from here on are the analyser's (row U-35)
 
 
 class _Device(Protocol):
@@ -129,26 +106,7 @@ class _Device(Protocol):
 def serve(
     bench: AxisBench, *, pty: bool, speed: float | None, scope: Scope | None, say: Callable[[str], None]
 ) -> None:
-    """Serve the terminal of the bench's drive: a person's, a pseudo-terminal, or a script from a pipe.
-
-    Parameters
-    ----------
-    bench : AxisBench
-        With one drive, on x.
-    pty : bool
-        Whether to open a pseudo-terminal; Ctrl-C ends it.
-    speed : float or None
-        Simulated seconds per second, by default 1; a script runs as fast as it goes.
-    scope : Scope or None
-        What draws the tracking error.
-    say : callable
-        Prints a line for the user.
-
-    Raises
-    ------
-    InputError
-        If the speed is not a number above zero.
-    """
+    """Serve the terminal of the drive on x: a person's at a speed, a pseudo-terminal, or a script without pauses."""
     if speed is not None and not speed > 0:
         raise InputError(f"--speed is above 0, in simulated seconds per second, not {speed:g}")
     interrupts = Interrupts()

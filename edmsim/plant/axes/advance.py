@@ -134,28 +134,11 @@ def advance_axes(
     state: NDArray[np.void], a: Arrays, axes: Axes, p: Propagators, t: Timing, k_period: int, step_um: float,
     events: NDArray[np.int64], next_event: int, until_ns: int, full: bool,
 ) -> int:
-    """Take the events and samples before a time.
+    """Take the events (time in ns, channel, value) and samples before a time; returns the first event after it.
 
-    Parameters
-    ----------
-    k_period : int
-        Steps of the pulse's grid since the axes were here last, for the steppers of the modal model.
-    step_um : float
-        Travel of a step of a motor.
-    events : int64 (n, 3)
-        Time in ns, channel and value, in order of time (see `edmsim.Plant.advance`).
-    next_event : int
-        First of them that has not happened.
-    until_ns : int
-        End of the span; the state's time is left as it is.
-    full : bool
-        Whether MuJoCo moves the table.
-
-    Returns
-    -------
-    int
-        First event that lies later; `LOST` if an axis left the tiles of the field; `TRIPPED` as soon as the machine
-        has to stop an axis that it had not to stop before: the rest of the span has not passed for the axes then.
+    `LOST` if an axis left the tiles of the field; `TRIPPED` as soon as the machine has to stop an axis that it had
+    not to stop before: the rest of the span has not passed for the axes then. `k_period` are the steps of the pulse's
+    grid since the axes were here last, for the steppers of the modal model.
     """
     if axes.loops == 0:
         while next_event < events.shape[0] and events[next_event, 0] < until_ns:

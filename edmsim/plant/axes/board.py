@@ -21,12 +21,9 @@ from edmsim.compiled.jit import compiled
 from edmsim.plant.axes.encoder import read_axis
 from edmsim.plant.kernel.state import Axes
 
-NEVER = 1 << 62
-"""A time (ns) after all others."""
-NOBODY = -1
-"""Nobody is due."""
-NOWHERE_UM = 1e9
-"""Largest valid place; beyond it, or not finite, the axis has run away."""
+NEVER = 1 << 62  # a time (ns) after all others
+NOBODY = -1  # nobody is due
+NOWHERE_UM = 1e9  # largest valid place; beyond it, or not finite, the axis has run away
 _OUTPUT, _DUTY, _SAMPLE, _ALARM = (kind * N_AXES for kind in range(4))
 """Who is due: one of these and the number of the axis."""
 

@@ -29,8 +29,7 @@ AXIS_NAMES = ("x", "y", "u", "v")
 
 
 _TIMERS = "output_ns", "duty_ns", "alarm_ns"
-_LOOK_NS = 10_000_000
-"""How often it is looked whether a rapid is over (ours)."""
+_LOOK_NS = 10_000_000  # how often it is looked whether a rapid is over (ours)
 
 
 class AxisDrive(Protocol):
@@ -43,37 +42,14 @@ class AxisDrive(Protocol):
     @property
     def sample(self) -> SampleFunction | None:
         """The compiled sample; None for a stepper."""
-        ...
 
 
 class Drives:
-    """The drives of one plant.
+    """The drives of one plant by axis, copied, so that one may be given to several plants; other axes have a stepper.
 
-    Parameters
-    ----------
-    drives : mapping of str to drive
-        By axis, see `AXIS_NAMES`; an axis that is not named has a stepper. They are copied, so that one drive may be
-        given to several plants; ``record`` of a copy is its row in the plant.
-    travel_um : float
-        Travel of x and y, behind whose ends the switches open.
-    screws : mapping of int to constants of `MOTOR`, optional
-        Of axes, by number, whose screw and table are the machine's and not the drive's.
-    ways : records of `WAY` (2,), optional
-        Errors of screws and ways of x and y; none if not given.
-    stray_um : float, optional
-        How far an axis may be from where its steps lead it before the machine stops it.
-
-    Attributes
-    ----------
-    axes : Axes
-        The rows as the loop has them.
-    options, by_axis : dict
-        The drives as they were given, and the plant's own copies.
-
-    Raises
-    ------
-    InputError
-        If there is no such axis, or a drive's record, period or motor is invalid.
+    `ways` are the errors of screws and ways of x and y, `screws` those of axes whose screw and table are the
+    machine's and not the drive's; an axis may stray `stray_um` from where its steps lead it before the machine stops
+    it.
     """
 
     def __init__(
@@ -139,27 +115,11 @@ class Drives:
         self, state: NDArray[np.void], position_um: Sequence[float], duration_ns: int, step_um: float,
         rapid_um_s: float,
     ) -> tuple[int, float]:
-        """Let axes go to a place without the wire.
+        """Let the first axes go to a place without the wire, within `duration_ns`, the others stay.
 
         An axis under a drive with a loop is given whole steps, at once where the drive makes ramps of its own, and is
-        moved by it; the others are there.
-
-        Parameters
-        ----------
-        state : record array (1,)
-            Scalars of a plant (`STATE`); their time is left as it is.
-        position_um : sequence of float
-            Of the first axes; the others stay.
-        duration_ns : int
-            What the move is given, with all that is done meanwhile.
-        step_um, rapid_um_s : float
-            Travel of a step, and the rapid's speed along the straight line.
-
-        Returns
-        -------
-        (int, float)
-            How long it took (ns), and for how long (s) axes would still have to be waited for, until they are within
-            a step of their place: 0 if they are, or have been stopped.
+        moved by it; the others are there. Returns how long it took (ns), and for how long (s) axes would still have
+        to be waited for until they are within a step of their place: 0 if they are, or have been stopped.
         """
         moved_um = np.zeros(N_AXES)
         moved_um[: len(position_um)] = position_um - state["commanded_um"][0, : len(position_um)]
@@ -220,20 +180,8 @@ class Drives:
         there = [k for k in self._looped if abs(places_um[k]) < NOWHERE_UM]
         state["axis_um"][0, there] = places_um[there]
 
-    def follow(
-        self, state: NDArray[np.void], events: NDArray[np.int64], until_ns: int, step_um: float
-    ) -> None:
-        """Let the axes take step edges and input lines without the wire, each at its time, and go on to a time.
-
-        Parameters
-        ----------
-        state : record array (1,)
-            Scalars of a plant (`STATE`); their time is left as it is.
-        events : int array (events, 3)
-            Time in ns, channel and value, as `Plant.advance` takes them; checked.
-        step_um : float
-            Travel of a step.
-        """
+    def follow(self, state: NDArray[np.void], events: NDArray[np.int64], until_ns: int, step_um: float) -> None:
+        """Let the axes take events without the wire, each at its time, and go on to a time."""
         if self.axes.errs:
             indicate(state)
         for time_ns, channel, value in events.tolist():
@@ -300,10 +248,7 @@ class Drives:
         return {"drives": drives, "axes": self.axes.rows.copy()}
 
     def check(self, state: Mapping[str, NDArray[Any]], now_ns: int) -> None:
-        """Refuse a snapshot by whose clocks samples would never come, or never end.
-
-        Raises `InputError` if a period or a due time is invalid, or was due long before `now_ns`.
-        """
+        """Refuse a snapshot by whose clocks samples would never come, or never end."""
         for k in self._looped:
             name, drive = AXIS_NAMES[k], state["drives"][k : k + 1]
             _check_period(name, drive)

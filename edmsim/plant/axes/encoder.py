@@ -120,15 +120,7 @@ def _take_spikes(row: Any, motor: Any, hold_ns: float, until_ns: float) -> None:
 
 @compiled
 def see_edges(drive: Any, row: Any, motor: Any, before: float, from_ns: float, to_ns: float) -> None:
-    """Count the edges of a short motion at constant speed.
-
-    Parameters
-    ----------
-    before : float
-        Position (counts) at its begin, `position` of the same rows.
-    from_ns, to_ns : float
-        Begin and end.
-    """
+    """Count the edges of a short motion at constant speed, from a `position` in counts of the same rows."""
     after = position(row, motor)
     count = _count_at(after, motor.phase_error)
     if count == row.true_count and row.spike_ns >= to_ns:

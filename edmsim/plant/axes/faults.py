@@ -20,21 +20,11 @@ if TYPE_CHECKING:
 
 
 class AxisFault(NamedTuple):
-    """A fault of an axis from a time on.
+    """A fault of an axis from a time on."""
 
-    Attributes
-    ----------
-    axis : str
-        ``x`` or ``y``.
-    fault : str
-        One of `FAULTS`.
-    at_s : float
-        Machine time from which on it is there; from the cut's begin, for 0.
-    """
-
-    axis: str
-    fault: str
-    at_s: float
+    axis: str  # ``x`` or ``y``
+    fault: str  # one of `FAULTS`
+    at_s: float  # machine time from which on it is there; from the cut's begin, for 0
 
 
 def _stick(axes: Axes, k: int) -> None:

@@ -10,10 +10,8 @@ import numpy as np
 from edmsim.compiled.axis_rows import INDEX_WIRE
 from edmsim.compiled.jit import compiled
 
-BOUNCES = 8
-"""A contact that bounces opens and closes so often in turn (ours), evenly."""
-LONG_AGO_NS = -(1 << 61)
-"""When a switch last changed that has not moved yet."""
+BOUNCES = 8  # a contact that bounces opens and closes so often in turn (ours), evenly
+LONG_AGO_NS = -(1 << 61)  # when a switch last changed that has not moved yet
 
 
 @compiled
@@ -26,10 +24,7 @@ def mark_below(row: Any, motor: Any) -> int:
 
 @compiled
 def pass_marks(row: Any, motor: Any, least_ns: int) -> None:
-    """Note the index marks passed since the last call, and whether one is there.
-
-    A mark that is passed faster than in `least_ns` is missed; so is every one while its wire is unplugged.
-    """
+    """Note the index marks passed since the last call; one passed in under `least_ns`, or unplugged, is missed."""
     on_table = motor.on_table != 0.0
     place_um = row.place_um if on_table else row.rotor_um
     speed_um_s = abs(row.speed_um_s if on_table else row.speed_rad_s * motor.um_per_rad)
@@ -48,10 +43,7 @@ def pass_marks(row: Any, motor: Any, least_ns: int) -> None:
 
 @compiled
 def home_level(row: Any, motor: Any, now_ns: float) -> int:
-    """Level of the home input at a time: the switch behind its bouncing contact and the input's filter.
-
-    Until a change has settled the input keeps what it had, ``AXIS.home``.
-    """
+    """Level of the home input at a time; until a change of its bouncing switch has settled it is ``AXIS.home``."""
     since_ns, pulse_ns = now_ns - row.cam_ns, motor.cam_bounce_ns / BOUNCES
     new: int = row.cam
     before: int = row.home

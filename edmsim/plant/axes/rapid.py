@@ -31,17 +31,7 @@ def constants() -> dict[str, float]:
 
 
 def straight_moves(counts: Sequence[int], start_ns: int, rate_Hz: float, at_once: Sequence[bool]) -> NDArray[np.void]:
-    """Return moves of some axes that lead along a straight line.
-
-    Parameters
-    ----------
-    counts : sequence of int
-        Steps of every axis.
-    rate_Hz : float
-        Steps per second along the line, reached within ``ramp_s``.
-    at_once : sequence of bool
-        Whose drive makes ramps of its own: it is given its steps at once.
-    """
+    """Return moves along a straight line; axes whose drive makes ramps of its own get their steps at once."""
     way = math.hypot(*counts)
     rows = [np.zeros(0, MOVE)]
     for axis, count in enumerate(counts):
@@ -54,20 +44,7 @@ def straight_moves(counts: Sequence[int], start_ns: int, rate_Hz: float, at_once
 def time_left_s(
     before_um: NDArray[np.float64], away_um: NDArray[np.float64], between_s: float, near_um: float
 ) -> float:
-    """Return how long axes take at their pace until they are near their places.
-
-    Parameters
-    ----------
-    before_um, away_um : (axes,)
-        How far they were away, and are a while later; infinite where that was not seen.
-    between_s : float
-        That while.
-
-    Returns
-    -------
-    float
-        Infinite if one does not come nearer.
-    """
+    """Return how long axes take at their pace until they are near their places; infinite if one comes no nearer."""
     far = away_um > near_um
     nearer_um = (before_um - away_um)[far]
     if np.any(nearer_um <= 0.0):

@@ -22,10 +22,8 @@ from edmsim.plant.kernel.state import Axes
 
 _LONGEST_NS = 20_000
 """Time step (ours): a hundredth of the electrical time constant of small motors, as long as half a bridge's pulse."""
-_FURTHEST_UM = 1e9
-"""Travel of rotor or table beyond which an axis has run away (ours: a kilometre)."""
-_STEP_RAD = 0.2
-"""Time step as a share of the radian of the fastest swing (ours)."""
+_FURTHEST_UM = 1e9  # travel of rotor or table beyond which an axis has run away (ours: a kilometre)
+_STEP_RAD = 0.2  # time step as a share of the radian of the fastest swing (ours)
 
 
 def longest_step_ns(motor: NDArray[np.void]) -> int:
@@ -54,15 +52,7 @@ def _screw_spring(row: Any, motor: Any) -> float:
 
 @compiled
 def rubbed(before: float, after: float, friction: float, stiction: float) -> float:
-    """Speed after a time step with dry friction.
-
-    Parameters
-    ----------
-    before, after : float
-        Speed at the step's begin, and at its end without friction.
-    friction, stiction : float
-        Changes of speed that friction can take in a step, while it slides and while it sticks.
-    """
+    """Speed after a time step with dry friction that can change it by so much while sliding and while sticking."""
     if abs(after) <= (stiction if before == 0.0 else friction):
         return 0.0
     return after - math.copysign(friction, after)

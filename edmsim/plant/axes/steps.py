@@ -12,12 +12,16 @@ from edmsim.compiled.jit import compiled
 
 MOVE = np.dtype(
     [
-        ("axis", "i8"), ("start_ns", "i8"), ("end_ns", "i8"), ("count", "i8"), ("made", "i8"), ("rate_Hz", "f8"),
-        ("ramp_s", "f8"),
+        ("axis", "i8"),
+        ("start_ns", "i8"),
+        ("end_ns", "i8"),
+        ("count", "i8"),  # steps; their sign is the direction
+        ("made", "i8"),  # steps made so far
+        ("rate_Hz", "f8"),
+        ("ramp_s", "f8"),  # in which the rate is reached, and left; 0 makes all steps at once
     ]
-)  # fmt: skip
-"""A move of ``count`` steps (its sign is the direction) from ``start_ns`` to ``end_ns``, of which ``made`` have been
-made: at ``rate_Hz``, reached and left within ``ramp_s`` each, or all at once where that is 0."""
+)
+"""A move of the step source."""
 STEP_OPEN, DIR_OPEN = 1, 2
 """Bits: the step input, or the direction input, is unplugged. A pull-up holds it: no step, always positive."""
 

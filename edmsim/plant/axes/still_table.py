@@ -21,18 +21,7 @@ if TYPE_CHECKING:
 
 
 class StillTable:
-    """A machine's table under steppers.
-
-    Parameters
-    ----------
-    nuts : bool
-        With the backlash of the nuts.
-
-    Attributes
-    ----------
-    commanded_um : float64 array (2,)
-        Where the motors stand, at first in the middle of the travel.
-    """
+    """A machine's table under steppers, first in the middle of the travel, perhaps with backlash of the nuts."""
 
     def __init__(self, machine: Machine, nuts: bool = True) -> None:
         self._ways = ways_of(machine, nuts)

@@ -21,20 +21,18 @@ if TYPE_CHECKING:
 
 WAY = np.dtype(
     [
-        ("middle_um", "f8"),
-        ("pitch", "f8"),
-        ("wave_um", "f8"),
-        ("wave_per_um", "f8"),
-        ("skew", "f8"),
-        ("skew_per_um", "f8"),
-        ("bend_per_um", "f8"),
-        ("bend_per_um2", "f8"),
-        ("backlash_um", "f8"),
+        ("middle_um", "f8"),  # of the travel
+        ("pitch", "f8"),  # cumulative error per um of travel
+        ("wave_um", "f8"),  # periodic error: this times the sine of
+        ("wave_per_um", "f8"),  # this times the travel from the middle
+        ("skew", "f8"),  # per um of the other axis
+        ("skew_per_um", "f8"),  # its change per um of u
+        ("bend_per_um", "f8"),  # per square of the other axis
+        ("bend_per_um2", "f8"),  # its change per um of u
+        ("backlash_um", "f8"),  # what a stepper loses at a reversal
     ]
 )
-"""Errors of x or of y: ``middle_um`` of its travel; ``pitch``, cumulative per um of travel; ``wave_um`` times the
-sine of ``wave_per_um`` times the travel from the middle; ``skew`` per um of the other axis and ``bend_per_um`` per
-its square, both with their change per um of u; ``backlash_um`` is what a stepper loses at a reversal."""
+"""Errors of x or of y."""
 
 
 def no_ways() -> NDArray[np.void]:
@@ -43,13 +41,7 @@ def no_ways() -> NDArray[np.void]:
 
 
 def ways_of(machine: Machine, nuts: bool = True) -> NDArray[np.void]:
-    """Return the rows (2,) of a machine's x and y, from its file's section ``geometry``.
-
-    Parameters
-    ----------
-    nuts : bool
-        With the backlash of the nuts, which MuJoCo's own model has already.
-    """
+    """Return the rows (2,) of a machine's x and y; the backlash of `nuts` is in MuJoCo's own model already."""
     rows = no_ways()
     found, table = machine.base.geometry, machine.base.table
     if not found.has_errors:

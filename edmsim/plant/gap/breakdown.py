@@ -49,44 +49,24 @@ from edmsim.plant.gap.rays import Rays, arc, gaps_of, narrowest
 
 
 class GapLaw(NamedTuple):
-    """Constants of the gap as the pulse loop wants them, for one ray of one set-up (gaps um, times us).
+    """Constants of the gap as the pulse loop wants them, for one ray of one set-up (gaps um, times us)."""
 
-    Attributes
-    ----------
-    t50_a, t50_b, t50_c : float
-        Median delay of the reference patch at 80 V: ``a g^2 + b g + c`` in us, divided by ln 2 and by the
-        ray's share of the reference area, so that ``1 / (a g^2 + b g + c)`` is the ray's rate per us.
-    gap_scale : float
-        Reference voltage over present voltage: gaps are multiplied by it (equal field).
-    scaled_gap_floor_um : float
-        Below the parabola's minimum the rate stays what it is there.
-    primed_gap_um : float
-        Gap below which a site can be primed, at the present voltage.
-    primed_per_um2 : float
-        ``W = primed_per_um2 * (primed_gap_um - g)^2`` for one ray; the squares are its primed weight.
-    particle_gap_um : float
-        A particle primes its site where it leaves less than this gap, at the present voltage.
-    particle_um : float
-        Mean size of the particles of debris that discharges of this setting make.
-    particles_um : float
-        Primed weight in um^2 of one ray per um of gap and share of debris, by particles of any size.
-    contact_gap_um : float
-        Asperities touch below this gap: the pulse is a short.
-    wire_curvature : float
-        One over the wire's radius, 1/um: the field at a convex surface is stronger than between plates.
-    """
-
+    # median delay of the reference patch at 80 V: ``a g^2 + b g + c`` in us, divided by ln 2 and by the ray's share
+    # of the reference area, so that ``1 / (a g^2 + b g + c)`` is the ray's rate per us
     t50_a: float
     t50_b: float
     t50_c: float
-    gap_scale: float
-    scaled_gap_floor_um: float
-    primed_gap_um: float
+    gap_scale: float  # reference voltage over present voltage: gaps are multiplied by it (equal field)
+    scaled_gap_floor_um: float  # below the parabola's minimum the rate stays what it is there
+    primed_gap_um: float  # gap below which a site can be primed, at the present voltage
+    # ``W = primed_per_um2 * (primed_gap_um - g)^2`` for one ray; the squares are its primed weight
     primed_per_um2: float
-    particle_gap_um: float
-    particle_um: float
+    particle_gap_um: float  # a particle primes its site where it leaves less than this gap, at the present voltage
+    particle_um: float  # mean size of the particles of debris that discharges of this setting make
+    # primed weight in um^2 of one ray per um of gap and share of debris, by particles of any size
     particles_um: float
-    contact_gap_um: float
+    contact_gap_um: float  # asperities touch below this gap: the pulse is a short
+    # one over the wire's radius, 1/um: the field at a convex surface is stronger than between plates
     wire_curvature: float
 
 
@@ -96,28 +76,19 @@ PULL_GAP_FLOOR_UM = 1.0
 
 
 class BlockLaw(NamedTuple):
-    """Constants of `GapLaw` for a block of rays, in float32: made once, and not for each slice of each pulse.
+    """Constants of `GapLaw` for a block of rays, in float32: made once, and not for each slice of each pulse."""
 
-    Attributes
-    ----------
-    a, b, c : float32
-        ``1 / (a g^2 + b g + c)`` is a ray's rate at its own gap, the present voltage.
-    floor_um : float32
-        Below this gap the rate stays what it is there.
-    particle_gaps, particle_offset : float32
-        ``2^-(particle_gaps g - particle_offset)`` of the particles are large enough to prime a site.
-    wire_curvature, bare : float32
-        ``bare`` is the square of half the curvature.
-    """
-
+    # ``1 / (a g^2 + b g + c)`` is a ray's rate at its own gap, the present voltage
     a: np.float32
     b: np.float32
     c: np.float32
-    floor_um: np.float32
+    floor_um: np.float32  # below this gap the rate stays what it is there
     primed_gap_um: np.float32
+    # ``2^-(particle_gaps g - particle_offset)`` of the particles are large enough to prime a site
     particle_gaps: np.float32
     particle_offset: np.float32
     particles_um: np.float32
+    # ``bare`` is the square of half the curvature
     wire_curvature: np.float32
     bare: np.float32
 
@@ -150,10 +121,7 @@ def _primed_weights(gap: Any, law: BlockLaw) -> Any:
 
 @compiled
 def _particle_weights(gap: Any, held: Any, law: BlockLaw) -> Any:
-    """Primed weights of a block of rays by particles over `GapLaw.particles_um` and debris share, from their gaps.
-
-    `held` are the gaps, or what stands in for invalid ones.
-    """
+    """Primed weights of a block of rays by particles over `GapLaw.particles_um` and debris share."""
     return power_of_half(highest(gap * law.particle_gaps - law.particle_offset, np.float32(0.0))) * held
 
 

@@ -38,39 +38,16 @@ slit (ours, derived: a circle between the edges, by the cosine of the place on t
 
 
 class BubbleLaw(NamedTuple):
-    """Constants of the push for one wire; those of the gas that escapes hold at a gap of 20 um.
+    """Constants of the push for one wire; those of the gas that escapes hold at a gap of 20 um."""
 
-    Attributes
-    ----------
-    impulse_Ns : float
-        Impulse of the water driven out by 10 mJ, delivered until the gas escapes, at a gap of 20 um.
-    vent_us : float
-        Time in us after which the gas of a discharge of 1 W escapes.
-    escape_Ns_J : float
-        Impulse of the escaping gas per energy of the discharge.
-    ambient_N : float
-        Force of the ambient pressure against it.
-    """
-
-    impulse_Ns: float
-    vent_us: float
-    escape_Ns_J: float
-    ambient_N: float
+    impulse_Ns: float  # impulse of the water driven out by 10 mJ, delivered until the gas escapes, at a gap of 20 um
+    vent_us: float  # time in us after which the gas of a discharge of 1 W escapes
+    escape_Ns_J: float  # impulse of the escaping gas per energy of the discharge
+    ambient_N: float  # force of the ambient pressure against it
 
 
 def bubble_law(diameter_um: float, impulse_10mJ_Ns: float, bubble_share: float) -> BubbleLaw:
-    """Return the constants of the push for a wire.
-
-    Parameters
-    ----------
-    diameter_um : float
-        Diameter of the wire in um.
-    impulse_10mJ_Ns : float
-        Impulse of the water driven out by 10 mJ that are delivered until the gas escapes, on a wire of 250 um at a
-        gap of 20 um; it grows with the area of the slit, so with the square of the diameter.
-    bubble_share : float
-        Share of the discharge's energy that goes into the gas, above 0 and up to 1.
-    """
+    """Return the push for a wire from the impulse of 10 mJ on one of 250 um; it grows with the diameter's square."""
     half_m, gap_m = math.pi / 4 * diameter_um * 1e-6, REFERENCE_GAP_UM * 1e-6
     inertia = 2 * math.pi * WATER_KG_M3 * gap_m * SLIT_LOGARITHM
     area_m2 = ESCAPE_AREA * half_m**2
@@ -97,15 +74,6 @@ def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: Bubble
     energy ``E_v`` delivered until the vent time ``t_v``, and ``E_v (1 + 0.7 (1 - t_e / t_v))`` where the discharge
     ends before, after ``t_e``. Escaping gas adds ``k (20 um / g)`` times half of ``E_v``, which it still holds, and
     then ``k (20 um / g) P - F0`` for as long as the discharge burns on. The gap is taken as 5 um where it is less.
-
-    Parameters
-    ----------
-    power_W : float
-        Mean power of the discharge, 0 or more.
-    burn_us : float
-        Time for which it burns.
-    gap_um : float
-        Gap at its place.
     """
     if power_W <= 0.0:
         return 0.0

@@ -28,22 +28,15 @@ LEAST_POCKET = 1e-6
 
 
 class GasLaw(NamedTuple):
-    """Gas of discharges: how much, and how long it lives.
+    """Gas of discharges: how much, and how long it lives."""
 
-    Attributes
-    ----------
-    steam_um_J, gas_um_J : float
-        Half the length of front that steam and permanent gas of a discharge cover, over the root of its energy.
-    refill_um_s : float
-        Speed of the wire at whose edges the water would go as fast as that which pockets of steam all over the front
-        drive out of the gap and let back in.
-    fading : (GRID + 1, 2)
-        Share of steam and of permanent gas that is left over the time grid of the setting.
-    """
-
+    # half the length of front that steam and permanent gas of a discharge cover, over the root of its energy
     steam_um_J: float
     gas_um_J: float
+    # speed of the wire at whose edges the water would go as fast as that which pockets of steam all over the front
+    # drive out of the gap and let back in
     refill_um_s: float
+    # (GRID + 1, 2): share of steam and of permanent gas that is left over the time grid of the setting
     fading: Annotated[Array, Stored(GRID + 1, 2)]
 
 
@@ -51,13 +44,6 @@ def cover_um2_J(pressure_energy_share: float, kerf_um: float) -> float:
     """Square of half the length that the gas of a discharge covers, in um2 per joule.
 
     Gas of the volume ``share E / p0`` that spans the kerf is a flat disc: ``R^2 = share E / (pi p0 w)``.
-
-    Parameters
-    ----------
-    pressure_energy_share : float
-        Volume of the gas times the ambient pressure, as a share of the discharge's energy.
-    kerf_um : float
-        Width of the kerf.
     """
     return pressure_energy_share / (math.pi * AMBIENT_PA * kerf_um * 1e-6) * 1e12
 
@@ -71,17 +57,9 @@ def refill_um_s(gap_um: float, life_us: float) -> float:
     """Speed of a wire that drives the water through its edges as fast as pockets of steam do.
 
     Pockets over a share a of the front, of the life T, drive ``pi r g a / T`` out per height and let as much in
-    again, through two edges ``g`` wide: u = ``pi r a / T`` in the mean of both. A pressure
-    ``loss rho (u + v r / g)^2 / 2`` resists the wire's speed v as ``loss rho u (r / g) d``;
-    `film.edge_loss_kg_m2` has the same force for random motion of the speed ``2 pi g a / (T sqrt(8 / pi))``, which is
-    returned for a = 1.
-
-    Parameters
-    ----------
-    gap_um : float
-        Gap at the edges.
-    life_us : float
-        Life of a pocket.
+    again, through two edges ``g`` wide: u = ``pi r a / T`` in the mean of both. A pressure ``loss rho (u + v r / g)^2
+    / 2`` resists the wire's speed v as ``loss rho u (r / g) d``; `film.edge_loss_kg_m2` has the same force for random
+    motion of the speed ``2 pi g a / (T sqrt(8 / pi))``, which is returned for a = 1.
     """
     return 2 * math.pi * gap_um / (max(life_us, 1.0) * 1e-6) / math.sqrt(8 / math.pi)
 
@@ -91,15 +69,8 @@ def refill_us(
 ) -> float:
     """Time in which capillarity draws water over a length into a gap.
 
-    The pressure ``2 sigma cos(angle) / g`` works against friction (Washburn) and inertia, whose times are added:
-    ``3 eta l^2 / (sigma cos g) + l sqrt(rho g / (4 sigma cos))``.
-
-    Parameters
-    ----------
-    tension_N_m : float
-        Surface tension of water.
-    wetting : float
-        Cosine of the contact angle, above 0.
+    The pressure ``2 sigma cos(angle) / g`` works against friction (Washburn) and inertia, whose times are added: ``3
+    eta l^2 / (sigma cos g) + l sqrt(rho g / (4 sigma cos))``.
     """
     length, gap, driving = length_um * 1e-6, gap_um * 1e-6, tension_N_m * wetting
     friction = 3 * viscosity_Pa_s * length**2 / (driving * gap)

@@ -18,17 +18,11 @@ from edmsim.plant.gap.water import DENSITY_KG_M3
 
 
 class Jets(NamedTuple):
-    """Water of two nozzles in the gap.
+    """Water of two nozzles in the gap."""
 
-    Attributes
-    ----------
-    lower_share : float
-        Height at which the jets meet, as a share of the workpiece's: 0 where the lower one is off, 1 where the upper.
-    lower_m_s, upper_m_s : float
-        Mean axial speed of the water at each nozzle.
-    """
-
+    # height at which the jets meet, as a share of the workpiece's: 0 where the lower one is off, 1 where the upper
     lower_share: float
+    # mean axial speed of the water at each nozzle
     lower_m_s: float
     upper_m_s: float
 
@@ -59,15 +53,6 @@ def jets(
 
     As much water leaves through the kerf at every height, so the flows fall with one slope, the pressures go with the
     squares of the ways, and the jets meet where ``(z / (h - z))^2`` is the ratio of the pressures.
-
-    Parameters
-    ----------
-    lower_Pa, upper_Pa : float
-        Pressures of the jets over the surroundings, 0 for a nozzle that is off.
-    side_gap_um : float
-        Gap of the slot the water is pushed through.
-    height_mm : float
-        Workpiece height.
     """
     lower, upper = math.sqrt(lower_Pa), math.sqrt(upper_Pa)
     share = lower / (lower + upper) if lower + upper > 0.0 else 0.5
@@ -79,18 +64,7 @@ def jets(
 
 
 def flow_speed_m_s(pressure_Pa: float, viscosity_Pa_s: float, side_gap_um: float, way_mm: float) -> float:
-    """Mean axial speed of the water at a nozzle: slot Poiseuille flow over its way, ``dp g^2 / (12 eta z)``.
-
-    Parameters
-    ----------
-    pressure_Pa : float
-        Pressure of the jet over the surroundings.
-    side_gap_um : float
-        Gap of the slot the water is pushed through.
-    way_mm : float
-        Length of slot to where the flow has left it: half the workpiece's height between two like jets, 0 for a jet
-        that another one keeps out.
-    """
+    """Mean axial speed of the water at a nozzle, 0 for no way: slot Poiseuille flow, ``dp g^2 / (12 eta z)``."""
     if way_mm == 0.0:
         return 0.0
     return pressure_Pa * (side_gap_um * 1e-6) ** 2 / (12 * viscosity_Pa_s * way_mm * 1e-3)
@@ -106,15 +80,6 @@ def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float
 
     ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the way z to where the jets meet. That is taken to be where
     they do in the gap; the jet of the shorter way loses less to friction, so that each falls with a slope of its own.
-
-    Parameters
-    ----------
-    lower_Pa, upper_Pa : float
-        Pressures of the jets over the surroundings, 0 for a nozzle that is off.
-    kerf_um : float
-        Width of the kerf.
-    height_mm : float
-        Workpiece height.
     """
     lower, upper = math.sqrt(lower_Pa), math.sqrt(upper_Pa)
     share = lower / (lower + upper) if lower + upper > 0.0 else 0.5
@@ -144,15 +109,6 @@ def flush(debris: NDArray[np.float64], lower: float, upper: float, share: NDArra
     """Carry debris to where the jets meet and out.
 
     Implicit upwind, so that no interval is too long. The slice in which the jets meet takes from both sides.
-
-    Parameters
-    ----------
-    debris : (slices or more,)
-        From the bottom; of the water of the gap, or debris or gas of that of the kerf behind the wire.
-    lower, upper : float
-        Water changes of the slice at each nozzle.
-    share : (2, slices)
-        Of each nozzle's, see `Jets.flow_share`.
     """
     n = share.shape[1]
     for side in range(2):

@@ -19,25 +19,14 @@ if TYPE_CHECKING:
 
 
 class OppositePulses(NamedTuple):
-    """The equalising pulses of a window.
+    """The equalising pulses of a window."""
 
-    Attributes
-    ----------
-    voltage_V, current_A : float
-        At the gap and through its water while they last, both below 0.
-    on_us : float
-        How long all of them together last.
-    net_voltage_V : float
-        Mean gap voltage of the window, they and the working pulses added with their signs.
-    power_W : float
-        What their supply gives, averaged over the window.
-    """
-
+    # at the gap and through its water while they last, both below 0
     voltage_V: float
     current_A: float
-    on_us: float
-    net_voltage_V: float
-    power_W: float
+    on_us: float  # how long all of them together last
+    net_voltage_V: float  # mean gap voltage of the window, they and the working pulses added with their signs
+    power_W: float  # what their supply gives, averaged over the window
 
 
 def opposite_pulses(
@@ -47,13 +36,6 @@ def opposite_pulses(
 
     What a pause has no room for, later ones of the window make up for. No pulse follows a short circuit: the
     generator has seen that there is no gap to hold a voltage.
-
-    Parameters
-    ----------
-    timing : Timing
-        The setting it was fired with.
-    leakage_S : float
-        Conductance of the water in the gap.
     """
     duration_us = window.duration_ns * 1e-3
     supply_V, resistance_ohm = circuit.voltage_V.value, circuit.resistance_ohm.value
@@ -68,17 +50,7 @@ def opposite_pulses(
 def pulse_lengths_us(
     integral_V_us: NDArray[np.float64], room_us: NDArray[np.float64], voltage_V: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return how long the opposite pulse behind each of some working pulses lasts, (n, pulses).
-
-    Parameters
-    ----------
-    integral_V_us : float64 array (n, pulses)
-        Voltage of the working pulses over their time.
-    room_us : float64 array (n, pulses)
-        Pause behind each that may be used.
-    voltage_V : float64 array (n,)
-        Magnitude of the opposite pulses' voltage, 0 where there are none.
-    """
+    """Return how long the opposite pulse behind each working pulse lasts (n, pulses), within its pause's room."""
     lengths, owed = np.zeros_like(integral_V_us), np.zeros(len(integral_V_us))
     per_volt = np.divide(1.0, voltage_V, out=np.zeros_like(voltage_V), where=voltage_V > 0.0)
     for n in range(integral_V_us.shape[1]):

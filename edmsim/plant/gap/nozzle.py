@@ -15,17 +15,6 @@ def face_Pa(set_Pa: float, standoff_mm: float, bore_mm: float, flow_l_min: float
     Off the workpiece the water escapes sideways, through the curtain between the nozzle's rim and the face. All that
     the pump gives keeps the pressure that drives it through there, and a free jet that of its stagnation. No loss is
     counted, nor the little that goes into the gap.
-
-    Parameters
-    ----------
-    set_Pa : float
-        Pressure of the nozzle where nothing escapes, over the surroundings; 0 for a nozzle that is off.
-    standoff_mm : float
-        Distance of the nozzle from the workpiece, 0 where it lies on it.
-    bore_mm : float
-        Diameter of the nozzle's opening.
-    flow_l_min : float
-        Most that the pump gives the nozzle.
     """
     bore_m = bore_mm * 1e-3
     curtain_m2 = math.pi * bore_m * standoff_mm * 1e-3

@@ -59,10 +59,7 @@ def _pull(a: Arrays, c: Constants, s: int) -> float:
 def sum_rays(
     a: Arrays, c: Constants, law: GapLaw, position: Array, sums: Array, contact: Array
 ) -> tuple[float, float, float, float, float]:
-    """Sum every slice's rays where the wire is (see `breakdown.slice_sums`).
-
-    Returns rate, primed weight, depth of contacts, and the pull along x and y.
-    """
+    """Sum every slice's rays where the wire is: rate, primed weight, depth of contacts, pull along x and y."""
     rays, block = rays_of(a), block_law(law)
     everything = spread(0.0)
     near = spread(np.float32(0.0))

@@ -77,10 +77,7 @@ def tilt_rays(a: Arrays, slope_x: float, slope_y: float) -> None:
 def retrace(
     a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, place: Array, turn: int
 ) -> None:
-    """Trace the rays from the place (2, slices) the wire swings around, and store those that meet metal for the loop.
-
-    `turn` counts the times. What the wire is away from there shifts the gaps to first order.
-    """
+    """Trace the rays from the place (2, slices) the wire swings around, and store those that meet metal."""
     rays, blind_turns = rays_of(a), np.uint64(max(BLIND_PULSES // c.trace_pulses, 1))
     for s in range(a.shape.shape[0]):
         dx, dy = place[0, s] - a.reference_um[0, s], place[1, s] - a.reference_um[1, s]

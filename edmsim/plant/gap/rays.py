@@ -17,25 +17,17 @@ class Rays(NamedTuple):
 
     A ray that meets no metal takes no part in anything, so the loop works on that arc only, in blocks of
     `vectors.GAPS`; the arrays are filled up to whole blocks.
-
-    Attributes
-    ----------
-    distance : float32 (slices, places)
-        Gap in um from where they were traced; `NO_METAL_UM` for one that meets no metal.
-    cosine, sine : float32 (slices, places)
-        Direction; 0 for one that meets no metal.
-    first, blocks : int64 (slices,)
-        First ray of the arc, and how many blocks it has.
-    unbroken : int64 (slices,)
-        Rays of the arc if all of them meet metal, otherwise 0.
     """
 
+    # (slices, places): gap in um from where they were traced; `NO_METAL_UM` for one that meets no metal
     distance: NDArray[np.float32]
+    # (slices, places): direction; 0 for one that meets no metal
     cosine: NDArray[np.float32]
     sine: NDArray[np.float32]
+    # (slices,): first ray of the arc, and how many blocks it has
     first: NDArray[np.int64]
     blocks: NDArray[np.int64]
-    unbroken: NDArray[np.int64]
+    unbroken: NDArray[np.int64]  # (slices,): rays of the arc if all of them meet metal, otherwise 0
 
 
 @compiled

@@ -46,17 +46,7 @@ class ArraySizes(NamedTuple):
 
 @dataclass(frozen=True)
 class Stored:
-    """Shape and lifetime of a declared array.
-
-    Parameters
-    ----------
-    *shape : int or str
-        Lengths: numbers, or names of `ArraySizes`.
-    life : int
-        `FIXED`, `WALL` or `CHANGING`.
-    record : dtype, optional
-        Elements of an array of records, whose type cannot say it.
-    """
+    """Shape and lifetime of a declared array: numbers or names of `ArraySizes`; elements that its type cannot say."""
 
     shape: tuple[int | str, ...]
     life: int

@@ -45,18 +45,7 @@ _TABLE = np.dtype(
 
 
 class Memory:
-    """The arrays a plant's loop works on; they stay alive as long as their addresses are in the table.
-
-    Parameters
-    ----------
-    sizes : ArraySizes
-        Lengths of the arrays; those of the kerf field and of the log of pulses follow the arrays kept.
-
-    Attributes
-    ----------
-    address : int
-        Address of the table.
-    """
+    """The arrays a plant's loop works on; they live as long as their addresses are in the table at `address`."""
 
     def __init__(self, sizes: ArraySizes) -> None:
         self._sizes = sizes

@@ -25,87 +25,76 @@ ISO_PULSE, ISO_ENERGETIC, IGNITION_PULSE = 0, 1, 2
 STATE = np.dtype(
     [
         ("time_ns", "i8"),
-        ("pulses", "i8"),
-        ("key", "u8"),
-        ("draws", "u8"),
-        ("commanded_um", "f8", N_AXES),
-        ("axis_um", "f8", N_AXES),
-        ("indicated_um", "f8", 2),
-        ("slack_um", "f8", 2),
+        ("pulses", "i8"),  # fired so far
+        ("key", "u8"),  # of the random draws
+        ("draws", "u8"),  # how many there were
+        ("commanded_um", "f8", N_AXES),  # setpoints: the steps of the axes added up
+        ("axis_um", "f8", N_AXES),  # where the axes truly are, less the ringing of those under a stepper
+        ("indicated_um", "f8", 2),  # where x and y would be without the errors of screws and ways
+        ("slack_um", "f8", 2),  # by which that is behind a stepper's setpoint, in its nut
         ("since_discharge_us", "f8"),
-        ("last_slice", "i8"),
+        ("last_slice", "i8"),  # of the last discharge
         ("last_ray", "i8"),
-        ("spot", "f8"),
-        ("chain_J", "f8"),
-        ("chain_us", "f8"),
-        ("heat_wait_us", "f8"),
-        ("wear_wait_um3", "f8"),
+        ("spot", "f8"),  # heat of the last hot spot
+        ("chain_J", "f8"),  # heat that the last discharge and the arcs before it brought into one place of the wire
+        ("chain_us", "f8"),  # over this time
+        ("heat_wait_us", "f8"),  # time since heat and debris travelled last
+        ("wear_wait_um3", "f8"),  # removed since the wire's wear was worked out last
         ("worn_share", "f8"),
-        ("broken", "i8"),
+        ("broken", "i8"),  # 1 if the wire broke, `BARE` without a wire
         ("broken_slice", "i8"),
-        ("crater_um3", "f8"),
-        ("missed_um3", "f8"),
-        ("deflection_um", "f8", 2),
-        ("tiled_um", "f8", N_AXES),
-        ("traced_um", "f8", N_AXES),
-        ("traced_pulses", "i8"),
-        ("carved_pulses", "i8"),
-        ("traces", "i8"),
-        ("film_kg_um2_s", "f8"),
+        ("crater_um3", "f8"),  # sum of the craters drawn
+        ("missed_um3", "f8"),  # what of them found no metal
+        ("deflection_um", "f8", 2),  # mean of the last window
+        ("tiled_um", "f8", N_AXES),  # places (x, y) of lower and upper guide around which the field has tiles
+        ("traced_um", "f8", N_AXES),  # the axes' places when the rays were last traced
+        ("traced_pulses", "i8"),  # pulses fired by then
+        ("carved_pulses", "i8"),  # pulses whose craters are carved
+        ("traces", "i8"),  # how often rays were traced with this wire
+        ("film_kg_um2_s", "f8"),  # the films' resistance over the pull then
     ]
 )
-"""Scalars of a plant's state. ``commanded_um`` are the axes' setpoints, their steps added up; ``axis_um`` is where
-the axes are, less the ringing of those under a stepper, for which both are equal. Where screws and ways have errors,
-``indicated_um`` is where x and y would be without them, less than the setpoint of a stepper by ``slack_um`` in its
-nut, and ``axis_um`` is where they truly are. ``crater_um3`` sums the craters
-drawn, ``missed_um3`` what found no metal; ``deflection_um`` is the last window's mean, ``tiled_um`` the places (x, y)
-of the wire at the lower and the upper guide around which the field has tiles; ``traced_um`` and ``traced_pulses`` are
-the axes' places and the pulses fired when the rays were last traced, ``traces`` how often that was with this wire,
-``chain_J`` is the heat that the last discharge and the arcs before it have brought into one place of the wire, over
-``chain_us``; ``film_kg_um2_s`` the films' resistance over the pull then, ``carved_pulses`` the pulses whose craters
-are carved."""
+"""Numbers of a plant that change from pulse to pulse."""
 
 WINDOW = np.dtype(
     [
         ("start_ns", "i8"),
         ("duration_ns", "i8"),
-        ("counts", "i8", 4),
-        ("voltage_us", "f8"),
+        ("counts", "i8", 4),  # by class of pulse
+        ("voltage_us", "f8"),  # gap voltage over time, V us
         ("charge_A_us", "f8"),
         ("energy_J", "f8"),
-        ("delay_us", "f8"),
+        ("delay_us", "f8"),  # of all ignitions
         ("ignitions", "i8"),
         ("gap_um", "f8"),
         ("crater_um3", "f8"),
         ("deflection_um", "f8", 2),
-        ("deflection2_um2", "f8", 2),
+        ("deflection2_um2", "f8", 2),  # of its square
         ("temperature_max_K", "f8"),
-        ("debris", "f8"),
-        ("coverage", "f8"),
+        ("debris", "f8"),  # mean over the slices at the window's end
+        ("coverage", "f8"),  # the same
         ("broken", "i8"),
-        ("fifths", "i8", 5),
+        ("fifths", "i8", 5),  # ignitions by where the currents of both contacts put them (`discharge.locate`)
     ]
 )
-"""Sums over one window of pulses; debris and coverage are means over the slices at its end. ``fifths`` are the
-ignitions by where the currents of the two contacts put them (see `discharge.locate`)."""
+"""Sums over one window of pulses."""
 
 PULSE = np.dtype(
     [
-        ("start_us", "f4"),
-        ("delay_us", "f4"),
-        ("conducting_us", "f4"),
+        ("start_us", "f4"),  # since the window's start
+        ("delay_us", "f4"),  # how long the open voltage stood
+        ("conducting_us", "f4"),  # how long current flowed
         ("open_V", "f4"),
-        ("gap_um", "f4"),
-        ("x_um", "f4"),
+        ("gap_um", "f4"),  # where it discharged or touched, as the four below
+        ("x_um", "f4"),  # the wire's place
         ("y_um", "f4"),
-        ("kind", "i2"),
-        ("slice", "i2"),
+        ("kind", "i2"),  # class
+        ("slice", "i2"),  # -1 where it has no place
         ("ray", "i2"),
         ("unused", "i2"),
     ]
 )
-"""One pulse: its begin since the window's; how long the open voltage stood and current flowed; that voltage; gap, the
-wire's place and ray where it discharged or touched; its class; its slice, -1 where it has no place."""
+"""One pulse of the log."""
 
 NO_METAL_UM = 1.0e6
 """Distance of a ray that meets no metal: so far that it takes no part in anything."""
@@ -180,65 +169,29 @@ class Constants(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """One setting of the pulse generator.
+    """One setting of the pulse generator."""
 
-    Attributes
-    ----------
-    mode : int
-        `ISO_PULSE`, `ISO_ENERGETIC` or `IGNITION_PULSE`.
-    open_V, burning_V : float
-        Voltage until ignition and while burning.
-    removal_um3_J : float
-        Metal removed per joule by discharges of this length.
-    current_A, short_A : float
-        Mean current of a discharge and of a short circuit.
-    current_form : float
-        Mean of their current's square over the square of that mean: 1 for a rectangle, 4/3 for a triangle.
-    on_us : float
-        t(i): on-time for iso-pulse, duration of the discharge otherwise.
-    wait_us : float
-        Longest time to ignition.
-    arc_share : float
-        Duration of a discharge that ignites at once, over that of any other.
-    pause_us : float
-        t(0) after a stretched pulse.
-    period_ns : int
-        t(p) of a fixed period; 0 if it varies.
-    grid_us : float
-        Step of the propagators' grid; a whole number of ns if the period varies.
-    """
-
-    mode: int
+    mode: int  # `ISO_PULSE`, `ISO_ENERGETIC` or `IGNITION_PULSE`
     open_V: float
     burning_V: float
-    removal_um3_J: float
-    current_A: float
-    short_A: float
-    current_form: float
-    on_us: float
-    wait_us: float
-    arc_share: float
-    pause_us: float
-    period_ns: int
-    grid_us: float
+    removal_um3_J: float  # metal removed per joule by discharges of this length
+    current_A: float  # mean of a discharge
+    short_A: float  # mean of a short circuit
+    current_form: float  # mean square over squared mean: 1 for a rectangle, 4/3 for a triangle
+    on_us: float  # t(i): on-time for iso-pulse, duration of the discharge otherwise
+    wait_us: float  # longest time to ignition
+    arc_share: float  # duration of a discharge that ignites at once, over that of any other
+    pause_us: float  # t(0) after a stretched pulse
+    period_ns: int  # t(p) of a fixed period; 0 if it varies
+    grid_us: float  # step of the propagators' grid; a whole number of ns if the period varies
 
 
 class Propagators(NamedTuple):
-    """Exact 2x2 propagators of every mode over ``k * grid_us``.
+    """Exact 2x2 propagators of every mode over ``k * grid_us``: elements 11, 12, 21, 22."""
 
-    Attributes
-    ----------
-    wire : (GRID + 1, 4, modes filled)
-        Elements 11, 12, 21, 22; one row of the table lies together in memory.
-    wire_compliance : (modes filled,)
-        1/omega^2 of the wire's modes.
-    yielding : (GRID + 1, slices, 2)
-        What a force on a slice that stands all the time has done to the slice's own place (um per um kg/s2), and to
-        its speed.
-    """
-
-    wire: Annotated[Array, Stored(GRID + 1, 4, "modes")]
-    wire_compliance: Annotated[Array, Stored("modes")]
+    wire: Annotated[Array, Stored(GRID + 1, 4, "modes")]  # one row of the table lies together in memory
+    wire_compliance: Annotated[Array, Stored("modes")]  # 1/omega^2
+    # what a force on a slice that stands all the time has done to the slice's own place (um per um kg/s2), and speed
     yielding: Annotated[Array, Stored(GRID + 1, "slices", 2)]
     table11: Annotated[Array, Stored(GRID + 1, 2, 2)]
     table12: Annotated[Array, Stored(GRID + 1, 2, 2)]
@@ -247,174 +200,99 @@ class Propagators(NamedTuple):
 
 
 class Axes(NamedTuple):
-    """The machine's axes with the drives that have a loop.
-
-    Attributes
-    ----------
-    rows, drives, motors
-        See `edmsim.compiled.axis_rows`; without meaning for an axis under a stepper.
-    ways : record (2,)
-        Errors of screws and ways of x and y, see `edmsim.plant.axes.ways`.
-    step_ns : int64 (axes,)
-        Longest time step of an axis.
-    loops : int
-        How many drives have a loop.
-    errs : int
-        Whether ``ways`` has any.
-    """
+    """The machine's axes with the drives that have a loop; their rows mean nothing for an axis under a stepper."""
 
     rows: Annotated[NDArray[np.void], Stored(N_AXES, life=CHANGING, record=AXIS)]
     drives: Annotated[NDArray[np.void], Stored(N_AXES, life=CHANGING, record=DRIVE)]
     motors: Annotated[NDArray[np.void], Stored(N_AXES, record=MOTOR)]
-    ways: Annotated[NDArray[np.void], Stored(2, record=WAY)]
-    step_ns: Annotated[NDArray[np.int64], Stored(N_AXES)]
-    loops: int
-    errs: int
+    ways: Annotated[NDArray[np.void], Stored(2, record=WAY)]  # errors of screws and ways of x and y
+    step_ns: Annotated[NDArray[np.int64], Stored(N_AXES)]  # longest time step
+    loops: int  # how many drives have a loop
+    errs: int  # whether `ways` has any error
 
 
 class Arrays(NamedTuple):
     """Arrays of one plant.
 
-    Slices and coordinates are filled up to whole vectors (`vectors.COORDINATES`) where it says *filled*: with slices
-    that lie nowhere, with nodes that do not move.
-
-    Attributes
-    ----------
-    edge_um : float32 (slices, rays)
-        Gap of every ray, traced from the reference position.
-    reference_um : (2, slices filled)
-        Place it was traced from: where the wire was at that moment. The wire swings, so that in time its
-        rays look everywhere, also between the lines they look along now.
-    pending_um2 : (slices, places)
-        Volume of craters that fell on a ray since, over the slice's height; carved from the field before the rays are
-        traced again.
-    ray_metal : float32 (slices, rays)
-        Height of the metal that a ray meets over the slice's: 1 but for the topmost slice of a lower place.
-    metal : (slices,)
-        Its mean over a slice's rays that meet metal, the nearer the more, and 1 if none does.
-    wire_q, wire_v : (2, modes filled)
-        Modal deflection (um sqrt(kg)) and velocity (um sqrt(kg)/s), along x and y.
-    table_q, table_v : (2, 2)
-        Ringing of x and y around ``axis_um``.
-    steady : (2, modes filled)
-        Load on the modal coordinates that stands for many pulses (um kg/s2): the magnetic force.
-    temperature_K, debris, carry_um2 : (slices,)
-        Wire temperature, debris share, and crater volume over the slice's height that is too small for a part of a
-        cell, kept for the next.
-    current2_us : (2, slices)
-        Integrals of current squared (A2 us) since heat was propagated last, of the discharges in each slice: what
-        flowed in the wire below it, and above it.
-    steam, gas, covered : (slices filled,)
-        Shares of the front that steam, permanent gas and either cover.
-    wake_debris, wake_gas : (slices), (slices filled)
-        Shares of debris and of permanent gas in the water of the kerf behind the wire.
-    distance, cosine, sine, first, blocks, unbroken
-        What the loop sees of the rays, see `rays.Rays`: ``edge_um`` without that craters took since.
-    ray_cosine, ray_sine : float64 (rays,)
-        Directions of the rays square to the wire.
-    reach_x, reach_y : float64 (rays,)
-        Way in a slice's plane to a point 1 um along a ray of a wire that leans as when they were traced: the wire's
-        section there is an ellipse.
-    across_x, across_y : float64 (rays,)
-        By how much a ray's gap narrows where the wire moves along x and y, which is also the share of a force along
-        the ray that acts in the slice's plane.
-    upright : (1,)
-        Cosine of the angle between that wire and the vertical.
-    shape : (slices, modes filled)
-        Displacement of a slice per unit of modal coordinate.
-    sway : (modes filled, slices filled)
-        The same, transposed.
-    mean_shape : (modes filled,)
-        Its mean over the slices.
-    slice_mass_kg : (slices,)
-        Mass that an impulse on a slice moves there.
-    mobility : (modes filled,)
-        Rate at which 1 kg/s of resistance on every slice damps a coordinate, 1/s.
-    inertia : (modes filled,)
-        Mean square of the slices' speed per square of a coordinate's.
-    height_share : (slices filled,)
-        Height of a slice above the lower guide, as a share of the distance of the guides.
-    lean_share : (slices filled,)
-        Share of the upper guide's lead by which a slice is led: the same but for where the wire bends.
-    carried_per_us : (slices,)
-        Way of the water past a slice in 1 us, over that after which nothing is left of what prepares a breakdown.
-    convection_W_m2K, critical_W_m2 : (slices,)
-        Heat transfer without boiling, and largest heat flux by boiling.
-    jet_um_kg_s2 : (slices,)
-        Force of the jets that turn into the kerf behind the wire.
-    flow_share : (2, slices)
-        Water that enters a slice from the lower and the upper nozzle, of what leaves that nozzle.
-    entering : (2, slices)
-        The same over the height of a slice's metal: the less of it, the sooner the water beside it has changed.
+    Slices and coordinates are filled up to whole vectors (`vectors.COORDINATES`): with slices that lie nowhere, with
+    nodes that do not move. Shares of a front or of water are between 0 and 1.
     """
 
-    edge_um: Annotated[NDArray[np.float32], Stored("slices", "rays", life=WALL)]
+    edge_um: Annotated[NDArray[np.float32], Stored("slices", "rays", life=WALL)]  # gap of a ray from `reference_um`
+    # where the wire was when the rays were traced: as it swings, its rays look everywhere in time, also between the
+    # lines they look along now
     reference_um: Annotated[Array, Stored(2, "slices_filled", life=WALL)]
+    # volume over the slice's height of craters that fell on a ray and are not carved yet
     pending_um2: Annotated[Array, Stored("slices", "places", life=WALL)]
-    wire_q: Annotated[Array, Stored(2, "modes", life=CHANGING)]
-    wire_v: Annotated[Array, Stored(2, "modes", life=CHANGING)]
-    table_q: Annotated[Array, Stored(2, 2, life=CHANGING)]
+    wire_q: Annotated[Array, Stored(2, "modes", life=CHANGING)]  # modal deflection along x and y, um sqrt(kg)
+    wire_v: Annotated[Array, Stored(2, "modes", life=CHANGING)]  # its velocity, um sqrt(kg)/s
+    table_q: Annotated[Array, Stored(2, 2, life=CHANGING)]  # ringing of x and y around `axis_um`
     table_v: Annotated[Array, Stored(2, 2, life=CHANGING)]
+    # load on the modal coordinates that stands for many pulses, um kg/s2: magnetic force and jets
     steady: Annotated[Array, Stored(2, "modes", life=CHANGING)]
-    temperature_K: Annotated[Array, Stored("slices", life=CHANGING)]
-    debris: Annotated[Array, Stored("slices", life=CHANGING)]
-    carry_um2: Annotated[Array, Stored("slices", life=WALL)]
+    temperature_K: Annotated[Array, Stored("slices", life=CHANGING)]  # of the wire
+    debris: Annotated[Array, Stored("slices", life=CHANGING)]  # share of the water
+    carry_um2: Annotated[Array, Stored("slices", life=WALL)]  # carved volume too small for a part of a cell
+    # integrals of current squared (A2 us) since heat was propagated last, of the discharges in each slice: below it
+    # and above it in the wire
     current2_us: Annotated[Array, Stored(2, "slices", life=CHANGING)]
-    steam: Annotated[Array, Stored("slices_filled", life=CHANGING)]
-    gas: Annotated[Array, Stored("slices_filled", life=CHANGING)]
-    covered: Annotated[Array, Stored("slices_filled", life=CHANGING)]
-    wake_debris: Annotated[Array, Stored("slices", life=CHANGING)]
+    steam: Annotated[Array, Stored("slices_filled", life=CHANGING)]  # share of the front it covers
+    gas: Annotated[Array, Stored("slices_filled", life=CHANGING)]  # permanent gas
+    covered: Annotated[Array, Stored("slices_filled", life=CHANGING)]  # either
+    wake_debris: Annotated[Array, Stored("slices", life=CHANGING)]  # in the water of the kerf behind the wire
     wake_gas: Annotated[Array, Stored("slices_filled", life=CHANGING)]
+    # what the loop sees of the rays, see `rays.Rays`: `edge_um` less what craters took since
     distance: Annotated[NDArray[np.float32], Stored("slices", "places", life=WALL)]
     cosine: Annotated[NDArray[np.float32], Stored("slices", "places", life=WALL)]
     sine: Annotated[NDArray[np.float32], Stored("slices", "places", life=WALL)]
     first: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
     blocks: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
     unbroken: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
-    ray_cosine: Annotated[Array, Stored("rays")]
+    ray_cosine: Annotated[Array, Stored("rays")]  # directions square to the wire
     ray_sine: Annotated[Array, Stored("rays")]
+    # way in a slice's plane to a point 1 um along a ray of a wire that leans: its section there is an ellipse
     reach_x: Annotated[Array, Stored("rays", life=WALL)]
     reach_y: Annotated[Array, Stored("rays", life=WALL)]
+    # by how much a ray's gap narrows where the wire moves along x and y: also the share of a force along the ray that
+    # acts in the slice's plane
     across_x: Annotated[Array, Stored("rays", life=WALL)]
     across_y: Annotated[Array, Stored("rays", life=WALL)]
-    upright: Annotated[Array, Stored(1, life=WALL)]
-    shape: Annotated[Array, Stored("slices", "modes")]
-    sway: Annotated[Array, Stored("modes", "slices_filled")]
-    mean_shape: Annotated[Array, Stored("modes")]
-    slice_mass_kg: Annotated[Array, Stored("slices")]
-    mobility: Annotated[Array, Stored("modes")]
-    inertia: Annotated[Array, Stored("modes")]
+    upright: Annotated[Array, Stored(1, life=WALL)]  # cosine of the angle between that wire and the vertical
+    shape: Annotated[Array, Stored("slices", "modes")]  # displacement of a slice per unit of modal coordinate
+    sway: Annotated[Array, Stored("modes", "slices_filled")]  # the same, transposed
+    mean_shape: Annotated[Array, Stored("modes")]  # its mean over the slices
+    slice_mass_kg: Annotated[Array, Stored("slices")]  # that an impulse on a slice moves there
+    mobility: Annotated[Array, Stored("modes")]  # rate at which 1 kg/s on every slice damps a coordinate, 1/s
+    inertia: Annotated[Array, Stored("modes")]  # mean square of the slices' speed per square of a coordinate's
+    # share of the upper guide's lead by which a slice is led: its height's, but for where the wire bends
     lean_share: Annotated[Array, Stored("slices_filled", life=WALL)]
-    height_share: Annotated[Array, Stored("slices_filled")]
+    height_share: Annotated[Array, Stored("slices_filled")]  # height above the lower guide over the guides' distance
+    # way of the water past a slice in 1 us, over that after which nothing is left of what prepares a breakdown
     carried_per_us: Annotated[Array, Stored("slices")]
-    convection_W_m2K: Annotated[Array, Stored("slices")]
-    critical_W_m2: Annotated[Array, Stored("slices")]
-    jet_um_kg_s2: Annotated[Array, Stored("slices")]
+    convection_W_m2K: Annotated[Array, Stored("slices")]  # heat transfer without boiling
+    critical_W_m2: Annotated[Array, Stored("slices")]  # largest heat flux by boiling
+    jet_um_kg_s2: Annotated[Array, Stored("slices")]  # force of the jets that turn into the kerf behind the wire
+    # water that enters a slice from the lower and the upper nozzle, of what leaves that nozzle
     flow_share: Annotated[Array, Stored(2, "slices")]
     table_shape: Annotated[Array, Stored(2, 2)]
     table_participation: Annotated[Array, Stored(2, 2)]
+    # height of the metal that a ray meets over the slice's: 1 but for the topmost slice of a lower place
     ray_metal: Annotated[NDArray[np.float32], Stored("slices", "rays", life=WALL)]
+    # its mean over a slice's rays that meet metal, the nearer the more, and 1 if none does
     metal: Annotated[Array, Stored("slices", life=WALL)]
+    # `flow_share` over the height of a slice's metal: the less of it, the sooner the water beside it has changed
     entering: Annotated[Array, Stored(2, "slices", life=WALL)]
 
 
 class Scratch(NamedTuple):
-    """Room for what the loop computes again every pulse; it allocates nothing itself.
-
-    Attributes
-    ----------
-    sums : (slices, 4)
-        See `breakdown.slice_sums`.
-    films : (slices, 6)
-        See `film.find_films`.
-    """
+    """Room for what the loop computes again every pulse; it allocates nothing itself."""
 
     position: Annotated[Array, Stored(2, "slices_filled")]
     load: Annotated[Array, Stored(2, "modes")]
     held: Annotated[Array, Stored(2, "modes")]
-    sums: Annotated[Array, Stored("slices", 4)]
+    sums: Annotated[Array, Stored("slices", 4)]  # see `breakdown.slice_sums`
     contact: Annotated[Array, Stored("slices")]
-    films: Annotated[Array, Stored("slices", 6)]
+    films: Annotated[Array, Stored("slices", 6)]  # see `film.find_films`
 
 
 class Own(NamedTuple):

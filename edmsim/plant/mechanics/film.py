@@ -42,9 +42,7 @@ def drag_N_s_m2(radius_um: float, front_um: float, side_um: float, viscosity_Pa_
     to pass between wire and straight walls: ``2 12 eta r^3 integral cos^2(psi) / (g_s + r (1 - cos psi))^3``.
     """
     front = 2 * np.trapezoid(np.sin(_ANGLES) ** 2 / _gaps_um(front_um, side_um) ** 3, _ANGLES)
-    behind = 2 * np.trapezoid(
-        np.cos(_ANGLES) ** 2 / (side_um + radius_um * (1 - np.cos(_ANGLES))) ** 3, _ANGLES
-    )
+    behind = 2 * np.trapezoid(np.cos(_ANGLES) ** 2 / (side_um + radius_um * (1 - np.cos(_ANGLES))) ** 3, _ANGLES)
     return float(12 * viscosity_Pa_s * radius_um**3 * (front + behind))
 
 

@@ -23,18 +23,11 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "camera": ("overview",),
 }
 """Names that plant, playback and pictures ask for, by kind; the chain of the wire has names of its own."""
-LEAST_NODES = 25
-"""Nodes of the wire that MuJoCo steps in the loop (see `edmsim.plant.mechanics.mujoco_model`)."""
+LEAST_NODES = 25  # nodes of the wire that MuJoCo steps in the loop (see `edmsim.plant.mechanics.mujoco_model`)
 
 
 def read(model_file: str) -> mujoco.MjSpec:
-    """Return a machine's MJCF; it is not to be changed, only copied.
-
-    Raises
-    ------
-    InputError
-        MuJoCo cannot read or compile it, or it lacks what the plant asks for by name.
-    """
+    """Return a machine's MJCF, with all that the plant asks for by name; it is to be copied, not changed."""
     return _read(model_file, mjcf_version(model_file))
 
 

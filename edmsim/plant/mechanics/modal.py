@@ -167,9 +167,7 @@ def ring(a: Arrays, p: Propagators, k: int) -> None:
 
 
 @compiled
-def step_table(
-    state: NDArray[np.void], a: Arrays, p: Propagators, axis: int, travel_um: float, k_since: int
-) -> None:
+def step_table(state: NDArray[np.void], a: Arrays, p: Propagators, axis: int, travel_um: float, k_since: int) -> None:
     """One motor step, `k_since` grid steps before now, that moves the table: x or y rings around its new place."""
     state[0].axis_um[axis] += travel_um
     for m in range(2):

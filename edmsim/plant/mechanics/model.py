@@ -24,8 +24,7 @@ Array = NDArray[np.float64]
 
 _ALIKE = 1e-8
 """By how much of its greatest entry a matrix of the wire may differ between x and y: the noise of differences."""
-MODEL_FILE = "agiecut_dem15.xml"
-"""The machine in `edmsim.models`."""
+MODEL_FILE = "agiecut_dem15.xml"  # the machine in `edmsim.models`
 
 _ALLOWED: dict[str, tuple[float, float, str]] = {
     "diameter_m": (20e-6, 400e-6, "m (20 to 400 um)"),  # T-13
@@ -40,38 +39,17 @@ _ALLOWED: dict[str, tuple[float, float, str]] = {
 
 @dataclass(frozen=True)
 class WireSetup:
-    """The wire between its two guides.
+    """The wire between its two guides."""
 
-    Attributes
-    ----------
-    diameter_m : float
-        Wire diameter in m, 20e-6 to 400e-6 (T-13).
-    density_kg_m3 : float
-        Density of the wire in kg/m3 (brass 8400 to 8500).
-    tension : float
-        Axial force the brake holds, in N.
-    guide_distance_m : float
-        Distance between the guides in m; the workpiece's height plus the clearances.
-    damping_ratio : float
-        Damping of the first mode of the wire in air as a share of critical: what is alike all along the wire.
-    slot_m : float
-        Height of the workpiece in m, in the middle between the guides, in whose slot the wire moves water.
-    slot_mass_kg_m : float
-        Mass of that water per metre of the slot.
-
-    Raises
-    ------
-    InputError
-        If a value is not finite or outside what such a machine can hold.
-    """
-
-    diameter_m: float
-    density_kg_m3: float
-    tension: float
-    guide_distance_m: float
+    diameter_m: float  # wire diameter in m, 20e-6 to 400e-6 (T-13)
+    density_kg_m3: float  # density of the wire in kg/m3 (brass 8400 to 8500)
+    tension: float  # axial force the brake holds, in N
+    guide_distance_m: float  # distance between the guides in m; the workpiece's height plus the clearances
+    # damping of the first mode of the wire in air as a share of critical: what is alike all along the wire
     damping_ratio: float
+    # height of the workpiece in m, in the middle between the guides, in whose slot the wire moves water
     slot_m: float = 0.0
-    slot_mass_kg_m: float = 0.0
+    slot_mass_kg_m: float = 0.0  # mass of that water per metre of the slot
 
     def __post_init__(self) -> None:
         """Refuse values no wire can have; most often a wrong unit."""
@@ -96,87 +74,52 @@ class WireSetup:
 class ModalModel:
     """Table and wire as independent damped oscillators, mass-normalised.
 
-    A wire mode's coordinate obeys ``q'' + 2 zeta omega q' + omega^2 q = wire_shape.T @ F`` for forces F (N)
-    on the slices; the wire's displacement at the slices is then ``wire_shape @ q`` (m). The same modes serve
-    x and y. A table mode obeys the same equation about ``table_participation * travel``, the place to which a
-    commanded travel (m) shifts it; the axis has then moved by ``table_slide_shape @ q`` (m).
-
-    Attributes
-    ----------
-    wire_omega, wire_zeta : float64 arrays (n_modes,)
-        Undamped angular frequency in rad/s, rising, and damping ratio.
-    wire_shape : float64 array (n_slices, n_modes)
-        Displacement of the wire at a slice's mid-height per unit of modal coordinate (kg^-1/2).
-    node_heights_m : float64 array (n_nodes,)
-        Height of the wire's nodes above the lower guide in m, upwards.
-    node_shape : float64 array (n_nodes, n_modes)
-        As `wire_shape`, at the nodes; the wire is straight between them and fixed at the guides.
-    table_omega, table_zeta : float64 arrays (2, 2)
-        As for the wire, indexed ``[axis, mode]``, x before y.
-    table_slide_shape : float64 array (2, 2)
-        Displacement of the axis per unit of modal coordinate (kg^-1/2), ``[axis, mode]``.
-    table_participation : float64 array (2, 2)
-        Modal coordinate at rest per metre of commanded travel (kg^1/2), ``[axis, mode]``.
-    rotor_rad_per_m : float64 array (2,)
-        Rotor angle that commands one metre of travel, per axis: what `ctrl` of the full model expects.
-    slice_mass_kg : float64 array (n_slices,)
-        Mass that an impulse on a slice moves there.
-    mobility : float64 array (n_modes,)
-        Damping rate of every mode under 1 kg/s of resistance on every slice, in 1/kg.
-    inertia : float64 array (n_modes,)
-        Mean square of the slices' speed per square of a mode's, in 1/kg.
-    neglected_damping : float
-        Largest coupling of two modes by damping, ``|c_ij| / sqrt(c_ii c_jj)``, which modal damping drops. The
-        wire has none (its damping is proportional to mass); the table's is 0.02.
+    A wire mode's coordinate obeys ``q'' + 2 zeta omega q' + omega^2 q = wire_shape.T @ F`` for forces F (N) on the
+    slices; the wire's displacement at the slices is then ``wire_shape @ q`` (m). The same modes serve x and y. A
+    table mode obeys the same equation about ``table_participation * travel``, the place to which a commanded travel
+    (m) shifts it; the axis has then moved by ``table_slide_shape @ q`` (m).
     """
 
+    # (n_modes,): undamped angular frequency in rad/s, rising, and damping ratio
     wire_omega: Array
     wire_zeta: Array
+    # (n_slices, n_modes): displacement of the wire at a slice's mid-height per unit of modal coordinate (kg^-1/2)
     wire_shape: Array
-    node_heights_m: Array
+    node_heights_m: Array  # (n_nodes,): height of the wire's nodes above the lower guide in m, upwards
+    # (n_nodes, n_modes): as `wire_shape`, at the nodes; the wire is straight between them and fixed at the guides
     node_shape: Array
+    # (2, 2): as for the wire, indexed ``[axis, mode]``, x before y
     table_omega: Array
     table_zeta: Array
+    # (2, 2): displacement of the axis per unit of modal coordinate (kg^-1/2), ``[axis, mode]``
     table_slide_shape: Array
+    # (2, 2): modal coordinate at rest per metre of commanded travel (kg^1/2), ``[axis, mode]``
     table_participation: Array
+    # (2,): rotor angle that commands one metre of travel, per axis: what `ctrl` of the full model expects
     rotor_rad_per_m: Array
-    slice_mass_kg: Array
-    mobility: Array
-    inertia: Array
+    slice_mass_kg: Array  # (n_slices,): mass that an impulse on a slice moves there
+    mobility: Array  # (n_modes,): damping rate of every mode under 1 kg/s of resistance on every slice, in 1/kg
+    inertia: Array  # (n_modes,): mean square of the slices' speed per square of a mode's, in 1/kg
+    # largest coupling of two modes by damping, ``|c_ij| / sqrt(c_ii c_jj)``, which modal damping drops. The wire has
+    # none (its damping is proportional to mass); the table's is 0.02
     neglected_damping: float
 
 
 def build_model(wire: WireSetup, model_file: str = MODEL_FILE) -> mujoco.MjModel:
     """Return the machine's MuJoCo model with this wire in it.
 
-    Node positions, masses, damping, segment stiffness, the height of the upper arm and of the drawn
-    workpiece, and the time step (half the limit of stability of the wire's highest mode) follow the wire;
-    everything else stands in the file.
+    Node positions, masses, damping, segment stiffness, the height of the upper arm and of the drawn workpiece, and
+    the time step (half the limit of stability of the wire's highest mode) follow the wire; everything else stands in
+    the file.
 
-    Parameters
-    ----------
-    wire : WireSetup
-        The wire and the distance of its guides.
-    model_file : str
-        The machine's MJCF: a file of `edmsim.models`, or the absolute path of another with the same names.
-
-    Returns
-    -------
-    mujoco.MjModel
-        Joints ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower
-        guide up, actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad).
+    Joints are ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower guide up,
+    actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad).
     """
     return cast("mujoco.MjModel", machine_spec(wire, model_file).compile())
 
 
 def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | None = None) -> mujoco.MjSpec:
-    """Return what `build_model` compiles, for a model that differs from it in more than its wire.
-
-    Parameters
-    ----------
-    n_nodes : int, optional
-        Nodes of the wire, 1 to as many as the file has; all of them if not given.
-    """
+    """Return what `build_model` compiles, perhaps with fewer nodes of the wire than the file has."""
     spec = mjcf.read(model_file).copy()
     if n_nodes is not None:
         _thin_out(spec, n_nodes)
@@ -245,25 +188,9 @@ def _draw_workpiece(spec: mujoco.MjSpec, guide_distance_m: float) -> None:
 def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
     """Linearise a machine at its tensioned equilibrium and return its modes.
 
-    Mass comes from MuJoCo, stiffness and damping from central differences of the generalised force over
-    position and velocity. The modes of a block (wire x, wire y, table x, table y) solve
-    ``K phi = omega^2 M phi``. Damping keeps its diagonal in modal coordinates; the largest part dropped is
-    reported.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        What `build_model` returned, or a model with the same names.
-    n_modes : int
-        Wire modes to keep, lowest first, 1 to the number of nodes.
-    slice_heights_m : array (n_slices,)
-        Heights of the slices' mid-planes above the lower guide in m.
-
-    Raises
-    ------
-    InputError
-        If `n_modes` or a height is out of range, or the model at rest is not four independent blocks without
-        active constraints, the wire alike along x and y.
+    Mass comes from MuJoCo, stiffness and damping from central differences of the generalised force over position and
+    velocity. The modes of a block (wire x, wire y, table x, table y) solve ``K phi = omega^2 M phi``. Damping keeps
+    its diagonal in modal coordinates; the largest part dropped is reported.
     """
     node_heights, guide_distance = wire_heights(model)
     linear, blocks = machine_at_rest(model, len(node_heights))

@@ -23,58 +23,30 @@ _TINY = np.finfo(float).tiny
 
 @dataclass(frozen=True)
 class Linear:
-    """A machine at rest: ``mass a + damping v + stiffness q = input ctrl``.
+    """A machine at rest: ``mass a + damping v + stiffness q = input ctrl``."""
 
-    Attributes
-    ----------
-    mass, damping, stiffness : float64 arrays (nv, nv)
-        Over MuJoCo's degrees of freedom, SI.
-    input : float64 array (nv, nu)
-        Generalised force per unit of each actuator's ctrl.
-    """
-
+    # (nv, nv): over MuJoCo's degrees of freedom, SI
     mass: Array
     damping: Array
     stiffness: Array
-    input: Array
+    input: Array  # (nv, nu): generalised force per unit of each actuator's ctrl
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Mass-normalised modes of one block of n degrees of freedom, lowest first.
+    """Mass-normalised modes of one block of n degrees of freedom, lowest first."""
 
-    Attributes
-    ----------
-    omega, zeta : float64 arrays (n,)
-        Undamped angular frequency in rad/s and damping ratio.
-    shape : float64 array (n, n)
-        Displacement ``[coordinate, mode]`` per unit of modal coordinate.
-    momenta : float64 array (n, n)
-        ``shape.T @ mass``: turns displacements into modal coordinates.
-    neglected_damping : float
-        Largest ``|c_ij| / sqrt(c_ii c_jj)`` of the modal damping matrix, of which only the diagonal is kept.
-    """
-
+    # (n,): undamped angular frequency in rad/s and damping ratio
     omega: Array
     zeta: Array
-    shape: Array
-    momenta: Array
+    shape: Array  # (n, n): displacement ``[coordinate, mode]`` per unit of modal coordinate
+    momenta: Array  # (n, n): ``shape.T @ mass``: turns displacements into modal coordinates
+    # largest ``|c_ij| / sqrt(c_ii c_jj)`` of the modal damping matrix, of which only the diagonal is kept
     neglected_damping: float
 
 
 def linearise(model: mujoco.MjModel) -> Linear:
-    """Return mass, damping, stiffness and input matrix at rest, with every joint at its reference.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        A machine with slide and hinge joints only, so that positions and velocities count alike.
-
-    Raises
-    ------
-    InputError
-        If the reference is not an equilibrium, or a limit or contact acts there.
-    """
+    """Return mass, damping, stiffness and input matrix of slide and hinge joints at rest, all at their reference."""
     import mujoco
 
     data = mujoco.MjData(model)
@@ -112,20 +84,7 @@ def _force_slope(model: mujoco.MjModel, data: mujoco.MjData, of: Array) -> Array
 
 
 def check_independent(linear: Linear, blocks: list[list[int]]) -> None:
-    """Refuse a machine whose blocks pull on each other: their modes would not be the machine's.
-
-    Parameters
-    ----------
-    linear : Linear
-        The machine.
-    blocks : list of list of int
-        Degrees of freedom of every block.
-
-    Raises
-    ------
-    InputError
-        If mass, damping or stiffness couple two blocks.
-    """
+    """Refuse a machine whose blocks of degrees of freedom pull on each other: it would have other modes."""
     inside = np.zeros(linear.mass.shape, bool)
     for block in blocks:
         inside[np.ix_(block, block)] = True
@@ -140,20 +99,7 @@ def check_independent(linear: Linear, blocks: list[list[int]]) -> None:
 
 
 def block_modes(linear: Linear, block: list[int]) -> Modes:
-    """Return the modes of a block: ``K phi = omega^2 M phi``, each mode's first coordinate positive.
-
-    Parameters
-    ----------
-    linear : Linear
-        The machine.
-    block : list of int
-        Degrees of freedom of the block.
-
-    Raises
-    ------
-    InputError
-        If a mode has no stiffness to hold it.
-    """
+    """Return the modes of a block: ``K phi = omega^2 M phi``, each mode's first coordinate positive."""
     from scipy.linalg.lapack import dsygvd  # what scipy.linalg.eigh calls, without its checks: draws need it often
 
     inside = np.ix_(block, block)

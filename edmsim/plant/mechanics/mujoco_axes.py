@@ -24,65 +24,35 @@ from edmsim.plant.kernel.state import Array, Axes
 class FullLink(NamedTuple):
     """What compiled code needs of a MuJoCo model: addresses, views into MuJoCo's memory, and constants.
 
-    Valid as long as the model and data it was made from;
-    `edmsim.plant.mechanics.mujoco_model.FullMechanics` keeps them.
-
-    Attributes
-    ----------
-    mj_step, model, data : int
-        Addresses of the function and of its two arguments.
-    timestep : (1,)
-        The model's time step in s.
-    qpos, qvel, force : (degrees of freedom,)
-        Positions, velocities and applied forces, SI.
-    wire : int64 (2, nodes)
-        Degree of freedom of every node along x and y, from the lower guide up.
-    carriage, rotor : int64 (2,)
-        Degrees of freedom of the axes' carriages and rotors.
-    longest_us : float
-        Longest time step.
-    reach_m : float
-        A node further from the line between the guides is lost.
-    node_kg : (nodes,)
-        Mass of every node.
-    most_force_N : float
-        A node pulled harder is lost.
-    rad_per_um : (2,)
-        Rotor angle per um of travel.
-    step_um : float
-        Travel of a full step of a motor.
-    holding_Nm : (2,)
-        Largest torque of a motor.
-    teeth : float
-        Periods of that torque in a turn.
-    friction_N : float
-        Coulomb friction of an axis' ways.
-    presliding_m : float
-        Travel over which friction builds up.
-    friction_share : (2,)
-        Friction on each axis as a share of `friction_N`, -1 to 1: the only state besides the plant's arrays.
+    Valid as long as the model and data it was made from; `edmsim.plant.mechanics.mujoco_model.FullMechanics` keeps
+    them.
     """
 
+    # addresses of the function and of its two arguments
     mj_step: int
     model: int
     data: int
-    timestep: Annotated[Array, Stored(1)]
+    timestep: Annotated[Array, Stored(1)]  # (1,): the model's time step in s
+    # (degrees of freedom,): positions, velocities and applied forces, SI
     qpos: Annotated[Array, Stored("dofs")]
     qvel: Annotated[Array, Stored("dofs")]
     force: Annotated[Array, Stored("dofs")]
+    # (2, nodes): degree of freedom of every node along x and y, from the lower guide up
     wire: Annotated[NDArray[np.int64], Stored(2, "nodes")]
+    # (2,): degrees of freedom of the axes' carriages and rotors
     carriage: Annotated[NDArray[np.int64], Stored(2)]
     rotor: Annotated[NDArray[np.int64], Stored(2)]
-    longest_us: float
-    reach_m: float
-    node_kg: Annotated[Array, Stored("nodes")]
-    most_force_N: float
-    rad_per_um: Annotated[Array, Stored(2)]
-    step_um: float
-    holding_Nm: Annotated[Array, Stored(2)]
-    teeth: float
-    friction_N: float
-    presliding_m: float
+    longest_us: float  # longest time step
+    reach_m: float  # a node further from the line between the guides is lost
+    node_kg: Annotated[Array, Stored("nodes")]  # (nodes,): mass of every node
+    most_force_N: float  # a node pulled harder is lost
+    rad_per_um: Annotated[Array, Stored(2)]  # (2,): rotor angle per um of travel
+    step_um: float  # travel of a full step of a motor
+    holding_Nm: Annotated[Array, Stored(2)]  # (2,): largest torque of a motor
+    teeth: float  # periods of that torque in a turn
+    friction_N: float  # Coulomb friction of an axis' ways
+    presliding_m: float  # travel over which friction builds up
+    # (2,): friction on each axis as a share of `friction_N`, -1 to 1: the only state besides the plant's arrays
     friction_share: Annotated[Array, Stored(2, life=CHANGING)]
 
 
@@ -205,13 +175,7 @@ def lay_out_axes(axes: Axes, link: FullLink) -> None:
 
 @compiled
 def coast_table(state: NDArray[np.void], axes: Axes, link: FullLink, until_ns: int) -> bool:
-    """Step a table without a wire to a time, in equal time steps, the drives' outputs held.
-
-    Returns
-    -------
-    bool
-        False if the state is out of range or not finite; nothing is stepped any more then.
-    """
+    """Step a table without a wire to a time, the drives' outputs held; False once its state is out of range."""
     start_ns = state[0].time_ns
     span_ns = until_ns - start_ns
     if span_ns <= 0:

@@ -148,28 +148,13 @@ def move_full(
     """Step the full model over the period of a pulse that starts at the state's time, which is left as it is.
 
     As `edmsim.plant.mechanics.modal.move` and `advance_axes` together. The period is cut into equal time steps. The
-    pull (um kg/s2 times the scales) acts with its mean over each. The kick (N s) at ``end_us`` on slice `s` is
-    shared by the two time steps around it, so that its mean moment is right; in the last time step there is no
-    other to share with, and it comes early by less than its length. A motor's step changes the commanded angle,
-    and ``commanded_um`` with it, at the begin of the time step in which it falls.
+    pull (um kg/s2 times the scales) acts with its mean over each. The kick (N s) at ``end_us`` on slice `s` is shared
+    by the two time steps around it, so that its mean moment is right; in the last time step there is no other to
+    share with, and it comes early by less than its length. A motor's step changes the commanded angle, and
+    ``commanded_um`` with it, at the begin of the time step in which it falls.
 
-    Parameters
-    ----------
-    load : (2, nodes)
-        The pull on the nodes.
-    mean, resistance : float
-        See `film.mean_film` and `film.mean_resistance`.
-    events : int64 (n, 3)
-        Time in ns, channel and value, in order of time (see `edmsim.Plant.advance`).
-    next_event : int
-        First of them that has not happened.
-
-    Returns
-    -------
-    int
-        First event after this period; `TRIPPED` if an axis has to be stopped (see `advance_axes`); `LOST` if a
-        coordinate is out of range or not finite. Nothing is stepped any more then, and the arrays hold what was
-        found.
+    Returns the first event after this period; `TRIPPED` if an axis has to be stopped; `LOST` if a coordinate is out
+    of range or not finite: nothing is stepped any more then, and the arrays hold what was found.
     """
     period_us = period_ns * 1e-3
     n_steps = math.ceil(period_us / link.longest_us)

@@ -16,48 +16,11 @@ _STEP_SHARE, _VARIED_STEP_SHARE = 0.95, 0.7
 """Longest time step as a share of the longest stable one. Near the limit the errors of chain and time step cancel: at
 the limit itself waves run along the chain as along the string. Where it changes from pulse to pulse it stays further
 off (ours), as each change feeds the chain's highest mode, the more the nearer to the limit."""
-_MOST_ACCELERATION = 5e9
-"""m/s2; MuJoCo takes 1e10 for a number gone wild."""
+_MOST_ACCELERATION = 5e9  # m/s2; MuJoCo takes 1e10 for a number gone wild
 
 
 class FullMechanics(TableMechanics):
-    """MuJoCo's model and data for one plant, and what compiled code needs of them.
-
-    Keep it as long as the link is used: the link holds addresses of its memory. One plant, one of these.
-
-    Parameters
-    ----------
-    wire : WireSetup
-        The wire between its guides.
-    drive : DriveSetup
-        Steps, friction and backlash of the table.
-    slice_heights_m : array (n_slices,)
-        Heights of the slices' mid-planes above the lower guide in m.
-    model_file : str
-        The machine's MJCF: a file of `edmsim.models`.
-    varied : bool
-        Whether the pulses' periods differ, and with them the time step.
-
-    Attributes
-    ----------
-    model, data : mujoco.MjModel, mujoco.MjData
-        The machine, its wire of `N_NODES` nodes, its motors driven by `full_motion` instead of actuators.
-    modes : ModalModel
-        All modes of that model with its motors linearised.
-    wire_shape : float64 array (n_slices, n_nodes)
-        Deflection at a slice's mid-height per deflection of a node.
-    table_slide_shape : float64 array (2, 2)
-        Place of an axis per coordinate of ``table_q[axis]``: the carriage is the place, the rotor is not.
-    table_participation : float64 array (2, 2)
-        Nil: motor steps turn the rotors here.
-    link : FullLink
-        For `edmsim.plant.mechanics.mujoco_loop.move_full`.
-
-    Raises
-    ------
-    InputError
-        If a height lies outside the guides.
-    """
+    """MuJoCo's model and data for one plant; keep it as long as the link, which holds addresses of its memory."""
 
     def __init__(
         self, wire: WireSetup, drive: DriveSetup, slice_heights_m: ArrayLike, model_file: str = MODEL_FILE,

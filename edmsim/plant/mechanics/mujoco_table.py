@@ -30,29 +30,12 @@ _ALLOWED: dict[str, tuple[float, float, str]] = {
 
 @dataclass(frozen=True)
 class DriveSetup:
-    """What the drives of the table have that its linear model has not.
+    """What the drives of the table have that its linear model has not."""
 
-    Attributes
-    ----------
-    step_m : float
-        Travel of one full step of a motor, in m.
-    friction_N : float
-        Coulomb friction of an axis' ways in N; 0 for none.
-    presliding_m : float
-        Travel in m over which friction builds up to 63 % after a reversal.
-    backlash_m : float
-        Play of a nut on its screw in m; 0 for a preloaded one.
-
-    Raises
-    ------
-    InputError
-        If a value is not finite or outside what such a machine can have.
-    """
-
-    step_m: float
-    friction_N: float
-    presliding_m: float
-    backlash_m: float
+    step_m: float  # travel of one full step of a motor, in m
+    friction_N: float  # Coulomb friction of an axis' ways in N; 0 for none
+    presliding_m: float  # travel in m over which friction builds up to 63 % after a reversal
+    backlash_m: float  # play of a nut on its screw in m; 0 for a preloaded one
 
     def __post_init__(self) -> None:
         """Refuse values no drive can have; most often a wrong unit."""
@@ -64,26 +47,7 @@ class DriveSetup:
 
 
 class TableMechanics:
-    """MuJoCo's model and data of a table, and what compiled code needs of them.
-
-    Keep it as long as the link is used: the link holds addresses of its memory. One plant or bench, one of these.
-
-    Parameters
-    ----------
-    drive : DriveSetup
-        Steps, friction and backlash of the table.
-    longest_us : float
-        Longest time step.
-    model_file : str
-        The machine's MJCF: a file of `edmsim.models`. Its wire is left out.
-
-    Attributes
-    ----------
-    model, data : mujoco.MjModel, mujoco.MjData
-        The table, its motors driven by compiled code instead of actuators.
-    link : FullLink
-        For `edmsim.plant.mechanics.mujoco_axes.coast_table`.
-    """
+    """MuJoCo's model and data of a table; keep it as long as the link, which holds addresses of its memory."""
 
     def __init__(self, drive: DriveSetup, longest_us: float, model_file: str = MODEL_FILE) -> None:
         spec = mjcf.read(model_file).copy()

@@ -13,15 +13,6 @@ def one_step(omega: float, zeta: float, dt: float) -> tuple[float, float, float,
     """Propagators of ``q'' + 2 zeta omega q' + omega^2 q = 0`` over a time, q counted from its equilibrium.
 
     ``q(t+dt) = p11 q + p12 v`` and ``v(t+dt) = p21 q + p22 v``: the 2x2 matrix exponential.
-
-    Parameters
-    ----------
-    omega : float
-        Undamped angular frequency in rad/s, above 0.
-    zeta : float
-        Damping ratio, 0 or more.
-    dt : float
-        Time in s, 0 or more.
     """
     s = omega * math.sqrt(abs(1.0 - zeta * zeta))
     if s == 0.0:

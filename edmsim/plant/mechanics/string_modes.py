@@ -45,13 +45,7 @@ def string_modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m
 
 
 def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
-    """Return the bits of `string_modes` in a tenth of the time: the table's modes are those of any wire.
-
-    Parameters
-    ----------
-    wire, model_file, n_modes, slice_heights_m
-        As for `string_modes`; the heights lie between the guides.
-    """
+    """Return the bits of `string_modes` in a tenth of the time: the table's modes are those of any wire."""
     version = mjcf_version(model_file)
     table, known = _table(model_file, version, n_modes), _reference(model_file, version)
     new, across = _nodes_of(wire, known), known.across
@@ -66,8 +60,7 @@ def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: 
 
 _REFERENCE_WIRE = WireSetup(0.25e-3, 8500.0, 10.0, 0.040, 0.2)
 """Any wire would do: what depends on it is taken out again."""
-_ANCHORED = 1e-6
-"""Share of a node's stiffness that may hold it where its neighbours are not."""
+_ANCHORED = 1e-6  # share of a node's stiffness that may hold it where its neighbours are not
 
 
 class _Nodes(NamedTuple):

@@ -14,16 +14,13 @@ from edmsim.plant.workpiece.kerf_field import Stock
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
 
-SLOT_UM = 400.0
-"""Length of the slot behind the wire (ours: the wire's rays do not reach its open end)."""
+SLOT_UM = 400.0  # length of the slot behind the wire (ours: the wire's rays do not reach its open end)
 SLOT_GAP_UM = 30.0
 """Gap all round the wire at the slot's end (ours: a little wider than what cuts settle at in front)."""
 BLOCK_UM = 1000.0
 """How far a wavy wall goes on before and behind what is needed of it (ours: beyond what the wire's rays reach)."""
-_SCALLOP_UM = 20.0
-"""Spacing of the holes that make up a slot: their cusps stay below half a um."""
-_FRONT_GAP_UM = 30.0
-"""Gap between the wire and a block in front of it (ours)."""
+_SCALLOP_UM = 20.0  # spacing of the holes that make up a slot: their cusps stay below half a um
+_FRONT_GAP_UM = 30.0  # gap between the wire and a block in front of it (ours)
 
 
 def block_in_front(machine: Machine, x_um: float) -> Stock:
@@ -37,18 +34,8 @@ def wavy_wall(
 ) -> Stock:
     """Return a block whose upper edge along +x is a row of shallow arcs, as a coarse pass may leave it.
 
-    Parameters
-    ----------
-    wall_um : (float, float)
-        A place on the edge, half way between the deepest and the highest of its waves.
-    length_um : float
-        How far the edge is needed from there.
-    wave_um : float
-        From the bottom of an arc to the ridge between two.
-    spacing_um : float
-        From ridge to ridge.
-    shift_um : float
-        Where along x the arcs begin.
+    `wall_um` is half way between the deepest and the highest of its waves, `wave_um` from the bottom of an arc to the
+    ridge between two, `shift_um` where along x the arcs begin.
     """
     x, y = wall_um
     radius = spacing_um**2 / (8 * wave_um)
@@ -70,15 +57,7 @@ def checked_stock(stock: Stock, machine: Machine) -> Stock:
 def started_slot(
     machine: Machine, end_um: tuple[float, float], *, gap_um: float = SLOT_GAP_UM, steps: Sequence[LowerRegion] = ()
 ) -> Stock:
-    """Return a block with a slot along +x whose end is round a place on the table.
-
-    Parameters
-    ----------
-    end_um : (float, float)
-        Where the wire stands, `gap_um` off the metal in front and on both sides.
-    steps : sequence of LowerRegion
-        Where the block is less high than `machine.height_mm`.
-    """
+    """Return a block with a slot along +x; the wire at its end stands `gap_um` off the metal on three sides."""
     x, y = end_um
     radius = machine.wire_diameter_um / 2 + gap_um
     holes = tuple((float(c), y, radius) for c in np.arange(x - SLOT_UM, x + 1.0, _SCALLOP_UM))

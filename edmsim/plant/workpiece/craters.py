@@ -18,12 +18,9 @@ from edmsim.plant.gap.rays import turned
 from edmsim.plant.kernel.state import Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import FULL, carve_wall
 
-CARVE_BEYOND_UM = 48.0
-"""How far behind a ray's edge its wall is looked for."""
-MOST_PARTS = 1e12
-"""More parts than a wall has, and a number that multiplies without overflow."""
-PROUD_UM = 6.0
-"""Metal this far before the edge stands out: no ray may see it, but discharges do."""
+CARVE_BEYOND_UM = 48.0  # how far behind a ray's edge its wall is looked for
+MOST_PARTS = 1e12  # more parts than a wall has, and a number that multiplies without overflow
+PROUD_UM = 6.0  # metal this far before the edge stands out: no ray may see it, but discharges do
 
 
 @compiled
@@ -107,9 +104,7 @@ def _carve_ray(
 
 
 @compiled
-def carve(
-    a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float
-) -> float:
+def carve(a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float) -> float:
     """Carve what lies on the rays from the field; returns the volume in um3 that found no metal.
 
     `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees. What

@@ -20,43 +20,14 @@ if TYPE_CHECKING:
 
 
 class LowerRegion(NamedTuple):
-    """A region where the workpiece has a height of its own.
+    """A region where the workpiece has a height of its own."""
 
-    Attributes
-    ----------
-    region_um : shapely geometry
-        Polygon or polygons in um on the table.
-    height_mm : float
-        Height there, above the workpiece's lower face.
-    """
-
-    region_um: BaseGeometry
-    height_mm: float
+    region_um: BaseGeometry  # polygon or polygons in um on the table
+    height_mm: float  # height there, above the workpiece's lower face
 
 
 class Relief:
-    """Where each slice of a stepped workpiece lacks metal, and how high it is.
-
-    Parameters
-    ----------
-    steps : sequence of LowerRegion
-        Where regions overlap, the earlier one holds; outside all of them the height is `height_mm`.
-    height_mm : float
-        The greatest height, which the slices divide.
-
-    Attributes
-    ----------
-    faces_um : list of LowerRegion
-        Where the workpiece has each of its lower heights, from the lowest up; they do not overlap.
-    voids_um : list of shapely geometry
-        For each slice from the bottom the region without metal, perhaps empty; slices without a step between
-        them share one.
-
-    Raises
-    ------
-    InputError
-        If a step's height is not above 0 and at most `height_mm`, or so low that no slice is left of it.
-    """
+    """Where each slice of a stepped workpiece lacks metal, and how high it is; the earlier of two steps holds."""
 
     def __init__(self, steps: Sequence[LowerRegion], height_mm: float, n_slices: int) -> None:
         import shapely
@@ -76,12 +47,13 @@ class Relief:
             of_height.setdefault(height, []).append(region.difference(claimed))
             claimed = claimed.union(region)
         lower = sorted(height for height in of_height if height < height_mm)
+        # where the workpiece has each of its lower heights, from the lowest up, without overlap
         self.faces_um = [LowerRegion(shapely.union_all(of_height[height]), height) for height in lower]
         of_level: dict[int, list[BaseGeometry]] = {}
         for region, height in self.faces_um:
             shapely.prepare(region)
             of_level.setdefault(slices_below(height, height_mm, n_slices), []).append(region)
-        self.voids_um: list[BaseGeometry] = []
+        self.voids_um: list[BaseGeometry] = []  # of each slice from the bottom, the region without metal
         void: BaseGeometry = shapely.Polygon()
         for number in range(n_slices):
             if number in of_level:

@@ -23,12 +23,9 @@ from edmsim.plant.workpiece.height_steps import LowerRegion, Relief
 if TYPE_CHECKING:
     import shapely
 
-FULL = 32768
-"""Parts in a full cell."""
-PROUD_SHARE = 3.0
-"""Largest ratio of removal rates, protruding metal to flat metal (ours)."""
-PARALLEL = 1e-9
-"""A direction is parallel to an axis of the grid if its cosine is below this."""
+FULL = 32768  # parts in a full cell
+PROUD_SHARE = 3.0  # largest ratio of removal rates, protruding metal to flat metal (ours)
+PARALLEL = 1e-9  # a direction is parallel to an axis of the grid if its cosine is below this
 
 
 @dataclass(frozen=True)
@@ -76,8 +73,7 @@ class Stock:
         in_x = (x + radius >= x0_um) & (x - radius <= x1_um)
         return np.asarray(self._holes[in_x & (y + radius >= y0_um) & (y - radius <= y1_um)])
 
-    def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float
-                 ) -> NDArray[np.float64]:
+    def fraction(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64], cell_um: float) -> NDArray[np.float64]:
         """Share of metal (0..1) in the square cells of side `cell_um` centred at ``x_um[:, None], y_um``.
 
         In the lowest slice, that is: its metal no step takes away. Exact for the rectangle; at a hole's edge
@@ -130,9 +126,7 @@ class KerfField:
         If a step of the stock falls within a slice.
     """
 
-    def __init__(
-        self, n_slices: int, stock: Stock, cell_um: float = 4.0, extent_um: float | None = None
-    ) -> None:
+    def __init__(self, n_slices: int, stock: Stock, cell_um: float = 4.0, extent_um: float | None = None) -> None:
         extent_um = max(stock.rectangle_um[2:]) if extent_um is None else extent_um
         self.n_slices = n_slices
         self.stock = stock
@@ -245,16 +239,6 @@ class KerfField:
 
         It counts neither as removed metal nor as stock any more. Cells go whose middles lie in it, so a polygon that
         ends in what was cut leaves no rim.
-
-        Parameters
-        ----------
-        piece : shapely.Polygon
-            In um.
-
-        Returns
-        -------
-        float
-            How much of the allocated tiles' metal it was: volume over the height of a slice, in um2.
         """
         taken = 0
         for tx, ty, place in self.tile_places():

@@ -18,37 +18,14 @@ below there is metal all over."""
 
 
 class WallLine(NamedTuple):
-    """Where a wall that faces +y is to be.
+    """Where a wall that faces +y is to be."""
 
-    Attributes
-    ----------
-    x_um : float
-        Where the line begins.
-    y_um : float
-        Of the line, along +x.
-    """
-
-    x_um: float
-    y_um: float
+    x_um: float  # where the line begins
+    y_um: float  # of the line, along +x
 
 
 def wall_error_um(field: KerfField, y_um: float, from_um: float, to_um: float) -> float:
-    """Root mean square, over a stretch of x and the height, of a wall's distance from where it is to be.
-
-    Parameters
-    ----------
-    field : KerfField
-        The wall's metal lies below, towards -y.
-    y_um : float
-        Where it is to be.
-    from_um, to_um : float
-        The stretch of x; columns of cells count whose middle lies within.
-
-    Returns
-    -------
-    float
-        In um; NaN where no column's middle is in the stretch.
-    """
+    """Root mean square of a wall's distance from `y_um` over the height and a stretch of x, by columns of cells."""
     return float(_error_um(field.tiles, field.index, field.n_slices, field.cell_um, y_um, from_um, to_um))
 
 

@@ -15,8 +15,7 @@ from edmsim.program.dialects.skd2 import SKD2
 from edmsim.program.dialects.sodick import SODICK
 
 DIALECTS = {
-    dialect.name: dialect
-    for dialect in (SODICK, MITSUBISHI, SKD2, CHARMILLES, FANUC, LINUXCNC, FREECAD, ISO)
+    dialect.name: dialect for dialect in (SODICK, MITSUBISHI, SKD2, CHARMILLES, FANUC, LINUXCNC, FREECAD, ISO)
 }  # fmt: skip
 """By name, in the order in which they are looked for in a program."""
 AUTO = "auto"
@@ -37,20 +36,7 @@ def comments_of(text: str) -> list[str]:
 
 
 def dialect_of(text: str, requested: str) -> tuple[Dialect, list[str]]:
-    """Return the dialect of a program, and notices about it.
-
-    Parameters
-    ----------
-    text : str
-        The program.
-    requested : str
-        A dialect's name, or ``auto``: it is recognised by words that no other has.
-
-    Raises
-    ------
-    InputError
-        Unknown dialect.
-    """
+    """Return the dialect of a program, and notices about it; ``auto`` recognises it by words that no other has."""
     if check_dialect(requested) != AUTO:
         return DIALECTS[requested], [f"dialect {requested} ({DIALECTS[requested].machines}), as requested"]
     words = "\n".join("".join(_COMMENT.sub("", line).split()) for line in text.upper().splitlines())

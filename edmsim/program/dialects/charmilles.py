@@ -7,9 +7,7 @@ from edmsim.program.dialects.dialect import TAPER, Dialect
 CHARMILLES = Dialect(
     "charmilles",
     "Charmilles Robofil machines",
-    codes={
-        **TAPER, ("G", 28): "conical", ("G", 29): "cylindrical", ("M", 20): "thread", ("M", 21): "cut off",
-    },
+    codes={**TAPER, ("G", 28): "conical", ("G", 29): "cylindrical", ("M", 20): "thread", ("M", 21): "cut off"},
     condition="S",
     angle="A",
     evidence=((r"G2[89](?!\d)",),),

@@ -33,20 +33,7 @@ def key_of(name: str) -> str:
 
 
 class ConditionTable:
-    """The table of conditions in a program, line by line.
-
-    Parameters
-    ----------
-    dialect : Dialect
-        Its letter, and its columns where no comment names them.
-    file : str
-        The program, for error messages.
-
-    Attributes
-    ----------
-    values : dict of str to dict of str to float
-        By condition and column, as written.
-    """
+    """The table of conditions in a program, line by line; `values` are by condition and column, as written."""
 
     def __init__(self, dialect: Dialect, file: str) -> None:
         self.values: dict[str, dict[str, float]] = {}

@@ -19,55 +19,27 @@ TAPER: Codes = {("G", 50): "no taper", ("G", 51): "taper left", ("G", 52): "tape
 
 @dataclass(frozen=True)
 class Dialect:
-    """A dialect: words and what they mean.
+    """A dialect: words and what they mean."""
 
-    Attributes
-    ----------
-    name : str
-        As ``--dialect`` has it.
-    machines : str
-        The machines it is for, in notices.
-    codes : mapping of (str, float) to str
-        Codes that only this dialect has, or to which it gives a meaning, and what they do.
-    condition : str
-        Letter that calls a machining condition; empty where none does.
-    columns : tuple of str
-        Columns of its table of conditions, in their usual order; empty where programs hold no table.
-    angle : str
-        Letter of a taper's angle in degrees; empty where there is none.
-    signed_angle : bool
-        Whether the angle leans the wire without G51 or G52, by its sign.
-    upper : {"relative", "absolute", "colon", None}
-        How the second plane is written: U V from X Y, U V as coordinates, or a move behind a colon.
-    planes : bool
-        Whether TP and TN give the heights of the two planes.
-    registers_in_um : bool
-        Whether ``H001=100`` are um, in whatever unit the coordinates are.
-    ends_blocks : bool
-        Whether ``;`` ends a block, so that another may follow on the line.
-    numbered : bool
-        Whether subprograms begin at N numbers as well as at O numbers.
-    evidence : tuple of tuple of str
-        What the dialect is recognised by: regular expressions of which all of one tuple are found in the program,
-        in upper case, without comments and blanks.
-    comment : str
-        A regular expression that is found in its comments; empty if they tell nothing.
-    """
-
-    name: str
-    machines: str
+    name: str  # as ``--dialect`` has it
+    machines: str  # the machines it is for, in notices
+    # codes that only this dialect has, or to which it gives a meaning, and what they do
     codes: Codes = field(default_factory=dict)
-    condition: str = ""
+    condition: str = ""  # letter that calls a machining condition; empty where none does
+    # columns of its table of conditions, in their usual order; empty where programs hold no table
     columns: tuple[str, ...] = ()
-    angle: str = ""
-    signed_angle: bool = False
+    angle: str = ""  # letter of a taper's angle in degrees; empty where there is none
+    signed_angle: bool = False  # whether the angle leans the wire without G51 or G52, by its sign
+    # how the second plane is written: U V from X Y, U V as coordinates, or a move behind a colon
     upper: Literal["relative", "absolute", "colon"] | None = None
-    planes: bool = False
-    registers_in_um: bool = False
-    ends_blocks: bool = False
-    numbered: bool = False
+    planes: bool = False  # whether TP and TN give the heights of the two planes
+    registers_in_um: bool = False  # whether ``H001=100`` are um, in whatever unit the coordinates are
+    ends_blocks: bool = False  # whether ``;`` ends a block, so that another may follow on the line
+    numbered: bool = False  # whether subprograms begin at N numbers as well as at O numbers
+    # what the dialect is recognised by: regular expressions of which all of one tuple are found in the program,
+    # in upper case, without comments and blanks
     evidence: tuple[tuple[str, ...], ...] = ()
-    comment: str = ""
+    comment: str = ""  # a regular expression that is found in its comments; empty if they tell nothing
 
     @property
     def letters(self) -> str:
@@ -79,15 +51,7 @@ class Dialect:
         return self.codes.get(code)
 
     def found_in(self, words: str, comments: str) -> str | None:
-        """Return what a program is recognised by; None if nothing tells.
-
-        Parameters
-        ----------
-        words : str
-            The program in upper case without comments and blanks, line by line.
-        comments : str
-            Its comments.
-        """
+        """Return what a program, in upper case without comments and blanks, is recognised by; None if by nothing."""
         for alternative in self.evidence:
             found = [re.search(pattern, words, re.MULTILINE) for pattern in alternative]
             if all(found):

@@ -13,17 +13,13 @@ _COORDINATE = re.compile(r"[XYIJ][-+]?[\d.]", re.IGNORECASE)
 _LINE_END = re.compile(r"(?<![^\d.\s()])[^\d.\s()]++$")
 _MARKS = r"[^\w\s%/();#\[]"
 # every blank and mark is looked at once: a line of nothing but blanks would else take hours
-_MARKED_COMMENT = re.compile(
-    rf"(?<!\s)(?:\s++|(?=N)|(?<!{_MARKS}))(?:N\d++)?+\s*+{_MARKS}++\s*+(?=\()"
-)
+_MARKED_COMMENT = re.compile(rf"(?<!\s)(?:\s++|(?=N)|(?<!{_MARKS}))(?:N\d++)?+\s*+{_MARKS}++\s*+(?=\()")
 _INCHES = re.compile(r"\(machine:[^)]*\bin/min\)", re.IGNORECASE)
 
 
 def without_line_ends(lines: Sequence[str]) -> list[str]:
-    """Take off what stands at the end of every line with coordinates, and signs that a comment begins with.
-
-    What some of these lines lack is no line end, and neither is a single letter: they may be words that were spoilt.
-    """
+    """Take off what stands at the end of every line with coordinates, and signs that a comment begins with."""
+    # what some of these lines lack is no line end, and neither is a single letter: they may be words that were spoilt
     bare = [re.sub(r"\([^()]*\)", "", line.partition(";")[0]).rstrip() for line in lines]
     ends = [_LINE_END.search(line) for line in bare if _COORDINATE.search(line)]
     found = {end and end[0] for end in ends}

@@ -15,7 +15,5 @@ MITSUBISHI = Dialect(
     angle="A",
     signed_angle=True,
     upper="relative",
-    evidence=(
-        (r"H\d{1,4}=[-+\d.]*\+H\d{1,4}",), (r"E\d{3,4}(?![\d=])", r"M(?:2[01]|58|78|8[0-9]|9[01])(?!\d)"),
-    ),
+    evidence=((r"H\d{1,4}=[-+\d.]*\+H\d{1,4}",), (r"E\d{3,4}(?![\d=])", r"M(?:2[01]|58|78|8[0-9]|9[01])(?!\d)")),
 )  # fmt: skip

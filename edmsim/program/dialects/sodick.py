@@ -8,15 +8,11 @@ SODICK = Dialect(
     "sodick",
     "Sodick machines",
     codes={
-        **TAPER,
-        ("G", 140): "two planes off", ("G", 141): "two planes left", ("G", 142): "two planes right",
-        ("T", 90): "cut off", ("T", 91): "thread",
-        ("M", 199): "end",
+        **TAPER, ("G", 140): "two planes off", ("G", 141): "two planes left", ("G", 142): "two planes right",
+        ("T", 90): "cut off", ("T", 91): "thread", ("M", 199): "end",
     },
     condition="C",
-    columns=(
-        "ON", "OFF", "IP", "HRP", "MAO", "SV", "V", "SF", "C", "PIK", "CTRL", "WK", "WT", "WS", "WP",
-    ),
+    columns=("ON", "OFF", "IP", "HRP", "MAO", "SV", "V", "SF", "C", "PIK", "CTRL", "WK", "WT", "WS", "WP"),
     angle="A",
     upper="colon",
     planes=True,

@@ -11,16 +11,6 @@ from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_f
 from edmsim.recording.figures.wire import spectrum_figure
 
 __all__ = [
-    "corner_figure",
-    "delay_figure",
-    "error_figure",
-    "face_figure",
-    "kerf_figure",
-    "passes_figure",
-    "plane_figure",
-    "profile_figure",
-    "pulses_figure",
-    "shares_figure",
-    "spectrum_figure",
-    "write_figure",
+    "corner_figure", "delay_figure", "error_figure", "face_figure", "kerf_figure", "passes_figure", "plane_figure",
+    "profile_figure", "pulses_figure", "shares_figure", "spectrum_figure", "write_figure",
 ]

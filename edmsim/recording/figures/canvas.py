@@ -10,10 +10,7 @@ from matplotlib.figure import Figure
 
 
 class NotebookFigure(Figure):
-    """A figure with an Agg canvas that shows by itself as the last line of a notebook's cell.
-
-    Notebooks show the figures of pyplot only, whose global state is not touched here.
-    """
+    """A figure that shows by itself in a notebook, as else only pyplot's do; pyplot's global state is not touched."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)

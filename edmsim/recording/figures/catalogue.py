@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 from edmsim.cosim.pulse_sample import PulseSample
 from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, shares_figure
 from edmsim.recording.figures.passes import face_figure, passes_figure
 from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
 from edmsim.recording.figures.wire import spectrum_figure
+from edmsim.recording.report import Report
 from edmsim.recording.scene import Scene
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ class Picture(NamedTuple):
     figure: Figure
 
 
-OF_CUT: dict[str, Callable[[Mapping[str, Any], pa.Table, Scene], Figure]] = {
+OF_CUT: dict[str, Callable[[Report, pa.Table, Scene], Figure]] = {
     "profile-error": lambda report, windows, scene: error_figure(scene),
     "error-shares": lambda report, windows, scene: shares_figure(scene),
     "corner": lambda report, windows, scene: corner_figure(scene, windows),
@@ -36,9 +37,9 @@ OF_CUT: dict[str, Callable[[Mapping[str, Any], pa.Table, Scene], Figure]] = {
     "short-open": lambda report, windows, scene: plane_figure(windows),
 }
 """Figures of a cut by name: functions of report, windows and scene."""
-OF_SAMPLE: dict[str, Callable[[PulseSample, pa.Table, Mapping[str, Any]], Figure]] = {
+OF_SAMPLE: dict[str, Callable[[PulseSample, pa.Table, Report], Figure]] = {
     "ignition-delay": lambda sample, windows, report: delay_figure(sample, windows),
-    "wire-spectrum": lambda sample, windows, report: spectrum_figure([sample], report["settings"]["resolution"]),
+    "wire-spectrum": lambda sample, windows, report: spectrum_figure([sample], report.settings["resolution"]),
 }
 """Figures of single pulses by name: functions of the sample, windows and report."""
 _CAPTIONS = {
@@ -57,21 +58,11 @@ _CAPTIONS = {
 
 
 def pictures(
-    report: Mapping[str, Any], windows: pa.Table, scene: Scene, sample: PulseSample | str,
-    leave_out: Callable[[str], None],
+    report: Report, windows: pa.Table, scene: Scene, sample: PulseSample | str, leave_out: Callable[[str], None]
 ) -> Iterator[Picture]:
-    """Draw the figures of a cut, one after the other.
-
-    Parameters
-    ----------
-    sample : PulseSample or str
-        Single pulses of a straight cut with this cut's set-up, or why there are none
-        (`edmsim.job.result.sample_or_reason`).
-    leave_out : callable
-        Called with which figures cannot be made of this cut, and why.
-    """
+    """Draw the figures of a cut one by one; `leave_out` is called with those that cannot be made, and why."""
     for name, draw in OF_CUT.items():
-        if (name != "corner" or scene.corners) and (name != "passes" or report.get("passes")):
+        if (name != "corner" or scene.corners) and (name != "passes" or report.passes):
             yield Picture(name, _CAPTIONS[name], draw(report, windows, scene))
     if isinstance(sample, str):
         leave_out(f"ignition delays and the wire's spectrum are not drawn: {sample}")

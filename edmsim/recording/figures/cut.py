@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from edmsim.recording.figures.style import (
     legend,
     nothing_to_show,
 )
+from edmsim.recording.report import Report
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner
 from edmsim.recording.windows import column
 
@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _COLOURS = SKY, PURPLE, GREEN, BLUE, ORANGE
-_SHOWN = 99.0
-"""Percentile of all errors that the axes hold; single corners may leave them (ours)."""
+_SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may leave them (ours)
 
 
 def shares_figure(scene: Scene) -> Figure:
@@ -86,10 +85,8 @@ def _joined(split: list[ErrorMap]) -> tuple[Array, Array, Array]:
     return np.concatenate(ways), np.concatenate(errors), np.concatenate(shares, axis=1)
 
 
-CORNER_REACH_MM = 0.4
-"""Half the width of what a corner's detail shows (ours: kerf and wire are in it whole)."""
-LABELLED = 6
-"""Corners whose error is written beside them: the worst ones."""
+CORNER_REACH_MM = 0.4  # half the width of what a corner's detail shows (ours: kerf and wire are in it whole)
+LABELLED = 6  # corners whose error is written beside them: the worst ones
 
 
 def error_figure(scene: Scene) -> Figure:
@@ -307,13 +304,13 @@ def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Array, s: Array, place_mm:
     axes.plot(s[places], mean, color=BLUE, linewidth=0.9, label="wire off its guides (+ away from the part)")
 
 
-def kerf_figure(report: Mapping[str, Any]) -> Figure:
+def kerf_figure(report: Report) -> Figure:
     """Draw the kerf's cross-section over the workpiece's height: both walls, averaged along the cut.
 
     Parameters
     ----------
-    report : mapping
-        The report of a cut, as ``report.json`` holds it.
+    report : Report
+        Of a cut.
 
     Returns
     -------
@@ -322,12 +319,12 @@ def kerf_figure(report: Mapping[str, Any]) -> Figure:
         drawn large, the wire itself is left out.
     """
     figure = column_figure(2.9, top_in=0.36)
-    slices = report["kerf_section"]
-    section = [row for row in slices if row["places"]]
+    slices = report.kerf_section
+    section = [row for row in slices if row.places]
     if not section:
         return nothing_to_show(figure, "no kerf: there was no place to measure its width")
-    radius = report["settings"]["wire_diameter_um"] / 2
-    z = np.array([row["height_mm"] for row in section])
+    radius = report.settings["wire_diameter_um"] / 2
+    z = np.array([row.height_mm for row in section])
     panels = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.1})
     for panel, side in zip(panels, ("rest", "part"), strict=True):
         mean, low, high = (
@@ -340,9 +337,9 @@ def kerf_figure(report: Mapping[str, Any]) -> Figure:
     panels[0].set_xlim(high, low)  # the wire stands between both walls
     panels[1].set_xlim(low, high)
     panels[0].set_ylabel("height over the lower face, mm", fontsize=LABEL_PT, color=MUTED)
-    panels[0].set_ylim(0, slices[-1]["height_mm"] + slices[0]["height_mm"])
+    panels[0].set_ylim(0, slices[-1].height_mm + slices[0].height_mm)
     panels[0].set_title(
-        f"kerf {report['kerf_um']['mean']:.1f} µm on average, wire {2 * radius:g} µm\n"
+        f"kerf {report.text('kerf_um.mean')} on average, wire {2 * radius:g} µm\n"
         "line: mean along the cut, band: nine tenths", fontsize=LABEL_PT, color=INK, loc="left",
     )  # fmt: skip
     return figure

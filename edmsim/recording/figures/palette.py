@@ -37,6 +37,4 @@ def error_rgb(error_um: NDArray[np.float64], limit_um: float) -> NDArray[np.uint
     """Return the colours (n, 3) of profile errors; beyond ``limit_um`` either way the ends of the scale."""
     stops = np.array([rgb(stop) for stop in ERROR_STOPS], float)
     place = np.linspace(-limit_um, limit_um, len(stops))
-    return (
-        np.column_stack([np.interp(error_um, place, stops[:, k]) for k in range(3)]).round().astype(np.uint8)
-    )
+    return (np.column_stack([np.interp(error_um, place, stops[:, k]) for k in range(3)]).round().astype(np.uint8))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,13 +17,13 @@ from edmsim.recording.figures.style import (
     legend,
     nothing_to_show,
 )
+from edmsim.recording.report import Report
 from edmsim.recording.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PASS_COLOURS = (INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)
-"""Colours of the passes, from rough on."""
+PASS_COLOURS = (INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)  # colours of the passes, from rough on
 
 
 def pass_colour(number: int) -> str:
@@ -32,38 +31,38 @@ def pass_colour(number: int) -> str:
     return PASS_COLOURS[(number - 1) % len(PASS_COLOURS)]
 
 
-def passes_figure(report: Mapping[str, Any]) -> Figure:
+def passes_figure(report: Report) -> Figure:
     """Draw what each pass left: its wall over the height, time, stock and roughness.
 
     Parameters
     ----------
-    report : mapping
-        As ``report.json`` holds it.
+    report : Report
+        Of a cut in passes.
 
     Returns
     -------
     matplotlib.figure.Figure
         One column wide, with an Agg canvas.
     """
-    rows = [row for row in report.get("passes") or [] if row["piece"] == "profile" and row["left_um"] is not None]
+    rows = [row for row in report.passes if row.piece == "profile" and row.left_um is not None]
     if not rows:
         return nothing_to_show(column_figure(2.0), "no passes: the cut was made in one, or none was finished")
-    rows = [row for row in rows if row["contour"] == rows[0]["contour"]]
+    rows = [row for row in rows if row.contour == rows[0].contour]
     figure = column_figure(4.4, top_in=0.3)
     grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1.0], hspace=0.42, wspace=0.62)
     wall = figure.add_subplot(grid[0, :])
-    heights = np.array([row["height_mm"] for row in report["heights"]])
+    heights = np.array([row.height_mm for row in report.heights])
     for row in rows:
-        own = np.array(row["slices_um"], float) - row["left_um"]
-        wall.plot(own, heights, "o-", color=pass_colour(row["number"]), markersize=2.5, linewidth=1.0,
-                  label=f"{row['number']}")  # fmt: skip
+        own = np.array(row.slices_um, float) - row.left_um
+        wall.plot(own, heights, "o-", color=pass_colour(row.number), markersize=2.5, linewidth=1.0,
+                  label=f"{row.number}")  # fmt: skip
     dress(wall, "wall over its mean, µm (+ metal left)", "height, mm")
     legend(wall, above=True, columns=len(rows), title="wall after pass")
-    numbers = [row["number"] for row in rows]
-    panels = (
-        ("time, min", [(row["end_s"] - row["begin_s"]) / 60 for row in rows]),
-        ("metal left, µm", [row["left_um"] for row in rows]),
-        ("Ra, µm", [row["ra_um"] or np.nan for row in rows]),
+    numbers = [row.number for row in rows]
+    panels: tuple[tuple[str, list[Any]], ...] = (
+        ("time, min", [(row.end_s - row.begin_s) / 60 for row in rows]),
+        ("metal left, µm", [row.left_um for row in rows]),
+        ("Ra, µm", [row.ra_um or np.nan for row in rows]),
     )
     for k, (name, values) in enumerate(panels):
         axes = figure.add_subplot(grid[1, k])

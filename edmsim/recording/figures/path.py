@@ -17,25 +17,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ARROWS = 4
-"""Arrows on a contour: enough to see which way it is cut."""
-_WIRES = 150
-"""Places at which a leaning wire is drawn."""
+_ARROWS = 4  # arrows on a contour: enough to see which way it is cut
+_WIRES = 150  # places at which a leaning wire is drawn
 
 
 def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
-    """Draw a path in the program's coordinates.
-
-    Parameters
-    ----------
-    kerf_um : float
-        Expected width of the kerf: wire and twice the gap.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With an Agg canvas.
-    """
+    """Draw a path in the program's coordinates; the kerf is wire and twice the gap."""
     from edmsim.recording.figures.canvas import NotebookFigure
 
     figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
@@ -92,9 +79,7 @@ def _draw_wires(axes: Axes, below: np.ndarray, above: np.ndarray) -> None:
     axes.add_collection(wires)
 
 
-def _draw_ways(
-    axes: Axes, path: CutPath, contour: WireContour, face: tuple[str, str], labelled: bool
-) -> None:
+def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, face: tuple[str, str], labelled: bool) -> None:
     """Draw the wire's centre on a face, of every pass in its colour; a tab's passes are dashed."""
     where, colour = face
     if not contour.passes:
@@ -133,11 +118,8 @@ def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
         ))  # fmt: skip
     for contour in path.contours:
         hole = Circle(
-            contour.points_um[0] / 1e3 - path.origin_mm,
-            path.start_hole_radius_mm,
-            facecolor="white",
-            edgecolor=MUTED,
-            zorder=2,
+            contour.points_um[0] / 1e3 - path.origin_mm, path.start_hole_radius_mm, facecolor="white",
+            edgecolor=MUTED, zorder=2,
         )
         axes.add_patch(hole)
 

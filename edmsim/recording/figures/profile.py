@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -27,7 +28,7 @@ from edmsim.recording.figures.palette import (
     SHARE_COLOURS,
     VERMILION,
 )
-from edmsim.recording.report import duration_text, figure_text, rate_text
+from edmsim.recording.report import Report, duration_text, rate_text
 from edmsim.recording.scene import Scene, SceneCorner, round_number
 from edmsim.recording.windows import column, lag_along_um, pause_rows, stretches
 
@@ -38,8 +39,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-BINS = 800
-"""Most points a series is drawn with."""
+BINS = 800  # most points a series is drawn with
 
 
 class Band(NamedTuple):
@@ -52,20 +52,7 @@ class Band(NamedTuple):
 
 
 def binned(x: NDArray[np.float64], values: NDArray[np.float64], bins: int = BINS) -> Band:
-    """Put a series into at most `bins` bins of equally many rows.
-
-    Parameters
-    ----------
-    x, values : float64 array (n,)
-        NaN in `values` is left out; a bin with nothing else is NaN.
-    bins : int
-        At least 1.
-
-    Returns
-    -------
-    Band
-        Arrays of length ``min(n, bins)``.
-    """
+    """Put a series into at most `bins` bins of equally many rows, without NaN; a bin with nothing else is NaN."""
     edges = np.linspace(0, len(x), min(len(x), bins) + 1).astype(int)
     starts, known = edges[:-1], np.isfinite(values)
     if len(starts) == 0:
@@ -153,10 +140,7 @@ def draw_shares(axes: Axes, t: NDArray[np.float64], windows: pa.Table, bins: int
     of_kinds = [bands(t, share, column(windows, "t_s"), bins) for share in shares]
     for number, stretch in enumerate(zip(*of_kinds, strict=True)):
         axes.stackplot(
-            stretch[0].x,
-            [band.mean for band in stretch],
-            colors=list(SHARE_COLOURS.values()),
-            linewidth=0,
+            stretch[0].x, [band.mean for band in stretch], colors=list(SHARE_COLOURS.values()), linewidth=0,
             labels=() if number else list(SHARE_COLOURS),
         )
     axes.set_ylim(0, 100)
@@ -166,15 +150,8 @@ def _finish(axes: Axes, label: str) -> None:
     axes.set_ylabel(label, color=MUTED, fontsize=8.5)
     if len(axes.get_legend_handles_labels()[0]) > 1:
         axes.legend(
-            loc="upper left",
-            bbox_to_anchor=(1.004, 1.03),
-            frameon=False,
-            fontsize=8,
-            handlelength=1.0,
-            labelcolor=INK,
-            borderpad=0.0,
-            handletextpad=0.4,
-            labelspacing=0.3,
+            loc="upper left", bbox_to_anchor=(1.004, 1.03), frameon=False, fontsize=8, handlelength=1.0,
+            labelcolor=INK, borderpad=0.0, handletextpad=0.4, labelspacing=0.3,
         )
 
 
@@ -207,36 +184,22 @@ def _panel_wire(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
 
 
 PANELS: tuple[Callable[[Axes, NDArray[np.float64], pa.Table], None], ...] = (
-    _panel_feed,
-    _panel_pulses,
-    _panel_gap,
-    _panel_error,
-    _panel_wire,
+    _panel_feed, _panel_pulses, _panel_gap, _panel_error, _panel_wire
 )
 
 
 Box = tuple[float, float, float, float]
 
 _LABEL_FONT_PT = 8.5
-_LABEL = (4.2, 1.75)
-"""Width and height of a label with some room around it, in heights of its font."""
-_LABEL_AWAY = (2.6, 3.8, 5.2)
-"""Distances of a label from its corner that are tried, in heights of its font."""
+_LABEL = (4.2, 1.75)  # width and height of a label with some room around it, in heights of its font
+_LABEL_AWAY = (2.6, 3.8, 5.2)  # distances of a label from its corner that are tried, in heights of its font
 
-NAMED_LEVELS = 4
-"""Levels of a stepped workpiece up to which the legend names each."""
-LABELLED_CORNERS = 12
-"""Corners whose error is written beside them: the worst ones."""
+NAMED_LEVELS = 4  # levels of a stepped workpiece up to which the legend names each
+LABELLED_CORNERS = 12  # corners whose error is written beside them: the worst ones
 
 
 def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
-    """Draw the part, what was cut of it, and the error between on `axes`, in the program's coordinates.
-
-    Parameters
-    ----------
-    within_mm : (x_min, y_min, x_max, y_max), optional
-        What is shown, on the table; all of the cut if not given.
-    """
+    """Draw part, kerf and the error between, in the program's coordinates; `within_mm` is a box on the table."""
     box, (dx, dy) = within_mm or scene.extent_mm(), scene.origin_mm or (0.0, 0.0)
     scene = scene.in_program()
     factor = scene.error_factor()
@@ -268,9 +231,7 @@ def _frame_map(axes: Axes, scene: Scene, shown_mm: Box) -> None:
     # Half the width shown: whatever needs more room, so that a millimetre is as long on both axes.
     half = max((x1 - x0) / 2 + margin, ((y1 - y0) / 2 + margin) * box.width / box.height)
     axes.set_xlim((x0 + x1) / 2 - half, (x0 + x1) / 2 + half)
-    axes.set_ylim(
-        (y0 + y1) / 2 - half * box.height / box.width, (y0 + y1) / 2 + half * box.height / box.width
-    )
+    axes.set_ylim((y0 + y1) / 2 - half * box.height / box.width, (y0 + y1) / 2 + half * box.height / box.width)
     axes.set_aspect("equal", adjustable="box")
     axes.autoscale(enable=False)
     x, y = scene.axis_labels()
@@ -286,26 +247,20 @@ def _draw_metal(axes: Axes, scene: Scene) -> None:
     from matplotlib.path import Path as MplPath
 
     x0, y0, x1, y1 = scene.stock_mm
-    axes.add_patch(
-        Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
-    )
+    axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0))
     edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
     # What lies between the closed edges is the kerf: even-odd, so that the part inside stays metal.
     kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
     bored = scene.bored()
     for polygon in [*shapely.get_parts(kerf), *shapely.get_parts(bored)]:
         rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
-        axes.add_patch(
-            PathPatch(MplPath.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1)
-        )
+        axes.add_patch(PathPatch(MplPath.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1))
     rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(bored)]
     axes.add_collection(_lines(rims, color=MUTED, linewidth=0.6, zorder=2), autolim=False)
     lines = _lines(edges, color="#3d4852", linewidth=0.7, zorder=3)
     lines.set_label(f"cut edge, {scene.middle_mm():.3g} mm high" if scene.terraces else "cut edge, mid height")
     axes.add_collection(lines, autolim=False)
-    nominal = _lines(
-        [m.nominal_mm for m in scene.maps], color=INK, linewidth=0.7, linestyle=(0, (5, 3)), zorder=4
-    )
+    nominal = _lines([m.nominal_mm for m in scene.maps], color=INK, linewidth=0.7, linestyle=(0, (5, 3)), zorder=4)
     nominal.set_label("nominal edge")
     axes.add_collection(nominal, autolim=False)
     for face, (colour, name) in enumerate(((BLUE, "edge below"), (VERMILION, "edge above"))):
@@ -348,8 +303,7 @@ def _draw_errors(axes: Axes, scene: Scene, factor: float) -> None:
         error = edge.reached_um()
         mean = ((error[:-1] + error[1:]) / 2)[smooth]
         axes.add_collection(
-            _lines(fans, array=error, cmap=colours, norm=norm, linewidth=0.5, alpha=0.35, zorder=5),
-            autolim=False,
+            _lines(fans, array=error, cmap=colours, norm=norm, linewidth=0.5, alpha=0.35, zorder=5), autolim=False
         )
         lines = _lines(pieces, array=mean, cmap=colours, norm=norm, linewidth=1.7, capstyle="round", zorder=6)
         axes.add_collection(lines, autolim=False)
@@ -383,27 +337,13 @@ def _mark_corners(axes: Axes, scene: Scene) -> None:
     x0, y0, x1, y1 = scene.extent_mm()
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
     axes.plot(
-        [c.x_mm for c in known],
-        [c.y_mm for c in known],
-        "o",
-        markersize=5.5,
-        markerfacecolor="none",
-        markeredgecolor=INK,
-        markeredgewidth=0.8,
-        zorder=7,
-        label="corner, its error in µm",
+        [c.x_mm for c in known], [c.y_mm for c in known], "o", markersize=5.5, markerfacecolor="none",
+        markeredgecolor=INK, markeredgewidth=0.8, zorder=7, label="corner, its error in µm",
     )
     for corner, offset_pt in label_places(axes, worst, middle, _LABEL_FONT_PT):
         axes.annotate(
-            f"{corner.error_um:+.1f}".replace("-", "−"),
-            (corner.x_mm, corner.y_mm),
-            xytext=offset_pt,
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=_LABEL_FONT_PT,
-            color=INK,
-            zorder=8,
+            f"{corner.error_um:+.1f}".replace("-", "−"), (corner.x_mm, corner.y_mm), xytext=offset_pt,
+            textcoords="offset points", ha="center", va="center", fontsize=_LABEL_FONT_PT, color=INK, zorder=8,
             bbox={"boxstyle": "round,pad=0.18", "facecolor": "white", "edgecolor": GRID, "linewidth": 0.6},
         )
 
@@ -411,10 +351,8 @@ def _mark_corners(axes: Axes, scene: Scene) -> None:
 def label_places(
     axes: Axes, corners: Sequence[SceneCorner], middle: NDArray[np.float64], font_pt: float
 ) -> Iterator[tuple[SceneCorner, tuple[float, float]]]:
-    """Choose places of labels, in points from their corners, that cover neither each other nor a corner.
-
-    Best toward the middle of the part: outside, the exaggerated error is drawn. One without room has no label.
-    """
+    """Choose places of labels, in points from their corners, that cover neither each other nor a corner."""
+    # best toward the middle of the part: outside, the exaggerated error is drawn; one without room has no label
     point = axes.figure.dpi / 72.0
     at = axes.transData.transform([(c.x_mm, c.y_mm) for c in corners]) / point
     centre = axes.transData.transform(middle) / point
@@ -442,28 +380,13 @@ def label_places(
 def _mark_places(axes: Axes, scene: Scene) -> None:
     if len(scene.starts_mm):
         axes.plot(
-            scene.starts_mm[:, 0],
-            scene.starts_mm[:, 1],
-            "^",
-            markersize=7,
-            color=GREEN,
-            markeredgecolor="white",
-            markeredgewidth=0.7,
-            linestyle="none",
-            zorder=8,
-            label="start",
+            scene.starts_mm[:, 0], scene.starts_mm[:, 1], "^", markersize=7, color=GREEN, markeredgecolor="white",
+            markeredgewidth=0.7, linestyle="none", zorder=8, label="start",
         )
     if scene.stop_mm is not None:
         axes.plot(
-            *scene.stop_mm,
-            "X",
-            markersize=10,
-            color=VERMILION,
-            markeredgecolor="white",
-            markeredgewidth=0.8,
-            linestyle="none",
-            zorder=9,
-            label="stopped here",
+            *scene.stop_mm, "X", markersize=10, color=VERMILION, markeredgecolor="white", markeredgewidth=0.8,
+            linestyle="none", zorder=9, label="stopped here",
         )
 
 
@@ -477,32 +400,21 @@ def _scale_bars(axes: Axes, factor: float | None) -> None:
     for bottom, text in bars:
         span = length / (high - low)
         axes.plot(
-            [0.965 - span, 0.965],
-            [bottom, bottom],
-            transform=axes.transAxes,
-            color=INK,
-            linewidth=2.2,
-            solid_capstyle="butt",
-            zorder=10,
+            [0.965 - span, 0.965], [bottom, bottom], transform=axes.transAxes, color=INK, linewidth=2.2,
+            solid_capstyle="butt", zorder=10,
         )
         axes.text(
-            0.965 - span / 2,
-            bottom + 0.007,
-            text,
-            transform=axes.transAxes,
-            ha="center",
-            va="bottom",
-            fontsize=8,
-            color=INK,
-            zorder=10,
+            0.965 - span / 2, bottom + 0.007, text, transform=axes.transAxes, ha="center", va="bottom", fontsize=8,
+            color=INK, zorder=10,
         )
 
 
-REASON_LETTERS = 130
-"""Letters of a line in which it is said why a cut stopped."""
+PROFILE_DPI = 160
+PROFILE_DOTS = 1600, 1920  # width and height of `profile.png` (ours)
+REASON_LETTERS = 130  # letters of a line in which it is said why a cut stopped
 
 
-def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], title: str) -> Figure:
+def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) -> Figure:
     """Draw the cut.
 
     Parameters
@@ -511,8 +423,8 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], t
         Drawing, cut edges, error, corners.
     windows : pyarrow.Table
         The table of windows.
-    report : mapping
-        Of `edmsim.recording.report.build_report`, for the heading.
+    report : Report
+        For the heading.
     title : str
         What was cut, usually the program's name.
 
@@ -523,7 +435,8 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], t
     """
     from edmsim.recording.figures.canvas import NotebookFigure
 
-    figure = NotebookFigure(figsize=(10.0, 12.0), dpi=160, facecolor="white")
+    inches = (PROFILE_DOTS[0] / PROFILE_DPI, PROFILE_DOTS[1] / PROFILE_DPI)
+    figure = NotebookFigure(figsize=inches, dpi=PROFILE_DPI, facecolor="white")
     outer = figure.add_gridspec(
         2, 1, height_ratios=[1.32, 1.0], hspace=0.13, left=0.085, right=0.915, top=0.908, bottom=0.05
     )
@@ -536,49 +449,51 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Mapping[str, Any], t
     return figure
 
 
-def mark_passes(panels: list[Axes], windows: pa.Table, report: Mapping[str, Any]) -> None:
+def mark_passes(panels: list[Axes], windows: pa.Table, report: Report) -> None:
     """Draw where passes begin, with their numbers over the uppermost of panels over machine time."""
     t_s = column(windows, "t_s")
     _, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
-    for row in report.get("passes") or []:
+    for row in report.passes:
         for axes in panels:
-            axes.axvline(row["begin_s"] / seconds, color=MUTED, linewidth=0.7, linestyle=(0, (4, 3)))
-        name = f"{row['number']}" + ("t" if row["piece"] == "tab" else "")
-        middle = (row["begin_s"] + row["end_s"]) / 2 / seconds
+            axes.axvline(row.begin_s / seconds, color=MUTED, linewidth=0.7, linestyle=(0, (4, 3)))
+        name = f"{row.number}" + ("t" if row.piece == "tab" else "")
+        middle = (row.begin_s + row.end_s) / 2 / seconds
         panels[0].annotate(
             name, (middle, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2), textcoords="offset points",
             ha="center", fontsize=7.5, color=MUTED, annotation_clip=True,
         )  # fmt: skip
 
 
+def profile_png(scene: Scene, windows: pa.Table, report: Report, title: str) -> bytes:
+    """Return `profile_figure` as PNG: ``profile.png``, and the first picture of the report's page."""
+    return figure_png(profile_figure(scene, windows, report, title))
+
+
+def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> bytes:
+    """Return a figure as PNG, the same bytes each time."""
+    written = io.BytesIO()
+    figure.savefig(written, format="png", dpi=dpi, metadata={"Software": "edmsim"})
+    return written.getvalue()
+
+
 def write_figure(figure: Figure, file: str | Path) -> None:
     """Write a figure as PNG; a file of that name is replaced whole or not at all."""
     with replacing(file) as partial:
-        figure.savefig(partial, format="png", metadata={"Software": "edmsim"})
+        partial.write_bytes(figure_png(figure))
 
 
-def _heading(figure: Figure, report: Mapping[str, Any], title: str) -> None:
-    kerf, profile = report["kerf_um"], report["profile_error_um"]
+def _heading(figure: Figure, report: Report, title: str) -> None:
     facts = [
-        duration_text(report["machining_time_s"]),
-        figure_text(report["path_length_mm"], "mm", 2),
-        rate_text(report),
-        f"kerf {figure_text(kerf['mean'], 'µm', 0)}",
-        f"profile error {figure_text(profile['max'], 'µm')} max, {figure_text(profile['rms'], 'µm')} rms",
+        duration_text(report.machining_time_s), report.text("path_length_mm"), rate_text(report),
+        f"kerf {report.text('kerf_um.mean', 0)}", f"profile error {report.profile_error_um.worst_and_rms}",
     ]
-    stopped = report["reason"] is not None
+    stopped = report.reason is not None
     figure.text(0.085, 0.972, title, fontsize=16, fontweight="bold", color=INK, va="baseline")
     figure.text(
-        0.915,
-        0.972,
-        report["outcome"],
-        fontsize=12,
-        ha="right",
-        va="baseline",
-        fontweight="bold",
+        0.915, 0.972, report.outcome, fontsize=12, ha="right", va="baseline", fontweight="bold",
         color=VERMILION if stopped else GREEN,
     )
     figure.text(0.085, 0.950, "   ·   ".join(facts), fontsize=9.5, color=MUTED, va="baseline")
     if stopped:
-        lines = textwrap.wrap(f"stopped: {report['reason']}", REASON_LETTERS, max_lines=2, placeholder=" ...")
+        lines = textwrap.wrap(f"stopped: {report.reason}", REASON_LETTERS, max_lines=2, placeholder=" ...")
         figure.text(0.085, 0.9455, "\n".join(lines), fontsize=8.5, color=VERMILION, va="top", linespacing=1.1)

@@ -8,17 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.cosim.pulse_sample import KINDS, PulseSample
-from edmsim.recording.figures.palette import (
-    BLUE,
-    GREEN,
-    INK,
-    LINE,
-    MUTED,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-)
+from edmsim.recording.figures.palette import BLUE, GREEN, INK, LINE, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.recording.figures.profile import bands, draw_shares, mark_pauses, time_unit
 from edmsim.recording.figures.style import LABEL_PT, colour_bar, column_figure, dress, legend, nothing_to_show
 from edmsim.recording.windows import column
@@ -30,14 +20,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-BINS = 250
-"""Most points a series is drawn with: two a pixel at one column's width."""
-PATH_STEPS = 120
-"""Points of the controller's path (ours: few enough to be followed by eye)."""
-TAIL_US = 10.0
-"""From this delay on only the long branch of breakdowns is left (see `edmsim.validation.ignition`)."""
-LEAST_TAIL = 20
-"""Breakdowns needed in the tail for a line through it (ours: its slope is known to some 20 %)."""
+BINS = 250  # most points a series is drawn with: two a pixel at one column's width
+PATH_STEPS = 120  # points of the controller's path (ours: few enough to be followed by eye)
+TAIL_US = 10.0  # from this delay on only the long branch of breakdowns is left (see `edmsim.validation.ignition`)
+LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: its slope is known to some 20 %)
 
 
 def pulses_figure(windows: pa.Table) -> Figure:

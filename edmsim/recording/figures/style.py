@@ -12,26 +12,19 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-WIDTH_IN = 3.5
-"""Width of one column of a journal (89 mm)."""
+WIDTH_IN = 3.5  # width of one column of a journal (89 mm)
 DPI = 200
 LABEL_PT, TICK_PT, TITLE_PT = 7.5, 7.0, 8.5
 
 
-def column_figure(
-    height_in: float, *, top_in: float = 0.1, bottom_in: float = 0.38, left_in: float = 0.48, right_in: float = 0.1
-) -> Figure:
-    """Return an empty figure of one column's width, with an Agg canvas; pyplot is not touched.
-
-    The margins are given: to have them found by matplotlib takes as long as to draw the figure.
-    """
+def column_figure(height_in: float, *, top_in: float = 0.1, left_in: float = 0.48, right_in: float = 0.1) -> Figure:
+    """Return an empty figure of one column's width, with an Agg canvas; pyplot is not touched."""
+    # margins are arguments: to have them found by matplotlib takes as long as to draw the figure
     from edmsim.recording.figures.canvas import NotebookFigure
 
     # a layout engine of the user's own rcParams would move the margins
     figure = NotebookFigure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor="white", layout="none")
-    figure.subplots_adjust(
-        left_in / WIDTH_IN, bottom_in / height_in, 1 - right_in / WIDTH_IN, 1 - top_in / height_in
-    )
+    figure.subplots_adjust(left_in / WIDTH_IN, 0.38 / height_in, 1 - right_in / WIDTH_IN, 1 - top_in / height_in)
     return figure
 
 

@@ -21,10 +21,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-TENSIONS = 5
-"""Tensions the modes are computed at; between them they are interpolated."""
-SEGMENTS = 8
-"""Stretches of a sample whose spectra are averaged (Welch): lines are smoother, and wider."""
+TENSIONS = 5  # tensions the modes are computed at; between them they are interpolated
+SEGMENTS = 8  # stretches of a sample whose spectra are averaged (Welch): lines are smoother, and wider
 
 
 def wire_frequencies_hz(machine: Machine, resolution: str) -> Array:
@@ -41,10 +39,7 @@ def folded_hz(frequency_hz: Array, sampling_hz: float) -> Array:
 
 
 def spectrum(sample: PulseSample) -> tuple[Array, Array, Array]:
-    """Return frequencies in Hz, and the power spectra of the wire's motion along and across the feed in um^2/Hz.
-
-    Averaged over the slices; the slow motion of a whole stretch is taken out.
-    """
+    """Return frequencies in Hz, and power spectra along and across the feed in um^2/Hz, averaged over the slices."""
     # Welch's method of matplotlib: to load scipy.signal takes longer than to draw the whole figure
     from matplotlib.mlab import psd
 

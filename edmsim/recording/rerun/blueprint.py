@@ -13,8 +13,7 @@ from edmsim.recording.scene import Scene, round_number
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-PLAYED_S = 60.0
-"""How long playing the whole cut back takes at the speed the recording opens with."""
+PLAYED_S = 60.0  # how long playing the whole cut back takes at the speed the recording opens with
 
 
 class Series(NamedTuple):
@@ -34,30 +33,21 @@ class Plot(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """What the views need to know of a cut; the recording stores it, so that it can be laid out again.
+    """What the views need to know of a cut; the recording stores it, so that it can be laid out again."""
 
-    Attributes
-    ----------
-    size_mm, height_mm, wire_diameter_um : float
-        The largest of the drawing's sides and the workpiece's height, that height, the wire.
-    x0_mm, y0_mm, x1_mm, y1_mm : float
-        Box around the drawing.
-    deflection_factor, error_factor : float
-        How many times larger the wire's deflection and the profile error are drawn.
-    end_s : float
-        Machine time at the end.
-    """
-
+    # size_mm, height_mm, wire_diameter_um: the largest of the drawing's sides and the workpiece's height, that
+    # height, the wire
     size_mm: float
     height_mm: float
     wire_diameter_um: float
-    x0_mm: float
+    x0_mm: float  # x0_mm, y0_mm, x1_mm, y1_mm: box around the drawing
     y0_mm: float
     x1_mm: float
     y1_mm: float
+    # deflection_factor, error_factor: how many times larger the wire's deflection and the profile error are drawn
     deflection_factor: float
     error_factor: float
-    end_s: float
+    end_s: float  # machine time at the end
 
 
 def sizes_of(scene: Scene, deflection_factor: float, end_s: float) -> Sizes:
@@ -73,10 +63,8 @@ PROCESS: tuple[Plot, ...] = (
         "pulses",
         "pulses, %",
         (
-            Series("spark", "spark", CLASS_COLOURS["spark"]),
-            Series("open", "open", CLASS_COLOURS["open"]),
-            Series("short", "short", CLASS_COLOURS["short"]),
-            Series("arc", "arc", CLASS_COLOURS["arc"]),
+            Series("spark", "spark", CLASS_COLOURS["spark"]), Series("open", "open", CLASS_COLOURS["open"]),
+            Series("short", "short", CLASS_COLOURS["short"]), Series("arc", "arc", CLASS_COLOURS["arc"]),
         ),
     ),
     Plot("feed", "feed, µm/s", (Series("feed_um_s", "feed", palette.SKY),)),
@@ -129,16 +117,9 @@ ELECTRICAL: tuple[Plot, ...] = (
 
 
 def blueprint(sizes: Sizes, steps: tuple[Plot, ...] = ()) -> rrb.Blueprint:
-    """Return the layout of one cut.
-
-    Left the workpiece and the machine, below them the gap from above and the whole part, at the foot the
-    oscilloscope; right the series and the events.
-
-    Parameters
-    ----------
-    steps : tuple of Plot
-        Views of what an environment adds, in a tab of their own that is shown first.
-    """
+    """Return the layout of one cut; `steps`, what an environment adds, are in a tab that is shown first."""
+    # left the workpiece and the machine, below them the gap from above and the whole part, at the foot the
+    # oscilloscope; right the series and the events
     import rerun.blueprint as rrb
 
     factor = sizes.deflection_factor
@@ -247,9 +228,7 @@ def gap_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial2DView:
 
     reach = sizes.wire_diameter_um / 2 + 130.0
     return rrb.Spatial2DView(
-        origin=f"{prefix}/top",
-        name=name,
-        background=rrb.Background(color=palette.rgb(palette.INK)),
+        origin=f"{prefix}/top", name=name, background=rrb.Background(color=palette.rgb(palette.INK)),
         visual_bounds=rrb.VisualBounds2D(x_range=(-reach, reach), y_range=(-reach, reach)),
     )
 
@@ -260,9 +239,7 @@ def scope_view(prefix: str, name: str) -> rrb.Spatial2DView:
 
     high = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
     return rrb.Spatial2DView(
-        origin=f"{prefix}/scope",
-        name=name,
-        background=rrb.Background(color=palette.rgb(palette.INK)),
+        origin=f"{prefix}/scope", name=name, background=rrb.Background(color=palette.rgb(palette.INK)),
         visual_bounds=rrb.VisualBounds2D(x_range=(-26.0, SCOPE_WIDTH + 10.0), y_range=(-6.0, high + 20.0)),
     )
 

@@ -26,20 +26,15 @@ if TYPE_CHECKING:
     import rerun as rr
 
 
-Closeups = NDArray[np.void]
-"""Rows of `edmsim.recording.stores.row_type`."""
+Closeups = NDArray[np.void]  # rows of `edmsim.recording.stores.row_type`
 
-AGES = 6
-"""A discharge is still to be seen in this many close-ups, ever fainter."""
-SCOPE_PULSES = 12
-"""Pulses on the oscilloscope."""
+AGES = 6  # a discharge is still to be seen in this many close-ups, ever fainter
+SCOPE_PULSES = 12  # pulses on the oscilloscope
 SCOPE_WIDTH, VOLTAGE_HEIGHT, CURRENT_HEIGHT, SCOPE_SPACE = 420.0, 50.0, 32.0, 10.0
 """The oscilloscope's screen, in units of its view: width, heights of both traces, what lies between them."""
-WALL_UM = 6.0
-"""Half the width in um of the line that stands for the metal; its inner side is the metal's edge."""
+WALL_UM = 6.0  # half the width in um of the line that stands for the metal; its inner side is the metal's edge
 _WIRE = (124, 92, 30)
-_NARROW_UM = 10.0
-"""A ray with a gap up to this is drawn in the colour of shorts; near the critical gap a spark finds."""
+_NARROW_UM = 10.0  # a ray with a gap up to this is drawn in the colour of shorts; near the critical gap a spark finds
 
 
 # --- discharges ---------------------------------------------------------------------------------------------
@@ -169,13 +164,9 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
     behind = wire[:, None, :] + (radius + gaps + WALL_UM)[..., None] * way
     pieces = np.stack([behind[wall], behind[:, after][wall]], axis=1)
     recording.log(
-        "top/metal",
-        rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[WALL_UM]),
-        static=True,
+        "top/metal", rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[WALL_UM]), static=True
     )
-    recording.send_columns(
-        "top/metal", when, rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1))
-    )
+    recording.send_columns("top/metal", when, rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1)))
 
 
 # --- the oscilloscope ---------------------------------------------------------------------------------------
@@ -226,9 +217,7 @@ def _log_scales(recording: rr.RecordingStream, span_us: float, spans: Sequence[t
         x = value * SCOPE_WIDTH / max(span_us, 1e-9)
         marks.append((x, low + 6.0, f"{value:g} µs"))
         lines.append([(x, 0.0), (x, low)])
-    recording.log(
-        "scope/grid", rr.LineStrips2D(lines, colors=[(52, 60, 70)], radii=on_screen(0.5)), static=True
-    )
+    recording.log("scope/grid", rr.LineStrips2D(lines, colors=[(52, 60, 70)], radii=on_screen(0.5)), static=True)
     places, labels = [(x, y) for x, y, _ in marks], [text for *_, text in marks]
     recording.log(
         "scope/scale",
@@ -248,10 +237,8 @@ def _ticks(most: float, count: int, least: float = 0.0) -> list[float]:
     return [step * k for k in range(int(least / step * (1 + 1e-9)), int(most / step * (1 + 1e-9)) + 1)]
 
 
-SMALLEST = 0.05
-"""Slices of which gas covers less than this have no bubble: it would not be seen (ours)."""
-_OPACITY = 150
-"""Of 255."""
+SMALLEST = 0.05  # slices of which gas covers less than this have no bubble: it would not be seen (ours)
+_OPACITY = 150  # of 255
 
 
 def travel_at(windows: pa.Table, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -279,17 +266,8 @@ def log_coverage(recording: rr.RecordingStream, scene: Scene, shapes: Shapes) ->
 def log_bubbles(
     recording: rr.RecordingStream, scene: Scene, shapes: Shapes, travel: NDArray[np.float64], factor: float
 ) -> None:
-    """Log a bubble for every slice on the front of the drawn wire, in mm.
-
-    One of a slice that gas covers wholly is as wide as the slice is high; the area of others is that share of its.
-
-    Parameters
-    ----------
-    travel : float64 array (n, 2)
-        Direction of travel at every shape.
-    factor : float
-        How many times larger the wire's deflection is drawn.
-    """
+    """Log a bubble for every slice on the front of the drawn wire, in mm."""
+    # in a slice covered wholly it is as wide as the slice is high; the area of others is that share of its
     import rerun as rr
 
     n, slices = shapes.coverage.shape
@@ -304,22 +282,13 @@ def log_bubbles(
     )  # fmt: skip
     recording.log("world/gas", look, static=True)
     columns = rr.Ellipsoids3D.columns(half_sizes=np.repeat(radius_mm[:, None], 3, axis=1), centers=centre[shown])
-    recording.send_columns(
-        "world/gas", indexes(shapes.t_s, shapes.path_um), columns.partition(shown.sum(axis=1))
-    )  # fmt: skip
+    recording.send_columns("world/gas", indexes(shapes.t_s, shapes.path_um), columns.partition(shown.sum(axis=1)))
 
 
 def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArray[np.void]) -> None:
-    """Log a bubble for every slice, at the last discharge that burned there, in um in the top view.
-
-    It is as wide as the share of the wire's front half that gas covers in its slice, and reaches from the wire to the
-    metal at mid height.
-
-    Parameters
-    ----------
-    closeups : array (n,)
-        Rows of `edmsim.recording.stores.row_type`.
-    """
+    """Log a bubble for every slice, at the last discharge that burned there, in um in the top view."""
+    # as wide as the share of the wire's front half that gas covers in its slice, from the wire to the metal at
+    # mid height
     import rerun as rr
 
     if len(closeups) == 0:

@@ -30,27 +30,17 @@ if TYPE_CHECKING:
     import rerun as rr
 
 
-KERF_FRAMES = 300
-"""Most steps in which the kerf grows."""
-KERF_STEP_UM = 50.0
-"""It grows by no less than this at a time: less would not be seen."""
-KERF_POINTS = 600
-"""Most points of its edge; a longer one is drawn more coarsely."""
+KERF_FRAMES = 300  # most steps in which the kerf grows
+KERF_STEP_UM = 50.0  # it grows by no less than this at a time: less would not be seen
+KERF_POINTS = 600  # most points of its edge; a longer one is drawn more coarsely
 _FINEST_MM = 0.004
-_SIDES = 24
-"""Sides of a drawn cylinder."""
+_SIDES = 24  # sides of a drawn cylinder
 
 
 class Mesh(NamedTuple):
-    """Triangles with a normal per vertex.
+    """Triangles with a normal per vertex."""
 
-    Attributes
-    ----------
-    positions, normals : float32 arrays (n, 3)
-        Positions in mm.
-    """
-
-    positions: NDArray[np.float32]
+    positions: NDArray[np.float32]  # positions, normals: positions in mm
     normals: NDArray[np.float32]
     triangles: NDArray[np.uint32]
 
@@ -127,34 +117,17 @@ def moved(mesh: Mesh, rotation: NDArray[np.float64], to_mm: NDArray[np.float64])
 
 
 class Growth(NamedTuple):
-    """The workpiece while it is cut: its solid from each of some times on.
+    """The workpiece while it is cut: its solid from each of some times on."""
 
-    Attributes
-    ----------
-    rows : int array (n,)
-        Row of the table of windows from which on each solid holds.
-    tolerance_mm : float
-        Within which the kerf's edge was drawn.
-    """
-
-    rows: NDArray[np.int64]
+    rows: NDArray[np.int64]  # (n,): row of the table of windows from which on each solid holds
     solids: tuple[Mesh, ...]
-    tolerance_mm: float
+    tolerance_mm: float  # within which the kerf's edge was drawn
 
 
 def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> Growth:
-    """Return the workpiece's solid at up to `KERF_FRAMES` times of a cut.
-
-    The kerf is the finished cut's at mid height, uncovered as far as the wire's rays reach from where it has been;
-    that of a leaning wire is drawn slice by slice.
-
-    Parameters
-    ----------
-    places_um : array (windows, 2)
-        Guides on the table, window by window.
-    path_um : array (windows,)
-        Place along the wire path.
-    """
+    """Return the workpiece's solid at up to `KERF_FRAMES` times of a cut."""
+    # the kerf is the finished cut's at mid height, uncovered as far as the wire's rays reach from where it has
+    # been; that of a leaning wire is drawn slice by slice
     faces, reach = _faces(scene), scene.wire_diameter_um / 2000.0 + RAY_RANGE_UM / 1000.0
     layers = _layers(scene)
     known = [_kerf(scene, layer.number, KERF_POINTS // len(layers)) for layer in layers]
@@ -251,38 +224,20 @@ def _solid(faces: Sequence[tuple[BaseGeometry, float]], low_mm: float = 0.0, hig
 BASE, CROSS, TABLE = "base", "cross", "table"
 """What a body of the machine goes with: nothing, the x carriage, the y carriage with the workpiece."""
 _CARRIED = {"x_carriage": CROSS, "y_rotor": CROSS, "y_carriage": TABLE}
-_PLATE = "workpiece"
-"""The drawn workpiece, in whose place the recording draws the one that is cut."""
+_PLATE = "workpiece"  # the drawn workpiece, in whose place the recording draws the one that is cut
 
 
 class Bodies(NamedTuple):
-    """Drawn bodies of a machine, in mm from the lower guide's axis and the workpiece's lower face, at X0 Y0.
+    """Drawn bodies of a machine, in mm from the lower guide's axis and the workpiece's lower face, at X0 Y0."""
 
-    Attributes
-    ----------
-    solids : dict of str to Mesh
-        By `BASE`, `CROSS` and `TABLE`.
-    colours : dict of str to uint8 array (n, 3)
-        A colour for every vertex.
-    plate_mm : (low, high)
-        Opposite corners of the plate the MJCF draws as workpiece.
-    """
-
-    solids: dict[str, Mesh]
-    colours: dict[str, NDArray[np.uint8]]
+    solids: dict[str, Mesh]  # by `BASE`, `CROSS` and `TABLE`
+    colours: dict[str, NDArray[np.uint8]]  # (n, 3): a colour for every vertex
+    # opposite corners of the plate the MJCF draws as workpiece
     plate_mm: tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def bodies_of(model: mujoco.MjModel, lower_guide_mm: float) -> Bodies:
-    """Return the drawn bodies of a machine.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Of `edmsim.plant.mechanics.model.build_model`.
-    lower_guide_mm : float
-        Height of the lower guide over the workpiece's lower face: negative.
-    """
+    """Return the drawn bodies of a machine; the lower guide is below the workpiece's lower face, so negative."""
     import mujoco
 
     data = mujoco.MjData(model)
@@ -312,8 +267,7 @@ def bodies_of(model: mujoco.MjModel, lower_guide_mm: float) -> Bodies:
     )
 
 
-STEEL = (142, 152, 172, 140)
-"""Colour of the workpiece; a little of what is in the kerf shines through."""
+STEEL = (142, 152, 172, 140)  # colour of the workpiece; a little of what is in the kerf shines through
 _PLACES = {BASE: "world/base", CROSS: "world/cross/carriage", TABLE: "world/table/carriage"}
 
 
@@ -456,9 +410,7 @@ def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, NDArray[np.float64]]:
     triangles = triangles[known.reshape(-1)[triangles].all(axis=1)]
     normals = np.tile(np.column_stack([outward, np.zeros(len(outward))]), (len(heights), 1))
     mean_um = float(error[known].mean()) if known.any() else 0.0
-    mesh = Mesh(
-        np.concatenate(rows).astype(np.float32), normals.astype(np.float32), triangles.astype(np.uint32)
-    )
+    mesh = Mesh(np.concatenate(rows).astype(np.float32), normals.astype(np.float32), triangles.astype(np.uint32))
     return mesh, filled_um.reshape(-1) - mean_um
 
 
@@ -478,11 +430,7 @@ def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> Non
     log_points(recording, "world/table/starts", starts, ["start"] * len(starts), palette.GREEN)
     if scene.stop_mm is not None:
         log_points(
-            recording,
-            "world/table/stop",
-            [(*scene.stop_mm, scene.height_mm)],
-            ["stopped here"],
-            palette.VERMILION,
+            recording, "world/table/stop", [(*scene.stop_mm, scene.height_mm)], ["stopped here"], palette.VERMILION
         )
     guides = [(0.0, 0.0, z_mm) for z_mm in scene.guides_z_mm]
     recording.log(
@@ -540,17 +488,12 @@ def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: Shapes,
         "world/deflection", indexes(shapes.t_s, shapes.path_um), rr.Arrows3D.columns(vectors=vectors)
     )
     recording.log(
-        "world/axis",
-        rr.Points3D(origin, colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0)),
-        static=True,
+        "world/axis", rr.Points3D(origin, colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0)), static=True
     )
 
 
 def wire_strips(scene: Scene, shapes: Shapes, factor: float) -> NDArray[np.float32]:
-    """Return the wire of every shape in machine coordinates, (n, slices + 2, 3) in mm.
-
-    From the lower guide through the middle of every slice to the upper guide; deflection times `factor`.
-    """
+    """Return the wire of every shape, from guide to guide, (n, slices + 2, 3) in mm; deflection times `factor`."""
     n = shapes.deflection_um.shape[1]
     z_mm = np.concatenate(
         [[scene.guides_z_mm[0]], scene.height_mm * (np.arange(n) + 0.5) / n, [scene.guides_z_mm[1]]]

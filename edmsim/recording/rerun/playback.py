@@ -17,16 +17,11 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from rerun.chunk import Chunk
 
-RECORDING = "cut.rrd"
-"""Name of the recording in a cut's folder."""
-APPLICATION = "edmsim"
-"""Application the recording belongs to in the viewer."""
-FORMAT = 2
-"""Number of the recording's layout, raised whenever what reads it back would read it wrongly."""
-MADE_BY = "made_by"
-"""Entity that says, as JSON, the recording's format, who wrote it, and the sizes its views need."""
-_MARK = b"RRF2"
-"""A recording begins with this, the version of rerun that wrote it behind it."""
+RECORDING = "cut.rrd"  # name of the recording in a cut's folder
+APPLICATION = "edmsim"  # application the recording belongs to in the viewer
+FORMAT = 2  # number of the recording's layout, raised whenever what reads it back would read it wrongly
+MADE_BY = "made_by"  # entity that says, as JSON, the recording's format, who wrote it, and the sizes its views need
+_MARK = b"RRF2"  # a recording begins with this, the version of rerun that wrote it behind it
 _MADE = (f"/{MADE_BY}", "TextDocument:text")
 
 
@@ -101,19 +96,11 @@ def _check_version(recording: Path, application: str, chunks: list[Chunk]) -> No
 
 
 class Rows(NamedTuple):
-    """A component of an entity over time, rows in order of time.
+    """A component of an entity over time, rows in order of time."""
 
-    Attributes
-    ----------
-    t_s, path_um : float64 arrays (n,)
-        Machine time and place along the path; 0 for what stays.
-    values : pyarrow.Array
-        A list per row.
-    """
-
-    t_s: NDArray[np.float64]
+    t_s: NDArray[np.float64]  # t_s, path_um: machine time and place along the path; 0 for what stays
     path_um: NDArray[np.float64]
-    values: pa.Array
+    values: pa.Array  # a list per row
 
     def at(self, t_s: float) -> int:
         """Return the row that holds at a time; -1 before the first."""

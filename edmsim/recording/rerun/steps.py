@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.blueprint import Plot, Series
 
-RETURN, COST = "return", "cost"
-"""Where what was earned and what it cost stand in a recording."""
-TOTAL = "total"
-"""Curve of their sums from the beginning on."""
+RETURN, COST = "return", "cost"  # where what was earned and what it cost stand in a recording
+TOTAL = "total"  # curve of their sums from the beginning on
 _COLOURS = (
     palette.SKY, palette.ORANGE, palette.GREEN, palette.VERMILION, palette.PURPLE, palette.MUTED, palette.BLUE,
     palette.GAS,
@@ -22,39 +20,21 @@ _COLOURS = (
 
 
 class Steps(NamedTuple):
-    """What an environment adds to the recording of its cut, step by step.
+    """What an environment adds to the recording of its cut, step by step."""
 
-    Attributes
-    ----------
-    plots : tuple of Plot
-        Views, whose curves are logged under their origins.
-    values : mapping
-        Of every curve, by ``origin/entity``, its values (n,).
-    t_s, path_um : float64 arrays (n,)
-        Machine time and place along the path at the end of every step.
-    notes : sequence of str
-        How the cut was thinned, for the text about the recording.
-    """
-
-    plots: tuple[Plot, ...]
-    values: Mapping[str, NDArray[np.float64]]
-    t_s: NDArray[np.float64]
+    plots: tuple[Plot, ...]  # views, whose curves are logged under their origins
+    values: Mapping[str, NDArray[np.float64]]  # of every curve, by ``origin/entity``, its values (n,)
+    t_s: NDArray[np.float64]  # t_s, path_um: machine time and place along the path at the end of every step
     path_um: NDArray[np.float64]
-    notes: Sequence[str]
+    notes: Sequence[str]  # how the cut was thinned, for the text about the recording
 
 
 def steps_of(
     groups: Sequence[tuple[str, str, Sequence[str], NDArray[np.float64]]], t_s: NDArray[np.float64],
     path_um: NDArray[np.float64], notes: Sequence[str],
 ) -> Steps:
-    """Lay out curves in views.
-
-    Parameters
-    ----------
-    groups : sequence of (str, str, sequence of str, float64 array (n, curves))
-        Of every view its origin, its title with the unit, the names of its curves and their values; NaN is not
-        drawn, and curves that are 0 throughout are left out.
-    """
+    """Lay out curves in views: of each its origin, title with unit, names of curves, and values (n, curves)."""
+    # NaN is not drawn, and curves that are 0 throughout are left out
     plots, values = [], {}
     for origin, title, names, columns in groups:
         shown = [

@@ -18,10 +18,8 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-TIME = "machine_time"
-"""Timeline of machine time, a duration."""
-PATH = "path_um"
-"""Timeline of the place along the wire path, in whole um."""
+TIME = "machine_time"  # timeline of machine time, a duration
+PATH = "path_um"  # timeline of the place along the wire path, in whole um
 
 CLASS_COLOURS = {"spark": palette.SKY, "open": palette.MUTED, "short": palette.VERMILION, "arc": palette.PURPLE}
 """Classes of pulses in the recording, whose ground is dark."""
@@ -29,23 +27,8 @@ CLASS_COLOURS = {"spark": palette.SKY, "open": palette.MUTED, "short": palette.V
 
 @contextmanager
 def saved(recording: rr.RecordingStream, file: str | Path, layout: rrb.Blueprint) -> Iterator[None]:
-    """Write what is logged inside to a file, which is replaced whole or not at all.
-
-    Rerun's own file sink waits for ever where a disk is full, and takes no names that are not UTF-8; so it is kept in
-    memory until it is whole.
-
-    Parameters
-    ----------
-    recording : rerun.RecordingStream
-        Disconnected in the end.
-    layout : rerun.blueprint.Blueprint
-        What a viewer shows by default.
-
-    Raises
-    ------
-    OSError
-        The file cannot be written.
-    """
+    """Write what is logged inside to a file, which is replaced whole or not at all; the recording is disconnected."""
+    # rerun's own file sink waits for ever on a full disk, and takes no names that are not UTF-8
     memory = recording.memory_recording()
     try:
         recording.send_blueprint(layout, make_active=False, make_default=True)
@@ -75,10 +58,7 @@ def indexes(t_s: NDArray[np.float64], path_um: NDArray[np.float64]) -> list[rr.T
     """Return both timelines of rows."""
     import rerun as rr
 
-    return [
-        rr.TimeColumn(TIME, duration=t_s),
-        rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64)),
-    ]
+    return [rr.TimeColumn(TIME, duration=t_s), rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64))]
 
 
 def turned(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -96,22 +76,17 @@ def at_height(lines: Iterable[NDArray[np.float64]], z_mm: float) -> list[NDArray
     return [np.column_stack([line, np.full(len(line), z_mm)]) for line in lines]
 
 
-def log_lines(
-    recording: rr.RecordingStream, entity: str, strips: list[NDArray[np.float64]], colour: str, points: float = 0.8
-) -> None:
+def log_lines(recording: rr.RecordingStream, entity: str, strips: list[NDArray[np.float64]], colour: str) -> None:
     """Log lines in space that stay."""
     import rerun as rr
 
     if strips:
-        lines = rr.LineStrips3D(strips, colors=[palette.rgb(colour)], radii=on_screen(points))
+        lines = rr.LineStrips3D(strips, colors=[palette.rgb(colour)], radii=on_screen(0.8))
         recording.log(entity, lines, static=True)
 
 
 def log_points(
-    recording: rr.RecordingStream,
-    entity: str,
-    places: list[tuple[float, float, float]],
-    labels: list[str],
+    recording: rr.RecordingStream, entity: str, places: list[tuple[float, float, float]], labels: list[str],
     colour: str,
 ) -> None:
     """Log labelled points that stay."""

@@ -42,12 +42,8 @@ if TYPE_CHECKING:
 SIDES = (("a", "A", palette.SKY), ("b", "B", palette.ORANGE))
 """Each cut's place in the recording, its letter and the colour of its curves."""
 CURVES = (
-    ("pulses/short", "short, %"),
-    ("pulses/open", "open, %"),
-    ("feed/feed_um_s", "feed, µm/s"),
-    ("gap/gap_um", "gap, µm"),
-    ("gap/lag_um", "wire lag, µm"),
-    ("gap/error_um", "profile error, µm"),
+    ("pulses/short", "short, %"), ("pulses/open", "open, %"), ("feed/feed_um_s", "feed, µm/s"),
+    ("gap/gap_um", "gap, µm"), ("gap/lag_um", "wire lag, µm"), ("gap/error_um", "profile error, µm"),
     ("gas/coverage", "gas on the wire's front, share"),
 )
 """Curves in which the cuts are compared, and the titles of their views."""
@@ -56,20 +52,7 @@ OF_EPISODES = ((f"{RETURN}/{TOTAL}", "return so far"), (f"{COST}/{TOTAL}", "cost
 
 
 def write_comparison(file: Path, a: Path, b: Path) -> None:
-    """Write two recordings as one that shows them side by side.
-
-    Parameters
-    ----------
-    file : path
-        What to write.
-    a, b : path
-        Recordings of cuts.
-
-    Raises
-    ------
-    InputError
-        As `edmsim.recording.rerun.playback.find_recording` for either.
-    """
+    """Write two recordings as one that shows them side by side."""
     import rerun as rr
 
     plays = [Playback(a), Playback(b)]
@@ -118,8 +101,7 @@ def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, st
 
 RERUN = (sys.executable, "-c", "import sys; from rerun_cli.__main__ import main; sys.exit(main())")
 """Starts rerun's command line with this interpreter; ``-m rerun_cli`` would lose the exit status."""
-HERE = "127.0.0.1"
-"""What viewers serve is for this machine only."""
+HERE = "127.0.0.1"  # what viewers serve is for this machine only
 
 
 def view(directory: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> int:
@@ -206,36 +188,14 @@ def web_address(web_port: int, grpc_port: int) -> str:
     return f"http://{HERE}:{web_port}?url={source}"
 
 
-_PORT, _WEB_PORT = 9876, 9090
-"""Rerun's own, as `edmsim view` has them; a free one where one is taken."""
-_TO_BEGIN_S = 30.0
-"""For a viewer to start (ours): ten times what one took here."""
+_PORT, _WEB_PORT = 9876, 9090  # rerun's own, as `edmsim view` has them; a free one where one is taken
+_TO_BEGIN_S = 30.0  # for a viewer to start (ours): ten times what one took here
 _MEMORY = "500MB"
 """What a viewer keeps before it forgets the oldest (ours): hours of a drive's curves, a hundred episodes."""
 
 
 class LiveViewer:
-    """A viewer in a process of its own, which takes what is drawn from this machine only.
-
-    Parameters
-    ----------
-    what : str
-        What it shows, for the notice.
-    instead : str
-        What a user can do where it does not start.
-
-    Attributes
-    ----------
-    source : str
-        Where it takes it.
-    notice : str
-        What to tell the user.
-
-    Raises
-    ------
-    InputError
-        It did not start.
-    """
+    """A viewer in a process of its own, which takes what is drawn from this machine only."""
 
     def __init__(self, what: str, instead: str) -> None:
         port, web_port = free_port(_PORT), free_port(_WEB_PORT)
@@ -279,10 +239,8 @@ def show(recording: Path, viewer: LiveViewer) -> None:
     stream.disconnect()
 
 
-SHARES = (0.05, 0.25, 0.5, 0.75, 1.0)
-"""Shares of the machine time at which pictures are taken."""
-_TO_DRAW_S = 60.0
-"""How long the viewer may take to start, and to read the recording."""
+SHARES = (0.05, 0.25, 0.5, 0.75, 1.0)  # shares of the machine time at which pictures are taken
+_TO_DRAW_S = 60.0  # how long the viewer may take to start, and to read the recording
 _OPENED_S, _SETTLED_S = 4.0, 0.8
 """The viewer moves its cameras into place after opening, and draws what a new time needs over some frames."""
 
@@ -343,9 +301,7 @@ def _headless(recording: Path) -> Iterator[ViewerClient]:
 
     port = free_port(0)
     command = [*RERUN, str(recording.resolve()), "--headless", "--bind", HERE, "--port", str(port)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    )
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         yield _connected(process, ViewerClient, f"rerun+http://{HERE}:{port}/proxy")
     finally:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.figures import palette
-from edmsim.recording.report import duration_text, figure_text, rate_text
+from edmsim.recording.report import PassFigures, Report, duration_text, outcome_text, rate_text
 from edmsim.recording.rerun import gap as log_gap
 from edmsim.recording.rerun import gap as log_gas
 from edmsim.recording.rerun import machine as log_machine
@@ -36,10 +36,8 @@ if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
 
 
-MOST = 300
-"""Most events of a kind that are listed; of more, evenly spaced ones."""
-_NEAR_MM = 0.5
-"""The wire passes a corner of the drawing at most this far away."""
+MOST = 300  # most events of a kind that are listed; of more, evenly spaced ones
+_NEAR_MM = 0.5  # the wire passes a corner of the drawing at most this far away
 _LEVELS = {words.report: words.level for words in WORDS.values()}
 _ALARM = WORDS[StopCause.PERSISTENT_SHORT].report
 
@@ -52,35 +50,22 @@ class Event(NamedTuple):
     text: str
 
 
-def events(windows: pa.Table, scene: Scene, report: Mapping[str, Any]) -> list[Event]:
-    """Return the events of a cut in order of time.
-
-    Parameters
-    ----------
-    report : mapping
-        For how the cut ended.
-
-    Returns
-    -------
-    list of Event
-        Places are in the program's coordinates.
-        Levels as rerun shows them: INFO, WARN, ERROR, CRITICAL.
-    """
+def events(windows: pa.Table, scene: Scene, report: Report) -> list[Event]:
+    """Return the events of a cut in order of time, places in the program's coordinates."""
     if len(windows) == 0:
         return []
     scene, origin_um = scene.in_program(), 1e3 * np.array(scene.origin_mm or (0.0, 0.0))
     t_s = column(windows, "t_s")
     place = np.column_stack([column(windows, n) for n in ("x_um", "y_um")]) - origin_um
     last = len(windows) - 1
-    reason = f": {report['reason']}" if report["reason"] else ""
     found = [Event(0, "INFO", f"begins at {_at(place[0])}")]
     found += _retracts(windows, place)
     found += _threadings(t_s, place)
     found += _settings(windows)
-    found += _passes(t_s, report.get("passes") or [])
+    found += _passes(t_s, report.passes)
     found += _corners(scene, place)
-    kind = "alarm: " if report["outcome"] == _ALARM else ""
-    found.append(Event(last, _LEVELS[report["outcome"]], f"{kind}{report['outcome']}{reason}"))
+    kind = "alarm: " if report.outcome == _ALARM else ""
+    found.append(Event(last, _LEVELS[report.outcome], kind + outcome_text(report)))
     return sorted(found, key=lambda event: event.row)
 
 
@@ -118,16 +103,14 @@ def _threadings(t_s: NDArray[np.float64], place: NDArray[np.float64]) -> list[Ev
 def _settings(windows: pa.Table) -> list[Event]:
     on, period = column(windows, "t_on_us"), column(windows, "t_period_us")
     changed = np.flatnonzero((np.diff(on) != 0) | (np.diff(period) != 0)) + 1
-    return _thinned(
-        [Event(int(i), "INFO", f"generator set to {on[i]:g} µs of {period[i]:g} µs") for i in changed]
-    )
+    return _thinned([Event(int(i), "INFO", f"generator set to {on[i]:g} µs of {period[i]:g} µs") for i in changed])
 
 
-def _passes(t_s: NDArray[np.float64], passes: Sequence[Mapping[str, Any]]) -> list[Event]:
+def _passes(t_s: NDArray[np.float64], passes: Sequence[PassFigures]) -> list[Event]:
     return [
         Event(
-            min(int(np.searchsorted(t_s, row["begin_s"])), len(t_s) - 1), "INFO",
-            f"pass {row['number']} of the {row['piece']} begins, offset {row['offset_um'] / 1e3:.3f} mm",
+            min(int(np.searchsorted(t_s, row.begin_s)), len(t_s) - 1), "INFO",
+            f"pass {row.number} of the {row.piece} begins, offset {row.offset_um / 1e3:.3f} mm",
         )
         for row in passes
     ]  # fmt: skip
@@ -145,38 +128,15 @@ def _corners(scene: Scene, place: NDArray[np.float64]) -> list[Event]:
     return _thinned(found)
 
 
-MAX_ROWS = 20_000
-"""Most rows of a series; a longer table is averaged in groups."""
+MAX_ROWS = 20_000  # most rows of a series; a longer table is averaged in groups
 _EQUALISING = tuple(extra.name for extra in EQUALISING_COLUMNS)
 
 
 def write_recording(
     file: str | Path, scene: Scene, windows: pa.Table, frames: Frames, closeups: Closeups, machine: Machine,
-    report: Mapping[str, Any], title: str, steps: Steps | None = None,
+    report: Report, title: str, steps: Steps | None = None,
 ) -> None:  # fmt: skip
-    """Write the recording; equal cuts give equal recordings, whatever the computer took for them.
-
-    Parameters
-    ----------
-    file : path
-        Replaced whole or not at all.
-    scene : Scene
-        Drawing, cut edges, error, corners.
-    windows : pyarrow.Table
-        The table of windows.
-    frames : Frames
-        The wire's shape.
-    closeups : Closeups
-        Windows kept pulse by pulse.
-    machine : Machine
-        The set-up, whose MJCF is drawn.
-    report : mapping
-        Of `edmsim.recording.report.build_report`; its outcome, times and settings are recorded.
-    title : str
-        What was cut, usually the program's name.
-    steps : Steps, optional
-        What an environment adds: actions, rewards, costs.
-    """
+    """Write the recording; equal cuts give equal recordings, whatever the computer took for them."""
     import rerun as rr
 
     closeup_rows = closeups.table()
@@ -190,7 +150,7 @@ def write_recording(
     sizes = sizes_of(scene, factor, float(shapes.t_s[-1]) if len(shapes) else 0.0)
     with saved(recording, file, blueprint(sizes, steps.plots if steps else ())):
         recording.send_recording_name(title)
-        made = {"format": FORMAT, "version": report["edmsim_version"], "sizes": list(sizes)}
+        made = {"format": FORMAT, "version": report.edmsim_version, "sizes": list(sizes)}
         recording.log(MADE_BY, rr.TextDocument(json.dumps(made)), static=True)
         tolerance_mm = _log_machine(recording, scene, windows, machine, shapes, factor)
         log_gap.log_discharges(recording, scene, closeup_rows)
@@ -202,7 +162,7 @@ def write_recording(
         log_gas.log_top_bubbles(recording, scene, above)
         shown = events(windows, scene, report)
         rows = np.array([event.row for event in shown], np.int64)
-        group = _log_series(recording, windows, rows, report.get("passes") or [])
+        group = _log_series(recording, windows, rows, report.passes)
         _log_events(recording, windows, shown)
         if steps is not None:
             _log_steps(recording, steps)
@@ -262,21 +222,19 @@ def _drawn(group: int, tolerance_mm: float) -> str:
     )
 
 
-def recording_id(report: Mapping[str, Any]) -> str:
+def recording_id(report: Report) -> str:
     """Return the recording's identity: a digest of version, seed and settings."""
     made_with = {key: report[key] for key in ("edmsim_version", "seed", "settings")}
     return hashlib.sha256(json.dumps(made_with, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, thinning: list[str]) -> str:
+def about(scene: Scene, report: Report, title: str, factor: float, thinning: list[str]) -> str:
     """Return what a viewer of the recording needs to know, as Markdown."""
-    profile = report["profile_error_um"]
     lines = [
         f"# {title}",
-        f"**{report['outcome']}**" + (f": {report['reason']}" if report["reason"] else ""),
-        f"{duration_text(report['machining_time_s'])}, {figure_text(report['path_length_mm'], 'mm', 2)}, "
-        f"{rate_text(report)}, profile error "
-        f"{figure_text(profile['max'], 'µm')} max, {figure_text(profile['rms'], 'µm')} rms",
+        f"**{report.outcome}**" + (f": {report.reason}" if report.reason else ""),
+        f"{duration_text(report.machining_time_s)}, {report.text('path_length_mm')}, {rate_text(report)}, "
+        f"profile error {report.profile_error_um.worst_and_rms}",
         "## How it is drawn",
         "- In the machine view the wire stands and the table moves; the view from above moves with the table.",
         f"- Wire deflection is drawn **× {factor:g}** there, the profile error **× {scene.error_factor():g}** "
@@ -295,8 +253,8 @@ def about(scene: Scene, report: Mapping[str, Any], title: str, factor: float, th
         "- The oscilloscope shows the model's pulses: voltage until ignition, then burning; no rise times.",
         *(f"- {line}" for line in thinning),
         "## Settings",
-        f"- seed: {report['seed']}",
-        *(f"- {key}: {value}" for key, value in report["settings"].items()),
+        f"- seed: {report.seed}",
+        *(f"- {key}: {value}" for key, value in report.settings.items()),
     ]
     return "\n\n".join(lines[:3]) + "\n\n" + "\n".join(lines[3:])
 
@@ -314,15 +272,10 @@ def _log_events(recording: rr.RecordingStream, windows: pa.Table, shown: list[Ev
 
 
 def _log_series(
-    recording: rr.RecordingStream,
-    windows: pa.Table,
-    event_rows: NDArray[np.int64],
-    passes: Sequence[Mapping[str, Any]],
+    recording: rr.RecordingStream, windows: pa.Table, event_rows: NDArray[np.int64], passes: Sequence[PassFigures]
 ) -> int:
-    """Log every series; return how many windows each of its points is the mean of, away from events.
-
-    Each pass has a timeline of its own besides, from its begin on.
-    """
+    """Log every series; return how many windows each of its points is the mean of, away from events."""
+    # each pass has a timeline of its own besides, from its begin on
     rows = len(windows)
     group = max(1, -(-rows // MAX_ROWS))
     if rows == 0:
@@ -343,20 +296,17 @@ def _log_series(
 
 
 def _log_by_pass(
-    recording: rr.RecordingStream,
-    entity: str,
-    passes: Sequence[Mapping[str, Any]],
-    rows: tuple[NDArray[np.float64], ...],
+    recording: rr.RecordingStream, entity: str, passes: Sequence[PassFigures], rows: tuple[NDArray[np.float64], ...]
 ) -> None:
     """Log a curve on the timeline of each pass, ``pass_1`` and so on; a tab's follow, as ``tab_1``."""
     import rerun as rr
 
     for row in passes:
-        mine = (rows[0] > row["begin_s"]) & (rows[0] <= row["end_s"]) & np.isfinite(rows[1])
-        contour = "" if row["contour"] == 1 else f"_of_contour_{row['contour']}"
-        name = f"{'tab' if row['piece'] == 'tab' else 'pass'}_{row['number']}{contour}"
+        mine = (rows[0] > row.begin_s) & (rows[0] <= row.end_s) & np.isfinite(rows[1])
+        contour = "" if row.contour == 1 else f"_of_contour_{row.contour}"
+        name = f"{'tab' if row.piece == 'tab' else 'pass'}_{row.number}{contour}"
         if mine.any():
-            when = [rr.TimeColumn(name, duration=rows[0][mine] - row["begin_s"])]
+            when = [rr.TimeColumn(name, duration=rows[0][mine] - row.begin_s)]
             recording.send_columns(entity, when, rr.Scalars.columns(scalars=rows[1][mine]))
 
 
@@ -410,10 +360,8 @@ def _values(windows: pa.Table, name: str) -> NDArray[np.float64]:
 
 
 def group_starts(rows: int, size: int, event_rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the first row of every group: `size` rows each, but one only up to `AROUND` rows from an event.
-
-    Of many events only as many evenly spaced ones count as make `MAX_ROWS` rows.
-    """
+    """Return the first row of every group: `size` rows each, but one only up to `AROUND` rows from an event."""
+    # of many events only as many evenly spaced ones count as make `MAX_ROWS` rows
     most = MAX_ROWS // (2 * AROUND + 1)
     chosen = event_rows[np.unique(np.linspace(0, len(event_rows) - 1, min(len(event_rows), most)).astype(int))]
     near = (chosen[:, None] + np.arange(-AROUND, AROUND + 2)).ravel()

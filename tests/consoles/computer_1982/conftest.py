@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from typing import Any, NamedTuple
 
 import pytest
@@ -34,7 +34,7 @@ class Script:
         pass
 
 
-class Told(NamedTuple):
+class Outcome(NamedTuple):
     """What a session came to: exit status, every line printed, and the machine."""
 
     status: int
@@ -60,13 +60,14 @@ def rig(machine: edmsim.Machine) -> Rig:
     return Rig(machine, seed=1, resolution="fast")
 
 
+def run_script(rig: Rig, *lines: str, **options: Any) -> Outcome:
+    """Type lines at a machine up to the end of the session."""
+    screen = Script("".join(f"{line}\n" for line in lines).encode())
+    status = Session(rig, screen, Interrupts(), **options).run()
+    return Outcome(status, screen.printed.decode("ascii", "replace").split("\r\n"), rig)
+
+
 @pytest.fixture
-def operate(rig: Rig) -> Callable[..., Told]:
+def operate(rig: Rig) -> Callable[..., Outcome]:
     """Type a script, line by line, at a fresh machine."""
-
-    def run(*lines: str, host: Path | None = None, **options: Any) -> Told:
-        screen = Script("".join(f"{line}\n" for line in lines).encode())
-        status = Session(rig, screen, Interrupts(), host=host, **options).run()
-        return Told(status, screen.printed.decode().split("\r\n"), rig)
-
-    return run
+    return partial(run_script, rig)

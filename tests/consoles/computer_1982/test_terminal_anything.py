@@ -9,12 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import edmsim
-from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.rig import Rig
-from edmsim.consoles.computer_1982.session import Session
 from edmsim.controllers.mcu.firmware import memory_map as at
 
-from .conftest import Script
+from .conftest import run_script
 
 MACHINE = edmsim.Machine.load(height_mm=5.0)
 NUMBERS = st.one_of(st.integers(-20, 40), st.sampled_from([300, 65_536, "AAH", "0H", "", "-"]))
@@ -30,15 +28,12 @@ LINES = st.one_of(
 
 
 @pytest.mark.slow
-@settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(LINES, max_size=25))
 def test_whatever_is_typed_the_session_ends_and_the_machine_is_safe(lines):
     rig = Rig(MACHINE, seed=1, resolution="fast")
-    screen = Script("".join(f"{line}\n" for line in lines).encode())
-    status = Session(rig, screen, Interrupts()).run()
-    assert status in (0, 2, 3)
-    assert not rig.board.generator_on
-    assert not rig.moving
+    assert run_script(rig, *lines).status in (0, 2, 3)
+    assert (rig.board.generator_on, rig.moving) == (False, False)
     assert rig.computer.pulse_codes == (0, 0)
     if not any(move in line.upper() for line in lines for move in MOVES):
         assert rig.place_um == (32_500.0, 32_500.0)
@@ -56,15 +51,12 @@ ALTERED = st.one_of(
 
 
 @pytest.mark.slow
-@settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(ALTERED, max_size=12), st.booleans())
 def test_whatever_the_monitor_alters_in_a_cut_the_session_ends_and_the_machine_is_safe(lines, cutting):
     rig = Rig(MACHINE, seed=1, resolution="fast")
     cut = ["TI 30 TP 100", "NEW 32540 32500", "START", "WAIT 1"] if cutting else []
     typed = ["G 0400", *cut, "MON", *lines, "G", "WAIT 1", "STATUS", "LIST", "START", "WAIT 1", "STOP", "BYE"]
-    screen = Script("".join(f"{line}\n" for line in typed).encode())
-    session = Session(rig, screen, Interrupts(), monitor=True, tapes=Path("/nonexistent"))
-    assert session.run() in (0, 2, 3)
-    assert not rig.board.generator_on
-    assert not rig.moving
+    assert run_script(rig, *typed, monitor=True, tapes=Path("/nonexistent")).status in (0, 2, 3)
+    assert (rig.board.generator_on, rig.moving) == (False, False)
     assert rig.computer.pulse_codes == (0, 0)

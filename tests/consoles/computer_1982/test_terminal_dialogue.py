@@ -19,36 +19,29 @@ SET = "TI 30 TP 100"
 
 
 # T-51, T-52
-def test_after_init_all_is_safe_and_the_position_kept(operate):
-    told = operate("STATUS", SET, "GEN ON", "WAIT 1", "INIT", "STATUS", "WAIT 1", "STATUS")
-    state, _, pulses, generator = told.lines[-6:-2]
+def test_after_init_all_is_safe_and_the_position_unchanged(operate):
+    session = operate("STATUS", SET, "GEN ON", "WAIT 1", "INIT", "STATUS", "WAIT 1", "STATUS")
+    state, _, pulses, generator = session.lines[-6:-2]
     assert state.startswith("STAND-BY   POSITION X 32500 Y 32500 um")
     assert "t(i) NOT SET (00H)   t(p) NOT SET (00H)" in pulses
     assert generator.startswith("GENERATOR OFF")
-    assert told.rig.place_um == (32_500.0, 32_500.0)
+    assert session.rig.place_um == (32_500.0, 32_500.0)
 
 
 def test_a_jog_moves_one_axis_with_the_generator_off(operate):
-    told = operate("X -40", "WAIT", "Y +20", "WAIT", "POS")
-    assert told.lines[-3] == "POSITION X 32460 Y 32520 um"
-    assert told.rig.place_um == (32_460.0, 32_520.0)
-    assert told.rig.plant.removed_mm3 == 0.0
-    assert told.rig.time_ns == pytest.approx((40 + 20) / 33.3375 * 1e9, rel=0.05)
-    assert told.status == 0
-
-
-def test_positions_are_counted_from_where_the_operator_says(operate):
-    told = operate("POS 1000 2000", "X 10", "WAIT")
-    assert "READY   X 1010 Y 2000 um" in told.lines
-    assert told.rig.place_um == (32_510.0, 32_500.0)
+    session = operate("x -40", "wait", "Y +20", "WAIT", "POS")  # T-54: small letters do
+    assert session.lines[-3] == "POSITION X 32460 Y 32520 um"
+    assert session.rig.place_um == (32_460.0, 32_520.0)
+    assert session.rig.plant.removed_mm3 == 0.0
+    assert session.rig.time_ns == pytest.approx((40 + 20) / 33.3375 * 1e9, rel=0.05)
+    assert session.status == 0
 
 
 def test_a_straight_cut_reaches_its_end_and_removes_metal(operate):
-    told = operate(SET, "NEW 32600 32500", "START", "WAIT", "STATUS")
-    assert "READY   X 32600 Y 32500 um" in told.lines
-    assert told.rig.plant.removed_mm3 > 0.0
-    assert not told.rig.board.generator_on
-    assert told.status == 0
+    session = operate(SET, "NEW 32600 32500", "START", "WAIT", "STATUS")
+    assert "READY   X 32600 Y 32500 um" in session.lines
+    assert session.rig.plant.removed_mm3 > 0.0
+    assert (session.rig.board.generator_on, session.status) == (False, 0)
 
 
 def test_an_arc_is_cut_about_its_centre(operate, rig):
@@ -60,8 +53,8 @@ def test_an_arc_is_cut_about_its_centre(operate, rig):
         places.append(rig.place_um)
 
     rig.advance = watch
-    told = operate(SET, "POS 1000 1000", "CCW 980 1020 980 1000", "START", "WAIT")
-    assert "READY   X 980 Y 1020 um" in told.lines
+    session = operate(SET, "POS 1000 1000", "CCW 980 1020 980 1000", "START", "WAIT")
+    assert "READY   X 980 Y 1020 um" in session.lines
     radii = [((x - 32_480) ** 2 + (y - 32_500) ** 2) ** 0.5 for x, y in places]
     assert max(abs(r - 20) for r in radii) <= 2.0 + 1e-9  # one motor step
     assert places[-1] == (32_480.0, 32_520.0)
@@ -69,42 +62,37 @@ def test_an_arc_is_cut_about_its_centre(operate, rig):
 
 # T-52: position, new position, t(i), t(p), cutting speed, in this order
 def test_main_asks_as_the_document_says_and_starts(operate):
-    told = operate("MAIN", "500 600", "500 560", "20", "100", "90", "YES", "WAIT")
-    asked = [line.split(" ?")[0] for line in told.lines if " ? " in line]
-    assert asked == [
+    session = operate("MAIN", "500 600", "500 560", "20", "100", "90", "YES", "WAIT")
+    questions = [line.split(" ?")[0] for line in session.lines if " ? " in line]
+    assert questions == [
         "POSITION X Y (32500 32500)", "NEW POSITION X Y", "t(i) us", "t(p) us", "CUTTING SPEED (127)",
         "START (YES OR NO)",
     ]  # fmt: skip
-    assert "READY   X 500 Y 560 um" in told.lines
-    assert told.status == 0
+    assert "READY   X 500 Y 560 um" in session.lines
+    assert session.status == 0
 
 
 def test_an_empty_answer_keeps_what_is_shown_and_no_does_not_start(operate):
-    told = operate(SET, "NEW 1 2", "MAIN", "", "", "", "", "", "NO", "STATUS")
-    state, speed, pulses = told.lines[-6:-3]
+    session = operate(SET, "NEW 1 2", "MAIN", "", "", "", "", "", "NO", "STATUS")
+    state, speed, pulses = session.lines[-6:-3]
     assert state == "STAND-BY   POSITION X 32500 Y 32500 um   NEW 1 2"
     assert "OF 127 UNITS" in speed
     assert pulses.startswith("t(i) 30 us (99H)   t(p) 100 us (AAH)")
 
 
 # T-34: t(i) and t(p) may not be set independently
-def test_a_pair_above_2_A_is_refused_and_asked_for_again(operate):
-    told = operate("MAIN", "", "32600 32500", "50", "100", "30", "100", "", "NO", "STATUS")
-    assert len(told.refusals) == 1
-    assert "above the generator's 2 A" in told.refusals[0]
-    assert told.lines[-4].startswith("t(i) 30 us")
+def test_a_pair_above_2_A_is_refused_and_requested_again(operate):
+    session = operate("MAIN", "", "32600 32500", "50", "100", "30", "100", "", "NO", "STATUS")
+    assert len(session.refusals) == 1
+    assert "above the generator's 2 A" in session.refusals[0]
+    assert session.lines[-4].startswith("t(i) 30 us")
 
 
 def test_a_pair_above_2_A_leaves_the_old_pair(operate):
-    told = operate(SET, "TI 40", "STATUS", "TI 40 TP 150", "STATUS")
-    assert "draws 2.6" in told.after("TI 40")
-    pulses = [line for line in told.lines if line.startswith("t(i)")]
+    session = operate(SET, "TI 40", "STATUS", "TI 40 TP 150", "STATUS")
+    assert "draws 2.6" in session.after("TI 40")
+    pulses = [line for line in session.lines if line.startswith("t(i)")]
     assert [line.split(" us")[0] for line in pulses] == ["t(i) 30", "t(i) 30", "t(i) 40", "t(i) 40"]
-
-
-def test_codes_may_be_given_in_hexadecimal(operate):
-    told = operate("TI 66H TP AAH")
-    assert told.after("TI 66H TP AAH").startswith("t(i) 20 us (66H)   t(p) 100 us (AAH)")
 
 
 @pytest.mark.parametrize(
@@ -152,38 +140,26 @@ def test_codes_may_be_given_in_hexadecimal(operate):
     ],
 )
 def test_bad_input_is_answered_by_one_line_and_does_nothing(operate, line, reason):
-    told = operate(line, "STATUS")
-    assert len(told.refusals) == 1
-    assert told.refusals[0].startswith(f"? {reason}")
-    assert "STAND-BY   POSITION X 32500 Y 32500 um   NO NEW POSITION" in told.lines
-    assert told.lines[-4] == "t(i) NOT SET (00H)   t(p) NOT SET (00H)"
-    assert told.status == 2
-
-
-# T-54
-def test_small_letters_do(operate):
-    assert "READY   X 32510 Y 32500 um" in operate("x 10", "wait").lines
+    session = operate(line, "STATUS")
+    assert len(session.refusals) == 1
+    assert session.refusals[0].startswith(f"? {reason}")
+    assert "STAND-BY   POSITION X 32500 Y 32500 um   NO NEW POSITION" in session.lines
+    assert session.lines[-4] == "t(i) NOT SET (00H)   t(p) NOT SET (00H)"
+    assert session.status == 2
 
 
 def test_the_cut_needs_pulses_and_a_way(operate):
-    told = operate("NEW 32600 32500", "START", SET, "NEW 32500 32500", "START")
-    assert told.refusals == [
+    session = operate("NEW 32600 32500", "START", SET, "NEW 32500 32500", "START")
+    assert session.refusals == [
         "? t(i) and t(p) are not set; TI us TP us sets them",
         "? the wire is there already; give another new position",
     ]
 
 
-def test_an_arc_without_a_circle_is_refused(operate):
-    told = operate(SET, "CW 32600 32500 32580 32500", "START")
-    assert len(told.refusals) == 1
-    assert "arc" in told.refusals[0]
-    assert not told.rig.moving
-
-
 def test_a_new_move_while_moving_is_refused_and_the_move_goes_on(operate):
-    told = operate("X 20", "X 20", "Y 4", "POS 1 1", "LOAD", "WAIT")
-    assert [r.split(";")[0] for r in told.refusals[:3]] == 3 * ["? the machine moves already"]
-    assert "READY   X 32520 Y 32500 um" in told.lines
+    session = operate("X 20", "X 20", "Y 4", "POS 1 1", "LOAD", "WAIT")
+    assert [r.split(";")[0] for r in session.refusals[:3]] == 3 * ["? the machine moves already"]
+    assert "READY   X 32520 Y 32500 um" in session.lines
 
 
 def test_a_line_without_its_end_is_not_executed(rig):
@@ -193,17 +169,11 @@ def test_a_line_without_its_end_is_not_executed(rig):
     assert b"the last line has no end; nothing was done" in screen.printed
 
 
-def test_the_end_of_a_script_waits_for_the_machine(operate):
-    told = operate("X 20")
-    assert told.rig.place_um == (32_520.0, 32_500.0)
-    assert told.status == 0
-
-
 def test_help_knows_every_word_and_fits_the_screen(operate, rig):
     main = MainProgram(Operation(rig), Session(rig, Script(b""), Interrupts()), print, rig.board.bus)
     assert {ALIASES.get(word, word) for word in main.words} == set(WORDS) - {"MORE"}
-    told = operate("HELP", "?", *(f"HELP {word}" for word in main.words))
-    assert not told.refusals
+    session = operate("HELP", "?", *(f"HELP {word}" for word in main.words))
+    assert not session.refusals
     assert all(len(line) <= 80 for text in (JOB, *WORDS.values()) for line in text.splitlines())
     shown = Console(width=80, record=True, file=io.StringIO())
     shown.print(panel([0] * 32, Operation(rig).status(), False))

@@ -8,25 +8,17 @@ import pytest
 
 import edmsim
 from edmsim.consoles.computer_1982.command import choose_faults
-from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.rig import Rig
-from edmsim.consoles.computer_1982.session import Session
 from edmsim.controllers.mcu.board import Faults
 from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.errors import InputError
 
-from .conftest import Script
+from .conftest import run_script
 
 SET = "TI 30 TP 100"
 MOVING_WORDS = ("X 20", "Y -20", "START", "GO", "GEN ON", "POS 1 1", SET, "SPEED 9", "WIRE", "STOP")
-
-
-def operate(rig: Rig, *lines: str) -> tuple[int, list[str]]:
-    screen = Script("".join(f"{line}\n" for line in lines).encode())
-    status = Session(rig, screen, Interrupts()).run()
-    return status, screen.printed.decode("ascii", "replace").split("\r\n")
 
 
 def emergencies(lines: list[str]) -> list[str]:
@@ -35,10 +27,11 @@ def emergencies(lines: list[str]) -> list[str]:
 
 # T-49, T-51: nothing moves after an emergency stop until INIT
 def test_nothing_moves_after_an_emergency_stop_until_init(rig):
-    status, lines = operate(rig, SET, "NEW 33000 32500", "START", "WAIT 1", "EM", *MOVING_WORDS, "WAIT 5", "STATUS")
-    (told,) = [line for line in emergencies(lines) if "UNTIL INIT" in line]
-    assert told.startswith("EMERGENCY: STOP BY THE OPERATOR; NOTHING MOVES UNTIL INIT")
-    place = re.search(r"X \d+ Y \d+", told).group()
+    cut = SET, "NEW 33000 32500", "START", "WAIT 1", "EM"
+    status, lines, _ = run_script(rig, *cut, *MOVING_WORDS, "WAIT 5", "STATUS")
+    (message,) = [line for line in emergencies(lines) if "UNTIL INIT" in line]
+    assert message.startswith("EMERGENCY: STOP BY THE OPERATOR; NOTHING MOVES UNTIL INIT")
+    place = re.search(r"X \d+ Y \d+", message).group()
     assert f"EMERGENCY: STOP BY THE OPERATOR   POSITION {place} um   NEW 33000 32500" in lines
     assert len([line for line in lines if "only INIT helps" in line]) == len(MOVING_WORDS)
     assert rig.place_um[0] == int(place.split()[1])
@@ -48,9 +41,9 @@ def test_nothing_moves_after_an_emergency_stop_until_init(rig):
 # T-49, T-A14: at rest as well, twice, before INIT and after it
 def test_an_emergency_at_rest_stops_what_stands_and_keeps_the_place(rig):
     cut = (SET, "START", "WAIT", "EM", "STATUS")
-    status, lines = operate(rig, SET, "NEW 32560 32500", "EM", "STATUS", "EM", "X 20", "INIT", "STATUS", *cut)
-    told = [line.split(";")[0] for line in emergencies(lines) if ";" in line]
-    assert told == 3 * ["EMERGENCY: STOP BY THE OPERATOR"]
+    status, lines, _ = run_script(rig, SET, "NEW 32560 32500", "EM", "STATUS", "EM", "X 20", "INIT", "STATUS", *cut)
+    message = [line.split(";")[0] for line in emergencies(lines) if ";" in line]
+    assert message == 3 * ["EMERGENCY: STOP BY THE OPERATOR"]
     assert "EMERGENCY: STOP BY THE OPERATOR   POSITION X 32500 Y 32500 um   NEW 32560 32500" in lines
     assert "STAND-BY   POSITION X 32500 Y 32500 um   NEW 32560 32500" in lines
     assert "EMERGENCY: STOP BY THE OPERATOR   POSITION X 32560 Y 32500 um   NEW 32560 32500" in lines
@@ -62,36 +55,37 @@ def test_an_emergency_at_rest_stops_what_stands_and_keeps_the_place(rig):
 
 
 def test_a_stopped_cut_goes_on_after_init(rig):
-    status, lines = operate(rig, SET, "NEW 32560 32500", "START", "WAIT 1", "EM", "INIT", "GO", SET, "GO", "WAIT")
+    cut = SET, "NEW 32560 32500", "START", "WAIT 1", "EM"
+    status, lines, _ = run_script(rig, *cut, "INIT", "GO", SET, "GO", "WAIT")
     assert [line for line in lines if line.startswith("?")] == ["? t(i) and t(p) are not set; TI us TP us sets them"]
     assert "READY   X 32560 Y 32500 um" in lines
     assert status == 2
 
 
 def test_a_stopped_cut_does_not_go_on_from_elsewhere(rig):
-    _, lines = operate(rig, SET, "NEW 32560 32500", "START", "WAIT 1", "STOP", "Y 20", "WAIT", "GO")
+    lines = run_script(rig, SET, "NEW 32560 32500", "START", "WAIT 1", "STOP", "Y 20", "WAIT", "GO").lines
     assert any(line.startswith("? the cut stopped at X ") for line in lines)
 
 
 # T-87: the timers' own cut, stopped and gone on with
 def test_the_timers_cut_stop_and_go_on_from_the_same_place_only(machine):
     rig = Rig(machine, seed=1, resolution="fast", planner="poscal-literal")
-    _, lines = operate(
+    lines = run_script(
         rig, SET, "NEW 32560 32540", "START", "WAIT 1", "STOP", "Y 20", "WAIT", "GO", "Y -20", "WAIT", "GO", "WAIT"
-    )
+    ).lines
     assert len([line for line in lines if line.startswith("? the cut stopped at X ")]) == 1
     assert "READY   X 32560 Y 32540 um" in lines
     assert rig.place_um == (32_560.0, 32_540.0)
     spoilt = Rig(machine, seed=1, resolution="fast", planner="poscal-literal")
     store = spoilt.board.bus.store
     spoilt.board.bus.store = lambda address, word: store(address, 3 if word and address == at.YVELOC else word)
-    _, lines = operate(spoilt, SET, "NEW 32560 32540", "START", "WAIT 1", "STOP")
+    lines = run_script(spoilt, SET, "NEW 32560 32540", "START", "WAIT 1", "STOP").lines
     ((x, y),) = re.findall(r"STOPPED   X (\d+) Y (\d+)", "\n".join(lines))
     assert int(x) - 32_500 > 4 * (int(y) - 32_500)
 
 
 def test_ctrl_c_in_a_script_is_the_emergency_stop(rig):
-    status, lines = operate(rig, "X 100", "WAIT 1", "\x03")
+    status, lines, _ = run_script(rig, "X 100", "WAIT 1", "\x03")
     assert len(emergencies(lines)) == 1
     assert status == 3
 
@@ -99,7 +93,7 @@ def test_ctrl_c_in_a_script_is_the_emergency_stop(rig):
 # T-46, T-47: end switch
 def test_an_end_switch_stops_a_jog_and_can_only_be_left_backwards(rig):
     rig.plant.reset(1, position_um=(32_500.0, 10.0))
-    status, lines = operate(
+    status, lines, _ = run_script(
         rig, "Y -40", "WAIT", "Y -20", "INIT", "Y -20", "Y 20", "WAIT", "Y -20", "WAIT", "INIT", "Y 20", "WAIT"
     )
     first, second = emergencies(lines)
@@ -120,15 +114,15 @@ def stuck(machine: edmsim.Machine, name: str) -> Rig:
 def test_a_stuck_end_switch_lets_the_table_run_into_its_stop_and_lose_steps(machine):
     travel_um, unseen = machine.base.table.travel_mm.value * 1e3, stuck(machine, "stuck-end-switch")
     unseen.plant.reset(1, position_um=(32_500.0, travel_um - 100))
-    status, lines = operate(unseen, "POS 32500 100", "Y 1300", "WAIT", "Y -1300", "WAIT", "POS")
+    status, lines, _ = run_script(unseen, "POS 32500 100", "Y 1300", "WAIT", "Y -1300", "WAIT", "POS")
     assert emergencies(lines) == []
     assert "READY   X 32500 Y 1400 um" in lines
     # the MJCF's stop is 1 mm behind the travel: of the way there the last 200 um were lost, of the way back none
     assert unseen.place_um == (32_500.0, travel_um + 1000 - 1300)
     assert status == 0
-    seen = Rig(machine, seed=1, resolution="fast")
-    seen.plant.reset(1, position_um=(32_500.0, travel_um - 100))
-    _, lines = operate(seen, "POS 32500 100", "Y 1300", "WAIT")
+    noticed = Rig(machine, seed=1, resolution="fast")
+    noticed.plant.reset(1, position_um=(32_500.0, travel_um - 100))
+    lines = run_script(noticed, "POS 32500 100", "Y 1300", "WAIT").lines
     assert emergencies(lines)[0].startswith("EMERGENCY: Y END SWITCH; NOTHING MOVES UNTIL INIT   X 32500 Y 204 um")
 
 
@@ -136,7 +130,7 @@ def test_a_stuck_end_switch_lets_the_table_run_into_its_stop_and_lose_steps(mach
 def test_a_wire_break_stops_all_and_the_cut_goes_on_with_a_new_wire(machine):
     rig = Rig(machine.with_(tension=0.98 * machine.breaking_force), seed=1, resolution="fast")
     cut = (SET, "NEW 32900 32500", "START", "WAIT")
-    _, lines = operate(rig, *cut, "INIT", SET, "START", "GO", "WIRE", SET, "STATUS", "GO", "WAIT 2")
+    lines = run_script(rig, *cut, "INIT", SET, "START", "GO", "WIRE", SET, "STATUS", "GO", "WAIT 2").lines
     broken = emergencies(lines)[0]
     assert broken.startswith("EMERGENCY: WIRE BREAK ")
     place = re.search(r"X \d+ Y \d+", broken).group()
@@ -151,7 +145,7 @@ def test_with_a_stuck_wire_sensor_the_cut_goes_on_in_the_open_until_its_end(mach
     hot = machine.with_(tension=0.98 * machine.breaking_force)
     rig = stuck(hot, "stuck-wire-sensor")
     cut = (SET, "NEW 32900 32500", "START", "WAIT")
-    _, lines = operate(rig, *cut, "STATUS", "GEN ON", "WAIT 1", "STATUS", "GEN OFF", "WIRE", "WIRE")
+    lines = run_script(rig, *cut, "STATUS", "GEN ON", "WAIT 1", "STATUS", "GEN OFF", "WIRE", "WIRE").lines
     assert emergencies(lines) == []
     assert "READY   X 32900 Y 32500 um" in lines
     assert rig.place_um == (32_900.0, 32_500.0)
@@ -169,7 +163,7 @@ def test_an_unknown_fault_is_refused_with_those_there_are():
 
 @pytest.mark.slow
 def test_a_wire_pressed_into_the_workpiece_breaks_and_can_be_brought_out(rig):
-    status, lines = operate(rig, "X 1200", "WAIT", "INIT", "X -1200", "WAIT", "WIRE", "X 20", "WAIT")
+    status, lines, _ = run_script(rig, "X 1200", "WAIT", "INIT", "X -1200", "WAIT", "WIRE", "X 20", "WAIT")
     assert emergencies(lines)[0].startswith("EMERGENCY: THE WIRE WAS PRESSED AGAINST THE WORKPIECE AND BROKE")
     assert lines[-2].startswith("READY") or "READY" in lines[-3]
     assert status == 0
@@ -177,14 +171,15 @@ def test_a_wire_pressed_into_the_workpiece_breaks_and_can_be_brought_out(rig):
 
 def test_a_short_that_stays_stops_the_machine(machine):
     rig = Rig(machine, seed=1, resolution="fast")
-    _, lines = operate(rig, "X 36", "WAIT", "TI 06H TP FFH", "NEW 33000 32500", "START", "WAIT 60")
+    lines = run_script(rig, "X 36", "WAIT", "TI 06H TP FFH", "NEW 33000 32500", "START", "WAIT 60").lines
     assert emergencies(lines)[0].startswith("EMERGENCY: PERSISTENT SHORT")
 
 
 # T-44: windows not read in time
 @pytest.mark.slow
 def test_windows_that_come_faster_than_the_program_are_missed_and_counted(rig):
-    _, lines = operate(rig, "TI 06H TP 6", "NEW 33000 32500", "START", "WAIT 1", "STATUS", SET, "WAIT 1", "STATUS")
+    cut = "TI 06H TP 6", "NEW 33000 32500", "START", "WAIT 1", "STATUS"
+    lines = run_script(rig, *cut, SET, "WAIT 1", "STATUS").lines
     (read, missed), (read_later, missed_later) = (
         map(int, found) for found in re.findall(r"WINDOWS (\d+), MISSED (\d+)", "\n".join(lines))
     )
@@ -198,7 +193,7 @@ def test_windows_that_come_faster_than_the_program_are_missed_and_counted(rig):
 def test_serial_noise_disturbs_what_is_typed_while_the_current_is_high(machine):
     def type_in_a_short(faults):
         rig = Rig(machine, seed=1, resolution="fast", faults=faults)
-        return operate(rig, "X 100", "WAIT", SET, "GEN ON", "WAIT 0", "STATUS", "GEN OFF", "POS")[1]
+        return run_script(rig, "X 100", "WAIT", SET, "GEN ON", "WAIT 0", "STATUS", "GEN OFF", "POS").lines
 
     clean = type_in_a_short(Faults())
     assert not [line for line in clean if line.startswith("?")]
@@ -215,16 +210,16 @@ def test_serial_noise_disturbs_what_is_typed_while_the_current_is_high(machine):
 def test_a_generator_that_drops_out_stops_the_cut(machine):
     rig = Rig(machine, seed=1, resolution="fast", faults=Faults(drop_out=DropOut(1)))
     cut = ("TI 10 TP 60", "NEW 32900 32500", "START", "WAIT")
-    _, lines = operate(rig, *cut, "STATUS", SET, "GO", "WAIT 1", "STATUS")
-    (told,) = [line for line in lines if line.startswith("NO PULSES")]
-    assert told.startswith("NO PULSES COME: THE GENERATOR DROPPED OUT AT LOW V(t(p)); STOPPED   X 325")
+    lines = run_script(rig, *cut, "STATUS", SET, "GO", "WAIT 1", "STATUS").lines
+    (message,) = [line for line in lines if line.startswith("NO PULSES")]
+    assert message.startswith("NO PULSES COME: THE GENERATOR DROPPED OUT AT LOW V(t(p)); STOPPED   X 325")
     generator = [line for line in lines if line.startswith("GENERATOR")]
     assert [line.split()[1] for line in generator] == ["OFF", "ON"]
 
 
 # T-27: voltage stays on the wire
 def test_voltage_stays_on_the_wire_after_a_stop(rig):
-    _, lines = operate(rig, SET, "GEN ON", "WAIT 1", "GEN OFF", "STATUS", "WAIT 5", "STATUS")
+    lines = run_script(rig, SET, "GEN ON", "WAIT 1", "GEN OFF", "STATUS", "WAIT 5", "STATUS").lines
     first, later = (int(v) for v in re.findall(r"GENERATOR OFF   GAP (\d+) V", "\n".join(lines)))
     assert first == edmsim.Machine.load().generator.open_voltage_V.value
     assert 0 < later < first / 2

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import pytest
 
-from edmsim.cli import app as cli
-from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.rig import Rig
-from edmsim.consoles.computer_1982.session import Session
 from edmsim.controllers.mcu.firmware.memory_map import CIADR, TERMINAL_IN
 
-from .conftest import Script
+from .conftest import run_script
 
 PROGRAM = """\
 * two settings, a line and a quarter of a circle
@@ -41,36 +34,36 @@ def host(tmp_path):
 # T-59, T-58: through the second channel, by the redirected input stream
 @pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
 def test_a_program_is_loaded_listed_and_run(operate, host, ends):
-    told = operate("LOAD", "LIST", "RUN", "WAIT", "STATUS", host=host(PROGRAM.replace("\n", ends)))
-    assert told.after("LOAD") == "LOADED: 2 MOVES, 2 SETTINGS"
-    listed = told.lines.index("> LIST")
-    assert told.lines[listed + 1 : listed + 5] == [
+    session = operate("LOAD", "LIST", "RUN", "WAIT", "STATUS", host=host(PROGRAM.replace("\n", ends)))
+    assert session.after("LOAD") == "LOADED: 2 MOVES, 2 SETTINGS"
+    listed = session.lines.index("> LIST")
+    assert session.lines[listed + 1 : listed + 5] == [
         "TI 66H TP AAH SPEED 100", "NEW 32520 32500", "TI 66H TP FFH", "CCW 32540 32520 32520 32520",
     ]  # fmt: skip
-    assert "READY   X 32540 Y 32520 um" in told.lines
-    assert "OF 100 UNITS" in told.lines[-5]
-    assert told.lines[-4] == "t(i) 20 us (66H)   t(p) 150 us (FFH)"
-    assert told.rig.computer.word(CIADR) == TERMINAL_IN
-    assert told.status == 0
+    assert "READY   X 32540 Y 32520 um" in session.lines
+    assert "OF 100 UNITS" in session.lines[-5]
+    assert session.lines[-4] == "t(i) 20 us (66H)   t(p) 150 us (FFH)"
+    assert session.rig.computer.word(CIADR) == TERMINAL_IN
+    assert session.status == 0
 
 
 def test_status_shows_the_move_of_the_program_that_is_under_way(operate, host):
-    told = operate("NEW 5 5", "LOAD", "RUN", "STATUS", "WAIT 1", "STATUS", "WAIT", "STATUS", host=host(PROGRAM))
-    shown = [line.split(" um   ")[1] for line in told.lines if " POSITION X " in line]
+    session = operate("NEW 5 5", "LOAD", "RUN", "STATUS", "WAIT 1", "STATUS", "WAIT", "STATUS", host=host(PROGRAM))
+    shown = [line.split(" um   ")[1] for line in session.lines if " POSITION X " in line]
     assert shown == ["NEW 32520 32500", "CCW 32540 32520 32520 32520", "NEW 5 5"]
 
 
 def test_settings_are_taken_over_where_they_stand(operate, host):
-    told = operate("LOAD", "RUN", "WAIT 0", "STATUS", "WAIT", "STATUS", host=host(PROGRAM))
-    periods = [line.split("t(p) ")[1].split(" us")[0] for line in told.lines if line.startswith("t(i)")]
+    session = operate("LOAD", "RUN", "WAIT 0", "STATUS", "WAIT", "STATUS", host=host(PROGRAM))
+    periods = [line.split("t(p) ")[1].split(" us")[0] for line in session.lines if line.startswith("t(i)")]
     assert periods == ["100", "150"]
 
 
-def test_a_setting_refused_on_the_way_is_told_and_the_cut_goes_on(operate, host):
-    told = operate("LOAD", "RUN", "WAIT", host=host(PROGRAM.replace("TI 20 TP 150", "TI 50")))
-    (told_of,) = [line for line in told.lines if "the old setting stays" in line]
-    assert told_of.startswith("? t(i) 50 us in t(p) 100 us draws 3.3")
-    assert "READY   X 32540 Y 32520 um" in told.lines
+def test_a_setting_refused_on_the_way_is_reported_and_the_cut_goes_on(operate, host):
+    session = operate("LOAD", "RUN", "WAIT", host=host(PROGRAM.replace("TI 20 TP 150", "TI 50")))
+    (message,) = [line for line in session.lines if "the old setting stays" in line]
+    assert message.startswith("? t(i) 50 us in t(p) 100 us draws 3.3")
+    assert "READY   X 32540 Y 32520 um" in session.lines
 
 
 @pytest.mark.parametrize(
@@ -88,37 +81,34 @@ def test_a_setting_refused_on_the_way_is_told_and_the_cut_goes_on(operate, host)
     ],
 )
 def test_a_faulty_program_is_refused_whole(operate, host, text, reason):
-    told = operate("LOAD", "LIST", "RUN", host=host(text))
-    assert told.after("LOAD").startswith(f"? {reason}")
-    assert told.after("LIST") == "NO PROGRAM"
-    assert told.after("RUN") == "? there is no program; LOAD takes one from the host"
-    assert told.status == 2
+    session = operate("LOAD", "LIST", "RUN", host=host(text))
+    assert session.after("LOAD").startswith(f"? {reason}")
+    assert session.after("LIST") == "NO PROGRAM"
+    assert session.after("RUN") == "? there is no program; LOAD takes one from the host"
+    assert session.status == 2
 
 
-def test_a_faulty_program_leaves_the_old_one(operate, host, rig):
-    file = host(PROGRAM)
-    told = operate("LOAD", host=file)
-    assert told.status == 0
-    assert operate("LOAD", "LOAD", "LIST", host=file).lines.count("LOADED: 2 MOVES, 2 SETTINGS") == 2
+def test_a_faulty_program_leaves_the_old_one(operate, host):
+    operate("LOAD", host=host(PROGRAM))
+    later = operate("LOAD", "LIST", host=host("NEW 1 2\n"))
+    assert later.after("LOAD").startswith("? the host's program ends without END")
+    assert later.after("LIST") == "TI 66H TP AAH SPEED 100"
 
 
 def test_an_arc_of_the_program_that_is_none_stops_it_before_anything_moves(operate, host):
-    told = operate("LOAD", "RUN", host=host("NEW 32510 32500\nCW 32530 32500 32540 32500\nEND\n"))
-    assert len(told.refusals) == 1
-    assert not told.rig.moving
-    assert told.rig.place_um == (32_500.0, 32_500.0)
+    session = operate("LOAD", "RUN", host=host("NEW 32510 32500\nCW 32530 32500 32540 32500\nEND\n"))
+    assert len(session.refusals) == 1
+    assert not session.rig.moving
+    assert session.rig.place_um == (32_500.0, 32_500.0)
 
 
 @pytest.mark.slow
-def test_a_whole_job_in_a_pipe(host):
-    command = [sys.executable, "-m", "edmsim", "console", "1982", "--resolution", "fast"]
-    done = subprocess.run(
-        [*command, "--height", "5", "--host", str(host(PROGRAM))], input="HELP\nLOAD\nRUN\nWAIT\nSTATUS\nBYE\n",
-        capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "100"},
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "READY   X 32540 Y 32520 um" in done.stdout
-    assert "\r" not in done.stdout
+def test_a_whole_job_in_a_pipe(host, piped):
+    options = "--resolution", "fast", "--height", "5", "--host", str(host(PROGRAM))
+    done = piped(b"HELP\nLOAD\nRUN\nWAIT\nSTATUS\nBYE\n", "console", "1982", *options)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"READY   X 32540 Y 32520 um" in done.stdout
+    assert b"\r" not in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -133,23 +123,15 @@ def test_a_whole_job_in_a_pipe(host):
         (["--resolution", "coarse"], "unknown resolution 'coarse'"),
     ],
 )
-def test_bad_options_are_one_line_and_status_2(options, reason, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["edmsim", "console", "1982", *options])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    told = capsys.readouterr()
-    assert left.value.code == 2
-    assert reason in told.err
-    assert len(told.err.splitlines()) == 1
-    assert told.out == ""
+def test_bad_options_are_one_line_and_status_2(options, reason, piped):
+    done = piped(b"", "console", "1982", *options)
+    out, err = done.text
+    assert (done.returncode, out, len(err.splitlines())) == (2, "", 1)
+    assert reason in err
 
 
 @pytest.mark.slow
 def test_the_same_script_gives_the_same_session_bit_for_bit(machine):
-    def session(seed):
-        screen = Script(b"TI 30 TP 100\nNEW 32600 32500\nSTART\nWAIT 2\nSTATUS\nEM\nINIT\nSTATUS\n")
-        Session(Rig(machine, seed, resolution="fast"), screen, Interrupts()).run()
-        return bytes(screen.printed)
-
-    assert session(7) == session(7)
-    assert session(7) != session(8)
+    script = "TI 30 TP 100", "NEW 32600 32500", "START", "WAIT 2", "STATUS", "EM", "INIT", "STATUS"
+    first, same, other = (run_script(Rig(machine, seed, resolution="fast"), *script).lines for seed in (7, 7, 8))
+    assert first == same != other

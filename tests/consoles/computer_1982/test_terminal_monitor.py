@@ -13,7 +13,7 @@ from edmsim.consoles.computer_1982.session import Session
 from edmsim.controllers.mcu.dialogue.monitor import punch
 from edmsim.controllers.mcu.firmware import memory_map as at
 
-from .conftest import Script
+from .conftest import Script, run_script
 
 SET = "TI 30 TP 100"
 STEPS = bytes.fromhex(
@@ -27,14 +27,7 @@ STEPS = bytes.fromhex(
 @pytest.fixture
 def sit(rig, tmp_path):
     """Type a script into the monitor that power-up leads to; returns the exit status and the lines shown."""
-
-    def run(*lines, **options):
-        screen = Script("".join(f"{line}\n" for line in lines).encode())
-        options = {"monitor": True, "tapes": tmp_path, **options}
-        status = Session(rig, screen, Interrupts(), **options).run()
-        return status, screen.printed.decode().split("\r\n")
-
-    return run
+    return lambda *lines, **options: run_script(rig, *lines, **{"monitor": True, "tapes": tmp_path, **options})[:2]
 
 
 def after(lines, typed):
@@ -77,8 +70,8 @@ def test_a_step_and_a_pulse_by_hand(sit, rig):  # T-78, T-16
 
 def test_a_counter_altered_in_a_cut_ends_at_the_soft_limit(sit, rig):  # T-A11
     _, lines = sit("G 0400", SET, "NEW 32700 32500", "START", "WAIT 1", "MON", "S 2000 FE FF", "G", "WAIT 1", "X 20")
-    (told,) = [line for line in lines if line.startswith("EMERGENCY")]
-    assert told.startswith("EMERGENCY: SOFT LIMIT: A STEP TO 65536 UM WOULD LEAVE THE TABLE'S 0..65535 UM;")
+    (message,) = [line for line in lines if line.startswith("EMERGENCY")]
+    assert message.startswith("EMERGENCY: SOFT LIMIT: A STEP TO 65536 UM WOULD LEAVE THE TABLE'S 0..65535 UM;")
     assert "only INIT helps" in after(lines, "> X 20")
     status = Operation(rig).status()
     assert (status.short, status.open, status.erosion) == (0, 0, 0)
@@ -93,7 +86,7 @@ def test_routines_are_started_at_their_addresses_in_a_cut(sit, rig):  # T-78, T-
     assert lines[lines.index("> STATUS") + 1].startswith("STAND-BY")
 
 
-def test_altered_bytes_of_path_and_line_are_told_or_passed_over(sit, rig):  # T-20
+def test_altered_bytes_of_path_and_line_are_reported_or_passed_over(sit, rig):  # T-20
     _, lines = sit("G 0400", "NEW 1 2", "MON", "D 20F0,20F5", "S 20F0 33", "D 20A0,20A7", "G", "STATUS", "MAIN", "",
                    "3 4", "HELP MON", "MON", "D 20F0,20F5", "S 2180 33", "G", "LIST", "RUN")  # fmt: skip
     assert after(lines, ". D 20F0,20F5") == "20F0  01 01 00 02 00 00"
@@ -104,7 +97,7 @@ def test_altered_bytes_of_path_and_line_are_told_or_passed_over(sit, rig):  # T-
         assert after(lines, line) == "? the program's byte at 2180H is 33H, which begins no entry"
 
 
-def test_a_setting_beyond_the_generator_is_told_and_the_old_one_stays(sit, rig):  # T-34
+def test_a_setting_beyond_the_generator_is_refused_and_the_old_one_stays(sit, rig):  # T-34
     _, lines = sit("G 0400", SET, "GEN ON", "MON", "S 4020 FF", "G", "WAIT 1", "STATUS")
     assert any(line.startswith("? ") and "the generator keeps its old setting" in line for line in lines)
     assert rig.plant.machine.t_on_us == 30.0
@@ -154,7 +147,7 @@ def test_machine_code_from_the_host_steps_the_table(sit, rig, tmp_path):  # T-79
         ("3E C0 32 23 40 C9", "control word C0H: this 8255 has mode 0 and, for input only, mode 1"),
     ],
 )
-def test_machine_code_that_goes_astray_is_told(sit, tmp_path, monkeypatch, code, reason):
+def test_machine_code_that_cannot_run_is_reported(sit, tmp_path, monkeypatch, code, reason):
     monkeypatch.setattr("edmsim.consoles.computer_1982.session.PROGRAM_NS", 30_000_000)
     (tmp_path / "CODE.HEX").write_text(punch(bytes.fromhex(code), 0x3400))
     _, lines = sit("R CODE.HEX", "G 3400", "D 3400,3400")
@@ -204,7 +197,7 @@ def test_every_character_is_handled_at_once(rig):  # T-83
 def test_what_is_wrong_is_one_line_and_does_nothing(sit, rig, line, reason):
     before = bytes(rig.board.bus.ram)
     status, lines = sit(line)
-    refused = [told for told in lines if told.startswith("? ")]
+    refused = [message for message in lines if message.startswith("? ")]
     assert len(refused) == 1
     assert refused[0].startswith(f"? {reason}")
     assert bytes(rig.board.bus.ram)[0x100:] == before[0x100:]
@@ -234,11 +227,10 @@ def on_a_table_of(machine, travel_mm):
 
 def test_a_large_table_counts_steps_and_says_so(machine):  # T-61
     rig = Rig(on_a_table_of(machine, 130.0), seed=1, resolution="fast")
-    lines = ["POS", "X -10", "WAIT", "X 33060", SET, "NEW 32500 32480", "START", "WAIT 1", "EM", "INIT", SET,
-             "GO", "WAIT", "CCW 32490 32490 32490 32480", "START", "WAIT"]  # fmt: skip
-    screen = Script("".join(f"{line}\n" for line in lines).encode())
-    status = Session(rig, screen, Interrupts()).run()
-    lines = screen.printed.decode().split("\r\n")
+    status, lines, _ = run_script(
+        rig, "POS", "X -10", "WAIT", "X 33060", SET, "NEW 32500 32480", "START", "WAIT 1", "EM", "INIT", SET, "GO",
+        "WAIT", "CCW 32490 32490 32490 32480", "START", "WAIT",
+    )  # fmt: skip
     assert "THE TABLE HAS 130 mm: PLACES AND WAYS ARE STEPS OF 2 um HERE, NOT um" in lines
     assert after(lines, "> POS") == "POSITION X 32500 Y 32500 STEPS"
     assert "READY   X 32490 Y 32500 STEPS" in lines
@@ -251,8 +243,7 @@ def test_a_large_table_counts_steps_and_says_so(machine):  # T-61
 
 def test_a_small_table_starts_in_its_middle_and_counts_um(machine):  # T-61
     rig = Rig(on_a_table_of(machine, 40.0), seed=1, resolution="fast")
-    screen = Script(b"POS\nX 10\nWAIT\n")
-    Session(rig, screen, Interrupts()).run()
-    assert b"POSITION X 20000 Y 20000 um" in screen.printed
-    assert b"STEPS" not in screen.printed
+    lines = run_script(rig, "POS", "X 10", "WAIT").lines
+    assert "POSITION X 20000 Y 20000 um" in lines
+    assert not [line for line in lines if "STEPS" in line]
     assert rig.place_um == (20_010.0, 20_000.0)

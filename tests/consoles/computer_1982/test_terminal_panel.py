@@ -49,29 +49,29 @@ def test_keys_set_up_and_run_a_cut_and_the_digits_show_it(operate, rig):
         return entry
 
     rig.board.interrupts.acknowledge = note
-    seen = []
+    shown_digits = []
     advance = rig.advance
 
     def watch():
         advance()
-        seen.append((shown(rig, "x"), shown(rig, "speed"), shown(rig, "entry")))
+        shown_digits.append((shown(rig, "x"), shown(rig, "speed"), shown(rig, "entry")))
 
     rig.advance = watch
-    told = operate(
+    session = operate(
         "KEY 1000 SHIFT X 2000 SHIFT Y", "KEY 100 T(P) 30 T(I) 110 SPEED 1080 X START", "KEY 42", "STATUS", "WAIT",
         "WAIT 1",
     )
-    assert not told.refusals
-    assert told.after("STATUS").startswith("CUTTING   POSITION X 10")
-    assert told.after("STATUS").endswith(" Y 2000 um   NEW 1080 2000")
-    assert "READY   X 1080 Y 2000 um" in told.lines
-    assert "t(i) 30 us (99H)   t(p) 100 us (AAH)" in told.lines
-    assert any("OF 110 UNITS" in line for line in told.lines)
+    assert not session.refusals
+    assert session.after("STATUS").startswith("CUTTING   POSITION X 10")
+    assert session.after("STATUS").endswith(" Y 2000 um   NEW 1080 2000")
+    assert "READY   X 1080 Y 2000 um" in session.lines
+    assert "t(i) 30 us (99H)   t(p) 100 us (AAH)" in session.lines
+    assert any("OF 110 UNITS" in line for line in session.lines)
     assert pic.KEYBOARD in served  # 4 and 2, while timers and interrupts are on
     assert pic.X_STEPPER in served
-    assert {"   30", "  110", "   42"} <= {entry for _, _, entry in seen}
-    assert {" 1000", " 1080"} <= {x for x, _, _ in seen}
-    assert any(speed.strip() not in ("", "0") for _, speed, _ in seen)
+    assert {"   30", "  110", "   42"} <= {entry for _, _, entry in shown_digits}
+    assert {" 1000", " 1080"} <= {x for x, _, _ in shown_digits}
+    assert any(speed.strip() not in ("", "0") for _, speed, _ in shown_digits)
 
 
 @pytest.mark.parametrize(
@@ -84,11 +84,11 @@ def test_keys_set_up_and_run_a_cut_and_the_digits_show_it(operate, rig):
     ],
 )  # fmt: skip
 def test_every_key_does_what_the_page_says(operate, keys, place, state):  # T-28
-    told = operate(f"KEY {keys}", "WAIT")
-    x, y = (at - 32_500 for at in told.rig.place_um)
+    session = operate(f"KEY {keys}", "WAIT")
+    x, y = (at - 32_500 for at in session.rig.place_um)
     assert y == place[1]
     assert -40 <= x < 0 if place[0] is None else x == place[0]
-    assert any(line.startswith(state) for line in told.lines)
+    assert any(line.startswith(state) for line in session.lines)
 
 
 def test_the_page_has_every_key_and_its_letter():  # T-28
@@ -127,15 +127,16 @@ def test_a_key_needs_three_scans(operate, rig, monkeypatch, scans, counts):
     chip.scan(frozenset())
     assert chip.waiting == counts
     monkeypatch.setattr("edmsim.consoles.computer_1982.operation.HELD_NS", scans * SCAN_NS)
-    told = operate("KEY 6 X-", "WAIT")
-    assert told.rig.place_um == ((32_500 - 6 if counts else 32_500), 32_500)
-    assert told.lines.count("READY   X 32494 Y 32500 um") == counts
+    session = operate("KEY 6 X-", "WAIT")
+    assert session.rig.place_um == ((32_500 - 6 if counts else 32_500), 32_500)
+    assert session.lines.count("READY   X 32494 Y 32500 um") == counts
 
 
-def test_status_shows_where_the_machine_cuts_to_whoever_said_so(operate):
+def test_status_shows_where_the_machine_cuts_to_by_word_and_by_key(operate):
     typed, keyed = "NEW 32530 32500", "KEY 32500 X 32540 Y START"
-    told = operate(SET, typed, "START", "WAIT", keyed, "WAIT 1", "STATUS", "STOP", "STATUS", "GO", "WAIT 0", "STATUS")
-    shown = [line.split(" um   ")[1] for line in told.lines if " POSITION X " in line]
+    stopped = "STOP", "STATUS", "GO", "WAIT 0", "STATUS"
+    session = operate(SET, typed, "START", "WAIT", keyed, "WAIT 1", "STATUS", *stopped)
+    shown = [line.split(" um   ")[1] for line in session.lines if " POSITION X " in line]
     assert shown == ["NEW 32500 32540", "NEW 32530 32500", "NEW 32500 32540"]  # stopped, where START would
 
 
@@ -163,16 +164,16 @@ def test_noise_comes_with_the_current_of_a_usual_job(machine):
 
 def test_a_trim_that_is_turned_changes_the_pulses_of_the_machine(operate, rig):  # T-33
     rig.board.settings = replace(rig.board.settings, t_i=Dac(5.0, gain=1.1), t_p=Dac(15.0, offset_V=0.5))
-    told = operate("TI 66H TP AAH", "GEN ON", "WAIT 1", "STATUS")
-    assert "t(i) 22 us (66H)   t(p) 105 us (AAH)" in told.lines
+    session = operate("TI 66H TP AAH", "GEN ON", "WAIT 1", "STATUS")
+    assert "t(i) 22 us (66H)   t(p) 105 us (AAH)" in session.lines
     assert (rig.plant.machine.t_on_us, rig.plant.machine.t_period_us) == (22.0, 105.0)
 
 
 @pytest.mark.slow
 def test_the_longest_pulses_can_be_set_and_fired(operate, rig):  # T-1, T-2, T-32, T-42, T-A15
-    told = operate("TI 1000 TP 10000", "GEN ON", "WAIT 5", "STATUS", "TI 1 TP 2", "TI 1 TP 5", "WAIT 1")
-    assert "t(i) 1000 us (1FFH)   t(p) 10000 us (1FFH)" in told.lines
-    assert told.refusals == [
+    session = operate("TI 1000 TP 10000", "GEN ON", "WAIT 5", "STATUS", "TI 1 TP 2", "TI 1 TP 5", "WAIT 1")
+    assert "t(i) 1000 us (1FFH)   t(p) 10000 us (1FFH)" in session.lines
+    assert session.refusals == [
         "? t(i) 1.176 us in t(p) 2 us draws 3.89 A, above the generator's 2 A: t(p) must be at least 5 us"
     ]
     assert rig.time_ns >= 2 * 2_550_000_000
@@ -187,8 +188,7 @@ def test_couplers_keep_the_sparks_out_of_the_control(machine):
         for _ in cutting(rig, 30, 100, 60):
             pass
     assert [rig.in_emergency for rig in rigs] == [False, True]
-    assert rigs[0].computer.position[0] == 32_560
-    assert rigs[1].cause == UNKNOWN_CAUSE
+    assert (rigs[0].computer.position[0], rigs[1].cause) == (32_560, UNKNOWN_CAUSE)
 
 
 # T-85: a spare output halves the wire's tension, and the wire bows twice as far

@@ -77,9 +77,10 @@ def sit_down() -> Iterator[type[Operator]]:
 
 # T-53, T-A10: echo and the four correction characters, at the keyboard
 @pytest.mark.slow
-def test_a_person_types_corrects_jogs_and_leaves(sit_down):
+def test_a_person_types_corrects_jogs_ends_a_wait_and_leaves(sit_down):
     operator = sit_down("--speed", "50")
     operator.see("> ")
+    assert termios.tcgetattr(operator.slave) != operator.before
     operator.type(b"PO\x08OSS\x7f\r")
     shown = operator.see(" um\r\n")
     assert "\b \b" in shown
@@ -88,7 +89,11 @@ def test_a_person_types_corrects_jogs_and_leaves(sit_down):
     assert "X 20" not in operator.see("READY   X 32520 Y 32500 um")
     operator.type(b"foo\r")
     operator.see("? FOO is not a word of this machine; HELP shows them")
-    operator.type(b"BYE\r")
+    operator.type(b"X 30000\rWAIT\r")
+    operator.see("WAITING")
+    operator.type(b"\x18STOP\r")  # Ctrl-X ends the wait
+    operator.see("STOPPED")
+    operator.type(b"\x04")  # Ctrl-D on an empty line leaves
     assert operator.leave() == 0  # a person's typing errors are part of the work
 
 
@@ -110,30 +115,8 @@ def test_ctrl_c_is_the_emergency_stop_and_nothing_moves_until_init(sit_down):
     )
     operator.type(b"X 20\rWAIT\r")
     operator.see("READY")
-    operator.type(b"\x04")  # Ctrl-D on an empty line leaves
-    assert operator.leave() == 0
-
-
-@pytest.mark.slow
-def test_ctrl_x_ends_a_wait(sit_down):
-    operator = sit_down("--speed", "1")
-    operator.see("> ")
-    operator.type(b"X 1000\rWAIT\r")
-    operator.see("WAITING")
-    operator.type(b"\x18")
-    operator.type(b"STOP\rBYE\r")
-    operator.see("STOPPED")
-    assert operator.leave() == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_the_tty_is_restored_when_the_session_is_ended_from_outside(sit_down, number):
-    operator = sit_down()
-    operator.see("> ")
-    assert termios.tcgetattr(operator.slave) != operator.before
-    operator.process.send_signal(number)
-    assert operator.leave() == 128 + number
+    operator.process.send_signal(signal.SIGTERM)  # ended from outside, the tty is restored as well
+    assert operator.leave() == 128 + signal.SIGTERM
 
 
 @pytest.mark.slow
@@ -149,8 +132,9 @@ def test_a_real_terminal_shows_digits_and_pulses(sit_down):
     operator.see("Ctrl-K ends")
     operator.type(b"20\x1b[D")
     operator.see("READY   X 32680 Y 32500 um")
-    operator.type(b"\x0bBYE\r")
-    assert operator.leave() == 0
+    operator.type(b"\x0b")
+    operator.process.send_signal(signal.SIGHUP)
+    assert operator.leave() == 128 + signal.SIGHUP
 
 
 @pytest.mark.slow

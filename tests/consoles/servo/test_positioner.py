@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 
-from edmsim.cli import app as cli
 from edmsim.consoles.servo.positioner import Press, Station, press_of, run_and_tell
 from edmsim.errors import InputError
 
@@ -44,12 +42,12 @@ def test_the_example_homes_and_places():
 def test_it_tells_what_changes():
     said: list[str] = []
     run_and_tell(station(), 1.0, [Press("ifForward", 0.2, 0.4)], said.append)
-    told = [line.split(" s  ")[1] for line in said[:-1]]
-    assert told[:7] == [
+    changes = [line.split(" s  ")[1] for line in said[:-1]]
+    assert changes[:7] == [
         "axis:st_init 1", "axis:st_loopon 1", "ofstill 1", "ifForward on", "axis:st_still 0", "ofstill 0",
         "ifForward off",
     ]  # fmt: skip
-    assert told[-1].startswith("axis: posit 66, setpos 0")
+    assert changes[-1].startswith("axis: posit 66, setpos 0")
     assert said[-1].startswith("the program is at line")
 
 
@@ -124,39 +122,32 @@ def test_wrong_contactors_are_refused(contactors, reason):
 
 
 @pytest.mark.slow
-def test_the_command_takes_contactors(monkeypatch, capsys):
-    words = ["edmsim", "console", "positioner", *map(str, TWO), "--contactor", "ofMotorX=AxisX", "--seconds", "0.2"]
-    for more, status, said in (
-        (["--contactor", "ofMotorY=AxisY"], 0, "axisx:st_still 0"), ([], 2, "it must have one"),
-        (["--contactor", "ofMotorY"], 2, "--contactor is OUTPUT=DEVICE, as ofMotorX=AxisX, not 'ofMotorY'"),
-        (["--contactor", "ofMotorX=AxisY"], 2, "--contactor gives the output ofMotorX twice"),
-    ):  # fmt: skip
-        monkeypatch.setattr(sys, "argv", [*words, *more])
-        with pytest.raises(SystemExit) as left:
-            cli.main()
-        assert left.value.code == status
-        told = capsys.readouterr()
-        assert said in told.out + told.err
+@pytest.mark.parametrize(
+    ("more", "status", "said"),
+    [
+        (("--contactor", "ofMotorY=AxisY"), 0, "axisx:st_still 0"), ((), 2, "it must have one"),
+        (("--contactor", "ofMotorY"), 2, "--contactor is OUTPUT=DEVICE, as ofMotorX=AxisX, not 'ofMotorY'"),
+        (("--contactor", "ofMotorX=AxisY"), 2, "--contactor gives the output ofMotorX twice"),
+    ],
+)
+def test_the_command_takes_contactors(more, status, said, piped):
+    done = piped(b"", "console", "positioner", *TWO, "--contactor", "ofMotorX=AxisX", "--seconds", 0.2, *more)
+    assert done.returncode == status
+    assert said in "".join(done.text)
 
 
-def test_the_command_runs(monkeypatch, capsys):
-    words = ["edmsim", "console", "positioner", *map(str, FILES), "--press", "ifStart=0.1:0.2", "--seconds", "0.5"]
-    monkeypatch.setattr(sys, "argv", words)
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    assert left.value.code == 0
-    assert "axis:st_still 0" in capsys.readouterr().out
+def test_the_command_presses_inputs(piped):
+    done = piped(b"", "console", "positioner", *FILES, "--press", "ifStart=0.1:0.2", "--seconds", 0.5)
+    assert done.returncode == 0
+    assert "axis:st_still 0" in done.text[0]
 
 
-def test_the_command_lists_what_cannot_be_read(monkeypatch, capsys, tmp_path):
+def test_the_command_lists_what_cannot_be_read(piped, tmp_path):
     (tmp_path / "a.mod").write_text("Axis:posit = 0\nspeed = 1\nGO Axis\n", encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["edmsim", "console", "positioner", str(FILES[0]), str(tmp_path / "a.mod")])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    assert left.value.code == 2
-    said = capsys.readouterr().err
-    assert "a.mod:2: speed is not a variable" in said
-    assert "a.mod:3: 'GO Axis' is not a statement" in said
+    done = piped(b"", "console", "positioner", FILES[0], tmp_path / "a.mod")
+    assert done.returncode == 2
+    assert "a.mod:2: speed is not a variable" in done.text[1]
+    assert "a.mod:3: 'GO Axis' is not a statement" in done.text[1]
 
 
 def test_bad_words_are_refused(tmp_path):

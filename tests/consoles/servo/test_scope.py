@@ -60,7 +60,7 @@ def test_a_recording_takes_little_room(tmp_path: Path):
     assert (tmp_path / "scope.rrd").stat().st_size < 600_000
 
 
-def test_a_scope_s_file_that_cannot_be_written_is_told(tmp_path: Path):
+def test_a_scope_s_file_that_cannot_be_written_is_refused(tmp_path: Path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError):
         Scope(False, tmp_path / "file" / "scope.rrd")
@@ -71,13 +71,13 @@ def test_a_scope_s_file_that_cannot_be_written_is_told(tmp_path: Path):
 @pytest.mark.slow
 def test_without_a_screen_the_scope_is_a_page_and_the_drive_runs():
     without = {name: value for name, value in os.environ.items() if "DISPLAY" not in name}
-    told = subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-m", "edmsim", "console", "servo", "uhu", "--tuned", "--scope"],
         input=b"G60\n", capture_output=True, check=False, env=without,
     )
-    assert told.returncode == 0
-    assert told.stdout.endswith(b"OK\r\n>")
-    lines = told.stderr.decode().strip().splitlines()
+    assert done.returncode == 0
+    assert done.stdout.endswith(b"OK\r\n>")
+    lines = done.stderr.decode().strip().splitlines()
     assert len(lines) == 1
     assert "no screen here: open http://127.0.0.1:" in lines[0]
 
@@ -95,7 +95,7 @@ def test_a_window_is_left_to_its_user_and_a_page_ends_with_the_drive(screen, mon
     assert process.wait(timeout=10) == -signal.SIGTERM
 
 
-def test_a_viewer_that_does_not_start_is_told_in_a_line(monkeypatch: pytest.MonkeyPatch):
+def test_a_viewer_that_does_not_start_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(viewer, "RERUN", (sys.executable, "-c", "raise SystemExit(1)"))
     with pytest.raises(InputError, match="viewer did not start, so there is no scope; --record"):
         Scope(True, None)

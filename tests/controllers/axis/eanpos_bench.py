@@ -31,13 +31,14 @@ class Positioner:
         if ready:
             self.do("INIT", "LOOPON")
 
-    def do(self, *commands, axis="x"):
-        """Give commands, and let a sample take them."""
+    def do(self, *commands, axis="x", run_s=0.0):
+        """Give commands, let a sample take them, and run for some time."""
         for command in commands:
             self.bench.drive(axis).command(command)
         self.sample()
         if "START" in commands:
             self.began_s = self.bench.time_s
+        self.run(run_s)
 
     def sample(self, count=1):
         """Let some samples pass; bench time stands a little behind the last of them."""
@@ -66,18 +67,21 @@ class Positioner:
         """Time from the sample of the last START to the last sample."""
         return self.bench.time_s - self.began_s
 
-    def until(self, state, value=True, limit_s=20.0):
-        """Run until a state has a value."""
+    def until(self, state, value=True, limit_s=20.0, run_s=0.0):
+        """Run until a state has a value, and for some time more."""
         began = self.bench.time_s
         while self.device.states[state] != value:
             self.sample()
             assert self.bench.time_s - began < limit_s, f"{state} does not become {value}"
+        self.run(run_s)
 
-    def move(self, limit_s=60.0):
-        """Send START and return the time to rest, from the sample of the command."""
+    def move(self, limit_s=60.0, run_s=0.0):
+        """Send START and return the time to rest, from the sample of the command; run for some time more."""
         self.do("START")
         self.until("st_still", True, limit_s)
-        return self.since_s
+        since_s = self.since_s
+        self.run(run_s)
+        return since_s
 
     def __getitem__(self, name):
         device = self.device
@@ -109,10 +113,10 @@ class Positioner:
         return self["errcode"] if self["st_error"] else 0
 
 
-def moving(**changes):
+def moving(seconds=1.0, **changes):
+    """Start a placement, and let it run for some time."""
     p = Positioner(**changes)
-    p.do("START")
-    p.run(1.0)
+    p.do("START", run_s=seconds)
     assert not p["st_still"]
     return p
 

@@ -21,10 +21,11 @@ def on_bench(axis="table", changes=None, **stored):
     return bench
 
 
-def say(bench, text):
-    """What the module answers a line, without the last line end."""
+def say(bench, text, run_s=0.0):
+    """What the module answers a line, without the last line end; the bench then runs for some time."""
     answer = bench.talk(text.encode("ascii") + b"\r", axis="x").decode("ascii")
     assert answer == "" or answer.endswith("\r\n")
+    bench.run(run_s)
     return answer.removesuffix("\r\n")
 
 

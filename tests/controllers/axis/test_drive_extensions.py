@@ -10,7 +10,7 @@ from edmsim.controllers.axis.extensions import SAMPLES
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError
 
-from .uhu_bench import ask, bench_with, error, traced
+from .uhu_bench import ask, bench_with, error, moved, stepped, traced
 
 
 def running(**settings: int) -> AxisBench:
@@ -37,26 +37,22 @@ def test_anti_windup_lessens_the_overshoot_after_a_stall() -> None:
     def overshoot(**settings: int) -> int:
         bench = running(**settings)
         bench.hold("x", True)
-        bench.drive("x").go(200)
-        bench.run(0.5)
+        moved(bench, 200, run_s=0.5)
         bench.hold("x", False)
         return int(traced(bench, 0.5)["count"].max()) - 200
 
     assert overshoot(anti_windup=1) < 0.5 * overshoot()
 
 
-def test_the_time_at_the_limit_is_told() -> None:
+def test_the_time_at_the_limit_is_counted() -> None:
     bench = running(anti_windup=1)
     extensions = bench.drive("x").extensions
     assert extensions.longest_limited_s == 0.0
     bench.hold("x", True)
-    bench.drive("x").go(500)
-    bench.run(0.25)
+    moved(bench, 500, run_s=0.25)
     assert extensions.limited_s == pytest.approx(0.25, abs=0.002)
-    bench.drive("x").go(-500)
-    bench.run(0.2)
-    assert extensions.limited_s == 0.0
-    assert extensions.longest_limited_s == pytest.approx(0.25, abs=0.003)
+    moved(bench, -500, run_s=0.2)
+    assert (extensions.limited_s, extensions.longest_limited_s) == (0.0, pytest.approx(0.25, abs=0.003))
 
 
 def test_velocity_feed_forward_takes_the_error_of_constant_speed_away() -> None:
@@ -124,8 +120,7 @@ def test_every_trigger_starts_a_recording(trigger: str, level: int, counts: int)
     extensions.record_on(trigger, before=10, every=2, level=level)
     bench.run(0.05)
     bench.hold("x", True)
-    bench.drive("x").go(counts)
-    bench.run(0.6)
+    moved(bench, counts, run_s=0.6)
     recording = extensions.recording()
     assert recording is not None
     assert (recording.error[0], recording.error[-1]) == (0, counts)
@@ -134,10 +129,8 @@ def test_every_trigger_starts_a_recording(trigger: str, level: int, counts: int)
 def test_a_change_of_direction_starts_a_recording() -> None:
     bench = running()
     bench.drive("x").extensions.record_on("direction change", before=0)
-    bench.steps("x", 200, 2000.0)
-    bench.run(0.15)
-    bench.steps("x", -200, 2000.0)
-    bench.run(0.6)
+    stepped(bench, 200, 2000.0, run_s=0.15)
+    stepped(bench, -200, 2000.0, run_s=0.6)
     recording = bench.drive("x").extensions.recording()
     assert recording is not None
     assert recording.command_velocity[0] < 0

@@ -12,7 +12,7 @@ from edmsim.controllers import axis
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.eanpos import registers as at
 from edmsim.errors import InputError
-from tests.controllers.axis.eanpos_bench import Positioner
+from tests.controllers.axis.eanpos_bench import Positioner, moving
 
 RETENTIVE = [
     "measure", "pulse", "maxpos", "minpos", "prspos", "maxvel", "prsvel", "sprsvel", "toll", "maxfollerr", "rampmode",
@@ -23,18 +23,6 @@ ZERO_AT_INIT = [
     "vout", "vel", "frq", "follerr", "ffwdreg", "propreg", "integ", "derreg", "delta", "errcode", "errvalue",
     "wrncode", "wrnvalue",
 ]  # fmt: skip
-
-
-def test_registers_stand_in_the_order_of_the_manuals_table():
-    assert len(at.PARAMETERS) == 45
-    assert len(at.STATES) == 19
-    assert all(getattr(at, name.upper()) == k for k, name in enumerate(at.PARAMETERS))
-    assert all(getattr(at, name.upper()) == at.FIRST_STATE + k for k, name in enumerate(at.STATES))
-    assert all(getattr(at, name) == k for k, name in enumerate(at.COMMANDS))
-    assert all(getattr(at, name.upper(), None) is not None for name in ("gradient", "jerk_limit", "follow_step"))
-    retained = {entry["name"] for entry in at.DATA["parameter"] if entry["retained"]}
-    assert retained == {*RETENTIVE}
-    assert {*at.PARAMETERS} == {*RETENTIVE, *ZERO_AT_INIT}
 
 
 def test_names_as_the_manual_prints_them_elsewhere():  # Q-A8, Q-A35
@@ -54,6 +42,7 @@ def test_what_outlasts_the_power():  # Q-56, Q-16, Q-38, Q-A18
     p.move()
     p.do("EMRG", "STOP", "MANFW")
     p["delta"] = 12
+    assert {*at.PARAMETERS} == {*RETENTIVE, *ZERO_AT_INIT}
     before = {name: p[name] for name in RETENTIVE}
     assert before["encoder"] != 0
     p.bench.power_cycle("x", 0.1)
@@ -68,8 +57,7 @@ def test_what_outlasts_the_power():  # Q-56, Q-16, Q-38, Q-A18
 
 def test_what_moves_while_the_power_is_off_is_lost():
     p = Positioner()
-    p.move()
-    p.run(1.0)
+    p.move(run_s=1.0)
     place, count = p.true_um, p["posit"]
     p.bench.rail("x", 0.0)
     p.push()
@@ -189,20 +177,6 @@ def test_the_device_of_the_house():
         Eanpos.tuned("bench")
 
 
-def test_it_goes_on_from_a_snapshot_bit_for_bit():
-    p = Positioner()
-    p.do("START")
-    p.run(0.7)
-    state = p.bench.snapshot()
-    p.run(1.0)
-    ahead = p.bench.snapshot()
-    p.bench.restore(state)
-    p.run(1.0)
-    again = p.bench.snapshot()
-    assert ahead["drives"].tobytes() == again["drives"].tobytes()
-    assert ahead["axes"].tobytes() == again["axes"].tobytes()
-
-
 def shared(connected="x"):
     p = Positioner(axes="xy", ready=False, pgain=50)
     p.bench.share_output("xy", connected)
@@ -216,16 +190,14 @@ def test_one_drive_for_two_axes():  # Q-48, Q-79
     p = shared()
     y = p.bench.drive("y")
     p.do("REGON")
-    p.move()
-    p.run(1.0)
+    p.move(run_s=1.0)
     assert p["posit"] == pytest.approx(2000, abs=2)
     assert y.parameters["posit"] == 0
     assert p.bench.axis("y")["place_um"] == 0.0
     p.do("REGOFF")
     p.bench.share_output("xy", "y")
     p.do("REGON", axis="y")
-    p.do("START", axis="y")
-    p.run(4.0)
+    p.do("START", axis="y", run_s=4.0)
     assert y.parameters["posit"] == pytest.approx(2000, abs=2)
     assert p.true_um == pytest.approx(2000, abs=2)
     p.bench.torque("x", 0.5)
@@ -246,21 +218,12 @@ def test_two_owners_of_an_output_are_an_error():  # Q-48, Q-A36
     assert p.true_um < 100
 
 
-def test_a_bench_without_sharing_has_two_outputs():
-    p = Positioner(axes="xy")
-    p.do("INIT", axis="y")
-    p.do("START", axis="y")
-    p.run(1.0)
-    assert p.error == 0
-    assert p.bench.axis("y")["place_um"] > 500
-    assert p.true_um < 1.0
-    assert isinstance(p.bench, AxisBench)
-
-
 def test_commissioned_it_follows_steps_and_stops_the_machine_when_it_is_lost():
     bench = AxisBench({"x": Eanpos.tuned()})
+    bench.power_cycle("x")
     bench.run(0.01)
     device = bench.drive("x")
+    assert device.states["st_loopon"]  # whenever it is switched on
     bench.steps("x", 50, rate_Hz=100.0)
     bench.steps("x", -20, rate_Hz=100.0)
     bench.run(1.0)
@@ -271,17 +234,7 @@ def test_commissioned_it_follows_steps_and_stops_the_machine_when_it_is_lost():
     bench.steps("x", 500, rate_Hz=1000.0)
     bench.run(1.0)
     assert device.record["lines"][0] & FAULT
-    assert device.states["st_emrg"]
-    assert device.output_V == 0.0
-
-
-def test_commissioned_it_starts_in_loop_whenever_it_is_switched_on():
-    bench = AxisBench({"x": Eanpos.tuned()})
-    bench.power_cycle("x")
-    bench.run(0.01)
-    device = bench.drive("x")
-    assert device.states["st_loopon"]
-    assert device.parameters["pgain"] == 40
+    assert (device.states["st_emrg"], device.output_V) == (True, 0.0)
 
 
 def test_it_is_named_with_parameters_that_differ():
@@ -299,8 +252,7 @@ def test_prspos_waits_for_rest_and_the_end_of_a_search():  # Q-25: minpos to max
     p["prspos"] = 4000
     assert (p["prspos"], p.warning) == (4000, 0)
     for begin, end in (("START", "STOP"), ("PRESET", "STOP")):
-        p.do(begin)
-        p.run(0.1)
+        p.do(begin, run_s=0.1)
         p["prspos"] = -4000
         assert (p["prspos"], p.warning, p["wrnvalue"]) == (4000, 2, at.PRSPOS)
         p.do(end, "RSWRN")
@@ -313,9 +265,7 @@ def test_prspos_waits_for_rest_and_the_end_of_a_search():  # Q-25: minpos to max
 
 
 def test_speeds_go_up_to_maxvel_which_waits_for_rest():  # 0 to 999999 at 10 V, st_still = 1
-    p = Positioner(maxvel=100000, setvel=50000)
-    p.do("START")
-    p.run(0.1)
+    p = moving(0.1, maxvel=100000, setvel=50000)
     p["maxvel"] = 200000
     assert (p["maxvel"], p.warning, p["wrnvalue"]) == (100000, 2, at.MAXVEL)
     p.do("STOP", "RSWRN")

@@ -1,15 +1,17 @@
-"""The servo module's serial dialogue on the running drive, to the character."""
+"""The servo module's serial dialogue, to the character, and its data recorder."""
 
 from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers import axis
 
-from .module_bench import NO_TRIP, get, locked, on_bench, preset, say, words
+from .module_bench import NO_TRIP, get, locked, on_bench, preset, say, status, words
+from .uhu_bench import stepped
 
 
 @pytest.mark.parametrize(("typed", "answer"), [
@@ -66,8 +68,9 @@ def test_the_menu_shows_all_settings_and_the_peak_error_last():  # M-33, M-A13, 
 
 
 @pytest.mark.parametrize("typed", [
-    "P1.5", "P-1", "P+1", "P65536", "O-32769", "O65536", "M1", "B", "G", "GX", "GV1", "S1", "Q1", "R0", "?1", "P12x",
-    "+", "-", "+-5", "--5", "-32769", "+65536", "+1.0", "Z16", "Z192", "Z224", "Z256", "Z-1", "L-3", "1234",
+    "P1.5", "P-1", "P+1", "P65536", "O-32769", "O65536", "M1", "B", "G", "GX", "GV1", "S0", "S1", "S2", "Q1", "R0",
+    "?1", "P12x", "+", "-", "+-5", "--5", "-32769", "+65536", "+1.0", "Z16", "Z192", "Z224", "Z256", "Z-1",
+    "L-3", "1234",
 ])  # fmt: skip
 def test_what_the_module_does_not_know_is_answered_by_a_question_mark(typed):  # M-4, M-5, M-46, M-A14, M-A18
     bench = on_bench()
@@ -112,8 +115,7 @@ def test_position_and_setpoint_are_two_words_each(position, shown):  # M-12, M-1
 def test_the_position_passes_the_end_of_its_register_without_a_jump(edge):  # M-12, M-35
     bench = on_bench()
     preset(bench, edge)
-    say(bench, "+20" if edge > 0 else "-20")
-    bench.run(0.3)
+    say(bench, "+20" if edge > 0 else "-20", run_s=0.3)
     assert abs(get(bench, "GE")) < 10
     assert words(bench, "GP") * edge < 0
     assert words(bench, "GT") == (edge + (20 if edge > 0 else -20) + 2**31) % 2**32 - 2**31
@@ -122,11 +124,9 @@ def test_the_position_passes_the_end_of_its_register_without_a_jump(edge):  # M-
 def test_error_output_and_duty_are_shown_as_printed():  # M-14, M-16, M-17
     bench = locked(on_bench(proportional_gain=384), -8)
     assert say(bench, "GE") == "Error: -8"
-    say(bench, "+16")
-    bench.run(0.01)
+    say(bench, "+16", run_s=0.01)
     assert say(bench, "GO") == "PID Output: 12"
-    say(bench, "O178")
-    bench.run(0.01)
+    say(bench, "O178", run_s=0.01)
     assert say(bench, "GO") == "PID Output: 12"
     assert say(bench, "GD") == "PWM Dutycyle: 1214"
 
@@ -147,12 +147,132 @@ def test_commands_answer_as_printed(typed, answer):  # M-23, M-24, M-25, M-34
     assert say(on_bench(error_limit=NO_TRIP), typed) == answer
 
 
-def test_no_bank_can_be_chosen():  # M-5
-    bench = on_bench()
-    assert [say(bench, typed) for typed in ("S0", "S1", "S2")] == ["?", "?", "?"]
-
-
 def test_an_overlong_line_is_refused_as_a_whole():
     bench = on_bench()
     assert say(bench, "P" + "0" * 60 + "7") == "?"
     assert say(bench, "P7") == "(P) - Kp: 7"
+
+
+CYCLE_S = 51.2e-6 * 13
+
+
+def dumped(bench, seconds):
+    """What the module sends by itself over some time, as numbers."""
+    bench.received("x")
+    bench.run(seconds)
+    text = bench.received("x").decode("ascii")
+    assert text.endswith("\r\n")
+    return [int(line) for line in text.split("\r\n")[:-1]]
+
+
+def test_z_alone_aborts_and_z0_starts():  # M-30, M-A7, M-57
+    bench = on_bench()
+    assert say(bench, "Z0") == "Recorder ON"
+    assert status(bench) & {7, 8} == {7}
+    assert say(bench, "Z") == "Recorder OFF"
+    assert status(bench) & {7, 8} == set()
+
+
+def test_the_printed_example_records_the_duty_at_once():  # M-31, M-A18, M-30: Z157 = 5 + 24 + 128
+    bench = locked(on_bench(loop_divider=9))
+    say(bench, "O100")
+    say(bench, "Z157")
+    assert status(bench) & {7, 8} == {7, 8}
+    assert dumped(bench, 128 * 32 / 1220.7 + 0.2) == [1124] * 128
+    assert status(bench) & {7, 8} == set()
+
+
+@pytest.mark.parametrize(("divider", "rate"), [(6, 0), (4, 4), (0, 2), (9, 7)])
+def test_the_memory_is_full_after_128_entries_of_2_to_the_n_cycles(divider, rate):  # M-31, M-57, M-A4
+    bench = on_bench(loop_divider=divider)
+    sent_s = bench.time_s
+    bench.send(f"Z{24 + rate}\r".encode(), axis="x")
+    full_s = 128 * 2**rate * (divider + 7) / 19531.25
+    bench.run(full_s + 0.3)
+    heard = bench.received_at("x")
+    text, times = bytes(byte for byte, _ in heard), [at_s for _, at_s in heard]
+    answer = b"Recorder ON\r\n"
+    assert text.startswith(answer)
+    begins = times[len(answer)] - sent_s
+    assert begins == pytest.approx(full_s, abs=2.5e-3)
+    assert text[len(answer) :].count(b"\r\n") == 128
+
+
+@pytest.mark.parametrize(("source", "letters"), [(0, "GE"), (96, "GO"), (128, "GD"), (160, "GF")])
+def test_each_source_is_what_its_g_command_shows(source, letters):  # M-30
+    bench = locked(on_bench(error_scale=75, output_offset=7), 20)
+    bench.run(0.05)
+    say(bench, f"Z{24 + source}")
+    assert dumped(bench, 0.4) == [get(bench, letters)] * 128
+
+
+def test_velocities_of_motor_and_command_are_recorded():  # M-30, M-11
+    for source in (32, 64):
+        bench = on_bench(step_multiplier=9, integral_gain=10, error_limit=NO_TRIP)
+        stepped(bench, -3000, 1e9 / 665_600, 20_000.0, run_s=0.5)
+        shown = get(bench, "GV")
+        say(bench, f"Z{24 + source}")
+        values = dumped(bench, 0.4)
+        assert np.mean(values) == pytest.approx(-10, abs=0.3)
+        assert shown == pytest.approx(-10, abs=3)
+
+
+@pytest.mark.parametrize("move", [30, -30])
+def test_trigger_0_waits_for_a_commanded_move_either_way(move):  # M-30, M-61, M-A17
+    bench = on_bench()
+    say(bench, "Z0", run_s=0.3)
+    assert status(bench) & {7, 8} == {7}
+    bench.send(f"{move:+d}\r".encode(), axis="x")
+    bench.run(0.01)
+    answer = bench.received("x")
+    assert answer == f"Move {move:+d}\r\n".encode()
+    values = dumped(bench, 0.3)
+    assert len(values) == 128
+    assert values[0] == move
+    assert abs(values[-1]) < 10
+
+
+def test_trigger_8_waits_for_the_direction_to_change():  # M-30
+    bench = on_bench()
+    say(bench, "+10")
+    say(bench, "Z72")
+    say(bench, "+10", run_s=0.1)
+    assert status(bench) & {7, 8} == {7}
+    say(bench, "-10")
+    assert dumped(bench, 0.3) == [-10] + 127 * [0]
+
+
+def test_a_fault_pauses_the_recording_and_reset_resumes_it():  # M-32, M-45
+    bench = on_bench()
+    say(bench, "Z26")  # every fourth cycle
+    bench.run(0.1)
+    say(bench, "Q")
+    bench.received("x")
+    bench.run(0.5)
+    assert bench.received("x") == b""
+    assert status(bench) & {0, 7, 8} == {0, 7, 8}
+    say(bench, "R")
+    assert status(bench) & {0, 7, 8} == {7, 8}
+    assert len(dumped(bench, 0.6)) == 128
+
+
+def test_z_before_reset_aborts_a_paused_recording():  # M-32
+    bench = on_bench()
+    say(bench, "Z26", run_s=0.1)
+    say(bench, "Q")
+    say(bench, "Z")
+    say(bench, "R")
+    bench.received("x")
+    bench.run(0.6)
+    assert bench.received("x") == b""
+
+
+def test_an_answer_during_the_dump_is_a_transmit_error():  # M-18
+    bench = on_bench()
+    say(bench, "Z24")
+    bench.run(128 * CYCLE_S + 0.02)
+    bench.send(b"P\r", axis="x")
+    bench.run(0.4)
+    assert 15 in status(bench)
+    say(bench, "R")
+    assert 15 not in status(bench)

@@ -10,6 +10,7 @@ from edmsim.controllers.axis import ServoModule
 from edmsim.controllers.axis.drive import axis_row
 
 from .module_bench import NO_TRIP, get, locked, on_bench, say, status, words
+from .uhu_bench import stepped
 
 
 def wired(**stored):
@@ -20,8 +21,7 @@ def wired(**stored):
 
 def tripped(bench):
     locked(bench, 70)
-    say(bench, "+10")
-    bench.run(0.01)
+    say(bench, "+10", run_s=0.01)
     return bench
 
 
@@ -32,19 +32,17 @@ def pull(bench):
 
 
 def stop(bench):
-    say(bench, "Q")
-    bench.run(0.01)
+    say(bench, "Q", run_s=0.01)
     return bench
 
 
-def test_the_pins_of_a_running_module():  # M-1, M-A5
-    pins = on_bench().pins("x")
-    assert (pins.enabled, pins.fault_out_low, pins.duty) == (True, False, 0.5)
-
-
-def test_a_low_reset_pin_stops_the_module_and_its_release_starts_it_anew():  # M-1, M-38
+def test_a_low_reset_pin_stops_the_module_and_its_release_starts_it_anew():  # M-1, M-38, M-45, M-A5, M-A20
     bench = on_bench()
+    pins = bench.pins("x")
+    assert (pins.enabled, pins.fault_out_low, pins.duty) == (True, False, 0.5)
     say(bench, "P555")
+    say(bench, "R")
+    assert say(bench, "P") == "(P) - Kp: 555"  # the command R keeps it
     bench.reset_pin("x", low=True)
     bench.run(0.05)
     assert not bench.pins("x").enabled
@@ -61,8 +59,7 @@ def test_without_its_encoder_the_axis_trips_on_its_first_move(wires):  # M-1, M-
     bench = on_bench()
     for wire in wires:
         bench.unplug("x", wire)
-    bench.steps("x", 200, 2000.0)
-    bench.run(0.3)
+    stepped(bench, 200, 2000.0, run_s=0.3)
     assert {0, 1} <= status(bench)
 
 
@@ -72,17 +69,8 @@ def test_swapped_phases_run_away_to_the_trip_unless_the_law_turns_them():  # M-1
         bench.swap_phases("x")
         bench.run(0.02)
         bench.received("x")
-        say(bench, "+20")
-        bench.run(0.5)
+        say(bench, "+20", run_s=0.5)
         assert (1 in status(bench)) == tripped_
-
-
-def test_an_open_direction_input_reads_positive():  # M-1
-    bench = on_bench()
-    bench.unplug("x", "dir")
-    bench.steps("x", -30, 1000.0)
-    bench.run(0.3)
-    assert words(bench, "GT") == 30
 
 
 def test_a_trip_stops_the_loop_and_pulls_the_fault_output():  # M-43, M-18
@@ -105,27 +93,13 @@ def test_a_low_fault_input_stops_the_loop_and_leaves_the_output():  # M-44, M-A1
     assert not bench.pins("x").enabled
     assert not bench.pins("x").fault_out_low
     assert status(bench) & {0, 1, 2} == {0, 2}
+    say(bench, "R")  # lasts a cycle under a low input
+    bench.run(0.01)
+    assert status(bench) & {0, 1, 2} == {0, 2}
     bench.pull_fault_net(False)
     bench.run(0.05)
     assert not bench.pins("x").enabled  # latched
-    say(bench, "R")
-    bench.run(0.01)
-    assert bench.pins("x").enabled
-
-
-def test_a_reset_under_a_low_input_lasts_a_cycle():  # M-A15
-    bench = pull(wired())
-    say(bench, "R")
-    bench.run(0.01)
-    assert status(bench) & {0, 1, 2} == {0, 2}
-    assert not bench.pins("x").enabled
-
-
-def test_an_input_without_a_net_is_high():  # M-1
-    bench = on_bench()
-    bench.wire("x", fault_in=False)
-    bench.pull_fault_net(True)
-    bench.run(0.05)
+    say(bench, "R", run_s=0.01)
     assert bench.pins("x").enabled
 
 
@@ -143,8 +117,7 @@ def test_quit_frees_the_motor_and_says_no_fault():  # M-23, M-41
     bench.run(0.3)
     before = words(bench, "GP")
     say(bench, "O0")
-    say(bench, "R")
-    bench.run(0.1)
+    say(bench, "R", run_s=0.1)
     assert bench.pins("x").enabled
     assert abs(words(bench, "GP") - before) <= 2  # no jump: the motor's place is the setpoint
     assert abs(words(bench, "GT") - before) <= 1
@@ -154,8 +127,7 @@ def test_without_power_the_motor_freewheels():  # M-42
     run_out = {}
     for name in ("freewheel", "shorted"):
         bench = on_bench(proportional_gain=0, derivative_gain=0, velocity_feed_forward=2600, error_limit=NO_TRIP)
-        bench.steps("x", 20_000, 40_000.0, 200_000.0)
-        bench.run(0.3)
+        stepped(bench, 20_000, 40_000.0, 200_000.0, run_s=0.3)
         if name == "freewheel":
             stop(bench)
         else:  # duty 50 % and enabled: the bridge shorts the winding
@@ -166,22 +138,18 @@ def test_without_power_the_motor_freewheels():  # M-42
     assert run_out["freewheel"] > 2 * run_out["shorted"]
 
 
-def test_reset_clears_flags_and_peak_and_starts_from_where_the_motor_is():  # M-24, M-56
+def test_reset_clears_flags_and_peak_and_starts_from_where_the_motor_is():  # M-24, M-33, M-56
+    bench = locked(on_bench(), 20, -50, 40)
+    bench.run(0.01)
+    assert say(bench, "?").split("\r\n")[-1] == "Peak Error: 30"  # the largest so far, either way
     bench = tripped(wired(proportional_gain=5000))
     assert {0, 1, 10} <= status(bench)
     assert say(bench, "?").split("\r\n")[-1] == "Peak Error: 80"
-    say(bench, "R")
-    bench.run(0.01)
+    say(bench, "R", run_s=0.01)
     assert status(bench) & {0, 1, 2, 10, 14, 15} == set()
     assert say(bench, "?").split("\r\n")[-1] == "Peak Error: 0"
     assert get(bench, "GE") == 0
     assert (bench.pins("x").enabled, bench.pins("x").fault_out_low, bench.fault_net_low) == (True, False, False)
-
-
-def test_the_peak_error_is_the_largest_so_far_either_way():  # M-56, M-33
-    bench = locked(on_bench(), 20, -50, 40)
-    bench.run(0.01)
-    assert say(bench, "?").split("\r\n")[-1] == "Peak Error: 30"
 
 
 @pytest.mark.parametrize("typed", ["+76", "-76"])
@@ -203,21 +171,8 @@ def test_a_move_while_off_is_answered_and_discarded_by_reset():  # M-A21
     bench.run(0.1)
     assert (words(bench, "GP"), words(bench, "GT")) == (before, before + 500)
     assert status(bench) & {0, 1, 2} == {0}
-    say(bench, "R")
-    bench.run(0.1)
+    say(bench, "R", run_s=0.1)
     assert (words(bench, "GP"), words(bench, "GT")) == (before, before)
-
-
-def test_a_reset_keeps_parameters_and_a_power_cycle_does_not():  # M-45
-    bench = on_bench()
-    say(bench, "P555")
-    say(bench, "R")
-    assert say(bench, "P") == "(P) - Kp: 555"
-    bench.power_cycle("x", 0.05)
-    bench.run(0.05)
-    bench.received("x")
-    assert say(bench, "P") == "(P) - Kp: 600"
-    assert bench.pins("x").enabled  # M-A20
 
 
 def lamp(bench, seconds):
@@ -255,20 +210,10 @@ def test_no_watchdog_stops_a_module_whose_loop_stands():  # M-A22
     bench.changes("x")
     bench.stall("x", 0.5)
     bench.run(0.4)
-    bench.steps("x", 20, 1000.0)
-    bench.run(0.4)
+    stepped(bench, 20, 1000.0, run_s=0.4)
     assert bench.pins("x").enabled
     assert status(bench) & {0, 1, 2} == set()
     assert words(bench, "GP") == pytest.approx(20, abs=1)
-
-
-def test_a_stalled_motor_trips_under_its_steps():  # M-43
-    bench = on_bench(step_multiplier=9)
-    bench.hold("x", True)
-    bench.steps("x", 20, 500.0)
-    bench.run(0.2)
-    assert {0, 1} <= status(bench)
-    assert not bench.pins("x").enabled
 
 
 def test_a_fault_of_one_axis_stops_the_other():  # M-44, M-43

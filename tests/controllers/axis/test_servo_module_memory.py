@@ -6,12 +6,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from edmsim.axis_bench import AxisBench
-from edmsim.controllers.axis import ServoModule, Uhu
+from edmsim.controllers.axis import ServoModule
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.servo_module import registers as at
 
-from .module_bench import NO_TRIP, get, on_bench, say, status, words
+from .module_bench import on_bench, say, status, words
+from .uhu_bench import stepped
 
 
 def restarted(bench):
@@ -37,8 +37,7 @@ def test_what_was_saved_is_there_after_power_up():  # M-25, M-45, M-5, M-A3
 
 def test_a_save_is_refused_while_the_motor_is_commanded_to_move():  # M-25, M-A16
     bench = on_bench(step_multiplier=9)
-    bench.steps("x", 600, 2000.0, 50_000.0)
-    bench.run(0.1)
+    stepped(bench, 600, 2000.0, 50_000.0, run_s=0.1)
     assert say(bench, "S") == "Motor moving, not saved"
     bench.run(0.25)
     assert say(bench, "S") == "Motor moving, not saved"  # less than 100 ms ago
@@ -62,14 +61,6 @@ def test_the_duty_is_frozen_while_a_save_lasts_and_the_encoder_counts():  # M-52
     assert status(bench) & {0} == set()
 
 
-@pytest.mark.parametrize("bit", [0, 3, 77, 495])
-def test_one_flipped_bit_is_corrected(bit):  # M-A16
-    bench = on_bench(proportional_gain=1234)
-    bench.flip_bits("x", (bit,))
-    assert restarted(bench) == b"Servo processor module, rev. A\r\n"
-    assert say(bench, "P") == "(P) - Kp: 1234"
-
-
 def test_two_flipped_bits_in_a_byte_are_noticed():  # M-A16
     bench = on_bench(proportional_gain=1234)
     bench.flip_bits("x", (160, 163))
@@ -77,16 +68,8 @@ def test_two_flipped_bits_in_a_byte_are_noticed():  # M-A16
     assert say(bench, "P") == "(P) - Kp: 600"
     assert not bench.pins("x").enabled
     assert status(bench) == {0}
-    say(bench, "R")
-    bench.run(0.01)
+    say(bench, "R", run_s=0.01)
     assert bench.pins("x").enabled
-
-
-def test_an_erased_memory_is_noticed():
-    for value in (0, 255):
-        bench = on_bench()
-        bench.drive("x").record["eeprom"] = value
-        assert b"EEPROM error" in restarted(bench)
 
 
 def test_power_that_fails_in_a_save_leaves_old_and_new_bytes():  # M-25, M-A16
@@ -111,17 +94,6 @@ def test_a_wrong_baud_rate_sets_the_receive_bit_and_moves_nothing():  # M-48, M-
     assert (words(bench, "GP"), words(bench, "GT")) == before
     say(bench, "R")
     assert 14 not in status(bench)
-
-
-def test_a_closed_terminal_does_not_stop_the_drive():
-    bench = on_bench(error_limit=NO_TRIP)
-    bench.open_terminal(False)
-    bench.send(b"?\r" * 20, axis="x")
-    bench.steps("x", 1000, 5000.0, 50_000.0)
-    bench.run(0.6)
-    bench.open_terminal(True)
-    assert abs(get(bench, "GE")) < 10
-    assert words(bench, "GT") == 1000
 
 
 COMMANDS = st.one_of(
@@ -166,33 +138,3 @@ def test_the_script_of_a_uhu_does_not_move_the_motor(script):  # M-51
         bench.talk(line + b"\r", axis="x")
         bench.run(0.02)
         assert abs(words(bench, "GP") - before) <= 75
-
-
-def test_the_script_of_a_module_does_not_move_a_uhu_further_than_its_limit():  # M-51
-    bench = AxisBench({"x": Uhu.tuned()})
-    bench.run(0.1)
-    script = "+125 -75 Z157 Z ? GV GP GT GE GF GO GD GS P1250 D1100 A100 F256 J2 K205 L7 O-25 V750 X3 Y3 E75 Q R S +"
-    for typed in script.split():
-        bench.talk(typed.encode() + b"\r")
-        bench.run(0.05)
-        assert abs(int(bench.axis("x")["true_count"])) <= 75
-
-
-def test_a_running_drive_goes_on_from_a_snapshot_to_the_bit():
-    ends = []
-    bench = on_bench()
-    say(bench, "Z0")
-    say(bench, "+50")
-    state = bench.snapshot()
-    for _ in range(2):
-        bench.run(0.05)
-        ends.append((bench.drive("x").record.tobytes(), bench.axis("x").tobytes()))
-        bench.restore(state)
-    assert ends[0] == ends[1]
-
-
-def test_two_modules_keep_their_own_parameters():
-    bench = AxisBench({"x": ServoModule(axis_row("table")), "y": ServoModule(axis_row("table"))})
-    bench.run(0.02)
-    bench.talk(b"P1\r", axis="x")
-    assert bench.talk(b"P\r", axis="y") == b"(P) - Kp: 600\r\n"

@@ -8,8 +8,10 @@ import pytest
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import ServoModule, Uhu
 from edmsim.controllers.axis.drive import axis_row
+from edmsim.errors import InputError
 
 from .module_bench import NO_TRIP, get, locked, on_bench, say, status, words
+from .uhu_bench import stepped
 
 CYCLE_NS = 51_200 * 13
 ONE_STEP_HZ = 1e9 / CYCLE_NS
@@ -21,8 +23,7 @@ def steady_error(rate_Hz, **stored):
     """Mean error in counts while the axis moves steadily, from the recorder."""
     bench = on_bench(error_limit=NO_TRIP, **stored)
     bench.trace = True
-    bench.steps("x", round(rate_Hz), rate_Hz, 10 * rate_Hz)
-    bench.run(0.8)
+    stepped(bench, round(rate_Hz), rate_Hz, 10 * rate_Hz, run_s=0.8)
     rows = bench.samples("x")[-300:]
     multiplier = 1 + stored.get("step_multiplier", 0)
     return float(np.mean(rows["setpoint"] * multiplier - rows["count"]))
@@ -71,8 +72,7 @@ def test_the_limit_grows_with_the_commanded_velocity(velocity, limit):  # M-10, 
     bench = on_bench("fast", error_limit=NO_TRIP, step_multiplier=max(abs(velocity) - 1, 0), loop_divider=9, **FAST)
     if velocity:
         rate_Hz = 1e9 / (51_200 * 16)
-        bench.steps("x", 1500 if velocity > 0 else -1500, rate_Hz, 4 * rate_Hz)
-        bench.run(0.6)
+        stepped(bench, 1500 if velocity > 0 else -1500, rate_Hz, 4 * rate_Hz, run_s=0.6)
     say(bench, "F75")
     say(bench, "E10")
     assert say(bench, "GF") == f"Scaled limit: {limit}"
@@ -80,8 +80,7 @@ def test_the_limit_grows_with_the_commanded_velocity(velocity, limit):  # M-10, 
 
 def test_the_velocity_is_that_of_the_motor_in_counts_per_cycle():  # M-11, M-A8
     bench = on_bench("fast", step_multiplier=62, error_limit=NO_TRIP, **FAST)
-    bench.steps("x", -2000, ONE_STEP_HZ, 4 * ONE_STEP_HZ)
-    bench.run(0.7)
+    stepped(bench, -2000, ONE_STEP_HZ, 4 * ONE_STEP_HZ, run_s=0.7)
     assert np.mean([get(bench, "GV") for _ in range(10)]) == pytest.approx(-63, abs=1)
     bench.run(3.0)
     assert abs(get(bench, "GV")) <= 1
@@ -91,21 +90,13 @@ def test_the_velocity_is_that_of_the_motor_in_counts_per_cycle():  # M-11, M-A8
 def test_a_step_counts_one_more_than_the_multiplier_and_a_move_does_not(multiplier):  # M-28, M-34
     bench = on_bench(step_multiplier=multiplier, error_limit=NO_TRIP)
     bench.steps("x", 10, 500.0)
-    bench.steps("x", -3, 500.0)
-    bench.run(0.1)
+    stepped(bench, -3, 500.0, run_s=0.1)
     assert words(bench, "GT") == 7 * (1 + multiplier)
     say(bench, "+20")
     assert words(bench, "GT") == 7 * (1 + multiplier) + 20
-
-
-def test_a_new_multiplier_counts_for_later_steps_only():  # M-28
-    bench = on_bench(error_limit=NO_TRIP)
-    bench.steps("x", 10, 10_000.0)
-    bench.run(0.0015)
-    say(bench, "X9")
-    bench.steps("x", 1, 500.0)
-    bench.run(0.1)
-    assert words(bench, "GT") == 20
+    say(bench, "X9")  # counts for later steps only
+    stepped(bench, 1, 500.0, run_s=0.1)
+    assert words(bench, "GT") == 7 * (1 + multiplier) + 30
 
 
 def test_the_offset_holds_a_hanging_load():  # M-22, M-53
@@ -114,10 +105,8 @@ def test_the_offset_holds_a_hanging_load():  # M-22, M-53
     bench.run(0.5)
     hanging, output = get(bench, "GE"), get(bench, "GO")
     assert abs(hanging) > 2
-    say(bench, f"O{output}")
-    bench.run(0.2)
-    say(bench, "R")
-    bench.run(0.5)
+    say(bench, f"O{output}", run_s=0.2)
+    say(bench, "R", run_s=0.5)
     assert abs(get(bench, "GE")) < 0.5 * abs(hanging)
     assert abs(get(bench, "GO")) < 0.5 * abs(output)
     assert get(bench, "GD") == 1024 + get(bench, "GO") + output
@@ -133,8 +122,7 @@ def test_a_finer_encoder_with_a_multiplier_rests_nearer_to_its_place():  # M-60
         )  # fmt: skip
         errors = []
         for _ in range(6):
-            bench.steps("x", 37, 2000.0)
-            bench.run(0.2)
+            stepped(bench, 37, 2000.0, run_s=0.2)
             errors.append(abs(get(bench, "GE")))
         rest_um.append(np.mean(errors) * bench.motor("x")["um_per_rad"] / counts_per_rad)
     assert 0.0 < rest_um[1] < 0.5 * rest_um[0]
@@ -143,8 +131,7 @@ def test_a_finer_encoder_with_a_multiplier_rests_nearer_to_its_place():  # M-60
 @pytest.mark.parametrize(("divider", "lost"), [(0, False), (3, False), (5, True), (6, True), (9, True)])
 def test_the_encoder_filter_loses_what_is_faster_than_it(divider, lost):  # M-29, M-47
     bench = on_bench("fast", encoder_filter=divider, error_limit=NO_TRIP, step_multiplier=9, **FAST)
-    bench.steps("x", 6000, 6000.0, 24_000.0)
-    bench.run(2.0)
+    stepped(bench, 6000, 6000.0, 24_000.0, run_s=2.0)
     axis = bench.axis("x")
     assert (abs(int(axis["true_count"]) - int(axis["count"])) > 4) == lost
 
@@ -159,22 +146,6 @@ def test_a_million_counts_a_second_are_followed_where_the_chip_loses_them():  # 
     axis = bench.axis("x")
     assert int(axis["true_count"]) == int(axis["count"])
     assert abs(words(bench, "GP") - 2_000_000) < 10
-
-
-def test_the_chip_loses_counts_at_speeds_that_the_module_follows():  # M-50
-    missed = {}
-    for drive in (ServoModule(axis_row("fast")), Uhu(axis_row("fast"))):
-        bench = AxisBench({"x": drive})
-        bench.run(0.05)
-        bench.talk(b"Q\r")  # the chip as delivered is off anyway
-        bench.torque("x", 0.1)
-        bench.run(0.8)
-        bench.torque("x", 0.0)
-        axis = bench.axis("x")
-        assert int(axis["true_count"]) > 400_000
-        missed[drive.name] = int(axis["true_count"]) - int(axis["count"])
-    assert missed["servo-module"] == 0
-    assert missed["uhu"] > 1000
 
 
 def test_the_clamp_of_760_gives_the_uhu_s_force():  # M-39
@@ -194,12 +165,10 @@ def test_one_board_takes_either_chip():  # M-49, M-1
         bench.run(0.05)
         bench.wire("x", fault_in=True, fault_out=True)
         assert bench.pins("x").enabled
-        bench.steps("x", 40, 1000.0)
-        bench.run(0.5)
+        stepped(bench, 40, 1000.0, run_s=0.5)
         assert int(bench.axis("x")["count"]) == pytest.approx(400, abs=20)
         bench.unplug("x", "step")
-        bench.steps("x", 40, 1000.0)
-        bench.run(0.5)
+        stepped(bench, 40, 1000.0, run_s=0.5)
         assert int(bench.axis("x")["count"]) == pytest.approx(400, abs=20)
         bench.pull_fault_net(True)
         bench.run(0.01)
@@ -208,9 +177,64 @@ def test_one_board_takes_either_chip():  # M-49, M-1
 
 def test_a_trip_limit_of_two_degrees_is_22_counts_of_4000():  # M-59
     bench = on_bench(changes={"counts_per_rad": 4000 / (2 * np.pi)}, error_limit=22, proportional_gain=300)
-    bench.steps("x", 2000, 4000.0, 20_000.0)
-    bench.run(1.0)
+    stepped(bench, 2000, 4000.0, 20_000.0, run_s=1.0)
     assert status(bench) & {0} == set()
     bench.torque("x", 0.5)
     bench.run(0.1)
     assert status(bench) >= {0, 1}
+
+
+def bench_with(stored, **extensions):
+    drive = ServoModule(axis_row("table"), {"error_limit": NO_TRIP, **stored})
+    drive.extensions.update(extensions)
+    bench = AxisBench({"x": drive})
+    bench.run(0.02)
+    bench.received("x")
+    return bench
+
+
+def test_the_third_feed_forward_acts_on_the_change_of_acceleration():
+    outputs = []
+    for gain in (0, 256):
+        bench = bench_with({"proportional_gain": 0, "derivative_gain": 0}, jerk_feed_forward=gain)
+        bench.hold("x", True)
+        bench.trace = True
+        bench.step_times("x", [30_000_000], 1)
+        bench.run(0.05)
+        outputs.append(np.round(bench.samples("x")["command"] * 1024).astype(int))
+    assert set(outputs[0]) == {0}
+    pulse = outputs[1][np.flatnonzero(outputs[1])]
+    assert list(pulse) == [1, -2, 1]  # a step's third difference
+
+
+def test_the_filtered_command_makes_the_feed_forward_smoother():
+    rough = []
+    for smoothing in (0, 4):
+        gains = {"proportional_gain": 0, "derivative_gain": 0, "step_multiplier": 9}
+        bench = bench_with(gains, velocity_feed_forward=2600, command_filter=smoothing)
+        bench.hold("x", True)
+        stepped(bench, 1000, 1100.0, 20_000.0, run_s=0.3)
+        bench.trace = True
+        bench.run(0.3)
+        rough.append(float(np.std(bench.samples("x")["command"])))
+    assert 0 < rough[1] < 0.5 * rough[0]
+
+
+def test_parameters_are_set_by_name_and_shown_by_letter():
+    bench = bench_with({})
+    bench.drive("x").parameters["proportional_gain"] = 900
+    bench.drive("x").parameters["output_offset"] = -3
+    assert say(bench, "P") == "(P) - Kp: 900"
+    assert say(bench, "O") == "(O) - Output Offset: -3"
+    say(bench, "L2")
+    assert bench.drive("x").parameters["loop_divider"] == 2
+
+
+@pytest.mark.parametrize(("arguments", "says"), [
+    ({"stored": {"gain": 1}}, "gain"), ({"stored": {"clamp": -1}}, "0 to 65535"), ({"law": {"speed": 1}}, "speed"),
+    ({"stored": {"clamp": 1.5}}, "whole number"), ({"stored": {"output_offset": 40_000}}, "-32768 to 32767"),
+])  # fmt: skip
+def test_what_python_may_not_set_is_refused_in_one_line(arguments, says):
+    with pytest.raises(InputError, match=says) as caught:
+        ServoModule(**arguments)
+    assert "\n" not in str(caught.value)

@@ -54,12 +54,25 @@ def delivered() -> AxisBench:
     return bench_with(Uhu(axis_row("bench")))
 
 
-def ask(bench: AxisBench, text: str, axis: str = "x") -> str:
-    """Type a line; what comes back without the echo and the prompt."""
+def ask(bench: AxisBench, text: str, axis: str = "x", run_s: float = 0.0) -> str:
+    """Type a line; what comes back without the echo and the prompt; the bench then runs for some time."""
     said = bench.talk(text.encode() + b"\r", axis=axis).decode("ascii")
     assert said.startswith(text + "\r\n"), said
     assert said.endswith(">"), said
+    bench.run(run_s)
     return said.removeprefix(text).removesuffix(">").strip("\r\n")
+
+
+def stepped(bench: AxisBench, *steps: float, run_s: float) -> None:
+    """Step x: how many, at which rate (Hz) and acceleration (Hz/s), and run for some time."""
+    bench.steps("x", int(steps[0]), *steps[1:])
+    bench.run(run_s)
+
+
+def moved(bench: AxisBench, counts: int, run_s: float) -> None:
+    """Let x go some counts, and run for some time."""
+    bench.drive("x").go(counts)
+    bench.run(run_s)
 
 
 def count(bench: AxisBench, axis: str = "x") -> int:

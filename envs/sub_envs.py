@@ -1,0 +1,321 @@
+"""Sub-environments: episodes side by side, every one with a plant, a path and a generator setting of its own.
+
+Everything per window is done for all sub-environments at once: the motor steps and the windows in compiled calls, the
+rest on arrays. A sub-environment's bits depend on nothing but its own scenario and commands.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers.mcu.firmware.poscal import Unit
+from edmsim.controllers.planner.course import Course
+from edmsim.controllers.planner.record import PLANNER
+from edmsim.controllers.planner.registry import kind_of, position_unit
+from edmsim.controllers.protocols import WindowObservation
+from edmsim.envs.knobs import to_detents
+from edmsim.envs.path_follower import (
+    DONE,
+    OUT_OF_RANGE,
+    RUNNING,
+    SETTLING_NS,
+    SUB_ENV,
+    WIRE_BREAK,
+    follow,
+    lead_sideways,
+    plan,
+    take_feeds,
+)
+from edmsim.envs.scenario import Scenario
+from edmsim.envs.task import Family
+from edmsim.errors import InputError
+from edmsim.geometry import CORNER_DEG, Polyline
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
+from edmsim.plant.fleet import Fleet
+from edmsim.plant.kernel.state import FINE
+from edmsim.plant.plant import Plant
+from edmsim.plant.workpiece.wall import wall_error_um
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+_Number = TypeVar("_Number", np.float64, np.int64)
+FINISHED_UM = 80.0
+"""Distance behind the wire from which on it takes no more from a wall (ours: half of what its rays see of one)."""
+STRETCH_UM = 24.0  # length of wall that is measured at every window (ours: four columns of cells)
+NEVER_NS = np.iinfo(np.int64).max
+_NO_STEPS: Ints = np.zeros((0, 3), np.int64)
+
+class SubEnvs:
+    """Episodes of one family; `threads` share the pulse loop."""
+
+    def __init__(self, family: Family, count: int, threads: int = 1) -> None:
+        self.family = family
+        self.count = count
+        centre_um = family.base.base.table.centre_um
+        self.fleet = Fleet([self._plant(family.base, 0, position_um=centre_um) for _ in range(count)], threads)
+        self.rows: NDArray[np.void] = np.zeros(count, SUB_ENV)
+        # (n,): what makes motor steps of every sub-environment's feed
+        self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
+        # called after each window, before a fresh wire is threaded; a copy has none
+        self.watchers: list[list[Callable[[], None]]] = [[] for _ in range(count)]
+        self._planner = kind_of(family.planner)
+        self._other_planner: NDArray[np.void] = np.zeros(1, PLANNER)
+        # the present episode of each; None before its first one
+        self.scenarios: list[Scenario | None] = [None] * count
+        self.refused: list[str | None] = [None] * count  # why the generator refused the setting last asked for
+        self._drifts_ns: Ints = np.full(count, NEVER_NS)
+        # (n, most): length of the present leg up to each corner, infinite for the filling
+        self.corner_um: Floats = np.full((count, 1), np.inf)
+        self.corner_deg: Floats = np.zeros((count, 1))
+        # (n,): path errors of the last window that count, as `Family.near_corner_um` says
+        self.counted_um: Floats = np.zeros(count)
+        # (n,): whether the wire is where they count; at a wall to finish, whether some is behind the wire
+        self.near = np.ones(count, np.bool_)
+        self.leg = [0] * count  # which leg of its path each is on
+        self._points: Floats = np.zeros((count, 2, 2))
+        self._along: Floats = np.zeros((count, 2))
+        self._lengths: Ints = np.zeros((count, 2), np.int64)
+        self._height_from: Floats = np.full((count, 1), np.inf)
+        self._heights: Floats = np.zeros((count, 1))
+        self._steps: Ints = np.zeros((count, 8, 3), np.int64)
+
+    def _plant(self, machine: Machine, seed: int, **more: Any) -> Plant:
+        return Plant(machine, seed, resolution=self.family.resolution, mechanics=self.family.mechanics, **more)
+
+    # --- beginning ---
+
+    def begin(self, index: int, scenario: Scenario) -> None:
+        """Begin an episode."""
+        machine, before = scenario.machine, self.scenarios[index]
+        start = scenario.legs_um[0][0]
+        position = float(start[0]), float(start[1])
+        plant = self.fleet.plants[index]
+        same = before is not None and before.machine is machine and before.drift is None
+        another = None if same else machine
+        plant.reset(scenario.plant_seed, stock=scenario.stock, position_um=position, machine=another)
+        self.fleet.windows[index] = np.zeros((), self.fleet.windows.dtype)
+        self.scenarios[index] = scenario
+        self.refused[index] = None
+        self.rows[index] = np.zeros((), SUB_ENV)
+        self._take_constants(index, machine)
+        self.rows[index]["total_um"] = sum(float(np.hypot(*np.diff(leg, axis=0).T).sum()) for leg in scenario.legs_um)
+        starts, heights = scenario.heights
+        self._height_from = _with_row(self._height_from, index, starts, np.inf)
+        self._heights = _with_row(self._heights, index, heights, 0.0)
+        self._drifts_ns[index] = NEVER_NS if scenario.drift is None else 0
+        self._begin_leg(index, 0)
+
+    def _take_constants(self, index: int, machine: Machine) -> None:
+        row, generator, table = self.rows[index], machine.generator, machine.base.table
+        row["open_V"] = open_V(machine)
+        row["limit_A"] = generator.mean_current_limit_A.value
+        row["step_um"] = table.step_um.value
+        row["table_um"] = table.travel_mm.value * 1e3
+        row["threading_s"] = table.threading_s.value
+        row["latency_ns"] = round(self.family.latency_s * 1e9)
+        row["first_setting_us"] = machine.t_on_us, machine.t_period_us
+        self._take_setting(index)
+
+    def _take_setting(self, index: int) -> None:
+        row, plant = self.rows[index], self.fleet.plants[index]
+        row["wait_us"] = ignition_wait_us(plant.machine)
+        burning_V = plant.machine.material.burning_voltage_V.value
+        row["energy_mJ"] = discharge_current_A(plant.machine) * burning_V * plant.machine.t_on_us * 1e-3
+        row["setting_us"] = plant.machine.t_on_us, plant.machine.t_period_us
+        row["longest_ns"] = plant.longest_window_ns
+
+    def _begin_leg(self, index: int, leg: int) -> None:
+        scenario = self.scenarios[index]
+        assert scenario is not None
+        self.leg[index] = leg
+        row, kind = self.rows[index], self._planner
+        for name in ("path_um", "reached_um", "cut_um", "beside"):
+            row[name] = 0
+        row["settling_ns"] = SETTLING_NS
+        step_um = float(row["step_um"])
+        unit = position_unit(self.family.planner, float(row["table_um"]), step_um)
+        points_um = scenario.legs_um[leg]
+        course, corner_um, corner_deg = _laid(
+            kind.number, kind.speed_unit_nm_s, unit, step_um, points_um.tobytes(), points_um.shape
+        )
+        self.planners[index] = course.row[0]
+        self._points = _with_row(self._points, index, course.points_um, 0.0)
+        self._along = _with_row(self._along, index, course.along_um, np.inf)
+        self._lengths = _with_row(self._lengths, index, course.lengths, 0)
+        self.corner_um = _with_row(self.corner_um, index, corner_um, np.inf)
+        self.corner_deg = _with_row(self.corner_deg, index, corner_deg, 0.0)
+
+    # --- one window ---
+
+    @property
+    def path_um(self) -> Floats:
+        """Length of path behind each sub-environment by its planner, over all its legs."""
+        return np.asarray(self.rows["before_um"] + self.rows["path_um"])
+
+    def observation(self, index: int) -> WindowObservation:
+        """Return what a machine shows of a sub-environment's last window, as feed controllers see it."""
+        window, row = self.fleet.plants[index].window(), self.rows[index]
+        end_ns = window.start_ns + window.duration_ns  # a fresh wire may have been threaded since
+        path_um = float(row["before_um"] + row["path_um"])
+        return WindowObservation.of(window, end_ns, float(row["feed_um_s"]), path_um)
+
+    def set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
+        """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
+        setting = to_detents(t_on_us, t_period_us, self.family.detents_us)
+        self.refused[index] = None
+        if setting == tuple(self.rows[index]["setting_us"]):
+            return
+        try:
+            self.fleet.plants[index].set_generator(*setting)
+        except InputError as error:
+            self.refused[index] = str(error)
+        else:
+            self._take_setting(index)
+
+    def advance(self, indices: Ints, feeds_um_s: Floats) -> None:
+        """Fire 255 pulses in some of them, each moving along its path at its feed (n,) in um/s, negative backwards.
+
+        The guides go to the sub-environment's ``offset_um`` beside the path, which stays until it is set again.
+
+        A planner that counts takes the feed in its units, and no more than its greatest; `exact` shows it as it was
+        given, finer than its 1 nm/s.
+        """
+        fleet, rows = self.fleet, self.rows
+        kind = self._planner
+        take_feeds(indices, rows, feeds_um_s, kind.max_feed_um_s, kind.speed_unit_nm_s, kind.counts)
+        path = self._points, self._along, self._lengths
+        while (
+            most := plan(indices, rows, self.planners, self._other_planner, *path, fleet.states, self._steps)
+        ) + 2 > self._steps.shape[1]:
+            self._steps = np.zeros((self.count, most + 2, 3), np.int64)
+        lead_sideways(indices, rows, self.planners, self._points, self._along, fleet.states, self._steps)
+        status = fleet.advance(indices, self._steps, rows["steps"])
+        follow(
+            indices, rows, self.planners, self._other_planner, *path, self._height_from, self._heights, fleet.states,
+            fleet.windows, _NO_STEPS,
+        )
+        if self.family.scrap_s:
+            testing = indices[rows["elapsed_ns"][indices] <= self.family.scrap_s * 1e9]
+            rows["area_mm2"][testing] = 0.0
+        self._count_errors(indices)
+        if (status != FINE).any():
+            lost = indices[(status != FINE) & (fleet.windows["broken"][indices] == 0)]
+            rows["cause"][lost] = OUT_OF_RANGE
+        for index in indices.tolist():
+            for see in self.watchers[index]:
+                see()
+        for index in indices[rows["cause"][indices] == DONE]:
+            self._end_leg(int(index))
+        for index in indices[rows["cause"][indices] == WIRE_BREAK]:
+            self._lose_wire(int(index))
+        for index in indices[rows["elapsed_ns"][indices] >= self._drifts_ns[indices]]:
+            self._drift(int(index))
+
+    def _drift(self, index: int) -> None:
+        """Let a sub-environment's machine become what it is by now, and say when it will be another."""
+        scenario, elapsed_ns = self.scenarios[index], int(self.rows[index]["elapsed_ns"])
+        assert scenario is not None
+        assert scenario.drift is not None
+        self.fleet.plants[index].drift(scenario.drift.machine(scenario.machine, elapsed_ns * 1e-9))
+        self._drifts_ns[index] = elapsed_ns + round(scenario.drift.every_s * 1e9)
+
+    def _count_errors(self, indices: Ints) -> None:
+        near_um = self.family.near_corner_um
+        if self.family.finishes_wall:
+            for index in indices:
+                self._measure_wall(int(index))
+        elif near_um is not None:
+            self.near = (np.abs(self.corner_um - self.rows["reached_um"][:, None]) <= near_um).any(axis=1)
+        self.counted_um = np.where(self.near, self.rows["error_um"], 0.0)
+
+    def _measure_wall(self, index: int) -> None:
+        """Let the sub-environment's error be that of the wall just finished; none counts before there is one."""
+        row, scenario = self.rows[index], self.scenarios[index]
+        assert scenario is not None
+        assert scenario.wall is not None
+        behind_um = scenario.wall.x_um + float(row["reached_um"]) - FINISHED_UM
+        self.near[index] = behind_um - STRETCH_UM >= scenario.wall.x_um
+        row["error_um"] = 0.0
+        if self.near[index]:
+            field = self.fleet.plants[index].field
+            row["error_um"] = wall_error_um(field, scenario.wall.y_um, behind_um - STRETCH_UM, behind_um)
+
+    @property
+    def out_of_time(self) -> NDArray[np.bool_]:
+        """Which sub-environments (n,) have cut for as long as an episode lasts."""
+        if self.family.episode_s is None:
+            return np.zeros(self.count, np.bool_)
+        return np.asarray(self.rows["elapsed_ns"] >= round(self.family.episode_s * 1e9))
+
+    def _lose_wire(self, index: int) -> None:
+        """Thread the next wire where the last one broke, if the episode has one."""
+        row, plant = self.rows[index], self.fleet.plants[index]
+        row["wires_lost"] += 1
+        if row["wires_lost"] >= self.family.wires:
+            return
+        row["cause"] = RUNNING
+        row["settling_ns"], row["shorted_s"] = SETTLING_NS, 0.0
+        threading_ns = round(float(row["threading_s"]) * 1e9)
+        plant.rethread(plant.commanded_um, threading_ns)
+        if self.family.counts_threading:
+            row["elapsed_ns"] += threading_ns
+            row["step_ns"] += threading_ns
+        self._reset_setting(index)
+
+    def _end_leg(self, index: int) -> None:
+        """Go on with the path's next piece, if there is one."""
+        scenario, plant, row = self.scenarios[index], self.fleet.plants[index], self.rows[index]
+        assert scenario is not None
+        following = self.leg[index] + 1
+        if following == len(scenario.legs_um):
+            return
+        row["cause"] = RUNNING
+        row["before_um"] += row["path_um"]
+        x, y = (float(v) for v in scenario.legs_um[following][0])
+        table = plant.machine.base.table
+        way = math.dist((x, y), plant.commanded_um)
+        plant.rethread((x, y), round((way / table.rapid_um_s.value + table.threading_s.value) * 1e9))
+        self._reset_setting(index)
+        self._begin_leg(index, following)
+
+    def _reset_setting(self, index: int) -> None:
+        """Set the generator as it was set up: so every leg begins, and every wire."""
+        scenario, plant = self.scenarios[index], self.fleet.plants[index]
+        assert scenario is not None
+        if plant.machine is not scenario.machine:
+            plant.set_generator(scenario.machine.t_on_us, scenario.machine.t_period_us)
+            self._take_setting(index)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs; watchers stay with the original."""
+        return {**self.__dict__, "watchers": [[] for _ in range(self.count)]}
+
+
+@functools.lru_cache(maxsize=256)  # episodes of many families have one path
+def _laid(
+    kind: int, speed_unit_nm_s: float, unit: Unit, step_um: float, points: bytes, shape: tuple[int, int]
+) -> tuple[Course, Floats, Floats]:
+    """Course along a leg's points in um, and length of the leg up to each of its corners with its turn."""
+    points_um = np.frombuffer(points).reshape(shape)
+    line = Polyline(points_um * 1e-3, closed=False)
+    corners = line.corners(CORNER_DEG)
+    course = Course.of(kind, points_um, speed_unit_nm_s, unit, step_um)
+    return course, line.s[corners] * 1e3, line.turn_deg[corners]
+
+
+def _with_row(table: NDArray[_Number], index: int, row: NDArray[_Number], filling: float) -> NDArray[_Number]:
+    """Return the table with one row replaced, made wider if it must be."""
+    if len(row) > table.shape[1]:
+        wider = np.full((table.shape[0], len(row), *table.shape[2:]), filling, table.dtype)
+        wider[:, : table.shape[1]] = table
+        table = wider
+    table[index] = filling
+    table[index, : len(row)] = row
+    return table

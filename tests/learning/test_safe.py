@@ -1,0 +1,58 @@
+"""What was learned since a start is accepted only where other machines do not earn less by it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import HELD_BACK
+from edmsim.learning import policy_file, safe
+
+RNG = np.random.default_rng(1)
+MACHINES = RNG.uniform(500, 3000, 12)  # what a start earns: machines differ far more than policies
+
+
+@pytest.mark.parametrize(
+    ("change", "accepted"),
+    [(0.0, True), (40.0, True), (-100.0, False), (RNG.normal(60, 30, 12), True), (RNG.normal(0, 400, 12), False)],
+    ids=["the same", "better", "worse", "better on most", "not known to be no worse"],
+)
+def test_a_policy_is_accepted_by_its_differences_machine_by_machine(change, accepted):
+    found = safe.verdict(MACHINES + change, MACHINES)
+    assert found.accepted is accepted
+    assert found.words().startswith("accepted" if accepted else "refused")
+    assert found.difference.low <= found.difference.value <= found.difference.high
+
+
+def test_the_machines_are_none_of_a_comparison():
+    assert safe.FIRST_SEED + 1000 < HELD_BACK
+
+
+@pytest.mark.parametrize(("worse", "left"), [(True, "start"), (False, "trained")])
+def test_a_refused_policy_is_saved_next_to_its_start(tmp_path, monkeypatch, worse, left):
+    shipped = policy_file.locate("GapFeed-ppo")
+    trained = tmp_path / "policy.json"
+    policy = policy_file.load("GapFeed-ppo")
+    card = policy.card.model_copy(update={"command": "trained"})
+    policy_file.write(card, shipped.with_suffix(".npz").read_bytes(), trained)
+
+    class Cut:
+        def __init__(self, seed, name):
+            self.total_return = MACHINES[seed - safe.FIRST_SEED] - (500.0 if worse and "trained" in name else 0.0)
+
+    monkeypatch.setattr(safe, "cut", lambda env_id, seed, name: Cut(seed, name.replace(str(trained), "trained")))
+    found = safe.accept("edmsim/GapFeed-v2", trained, "policy:GapFeed-ppo", 6)
+    assert found.machines == 6
+    assert (policy_file.load(str(trained)).card.command == "trained") is (left == "trained")
+    assert (tmp_path / "refused.json").exists() is worse
+    if worse:
+        assert policy_file.load(str(tmp_path / "refused.json")).card.command == "trained"
+
+
+@pytest.mark.parametrize(
+    ("machines", "start", "said"), [(3, "policy:GapFeed-ppo", "4 or more"), (6, None, "--start")]
+)
+def test_what_cannot_be_compared_is_refused_before_the_training(machines, start, said):
+    with pytest.raises(InputError, match=said):
+        safe.check(machines, start)
