@@ -90,7 +90,7 @@ class GapServo(Part):
     start_feed_um_s : float
         Start value of the integral.
     retract_feed_um_s : float
-        Largest speed backwards; the speed of a retract.
+        Largest speed backwards; the speed of a retract. A law's own default is limited to what the machine runs.
     patience_s : float
         Time in a short after which the wire retracts (ours, as in the counts controller).
     integral_share : float
@@ -131,7 +131,7 @@ class GapServo(Part):
             return FeedCommand(0.0, PERSISTENT_SHORT)
         if short and self.shorted_s >= self.patience_s:
             self.retracting = True
-            return FeedCommand(-self.retract_feed_um_s)
+            return FeedCommand(-self._back_um_s)
         if self.retracting:  # cleared: the filter forgets the short
             self.retracting = False
             self.error = error
@@ -141,7 +141,11 @@ class GapServo(Part):
         growth = gains.integral * self.error * window.duration_s
         self.integral_um_s = min(max(self.integral_um_s + growth, 0.0), self.max_feed_um_s)
         feed = self.integral_um_s + gains.proportional * self.error
-        return FeedCommand(min(max(feed, -self.retract_feed_um_s), self.max_feed_um_s))
+        return FeedCommand(min(max(feed, -self._back_um_s), self.max_feed_um_s))
+
+    @property
+    def _back_um_s(self) -> float:
+        return min(self.retract_feed_um_s, self.max_feed_um_s)
 
 
 class Measure(Part, ABC):
@@ -261,7 +265,9 @@ class ServoLaw(Snapshots):
     def reset(self, max_feed_um_s: float) -> FeedCommand:
         """Begin a leg; refuses feeds above the machine's largest."""
         for parameter in ("start_feed_um_s", "retract_feed_um_s", *self.measure.FEEDS):
-            check_feed(self.name, parameter, getattr(self, parameter), max_feed_um_s)
+            feed_um_s = getattr(self, parameter)
+            if parameter != "retract_feed_um_s" or feed_um_s != getattr(type(self), parameter):
+                check_feed(self.name, parameter, feed_um_s, max_feed_um_s)
         for part in self.parts:
             part.begin()
         return self._first(max_feed_um_s)

@@ -126,8 +126,7 @@ def law(tmp_path: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", controllers.names())
 def test_every_controller_of_ours_conforms(name: str) -> None:
-    slower = {"retract_feed_um_s": 20.0} if name in ("climbing-hold", "adaptive-hold") else {}  # for a faster table
-    check_controller(lambda: controllers.make(name, **slower))
+    check_controller(lambda: controllers.make(name))
 
 
 @pytest.mark.slow

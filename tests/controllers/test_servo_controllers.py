@@ -61,6 +61,14 @@ def test_a_short_that_stays_is_met_by_running_back_and_then_more_slowly(name):
     assert 0.0 < controller.snapshot()["servo"]["integral_um_s"] < 0.7 * before
 
 
+def test_a_law_made_for_a_faster_machine_retracts_as_fast_as_this_one_runs():
+    controller = controllers.make("adaptive-hold")
+    controller.reset(33.3)
+    assert controller.retract_feed_um_s > 33.3
+    feeds = [command.feed_um_s for command in after(controller, 20, **SHORTED)]
+    assert feeds[-1] == -33.3
+
+
 @pytest.mark.parametrize("name", SERVOS)
 def test_a_short_that_never_clears_stops_the_machine(name):
     controller = started(name, give_up_s=2.0)
