@@ -1,0 +1,58 @@
+"""Measure what a first cut on an empty cache takes, and write the table of ``docs/performance.md``.
+
+python docs/make/compile_time.py [RUNS]
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from statistics import median
+
+from vector_envs import processor
+
+PAGE = Path(__file__).parents[1] / "performance.md"
+ROOT = PAGE.parents[1]
+LINE = "G21 G90\nG0 X0 Y0\nG1 X0.5 F5\nM2\n"
+CUT = [sys.executable, "-m", "edmsim", "cut", "one.ngc", "--height", "3", "--resolution", "fast"]
+STEP = "import gymnasium, edmsim.envs; env = gymnasium.make('edmsim/GapFeed-v2'); env.reset(seed=0); env.step([0.0])"
+MEASURED = {
+    "first cut": [*CUT, "--out", "first"],
+    "then a first environment, reset and one step": [sys.executable, "-c", STEP],
+    "then another resolution": [*CUT[:-1], "default", "--out", "second"],
+    "the first cut again": [*CUT, "--out", "again"],
+}
+
+
+def once() -> dict[str, float]:
+    """Return the processor time in s of each process in turn, children included, from an empty cache."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "one.ngc").write_text(LINE, encoding="utf-8")
+        surroundings = os.environ | {"XDG_CACHE_HOME": str(Path(folder) / "cache"), "PYTHONPATH": str(ROOT)}
+        for name, command in MEASURED.items():
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run(command, cwd=folder, env=surroundings, check=True, capture_output=True)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            found[name] = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return found
+
+
+def main() -> None:
+    """Measure, and write the table."""
+    runs = [once() for _ in range(int(sys.argv[1]) if sys.argv[1:] else 3)]
+    lines = ["| process | processor time |", "|---|--:|"]
+    lines += [f"| {name} | {median(run[name] for run in runs):.1f} s |" for name in MEASURED]
+    lines += ["", f"Medians of {len(runs)} runs on {processor()}."]
+    mark = re.compile(r"(<!-- begin compile time -->\n).*?(<!-- end compile time -->)", re.DOTALL)
+    text = mark.sub(lambda m: "\n".join([m[1], *lines, "", m[2]]), PAGE.read_text(encoding="utf-8"))
+    PAGE.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
