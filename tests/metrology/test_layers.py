@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 import edmsim
+from edmsim.machine.setting import discharge_current_A
 from edmsim.metrology.roughness import electrolysed_um, heat_affected_um
 
 MATERIALS = (
@@ -83,3 +85,16 @@ def test_what_is_not_known_is_not_said():
     assert math.isnan(electrolysed_um(machine, 2600.0, math.nan))
     with pytest.raises(edmsim.InputError, match="it lasts 0 us or more"):
         heat_affected_um(machine, -1.0)
+
+
+def test_arcs_are_among_the_discharges_whose_mean_the_report_takes():
+    result = edmsim.cut(
+        Path(__file__).parents[2] / "examples" / "slot.iso", resolution="fast", seed=1, max_time_s=5.0, height_mm=5.0,
+        machine="production", generator="production", wire="brass-250", t_period_us=15.0,
+    )
+    arcs, sparks = (int(result.windows[name].to_numpy().sum()) for name in ("arc", "spark"))
+    assert arcs > 0.05 * sparks
+    machine, report = result.machine, result.report
+    power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
+    mean_us = report.energy_J / ((arcs + sparks) * power_W) * 1e6
+    assert report.surface.heat_affected_um == pytest.approx(heat_affected_um(machine, mean_us), rel=1e-6)
