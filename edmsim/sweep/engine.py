@@ -36,29 +36,29 @@ def processors() -> int:
 
 
 class Engine(Protocol):
-    """Where jobs are done.
+    """Runs the jobs of a sweep.
 
-    An engine takes jobs from the iterator only as it gets them done, so a table of any length waits where it is
-    (back-pressure), and answers in the order in which they are done. The function does not raise.
+    An engine takes jobs from the iterator only as it finishes others (back-pressure), and yields answers in the
+    order in which jobs finish. The function must not raise.
     """
 
     def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-        """Yield each job with its answer, or with `LostJob`; what is left is given up when the iterator is closed."""
+        """Yield each job with its answer or `LostJob`; closing the iterator drops the remaining jobs."""
         ...
 
 
 class Processes:
-    """The processors of this computer, a process for each.
+    """Runs jobs in processes on this computer.
 
     Parameters
     ----------
     count : int, optional
-        Processes; as many as there are processors that may be used, if not given.
+        Number of processes; by default one per available processor.
 
     Raises
     ------
     InputError
-        Fewer than one.
+        If `count` is below 1.
     """
 
     def __init__(self, count: int | None = None) -> None:
@@ -67,7 +67,7 @@ class Processes:
             raise InputError(f"{self.count} processes make no run: give 1 or more")
 
     def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-        """See `Engine.done`; the first job is done alone, so that what is compiled is compiled once."""
+        """See `Engine.done`; the first job runs alone, which avoids compiling the same code twice."""
         answers: queue.SimpleQueue[tuple[Any, Any]] = queue.SimpleQueue()
         workers: list[_Worker] = []
         busy, most = 0, 1
@@ -166,21 +166,20 @@ LOOK_S = 2.0  # how often, at least, it is looked how many processors there are
 
 
 class Cluster:
-    """The processors of a Ray cluster, a job on each.
+    """Runs jobs on a Ray cluster, one per processor.
 
-    Every computer needs this version of edmsim, and the files that runs name (programs, own constants and
-    controllers) at the same paths: a shared folder, or Ray's own working directory. Answers travel to this process,
-    which alone writes.
+    Every computer needs this version of edmsim, and the files of the runs (programs, your constants and
+    controllers) at the same paths: in a shared folder or Ray's working directory. Only this process writes results.
 
     Parameters
     ----------
     address : str
-        ``"auto"`` for the cluster this computer belongs to, or ``HOST:PORT`` of one.
+        ``HOST:PORT``, or ``"auto"`` for the cluster that this computer belongs to.
 
     Raises
     ------
     InputError
-        Ray is not installed, or there is no such cluster.
+        If Ray is not installed, or the cluster is not found.
     """
 
     def __init__(self, address: str = "auto") -> None:
@@ -204,11 +203,11 @@ class Cluster:
 
     @property
     def count(self) -> int:
-        """Processors of the cluster as it is now."""
+        """Number of processors that the cluster has now."""
         return max(int(self._ray.cluster_resources().get("CPU", 0)), 1)
 
     def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-        """See `Engine.done`; jobs of a computer that is lost are begun again on another."""
+        """See `Engine.done`; if a computer is lost, its jobs start again on another."""
         ray = self._ray
         remote = ray.remote(num_cpus=1, max_retries=ATTEMPTS - 1, scheduling_strategy="SPREAD")(function)
         waiting = iter(jobs)

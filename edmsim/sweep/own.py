@@ -43,7 +43,7 @@ _RULE = 'BOUNDS = {"gain": (0.1, 10.0), "window_s": (0.01, 1.0, "log")}'
 
 
 class Spread(NamedTuple):
-    """What settings return on drawn machines: the mean of the worst quarter, the mean, and 10 and 90 % of them."""
+    """Returns of settings on drawn machines: mean of the worst quarter, mean, and the 10 and 90 % quantiles."""
 
     worst: float
     mean: float
@@ -52,13 +52,13 @@ class Spread(NamedTuple):
 
     @classmethod
     def of(cls, result: TrialResult) -> Spread:
-        """Return that of a trial."""
+        """Return the spread of a trial."""
         returns = np.asarray(result.returns)
         low, high = np.quantile(returns, (0.1, 0.9)).tolist()
         return cls(result.value, float(returns.mean()), low, high)
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return the spread as text."""
         return (
             f"worst {100 * WORST_SHARE:.0f} % {self.worst:.4g}, mean {self.mean:.4g}, "
             f"10 to 90 % {self.low:.4g} to {self.high:.4g}"
@@ -66,20 +66,20 @@ class Spread(NamedTuple):
 
 
 class TunedOwn(NamedTuple):
-    """What a search has found.
+    """Result of `tune_own`.
 
     Attributes
     ----------
     values : dict
-        The robust choice.
+        The most robust settings.
     spread, first_spread : Spread
-        Of it, and of the settings in use, on the same machines, which neither was chosen by.
+        Spreads of `values` and of the settings in use, both on machines that the choice did not use.
     trials, failed : int
-        Made in all, and those that failed.
+        Number of all trials, and of those that failed.
     machines : int
-        That the spreads are of.
+        Number of machines in the spreads.
     tried_again : dict
-        By number of the trial, -1 for the settings in use: values and spread of all among which was chosen.
+        Values and spread of each finalist by the number of its trial; -1 is the settings in use.
     """
 
     values: dict[str, float]
@@ -95,31 +95,31 @@ def tune_own(
     own: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 8, engine: Engine | None = None,
     watch: Callable[[int, float], None] | None = None, **options: Any,
 ) -> TunedOwn:
-    """Search the settings of a user's own controller on drawn machines.
+    """Search the settings of your own controller on drawn machines.
 
     Parameters
     ----------
     own : str
-        ``FILE.py:CLASS``. The class says in `BOUNDS` what is searched, and where.
+        ``FILE.py:CLASS``. The class names the settings and their bounds in `BOUNDS`.
     out : path
-        Folder for the study, which goes on if it is there, and for ``best.toml``.
+        Folder for ``best.toml`` and the study; an existing study is resumed.
     trials : int
-        In all; the first is of the settings in use.
+        Number of all trials; the first uses the settings in use.
     seed : int
         First training seed, and seed of the search.
     seeds : int
-        Drawn machines a trial is judged by, others for every trial.
+        Number of drawn machines per trial; every trial draws others.
     engine : Engine, optional
-        All processors of this computer by default.
+        By default all processors of this computer.
     watch : callable, optional
-        Called with the number of trials made and the best worth.
+        Called with the number of finished trials and the best score.
     **options
-        Arguments of the environment GapFeed in which it cuts: ``machine``, ``height_mm``, ``randomise``.
+        Arguments of the environment GapFeed: ``machine``, ``height_mm``, ``randomise``.
 
     Raises
     ------
     InputError
-        The file has no such controller, it says not what to search, or an argument cannot be used.
+        If the file has no such controller, the class has no `BOUNDS`, or an argument is invalid.
     """
     own_class = named(own)
     if own_class is None or not own_class.name:

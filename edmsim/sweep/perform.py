@@ -21,7 +21,7 @@ from edmsim.recording.report import CLOCKS, Report, kinds_of
 from edmsim.sweep.runs import SweepRun, digest
 
 FIGURES = {kind.column: kind for kind in (*kinds_of(Report).values(), *kinds_of(Result).values()) if kind.column}
-"""Figures of a run, of a cut's report or an episode's result; null if not measured, or not of this kind of run."""
+"""Figures of a run, from a cut's report or an episode's result; null if the run does not measure them."""
 
 
 def values_of(run: Report | Result) -> dict[str, float | None]:

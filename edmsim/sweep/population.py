@@ -53,16 +53,16 @@ class Plan:
 
 
 class PopulationResult(NamedTuple):
-    """What a population has come to.
+    """State of a population.
 
     Attributes
     ----------
     values : dict
-        Settings of the best learner's last generation.
+        Settings of the best learner in its last generation.
     value : float
-        What its policy is worth: the mean return on the training seeds.
+        Mean return of its policy on the training seeds.
     generation : int
-        The last that a learner has ended.
+        Last generation that a learner has finished.
     """
 
     values: dict[str, float]
@@ -75,33 +75,33 @@ def train_population(
     steps: int | None = None, algo: str = "ppo", seed: int = 0, seeds: int = 5,
     watch: Callable[[PopulationResult], None] | None = None,
 ) -> PopulationResult:
-    """Train a population on a Ray cluster, a processor for each learner; with fewer they take turns.
+    """Train a population on a Ray cluster, one processor per learner; on fewer processors learners take turns.
 
     Parameters
     ----------
     name : str
-        An environment.
+        Id of an environment.
     out : path
-        Folder for policy, settings, table and checkpoints, which every computer of the cluster must have at this
-        path. What was interrupted there goes on.
+        Folder for policy, settings, table and checkpoints, at the same path on every computer of the cluster.
+        An interrupted training in it is resumed.
     address : str
         See `edmsim.sweep.engine.Cluster`.
     population, generations : int
-        Learners, 4 or more, and how often they train and are compared.
+        Number of learners (4 or more) and of generations; the learners are compared after each.
     steps : int, optional
-        Windows of a learner in all generations together, each rounded up to whole updates; those of
-        ``models/training`` by default.
+        Windows per learner over all generations, each rounded up to whole updates; by default those of
+        ``models/training``.
     algo, seed, seeds
         See `edmsim.sweep.tune.tune_training`.
     watch : callable, optional
-        Called with a `PopulationResult` after every learner's generation.
+        Called with a `PopulationResult` after each generation of a learner.
 
     Raises
     ------
     InputError
-        No such environment, an argument that cannot be used, no cluster, or all learners failed.
+        If there is no such environment or cluster, an argument is invalid, or all learners failed.
     KeyboardInterrupt
-        The same call goes on.
+        If interrupted; the same call resumes.
     """
     plan = _plan(name, algo, population, generations, steps, seed, seeds)
     Cluster(address)

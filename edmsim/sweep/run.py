@@ -110,14 +110,14 @@ SPECIFICATION = "specification.json"  # file in which a sweep's folder keeps the
 
 
 class SweepProgress(NamedTuple):
-    """How far a sweep is.
+    """Progress of a sweep.
 
     Attributes
     ----------
     done, total : int
-        Runs that need not be made any more, and all.
+        Number of finished runs, and of all.
     made, failed : int
-        Runs made just now, and those of all done that failed.
+        Number of runs that this call finished, and of finished runs that failed.
     """
 
     done: int
@@ -130,34 +130,34 @@ def sweep(
     specification: Specification, out: str | Path, *, engine: Engine | None = None, retry_failed: bool = False,
     watch: Callable[[SweepProgress], None] | None = None, checking: Callable[[int, int], None] | None = None,
 ) -> SweepProgress:
-    """Make all runs of a sweep that are not done yet.
+    """Make all runs of a sweep that are not finished.
 
     Parameters
     ----------
     specification : Specification
     out : path
-        Folder of the results; see `read`. What is there already stays: give more seeds, and only those are run.
+        Folder of the results; see `read`. Finished runs stay: if you add seeds, only those are run.
     engine : Engine, optional
-        Where runs are made; all processors of this computer by default.
+        By default all processors of this computer.
     retry_failed : bool
-        Make again what failed.
+        Whether to repeat failed runs.
     watch : callable, optional
-        Called with a `SweepProgress` at the beginning and after every run.
+        Called with a `SweepProgress` at the start and after every run.
     checking : callable, optional
-        Called before that with the combinations of settings looked at and to look at: all are prepared as for a cut
-        before the first run.
+        Called with the numbers of checked and of all combinations of settings; all are checked before the first
+        run.
 
     Returns
     -------
     SweepProgress
-        At the end. A run that failed is a row with its error.
+        Progress at the end. A failed run is a row with its error.
 
     Raises
     ------
     InputError
-        A combination of settings that cannot be run, or a folder that cannot be written to.
+        If a combination of settings cannot be run, or the folder is not writable.
     KeyboardInterrupt
-        All that was done is kept; the same call goes on.
+        If interrupted; finished runs are saved, and the same call resumes.
 
     Examples
     --------

@@ -369,18 +369,18 @@ MOST_VALUES = 12
 
 @dataclass(frozen=True)
 class Effect:
-    """What a setting does to a figure.
+    """Effect of a setting on a figure.
 
     Attributes
     ----------
     first_order : float
-        Share (0..1) of the variance that goes with the setting by itself, whatever the others are. NaN where the runs
-        do not tell.
+        Share (0..1) of the variance that the setting alone explains (first-order Sobol index). NaN if the runs do
+        not determine it.
     total : float
-        The same with what it does together with others.
+        The same with its interactions (total Sobol index).
     rank_correlation : float
-        Spearman's, over all runs: 1 if the figure only rises with the setting, -1 if it only falls; NaN of a setting
-        that is not a number.
+        Spearman's, over all runs: 1 if the figure only rises with the setting, -1 if it only falls; NaN if the
+        setting is not a number.
     """
 
     first_order: float
@@ -390,16 +390,16 @@ class Effect:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What the settings do to a figure; first orders, interactions and the unexplained share add up to 1.
+    """Sensitivity of a figure to the settings; first orders, interactions and the unexplained share add up to 1.
 
     Attributes
     ----------
     effects : dict
-        Of each setting its `Effect`.
+        `Effect` of each setting, by name.
     interactions : float
-        Share of the variance that goes with settings together only; NaN where the runs do not tell.
+        Share of the variance that only combinations of settings explain; NaN if the runs do not determine it.
     unexplained : float
-        Share that goes with no setting: chance and, of a sample, what the polynomial misses. NaN where every
+        Share that no setting explains: chance and, for a sample, the error of the polynomial. NaN if every
         combination was run once, as chance then counts as an effect.
     """
 
@@ -409,7 +409,7 @@ class Sensitivity:
 
 
 class VariedSetting(NamedTuple):
-    """A setting run by run: its name, its values, and whether numbers among these are only names, as of machines."""
+    """A setting: its name, its value in each run, and whether numbers are only names, like those of machines."""
 
     name: str
     values: Sequence[Any]
@@ -417,7 +417,7 @@ class VariedSetting(NamedTuple):
 
 
 def sensitivity(settings: Sequence[VariedSetting], figure: NDArray[np.float64]) -> Sensitivity:
-    """Return what settings do to a figure, from their values run by run; runs without the figure are left out."""
+    """Return the sensitivity of a figure to settings, from their values per run; runs without it are left out."""
     known = np.isfinite(figure)
     values = figure[known]
     factors = {s.name: _factor(s, known) for s in settings}

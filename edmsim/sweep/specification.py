@@ -73,7 +73,7 @@ MOST_SEEDS = 10_000_000
 """Seeds that a number may stand for (ours: their list takes some 400 MB; no sweep has cut as often)."""
 MOST_POINTS = 1 << 24  # most points of a Sobol sample (ours: of ten numbers each they take a gigabyte)
 Recorded = Literal["report", "windows", "all"]
-"""What is kept of each cut: ``report.json``, ``windows.parquet``, or all that ``edmsim cut`` writes."""
+"""Files saved of each cut: ``report.json``, ``windows.parquet``, or all that ``edmsim cut`` writes."""
 
 
 class _Strict(BaseModel):
@@ -81,17 +81,17 @@ class _Strict(BaseModel):
 
 
 class SobolSample(_Strict):
-    """Points that fill a space evenly: Sobol's sequence, scrambled (`scipy.stats.qmc.Sobol`).
+    """Scrambled Sobol sequence, which fills a space evenly (`scipy.stats.qmc.Sobol`).
 
     Attributes
     ----------
     samples : int
-        Points, a power of 2: only then is every part of the space met equally often.
+        Number of points, a power of 2; other numbers do not cover the space evenly.
     seed : int
-        Of the scrambling.
+        Seed of the scrambling.
     ranges : dict
-        Of each setting or constant ``[low, high]``, ``[low, high, "log"]`` for a number of which the order is asked,
-        or ``"range"`` for the published range of a constant.
+        For each setting or constant ``[low, high]``, ``[low, high, "log"]`` to sample its logarithm evenly, or
+        ``"range"`` for the published range of a constant.
     """
 
     samples: Annotated[int, Field(ge=1, le=MOST_POINTS)]
@@ -110,33 +110,33 @@ class SobolSample(_Strict):
 
 
 class Specification(_Strict):
-    """A sweep; every run follows from it.
+    """Description of a sweep; it determines every run.
 
     Attributes
     ----------
     program, environment : list of str
-        Part programs, or ids of environments (``FILE.py:ID`` for an own one); one kind of both.
+        Either part programs or ids of environments (``FILE.py:ID`` for your own).
     seeds : list of int
-        A number is their count: from 0 on for programs, held-back ones for environments, where gains and
-        policies may have been found on others.
+        A single number is a count: for programs from 0 on, for environments held-back seeds, as training may have
+        used others.
     machine_samples : int
-        Machines drawn within the ranges of their constants (`Machine.sample`); 0 for the one of the files. The
-        environments draw theirs themselves.
+        Number of machines to draw within the ranges of their constants (`Machine.sample`); 0 uses the files'
+        machine. Environments draw their own.
     sample_only : list of str, optional
-        Sections and constants to draw; all by default.
+        Sections and constants to draw; by default all.
     recordings : list of {"report", "windows", "all"}
     settings : dict
-        Options of a cut, or arguments of the environment and ``controller``, the same in every run; constants by
+        Options of a cut, or ``controller`` and arguments of the environment, for every run; constants by
         ``section.key``.
     grid : dict
-        Values of some more: every combination of them is run.
+        Lists of values of further settings; every combination is run.
     sobol : SobolSample, optional
-        With every combination of the grid.
+        Points to run with every combination of the grid.
 
     Raises
     ------
     InputError
-        What is not a specification, in one line.
+        If the specification is invalid.
     """
 
     program: list[str] = []
@@ -214,19 +214,19 @@ class Specification(_Strict):
 
     @property
     def runs(self) -> int:
-        """How many runs there are."""
+        """Number of runs."""
         combinations = math.prod(len(values) for values in self.grid.values())
         points = 1 if self.sobol is None else self.sobol.samples
         return len(self.tasks) * combinations * points * len(self.seeds) * max(self.machine_samples, 1)
 
 
 def read_specification(file: str | Path) -> Specification:
-    """Read a specification; paths in it are those of the folder a command is run in.
+    """Read a specification from a TOML file; its paths are relative to the working directory.
 
     Raises
     ------
     InputError
-        A file that cannot be read, no TOML, or none of a sweep.
+        If the file cannot be read, is not TOML, or does not describe a sweep.
     """
     try:
         data = tomllib.loads(Path(file).read_text(encoding="utf-8"))

@@ -37,9 +37,9 @@ class Group:
     Attributes
     ----------
     settings : dict
-        Of the settings that differ within the sweep.
+        Values of the settings that differ within the sweep.
     runs, failed, finished : int
-        All; those that ended in an error; and those cut to the end.
+        Number of all runs, of runs with an error, and of runs that finished the cut.
     figures : dict
         Means over the runs without error, with 95 % intervals, by the names of `KEYS`.
     """
@@ -63,14 +63,14 @@ def measured(table: pa.Table) -> list[str]:
 
 
 def groups(table: pa.Table, by: list[str] | None = None) -> list[Group]:
-    """Return the runs in groups of the same settings, in the order of these; seeds and machines drawn are averaged.
+    """Return runs grouped by settings, in the settings' order; a group averages over seeds and drawn machines.
 
     Parameters
     ----------
     table : pyarrow.Table
         See `edmsim.sweep.table.read`.
     by : list of str, optional
-        Settings; if not given, those that differ and have `MOST_VALUES` or fewer values.
+        Names of settings; by default those with 2 to `MOST_VALUES` values.
     """
     few = [name for name in _chosen(table) if len(table[name].unique()) <= MOST_VALUES]
     chosen = few if by is None else by
@@ -92,10 +92,10 @@ def groups(table: pa.Table, by: list[str] | None = None) -> list[Group]:
 
 
 def sensitivities(table: pa.Table) -> dict[str, Sensitivity]:
-    """Return for each figure what the settings that differ do to it; see `edmsim.sweep.sensitivity.sensitivity`.
+    """Return each figure's sensitivity to the settings that differ; see `edmsim.sweep.sensitivity.sensitivity`.
 
-    Constants of drawn machines are settings where more machines were drawn than there are constants; of fewer nobody
-    could tell which constant it was, and the machine counts as one setting.
+    Constants of drawn machines count as settings if the sweep drew more machines than there are constants.
+    Otherwise their effects cannot be separated, and the machine counts as one setting.
     """
     settings = [
         VariedSetting(name, table[name].to_pylist(), is_name=name == MACHINE) for name in _distinguishing(table)
@@ -119,7 +119,7 @@ def pareto_front(points: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def front_of(table: pa.Table) -> tuple[list[Group], NDArray[np.bool_]]:
-    """Return the groups by all settings, as far as every goal is known of them, and which are on the front."""
+    """Return the groups by all settings that have every goal, and which of them are on the Pareto front."""
     goals = goals_of(table)
     found = [
         group for group in groups(table, _chosen(table))
@@ -241,7 +241,7 @@ def _errors(table: pa.Table) -> list[RenderableType]:
 
 
 def pareto_figure(table: pa.Table) -> Drawing:
-    """Draw the groups of a sweep by rate, roughness and error, and mark those that no other surpasses."""
+    """Draw the groups of a sweep by rate, roughness and error, and mark the Pareto front."""
     from edmsim.recording.figures.palette import BLUE, LINE, VERMILION
     from edmsim.recording.figures.style import colour_bar, column_figure, dress, legend, nothing_to_show
 

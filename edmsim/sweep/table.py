@@ -58,7 +58,7 @@ def _typed(name: str, values: list[Any]) -> tuple[list[Any], Any]:
 
 
 def read(out: str | Path) -> pa.Table:
-    """Read the results of a sweep, also of one that is still running.
+    """Read the results of a sweep, even while it is running.
 
     Parameters
     ----------
@@ -68,14 +68,14 @@ def read(out: str | Path) -> pa.Table:
     Returns
     -------
     pyarrow.Table
-        A row per run, in the order of their ids: id, task, seed, settings, constants, ``error`` (null where the run
-        ended as it should), ``outcome``, the figures of `edmsim.sweep.perform.FIGURES`, ``report`` (JSON, of cuts),
+        One row per run, ordered by id: id, task, seed, settings, constants, ``error`` (null if the run succeeded),
+        ``outcome``, the figures of `edmsim.sweep.perform.FIGURES`, ``report`` (JSON, of cuts),
         ``edmsim_version``, ``wall_time_s`` and ``host``.
 
     Raises
     ------
     InputError
-        There is no sweep in this folder.
+        If the folder has no sweep.
     """
     import pyarrow as pa
 

@@ -168,16 +168,16 @@ METHODS = ("tpe", "evolution")
 
 
 class Tuned(NamedTuple):
-    """What a search has found.
+    """Result of a search.
 
     Attributes
     ----------
     values : dict
-        The best.
+        The best values.
     value, first_value : float
-        What they are worth, and what the values in use were.
+        Scores of `values` and of the values in use.
     trials, failed : int
-        Made in all, by all processes; and those that failed.
+        Number of trials of all processes, and of those that failed.
     """
 
     values: dict[str, float]
@@ -198,27 +198,27 @@ def tune_gains(
     name : str
         A controller of `edmsim.evaluation.search.BOUNDS`.
     out : path
-        Folder for the search and what is best; one that is there goes on. Several processes, started with the same
-        folder, work on one study; trials under way elsewhere are not counted, so some more may be made.
+        Folder for the search and its result; an existing search is resumed. Processes that you start with the same
+        folder share one study; as they do not count trials in progress elsewhere, they may make a few more.
     method : {"tpe", "evolution"}
-        ``tpe`` proposes by what earlier trials were worth (Optuna); its first trial is of the values in use, so that
-        what is found is never worse on these seeds. ``evolution`` is differential evolution (Storn and Price 1997, as
-        SciPy has it), trial by trial on the processors of this computer, and the same on any.
+        ``tpe`` (Optuna) proposes values from the scores of earlier trials. Its first trial uses the values in use,
+        hence the result is never worse on these seeds. ``evolution`` is SciPy's differential evolution (Storn and
+        Price 1997); its result does not depend on the number of processors.
     trials : int
-        In all; of an evolution whole generations of `edmsim.evaluation.search.POPULATION`.
+        Number of trials; ``evolution`` makes whole generations of `edmsim.evaluation.search.POPULATION`.
     seed : int
-        First training seed, and seed of the search: on one process the same search finds the same.
+        First training seed, and seed of the search. On one process the search is reproducible.
     seeds : int
-        Training seeds a trial is judged by; those held back for comparisons are never used.
+        Number of training seeds per trial; seeds held back for comparisons are never used.
     engine : Engine, optional
-        All processors of this computer by default.
+        By default all processors of this computer.
     watch : callable, optional
         Called with a `Tuned` after every trial.
 
     Raises
     ------
     InputError
-        Nothing of this name is searched, Optuna is not installed, or an argument cannot be used.
+        If the controller has no gains to search, Optuna is not installed, or an argument is invalid.
     """
     if name not in BOUNDS:
         raise InputError(f"no gains of '{name}' are searched; choose one of {one_of(name, BOUNDS)}")
@@ -237,14 +237,14 @@ def tune_training(
     env_id: str, out: str | Path, *, algo: str = "ppo", steps: int | None = None, trials: int = 40, seed: int = 0,
     seeds: int = 5, engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
 ) -> Tuned:
-    """Search the settings of a training in an environment.
+    """Search the hyperparameters of a training; see `tune_gains` for the other parameters.
 
     Parameters
     ----------
     algo : str
         One of `TRAINING`.
     steps : int, optional
-        Windows of each trial; those of ``models/training`` by default.
+        Windows per trial; by default those of ``models/training``.
     """
     space, judged_by, name = bounds("training", algo), _judged_by(trials, seed, seeds), resolve(env_id)
     windows = load(name, algo).steps if steps is None else steps
