@@ -1,4 +1,4 @@
-"""Speed of this machine: all figures of ``edmsim bench``, measured and as a table."""
+"""Speed of this computer: measure all figures of ``edmsim bench`` and show them as a table."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ if TYPE_CHECKING:
 
 
 def measure() -> dict[str, float]:
-    """Return all figures by name; ``realtime_factor`` is that of the default resolution at its own period.
+    """Return all figures by name; ``realtime_factor`` is for the default resolution at its own period.
 
-    What one thread does is timed by its processor time, to which other programs on the computer add nothing; what
-    several threads do together (``vector_env...``, ``half_cheetah...``, ``threads_...``) by the clock.
+    Single-threaded work is timed in processor time, which excludes other programs; multi-threaded work
+    (``vector_env...``, ``half_cheetah...``, ``threads_...``) in wall-clock time.
 
-    ``ray_sums_per_s`` is the bound the first is to be compared with, ``ray_sum_share`` the part of its time that
-    goes there; ``controller_overhead`` is the share of time that the registers of 1982 add to a cut;
-    ``literal_realtime_factor`` is that of a cut in which the timers of 1982 make the steps;
-    ``servo_realtime_factor`` is that of a servo drive with its motor and table,
-    ``positioner_realtime_factor`` that of an analogue positioner at a sample of 1 ms; ``elcam_load_s`` and
-    ``elcam_lookup_us`` are those of a cam table of a million points;
-    ``turned_knobs_cost`` is the time of an environment's step in which knobs of the generator turn over that of one
-    at rest, ``drawn_reset_ms`` that of a reset which draws a machine, and ``drawn_machines_cost`` that of an episode
-    with such a reset over one that keeps its machine;
+    ``ray_sums_per_s`` is the upper bound of the first figure, ``ray_sum_share`` the share of its time in ray sums;
+    ``controller_overhead`` is the share of time that the registers of 1982 add to a cut;
+    ``literal_realtime_factor`` is for a cut in which the timers of 1982 make the steps;
+    ``servo_realtime_factor`` is for a servo drive with its motor and table,
+    ``positioner_realtime_factor`` for an analogue positioner with a sample time of 1 ms; ``elcam_load_s`` and
+    ``elcam_lookup_us`` are for a cam table of a million points;
+    ``turned_knobs_cost`` is the time of an environment's step that changes generator settings over one that does
+    not; ``drawn_reset_ms`` is the time of a reset that draws a machine, and ``drawn_machines_cost`` the time of an
+    episode with such a reset over one without;
     ``thread_efficiency`` is the gain of two plants in two threads over that of two compute loops;
-    ``vector_env_steps_per_s_fast`` is that of 64 environments, ``half_cheetah_vector_steps_per_s`` that of as many
-    HalfCheetah-v5 beside them, which Gymnasium steps one after another.
+    ``vector_env_steps_per_s_fast`` is for 64 environments, ``half_cheetah_vector_steps_per_s`` for 64
+    HalfCheetah-v5, which Gymnasium steps one after another.
 
     Raises
     ------

@@ -36,14 +36,14 @@ COMPILING = "0", "1", "1", "1", "1"
 
 @dataclass(frozen=True)
 class Pairs:
-    """How fast this checkout is beside a revision of it.
+    """Speed of this checkout compared with a revision.
 
     Attributes
     ----------
     commit : str
         The revision.
     here, there : dict of str to float64 (pairs,)
-        Rates of this checkout and of the revision, in the order of the pairs.
+        Rates of this checkout and of the revision, one per pair.
     """
 
     commit: str
@@ -51,28 +51,28 @@ class Pairs:
     there: dict[str, NDArray[np.float64]]
 
     def ratio(self, name: str) -> Figure:
-        """Return a rate here over that there: median and interval of the pairs' ratios."""
+        """Return a rate's ratio, here over there: median and interval over the pairs."""
         return median(self.here[name] / self.there[name])
 
 
 def compare(revision: str, pairs: int = PAIRS, watch: Callable[[str], None] = lambda _: None) -> Pairs:
-    """Time this checkout, as it is, beside a revision of it.
+    """Time this checkout, with uncommitted changes, against a revision.
 
     Parameters
     ----------
     revision : str
-        As git knows it.
+        Commit, tag or branch.
     pairs : int
-        Runs of either.
+        Number of runs of each.
     watch : callable, optional
-        Called with what is begun.
+        Called with a line of text before each run.
 
     Raises
     ------
     InputError
         See `commit_of` and `checkout`.
     EdmsimError
-        One of them does not run.
+        If one of them does not run.
     """
     commit = commit_of(revision)
     with checkout(commit) as folder:

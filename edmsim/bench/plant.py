@@ -135,7 +135,7 @@ def _together(works: Sequence[Callable[[], object]]) -> float:
 def thread_scaling() -> tuple[float, float]:
     """Gain of two threads over one: of two plants, and of two loops that only compute.
 
-    The second is what the processors give (two that share a core give 1.2), so it is measured beside the first.
+    The second is the gain of the processors alone (1.2 if two share a core), for comparison with the first.
     """
     plants = [Plant(Machine.load(), seed=seed) for seed in range(2)]
     cuts = [_straight_cut(plant) for plant in plants]

@@ -38,14 +38,14 @@ def commit_of(revision: str) -> str:
 
 @contextmanager
 def checkout(commit: str) -> Iterator[Path]:
-    """Give a folder with the files of a commit, which is gone when the block ends.
+    """Yield a temporary folder with the files of a commit.
 
-    Its name and the times of its files follow from the commit, so that what was compiled of it before is found again.
+    Its name and its files' times depend only on the commit; later comparisons reuse the compiled code.
 
     Raises
     ------
     InputError
-        Another comparison with the same commit is under way, or the user's cache cannot be written to.
+        If another comparison with the same commit is running, or the user's cache is not writable.
     """
     cached = (user_folder() / "revisions" / commit).resolve()
     with ExitStack() as last, locked(cached, "comparison"):

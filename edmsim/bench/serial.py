@@ -25,7 +25,7 @@ _WAIT_S = 10.0
 
 
 def measure(watch: Callable[[str], None]) -> dict[str, float]:
-    """Measure machine time per processor time of every board, and round trips of a line and of the axes' port."""
+    """Measure machine time over processor time of every board, and round trips of a line and of the axes' port."""
     found: dict[str, float] = {}
     for name in BOARDS:
         watch(f"{name}: {MACHINE_S:g} s of machine time")

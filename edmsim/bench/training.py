@@ -51,7 +51,7 @@ class _Timed(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
 
 def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dict[str, float]:
-    """Return steps per second of trainings by the clock, and the share of the time that the environments take.
+    """Return steps per second of trainings (wall-clock time), and the environments' share of that time.
 
     Raises
     ------

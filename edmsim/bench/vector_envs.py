@@ -1,4 +1,4 @@
-"""Speed of the vector environment: beside as many HalfCheetah-v5, and by number of environments and threads."""
+"""Speed of the vector environment, compared with HalfCheetah-v5 and by number of environments and threads."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ RESAMPLES = 2000  # bootstrap resamples (ours: the ends of the intervals then va
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure with the ends of its 95 % interval; all NaN where nothing was measured."""
+    """A figure with its 95 % interval; all NaN if nothing was measured."""
 
     value: float
     low: float
@@ -45,22 +45,22 @@ FIGURES = {
     "time_s": FigureKind("s", "time of finished cuts"), "breaks_per_m": FigureKind("", "wire breaks per m"),
     "jams_per_m": FigureKind("", "jams per m"), "cost": _OF_CUTS["cost"],
 }  # fmt: skip
-"""Figures of a controller by name."""
+"""Figures of a controller, by name."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What an evaluation found in one environment.
+    """Comparison of controllers in one environment.
 
     Attributes
     ----------
     env_id, resolution : str
     seeds : tuple of int
-        Held-back seeds; every controller made one cut with each.
+        Held-back seeds; every controller makes one cut per seed.
     results : dict
-        Of each controller its cuts, in order of `seeds`.
+        Cuts of each controller, in the order of `seeds`.
     figures : dict
-        Of each controller its figures, by the names in `FIGURES`.
+        Figures of each controller, by the names in `FIGURES`.
     """
 
     env_id: str
@@ -71,7 +71,7 @@ class Comparison:
 
     @classmethod
     def of(cls, env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]) -> Comparison:
-        """Return the comparison of cuts, those of score 0 and 1 among them."""
+        """Return the comparison of cuts, which include those of score 0 and 1."""
         lines = lines_of(env_id)
         oracle, blind = results[lines.reference], results[lines.blind]
         figures = {name: figures_of(made, oracle, blind) for name, made in results.items()}
@@ -87,30 +87,29 @@ def evaluate(
     Parameters
     ----------
     env_id : str
-        One of `env_ids`, or of an own environment (see `edmsim.envs.register`).
+        One of `env_ids`, or the id of your own environment (see `edmsim.envs.register`).
     controllers : sequence of str, optional
-        See `edmsim.controllers.from_text`, of Part `edmsim.envs.pass_laws.from_text`; `usual` if not given. The
-        task's lines of score 0 and 1 (`edmsim.evaluation.lines`) are run whether named or not, as the others are
-        scaled by them.
+        See `edmsim.controllers.from_text`; for Part `edmsim.envs.pass_laws.from_text`. By default `usual`. The
+        task's references of score 0 and 1 (`edmsim.evaluation.lines`) always run, as they scale the other scores.
     seeds : int, optional
-        Cuts of each controller, 2 or more, with held-back seeds; as many as the environment's benchmark has if not
-        given.
+        Number of held-back seeds, 2 or more: cuts of each controller. By default that of the environment's
+        benchmark.
     resolution : {"fast", "default", "fine"}, optional
-        The environment's if not given.
+        By default the environment's.
     record : path, optional
-        Folder for a recording of every cut, in a folder of its own (`edmsim.evaluation.episode.recording_folder`).
+        Folder for recordings; each cut has its own (`edmsim.evaluation.episode.recording_folder`).
     watch : callable, optional
-        Called with the cuts done and the cuts to do.
+        Called with the number of finished cuts and of all cuts.
 
     Returns
     -------
     Comparison
-        The same for the same arguments, however many cores there are.
+        It depends only on the arguments, not on the number of cores.
 
     Raises
     ------
     InputError
-        An unknown environment, controller or resolution, fewer than 2 seeds, or a folder that cannot be written to.
+        If an environment, controller or resolution is unknown, `seeds` is below 2, or the folder is not writable.
     """
     controllers = usual(env_id) if controllers is None else controllers
     seeds = episodes(env_id) if seeds is None else seeds
@@ -130,7 +129,7 @@ def run(
     env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None,
     watch: Callable[[int, int], None] | None = None, record: Path | None = None, **options: Any,
 ) -> dict[str, list[Result]]:
-    """Make every controller's cuts; see `evaluate` for the arguments, `options` are those of the environment."""
+    """Make every controller's cuts; see `evaluate` for the arguments. `options` go to the environment."""
     # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
 
@@ -149,12 +148,12 @@ def held_back(seeds: int) -> tuple[int, ...]:
 
 
 def usual(env_id: str) -> list[str]:
-    """Return what is compared where nothing is named: the task's classic controllers, and its shipped policies."""
+    """Return the default controllers of a comparison: the task's classic controllers and its shipped policies."""
     return [*lines_of(env_id).compared, *(f"policy:{name}" for name in models.policies(env_id))]
 
 
 def env_ids() -> tuple[str, ...]:
-    """Names of the environments controllers are compared in."""
+    """Return the ids of the benchmark environments."""
     return registered_ids()
 
 
@@ -167,7 +166,7 @@ def check_controllers(controllers: Sequence[str]) -> None:
 
 
 def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None) -> None:
-    """Raise `InputError` for what `evaluate` cannot do."""
+    """Raise `InputError` if `evaluate` cannot use these arguments."""
     if resolution is not None:
         check_resolution(resolution)
     base_of(find(env_id)[0])

@@ -46,36 +46,36 @@ ORACLE = "oracle"  # the reference of a task, whose return is a score of 1: see 
 
 
 class Result(NamedTuple):
-    """What came of an episode.
+    """Result of an episode.
 
     Attributes
     ----------
     seed : int
     controller : str
-        As it was named.
+        Name from the call.
     outcome : str
     time_s, length_mm, area_mm2 : float
-        Machine time; path cut, and its length times the local height.
+        Machine time; length of the path cut, and the area cut (length times local height).
     rate_mm2_min : float
-        Area over time, where every lost wire costs the machine's time for threading another.
+        Area over time; every broken wire adds the machine's threading time.
     total_return : float
         Sum of the environment's rewards; giving up costs as much as the limit it avoids.
     wires_lost : int
-        Wires that broke.
+        Number of wire breaks.
     cost : float
         Sum of the environment's costs.
     short_share, open_share : float
-        Of all pulses.
+        Shares of all pulses.
     error_um : float
-        Root mean square, over the length cut where it counts (`Family.near_corner_um`), of the distance from the
-        path to the wire's true place; NaN where nothing was cut, and of straight cuts.
+        Root mean square distance of the wire from the path, over the length that counts
+        (`Family.near_corner_um`); NaN if nothing was cut, and for straight cuts.
     edge_error_um : float
-        Root mean square of the cut edge's distance from the contour; NaN without a contour, and where the cut did not
-        come that far.
+        Root mean square distance of the cut edge from the contour; NaN without a contour, or if the cut did not
+        reach it.
     hottest_K : float
         Highest wire temperature.
     ra_um : float
-        Roughness of the face; NaN but for finished parts (`edmsim.evaluation.parts`).
+        Roughness of the face; NaN except for finished parts (`edmsim.evaluation.parts`).
     """
 
     seed: int
@@ -102,7 +102,7 @@ class Result(NamedTuple):
 
     @property
     def jammed(self) -> bool:
-        """Whether the wire was driven into the metal for good."""
+        """Whether the wire jammed in the metal."""
         return self.outcome in (JAMMED, STOPPED)
 
 
@@ -114,22 +114,22 @@ def episodes(env_id: str) -> int:
 def cut(
     env_id: str, seed: int, controller: str, resolution: str | None = None, record: Path | None = None, **options: Any
 ) -> Result:
-    """Make one cut; the reference rehearses it with several controllers, and the cut that earns most counts.
+    """Make one cut; the oracle repeats it with several controllers and returns the cut with the highest return.
 
     Parameters
     ----------
     env_id : str
-        Of any environment of edmsim, or an own one.
+        Id of an environment of edmsim, or of your own.
     seed : int
-        Of everything that is drawn.
+        Seed of all random draws.
     controller : str
-        See `edmsim.controllers.from_text`; gains not named are those found by the search.
+        See `edmsim.controllers.from_text`; by default, gains are those that the search found.
     resolution : {"fast", "default", "fine"}, optional
-        Of the plant; the environment's if not given.
+        By default the environment's.
     record : path, optional
-        Where the recordings go: this one's has the folder that `recording_folder` names.
+        Folder of all recordings; `recording_folder` names this cut's.
     **options
-        Arguments of the environment in place of its own.
+        Arguments that override the environment's own.
     """
     if resolution is not None:
         options["resolution"] = resolution

@@ -19,12 +19,12 @@ FORMAT = "edmsim-leaderboard-1"
 
 
 def read(file: Path) -> dict[str, Comparison]:
-    """Return the comparisons of a leaderboard by the ids of their environments; none if there is no file yet.
+    """Return a leaderboard's comparisons by environment id; an empty dict if the file does not exist.
 
     Raises
     ------
     InputError
-        The file is not a leaderboard, or a damaged one.
+        If the file is not a leaderboard, or is damaged.
     """
     if not file.exists():
         return {}
@@ -38,9 +38,9 @@ def read(file: Path) -> dict[str, Comparison]:
 
 
 def write(file: Path, comparisons: Sequence[Comparison]) -> None:
-    """Write comparisons into a leaderboard; of an environment that is there already, the controllers are replaced.
+    """Write comparisons into a leaderboard; a controller's new results replace its old ones.
 
-    A comparison of other seeds or another resolution replaces what is there of its environment.
+    A comparison with other seeds or another resolution replaces all results of its environment.
     """
     board = read(file)
     for made in comparisons:

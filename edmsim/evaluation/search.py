@@ -49,15 +49,15 @@ BOUNDS: dict[str, Ranges] = {
 a gap that closes is not noticed. What is found for `counts` hunts at long periods, so it is not shipped."""
 ENV_IDS = ("edmsim/GapFeed-v2", "edmsim/HeightStep-v2")
 SEEDS = 5
-"""Training seeds of each environment."""
+"""Number of training seeds per environment."""
 POPULATION = 8
 """Gains in a generation of an evolution (ours: five of them take some three minutes a controller on two cores)."""
 
 
 def training_seeds(seed: int, seeds: int = SEEDS) -> range:
-    """Return the seeds that gains are tried on in each environment, the first of which is `seed`.
+    """Return the training seeds of each environment, from `seed` on.
 
-    Raises `InputError` if there are none, or they reach the seeds that are held back.
+    Raises `InputError` if `seeds` is below 1, or the seeds reach the held-back ones.
     """
     if seeds < 1:
         raise InputError(f"{seeds} training seeds judge nothing: give 1 or more")
@@ -79,7 +79,7 @@ def run_all(
 
 
 def score(results: Sequence[Result]) -> float:
-    """Mean return of the cuts; of the oracle's, their mean cutting rate in mm2/min."""
+    """Return the mean return of the cuts; for the oracle their mean cutting rate in mm2/min."""
     if results[0].controller == ORACLE:
         return float(np.mean([result.rate_mm2_min for result in results]))
     return float(np.mean([result.total_return for result in results]))

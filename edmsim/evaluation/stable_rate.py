@@ -30,18 +30,18 @@ Cause = Literal["break", "jam", "generator"]
 
 
 class StablePeriod(NamedTuple):
-    """A step of the search that the cut went through without a break or a jam.
+    """A step of the search in which the wire neither broke nor jammed.
 
     Attributes
     ----------
     t_period_us : float
-        Its pulse period; the on-time stays.
+        Pulse period; the on-time is constant.
     feed_um_s, rate_mm2_min : float
-        Mean feed, and that times the height.
+        Mean feed, and feed times height.
     current_A, power_W : float
-        Mean current and power of sparks and arcs; short-circuit pulses are not in them.
+        Mean current and power of sparks and arcs, without short-circuit pulses.
     windows : int
-        Windows run.
+        Number of windows.
     """
 
     t_period_us: float
@@ -53,18 +53,18 @@ class StablePeriod(NamedTuple):
 
 
 class StableRate(NamedTuple):
-    """The highest cutting rate that a set-up held.
+    """The highest stable cutting rate of a set-up.
 
     Attributes
     ----------
     rate_mm2_min, feed_um_s, current_A, power_W : float
-        At that step, means over the seeds (see `StablePeriod`); 0 where not even the first step was held.
+        Means over the seeds at that step (see `StablePeriod`); 0 if the first step already failed.
     machine : Machine
         The set-up with the period of that step.
     limited_by : {"break", "jam", "generator"}
-        What ended the search, with the seed whose cut came least far.
+        Cause that ended the search for the seed with the fewest stable steps.
     windows : int
-        Windows run in all steps held, of all seeds.
+        Number of windows in all stable steps of all seeds.
     """
 
     rate_mm2_min: float
@@ -89,28 +89,27 @@ def highest_stable_rate(
     longest_period_us: float | None = None, controller: str | None = None, resolution: str = "fast",
     watch: Callable[[int, StablePeriod], None] | None = None,
 ) -> StableRate:
-    """Search the highest cutting rate that a set-up holds in a straight cut without a break and without a jam.
+    """Search the highest cutting rate of a set-up in a straight cut without a wire break or a jam.
 
-    The power is raised at a fixed on-time: the period is shortened by a twentieth after every `hold_s` until the wire
-    breaks, the cut jams, or the generator gives no shorter one. Of the periods that the cuts of all seeds held, the
-    one with the highest mean rate counts.
+    The search raises the power at a fixed on-time. It shortens the period by a twentieth after every `hold_s`, until
+    the wire breaks, the cut jams, or the generator's shortest period is reached. The result is the period with the
+    highest mean rate among those that the cuts of all seeds held.
 
     Parameters
     ----------
     machine : Machine
-        The set-up; its own period is where the search begins only if `longest_period_us` says so.
+        The set-up; the search does not use its period.
     seeds : sequence of int
-        Of the plants, one cut each.
+        Seeds of the plants, one cut each.
     hold_s : float
-        Machine time in s for which a period must be held, above 0.
+        Machine time in s that a cut must last at each period, above 0.
     approach_s : float
-        Machine time in s in which the feed finds its level first.
+        Machine time in s for the feed to settle first.
     longest_period_us : float, optional
-        Period in us the search begins with; by default ten times the generator's shortest for this on-time, or its
-        longest.
+        First period in us; by default ten times the generator's shortest for this on-time, at most its longest.
     controller : str, optional
-        Feed controller (see `edmsim.controllers.from_text`); by default a quick `counts` law that holds a tenth of
-        the pulses open.
+        Feed controller (see `edmsim.controllers.from_text`); by default a quick `counts` law with a tenth of the
+        pulses open.
     resolution : {"fast", "default", "fine"}
     watch : callable, optional
         Called with the seed and the `StablePeriod` of every step.
@@ -122,7 +121,7 @@ def highest_stable_rate(
     Raises
     ------
     InputError
-        No seed, a time that is not above zero, or a period, controller or resolution that cannot be used.
+        If there is no seed, a time is not positive, or a period, controller or resolution is invalid.
 
     Examples
     --------

@@ -59,9 +59,9 @@ def columns(comparison: Comparison) -> list[str]:
 
 
 def render(comparison: Comparison, width: int) -> RenderableType:
-    """Return the table for the screen, the best controller first, and what its columns mean.
+    """Return the table for the terminal, best controller first, and the meaning of its columns.
 
-    A wide terminal gets every figure with its interval, another one the most important figures.
+    A wide terminal shows every figure with its interval, a narrow one only the most important figures.
     """
     from rich.console import Group
     from rich.text import Text

@@ -19,15 +19,15 @@ USUAL_CUTS = 6  # ours: in each of some eight places, and those at finer resolut
 
 
 class Place(NamedTuple):
-    """Where a policy is taken to.
+    """Conditions in which a transfer tests a controller.
 
     Attributes
     ----------
     name : str
-        What the table calls it.
+        Name in the table.
     resolution : {"fast", "default", "fine"}
     options : dict
-        Arguments of the environment that differ.
+        Overrides of the environment's arguments.
     """
 
     name: str
@@ -36,11 +36,11 @@ class Place(NamedTuple):
 
 
 BEYOND = 1.5, 0.5
-"""How far beyond its ranges an environment is taken, in the greatest of them and in the least (ours)."""
+"""Factors on the upper and the lower end of an environment's ranges, for conditions beyond them (ours)."""
 
 
 def places(env_id: str) -> tuple[Place, ...]:
-    """Return finer resolutions, and places beyond the ranges of height and tension, where there are such ranges."""
+    """Return the resolutions, and conditions beyond the ranges of height and tension if there are such ranges."""
     family = make_family(env_id)
     more, less = BEYOND
     found = [
@@ -59,15 +59,15 @@ def places(env_id: str) -> tuple[Place, ...]:
 
 
 class TransferRow(NamedTuple):
-    """What a controller did in a place.
+    """Result of a controller in one of the `places`.
 
     Attributes
     ----------
     place, controller : str
     total_return, rate_mm2_min : Figure
-        Means over the cuts; a lost wire costs the rate the time for threading another.
+        Means over the cuts; in the rate, every broken wire adds the threading time.
     lost : int
-        Wires that broke, and jams.
+        Number of wire breaks and jams.
     """
 
     place: str
@@ -81,7 +81,7 @@ def transfer(
     env_id: str, controllers: Sequence[str], seeds: int = USUAL_CUTS, *,
     watch: Callable[[int, int], None] | None = None,
 ) -> list[TransferRow]:
-    """Have controllers make the same cuts in every one of an environment's `places`.
+    """Compare controllers by the same cuts in each of an environment's `places`.
 
     Parameters
     ----------
@@ -89,14 +89,14 @@ def transfer(
     controllers : sequence of str
         See `edmsim.controllers.from_text`.
     seeds : int
-        Cuts of each controller in each place, 2 or more, with held-back seeds.
+        Number of held-back seeds, 2 or more: cuts of each controller in each place.
     watch : callable, optional
-        Called with the cuts done and the cuts to do.
+        Called with the number of finished cuts and of all cuts.
 
     Raises
     ------
     InputError
-        An unknown environment or controller, or fewer than 2 seeds.
+        If an environment or controller is unknown, or `seeds` is below 2.
     """
     check(env_id, controllers, seeds, None)
     everywhere, each, found = places(env_id), len(controllers) * seeds, []
@@ -126,7 +126,7 @@ def rows_of(moved: Sequence[TransferRow]) -> list[list[str]]:
 
 
 def render(env_id: str, moved: Sequence[TransferRow], seeds: int) -> ScreenTable:
-    """Return the table for the screen."""
+    """Return the table for the terminal."""
     from edmsim.screen import ScreenTable
 
     controllers = [row.controller for row in moved if row.place == moved[0].place]
