@@ -32,7 +32,7 @@ LEAST_REPLICATES = 4
 
 
 class CalibrationProgress(NamedTuple):
-    """How far a calibration is: cuts simulated, and the misfit per degree of freedom last found (NaN: none yet)."""
+    """Progress of a calibration: simulated cuts, and the last misfit per degree of freedom (NaN before the first)."""
 
     cuts: int
     misfit: float

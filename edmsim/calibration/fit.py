@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 DEFAULT_CONSTANTS = ("gap.particle_share", "material.removal_mm3_J", "material.burning_voltage_V")
-"""What is fitted if nothing else is said (ours: the three that every log tells of)."""
+"""Constants that are fitted by default (ours: every log determines these three)."""
 MOST_STRETCHES = 8  # stretches compared; if the log has more, those whose feeds and settings differ most (ours)
 STEP = 0.15
 """Half the difference, in shares of the range, over which sensitivities are taken (ours: well above the noise)."""
@@ -40,7 +40,7 @@ CONFIDENCE = 0.95
 
 
 class FittedConstant(NamedTuple):
-    """One constant: its value, its 95 % interval, and what is to be said of it."""
+    """One fitted constant: its values before and after, 95 % interval, allowed range, and a remark."""
 
     name: str
     before: float
@@ -52,26 +52,26 @@ class FittedConstant(NamedTuple):
 
 @dataclass(frozen=True)
 class Fit:
-    """What came of a calibration.
+    """Result of a calibration.
 
     Attributes
     ----------
     machine : Machine
-        With the fitted constants; its sources are still the old ones.
-    constants : tuple of Fitted
+        Machine with the fitted constants; their source texts are unchanged.
+    constants : tuple of FittedConstant
     undetermined : dict of str to str
-        Constants the log cannot tell, with the reason; they keep their values.
+        Constants that the log does not determine, with the reason; their values are unchanged.
     correlation : float64 array (p, p)
-        Of the fitted constants' errors.
+        Correlation of the fitted constants' errors.
     misfit : float
-        Squared residuals in units of their noise, per degree of freedom: about 1 if the model can do what the
-        machine did. Intervals are widened by its root where it is above 1.
+        Squared residuals in units of their noise, per degree of freedom: about 1 if the model reproduces the log.
+        If it is above 1, its square root widens the intervals.
     stretches : list of Stretch
-        Those compared.
+        Compared stretches of the log.
     simulated : float64 array (stretches, 5)
         `log.STATISTICS` of the fitted model.
     noise : float64 array (stretches, 5)
-        Standard deviation that these less the logged ones have by chance.
+        Standard deviation of simulated less logged statistics by chance.
     """
 
     machine: Machine
@@ -94,22 +94,22 @@ def calibrate(
     ----------
     log : Log
     machine : Machine
-        The set-up of the log; its constants are where the search starts.
+        The set-up of the log; the search starts at its constants.
     only : sequence of str
-        Constants or sections, see `Machine.uncertain`.
+        Constants or sections to fit, see `Machine.uncertain`.
     seed : int
-        Of every simulated cut.
+        Seed of every simulated cut.
     resolution : {"fast", "default", "fine"}, optional
-        Of the simulation; constants belong to it, as shares of short circuits depend on it. By default that of the
-        cut the log is of, or "fast" if the log is of a real machine.
+        Resolution of the simulation. Fitted constants hold only for it, as the share of short circuits depends on
+        it. By default that of a simulated log, or "fast" for a real machine's.
     watch : callable, optional
         Called with the `CalibrationProgress`.
 
     Raises
     ------
     InputError
-        An unknown constant, no steady stretch, a setting that the generator refuses, fewer statistics than constants,
-        or a log that tells none of the constants.
+        If a constant is unknown, the generator refuses a setting, or the log has no steady stretch, has fewer
+        statistics than constants, or determines no constant.
     """
     known = choose(machine, only)
     steady = stretches(log, settle_um(machine))

@@ -49,11 +49,11 @@ class Log:
     Attributes
     ----------
     name : str
-        Of its file.
+        Name of its file.
     columns : mapping of str to float64 array (n,)
-        `COLUMNS`, and `PLACES` if the file has both; ``mean_delay_us`` is NaN where no pulse ignited.
+        `COLUMNS`, and `PLACES` if the file has both; ``mean_delay_us`` is NaN if no pulse ignited.
     settings : CutSettings or None
-        What a simulated cut was made with; None if the file does not say.
+        Settings of a simulated cut; None if the file has none.
     """
 
     name: str
@@ -90,14 +90,14 @@ def read_log(file: str | Path) -> Log:
     Parameters
     ----------
     file : path
-        Parquet, or CSV with a heading, see `COLUMNS`: separated by commas, semicolons or tabs, with a decimal point
+        Parquet, or CSV with a header row of `COLUMNS`: separated by commas, semicolons or tabs, with decimal point
         or comma, in UTF-8 or UTF-16. Or a log of ratios, see `edmsim.calibration.ratios`.
 
     Raises
     ------
     InputError
-        If the file cannot be read, has no rows, lacks a column, or holds what a machine cannot have logged; or the
-        settings in its metadata are not those of a cut.
+        If the file cannot be read, has no rows, lacks a column, or has impossible values; or its metadata are not
+        valid settings of a cut.
     """
     try:
         table = read_table(Path(file), COLUMNS, PLACES)

@@ -42,7 +42,7 @@ def files_of(fit: Fit, out: Path, extra_files: Iterable[str] = ()) -> dict[str, 
 
 
 def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -> dict[str, Path]:
-    """Write the fitted set-up as files of their own; each is replaced whole or not at all.
+    """Write the fitted set-up as new files; each is replaced atomically.
 
     Returns
     -------
@@ -109,13 +109,13 @@ def check_writable(out: Path) -> None:
 
 
 def render(fit: Fit, resolution: str) -> RenderableType:
-    """Return the fit for the terminal: constants, what the log cannot tell, correlations, log beside model.
+    """Return the fit for the terminal: constants, undetermined ones, correlations, log and model.
 
     Parameters
     ----------
     fit : Fit
     resolution : str
-        At which log and model were compared.
+        Resolution of the simulation.
     """
     from rich.console import Group
     from rich.text import Text

@@ -18,26 +18,26 @@ def start_of(log: Log) -> CutSettings:
 
 
 def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
-    """Return the settings to compare a log at, and what the user should know about them.
+    """Return the settings for comparing a log with the model, and notices for the user.
 
     Parameters
     ----------
     log : Log
-    **given
-        Options that the user gives; they hold even where the log says otherwise.
+    **options
+        Options of a cut; they override the log's.
 
     Returns
     -------
     CutSettings
-        The workpiece has one height, the greatest of the cut if none is given.
+        The workpiece has one height, by default the greatest of the cut.
     list of str
-        A line for every option given that the log contradicts, one if the cut's workpiece changed its height, and one
-        for constants given to the cut that are not used, as they were of another machine, material or wire.
+        A line for every option that differs from the log's, one if the workpiece's height changed in the cut, and
+        one for the log's constants that are not used because you name another machine, material or wire.
 
     Raises
     ------
     InputError
-        An option that cannot be used.
+        If an option is invalid.
     """
     start = start_of(log)
     notices = []

@@ -1,4 +1,4 @@
-"""What ``edmsim train`` does: train, export, measure against classic controllers."""
+"""``edmsim train``: train, export, and compare with classic controllers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CURVE_POINTS = 200  # points of the learning curve that is put into words (ours)
 
 
 class TrainOptions(NamedTuple):
-    """Options of a training besides the algorithm."""
+    """Options of a training, except the algorithm."""
 
     settings: Path | None = None  # file of hyperparameters that differ (see `edmsim.learning.hyperparameters.load`)
     residual: str | None = None  # law that the policy adds to
@@ -36,7 +36,7 @@ class TrainOptions(NamedTuple):
     safe: int | None = None  # machines on which what was learned must not earn less than the start
 
     def policy(self) -> Policy | None:
-        """Return the policy that the training begins with."""
+        """Return the policy that the training starts from."""
         return None if self.start is None else policy_file.load(self.start.removeprefix("policy:"))
 
     def words(self) -> str:
@@ -50,7 +50,7 @@ class TrainOptions(NamedTuple):
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:
-        """Return what to train with; the network is the policy's to begin with, unless the settings name one."""
+        """Return the hyperparameters; the network is the starting policy's, unless the settings have one."""
         parameters = hyperparameters.load(env_id, algo, self.settings)
         more: dict[str, Any] = {}
         policy = self.policy()
@@ -73,7 +73,7 @@ def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int,
     options: TrainOptions = TrainOptions(),  # noqa: B008 - it cannot be changed
 ) -> ScreenTable | None:
-    """Train a policy, write ``policy.json`` and ``policy.npz`` into the folder; returns its scores of `episodes`."""
+    """Train a policy, write ``policy.json`` and ``policy.npz`` to `out`, and return its scores over `episodes`."""
     from edmsim.progress import ShownProgress
 
     if episodes < 0 or episodes == 1:
@@ -120,7 +120,7 @@ def run(
 
 
 def _recorders(options: TrainOptions, out: Path) -> list[Any]:
-    """Return what records episodes of the first sub-environment, if that is wanted."""
+    """Return the callback that records episodes of the first sub-environment, if the options request it."""
     if options.record_every is None and not options.live:
         return []
     from edmsim.envs.record_episodes import EVERY, RecordEpisodes

@@ -1,4 +1,4 @@
-"""A policy above a law: now and then it says what heat flux the law holds, and sees what the law measured of it."""
+"""A policy above a law: it sets the heat flux that the law holds, and observes the flux that the law measures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
 MOST = 4.0
-"""Bound of the logarithms of fluxes in an observation (ours: beyond any flux a law holds)."""
+"""Bound of the logarithms of fluxes in an observation (ours: above any flux that a law holds)."""
 BREAK_S = 0.1
 """Time constant of the flux that a break is put down to (ours: a wire breaks some 20 ms after it boils dry)."""
 ENTRIES = tuple(
@@ -40,7 +40,7 @@ def _logarithm(flux: float) -> float:
 
 @dataclass
 class HeldLaw(Snapshots):
-    """The law below a policy, and what the policy is shown of it.
+    """The law below a policy, and the policy's observation of it.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class HeldLaw(Snapshots):
         return self.law.reset(max_feed_um_s)
 
     def update(self, window: WindowObservation) -> FeedCommand:
-        """Let the law decide, and measure its flux."""
+        """Return the law's command, and measure its flux."""
         assert isinstance(self.law.measure, OpenShare)
         if self.target is not None:  # an argument of the law, so no part of its state
             self.law.measure.open_target_share = self.target
@@ -80,13 +80,13 @@ class HeldLaw(Snapshots):
         return command
 
     def wire_lost(self) -> FeedCommand:
-        """Note at which flux the wire broke, and begin with the next."""
+        """Note the flux at which the wire broke, and start with the next wire."""
         self.broke_flux, self.flux = self.flux, 0.0
         self.shown[-1] = _logarithm(self.broke_flux)  # also where it broke as a step ended
         return self.law.wire_lost()
 
     def end_step(self) -> None:
-        """Take what the step showed into the observation, and begin the next."""
+        """Put the step's measurements into the observation, and begin the next step."""
         assert isinstance(self.law.period, HoldHeat)
         mean = self.flux_s / self.step_s if self.step_s else 0.0
         self.shown = np.array([_logarithm(flux) for flux in (self.law.period.hold, mean, self.broke_flux)])
@@ -99,12 +99,12 @@ class HeldLaw(Snapshots):
 
 
 def flux_law(text: str) -> ServoLaw:
-    """Make a law that holds a heat flux and changes it at broken wires only: `heat-flux`, with its parameters.
+    """Make a law that holds a heat flux and changes it only at wire breaks: `heat-flux` with its parameters.
 
     Raises
     ------
     InputError
-        It is another law.
+        If it is another law.
     """
     law = from_text(text) if text.partition(":")[0] == "heat-flux" else None
     if not (isinstance(law, ServoLaw) and type(law.period) is HoldHeat and isinstance(law.gauge, FluxGauge)):

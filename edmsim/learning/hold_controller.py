@@ -1,4 +1,4 @@
-"""A trained policy above a law as a feed controller: the law cuts, and the policy says what heat flux it holds."""
+"""Feed controller of a trained policy above a law: the law cuts, and the policy sets the heat flux that it holds."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from edmsim.machine.machine import Machine
 
 
 class HoldController(PolicyController):
-    """Lets a law cut, and asks a policy after every step of its environment what flux the law is to hold.
+    """Cuts with a law whose heat flux a policy sets after every step of its environment.
 
     Parameters
     ----------
     policy : Policy
-        With a `Card.hold`.
+        A policy with a `Card.hold`.
     """
 
     name: ClassVar[str] = "policy"
@@ -38,17 +38,17 @@ class HoldController(PolicyController):
         self._law_command = FeedCommand(0.0)
 
     def set_up(self, machine: Machine, points_um: NDArray[np.float64], start_um: float) -> None:
-        """Take in the set-up and the path; called before every leg of the cut."""
+        """Set the machine and the path; called before every leg of the cut."""
         super().set_up(machine, points_um, start_um)
         tell(self._below.law, machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
-        """Begin a leg; of it nothing has been seen yet."""
+        """Begin a leg, before its first window."""
         self._law_command = self._below.reset(max_feed_um_s)
         return super().reset(max_feed_um_s)
 
     def update(self, window: WindowObservation) -> FeedCommand:
-        """Return the law's command after what a window showed; where a step is over, the policy decides again."""
+        """Return the law's command after a window; at the end of a step the policy decides."""
         self._look(window)
         self._law_command = self._below.update(window)
         if self._builder.sums[0]["duration_ns"] >= round((self._family.decision_s or 0.0) * 1e9):
@@ -63,7 +63,7 @@ class HoldController(PolicyController):
 
     @property
     def observation(self) -> NDArray[np.float32]:
-        """What the policy is shown: its environment's observation, and the law's fluxes."""
+        """The policy's observation: its environment's, and the law's fluxes."""
         return np.concatenate([super().observation, self._below.shown]).astype(np.float32)
 
     @property
@@ -80,7 +80,7 @@ class HoldController(PolicyController):
         self._below.end_step()
 
     def _decide(self) -> None:
-        """Ask the policy what to hold."""
+        """Let the policy set the flux to hold."""
         action, self._memory = self.policy.act(self.observation, self._memory)
         target = float(servo.target_of(action[0], self._family.servo_target_share))
         self._below.hold(self._hold.flux(float(action[1])), target)
@@ -93,6 +93,6 @@ class HoldController(PolicyController):
 
 
 def from_name(name: str) -> PolicyController:
-    """Make the controller of a policy: of its file, or of a name under ``models/policies``."""
+    """Make the controller of a policy from its file or its name under ``models/policies``."""
     policy = load(name)
     return PolicyController(policy) if policy.card.hold is None else HoldController(policy)

@@ -51,7 +51,7 @@ class TrainingEnvs:
 
 
 def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
-    """Refuse what an algorithm cannot do, before anything is made."""
+    """Raise `InputError` if the algorithm cannot use these hyperparameters."""
     if parameters.privileged_critic and algo not in CRITICS:
         raise InputError(f"{algo} has no critic of its own to be privileged; choose one of {', '.join(CRITICS)}")
     if (parameters.network.lstm is not None) != (algo == "recurrent-ppo"):
@@ -123,7 +123,7 @@ def new(algo: str, vec_env: TrainingEnvs, parameters: Hyperparameters, seed: int
 def load(
     algo: str, vec_env: TrainingEnvs, parameters: Hyperparameters, seed: int, checkpoint: Path
 ) -> tuple[Any, VecNormalize]:
-    """Return the learner of a checkpoint, which goes on with the settings given, and its normalised environments."""
+    """Return a checkpoint's learner, which resumes with `parameters`, and its normalised environments."""
     normalise = VecNormalize.load(str(checkpoint / "normalise.pkl"), vec_env.learned_on)
     normalise.gamma = parameters.algorithm["gamma"]
     kind = KINDS[algo]

@@ -1,7 +1,7 @@
-"""A critic that knows what no machine shows: gap, wire temperature, debris and constants drawn (extra ``rl``).
+"""Privileged critic: observes gap, wire temperature, debris and drawn constants, which no machine measures.
 
-Only the value network is shown it. The policy's features are the same vector with these entries replaced by 0: its
-actions cannot depend on them, and what is exported has no weights for them (Pinto et al., RSS 2018).
+Only the value network gets these entries. In the policy's features they are 0: its actions cannot depend on them,
+and the exported policy has no weights for them (Pinto et al., RSS 2018). It needs the extra ``rl``.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 TRUTHS = ("gap_um", "wire_temperature_K", "debris", "error_um")
-"""Entries of ``info`` that the critic sees, of the last window; the constants that an episode draws come behind."""
+"""Entries of the last window's ``info`` that the critic observes; the episode's drawn constants follow."""
 
 
 # untyped where the extra is missing
 class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Sub-environments whose observations have the truth behind what a machine shows."""
+    """Sub-environments that append the true state to the observations."""
 
     def __init__(self, venv: VecEnv) -> None:
         vec_env: Any = venv.unwrapped
@@ -36,7 +36,7 @@ class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         self._constants = np.zeros((self.num_envs, len(self._names)), np.float32)
 
     def reset(self) -> Any:
-        """Begin episodes; of the gap nothing is known yet."""
+        """Begin episodes, with the state of the gap still unknown."""
         observations = self.venv.reset()
         self._draw(range(self.num_envs))
         return self._with(observations, np.zeros((self.num_envs, len(TRUTHS)), np.float32))
@@ -63,7 +63,7 @@ class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
 
 class VisibleEntries(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore]
-    """The first entries of an observation as they are, and 0 in place of the others."""
+    """The first entries of an observation unchanged, and 0 in place of the others."""
 
     def __init__(self, observation_space: gym.spaces.Box[Any], entries: int) -> None:
         width = int(np.prod(observation_space.shape))

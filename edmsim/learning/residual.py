@@ -1,4 +1,4 @@
-"""Residual policies: a classic law decides the feed, and the policy what is added to it (extra ``rl``)."""
+"""Residual policies: a classic law sets the feed, and the policy adds a correction (extra ``rl``)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from edmsim.learning.policy_file import Residual
 
 # untyped where the extra is missing
 class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Environments whose first action is added to what a law commands in each (Johannink et al., ICRA 2019)."""
+    """Environments whose first action is added to the feed of a law (Johannink et al., ICRA 2019)."""
 
     def __init__(self, venv: EdmVecEnv, residual: Residual) -> None:
         super().__init__(venv)
@@ -30,21 +30,21 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         self._feed_um_s = np.zeros(self.num_envs)
 
     def reset(self) -> Any:
-        """Begin an episode, and the law, in every sub-environment."""
+        """Begin an episode and reset the law in every sub-environment."""
         observations = self.venv.reset()
         for index, law in enumerate(self._laws):
             self._take(index, law.begin())
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Add the actions to what the laws command."""
+        """Add the actions to the laws' commands."""
         total = np.array(actions, np.float32)
         for index, feed_um_s in enumerate(self._feed_um_s):
             total[index, 0] = self.residual.action(self._family, feed_um_s, total[index, 0])
         self.venv.step_async(total)
 
     def step_wait(self) -> Any:
-        """Run a step, which the laws see, and take what they command for the next."""
+        """Run a step, and take the laws' commands for the next one."""
         observations, rewards, done, infos = self.venv.step_wait()
         for index, law in enumerate(self._laws):
             self._take(index, law.begin() if done[index] else law.command())

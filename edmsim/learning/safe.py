@@ -1,4 +1,4 @@
-"""Safe training: what a policy learned since its start counts only where other machines do not earn less by it."""
+"""Safe training: a trained policy replaces its start only if its return on other machines is not lower."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from edmsim.evaluation.parts import cut_part, is_part
 from edmsim.learning.policy_file import locate
 
 FIRST_SEED = HELD_BACK - 100_000
-"""First seed of the machines that a policy is accepted on: not those of comparisons, which must not choose a policy;
-training meets one by chance only, as it draws its seeds from 32 bits."""
+"""First seed of the machines that test a policy: comparisons use others, as their seeds must not choose a policy;
+training, which draws its seeds from 32 bits, meets one only by chance."""
 LEAST_MACHINES = 4
-"""Ours: with fewer, a bootstrap of the machines knows only a handful of means."""
+"""Least number of machines (ours: with fewer, a bootstrap has only a handful of means)."""
 MOST_LOSS_SHARE = 0.02
-"""What the interval of the difference may reach below zero, as a share of what the start earns (ours: a comparison of
-the same policy with itself must pass, one of whose losses nothing is known must not)."""
+"""How far below zero the difference's interval may reach, as a share of the start's return (ours: a policy compared
+with itself must pass; one whose loss is unknown must not)."""
 
 
 class Verdict(NamedTuple):
-    """How a policy compares with its start on the same machines.
+    """Comparison of a policy with its start on the same machines.
 
     Attributes
     ----------
@@ -44,11 +44,11 @@ class Verdict(NamedTuple):
 
     @property
     def accepted(self) -> bool:
-        """Whether the interval's lower end is not below the loss that is allowed."""
+        """Whether the lower end of the interval is within the allowed loss."""
         return bool(self.difference.low >= -MOST_LOSS_SHARE * abs(self.start.value))
 
     def words(self) -> str:
-        """Return it as a line of text."""
+        """Return the verdict as a line of text."""
         value, low, high = self.difference.value, self.difference.low, self.difference.high
         how = "accepted" if self.accepted else "refused"
         return (f"{how}: on {self.machines} other machines it earns {value:+.4g} ({low:+.4g} to {high:+.4g}) "
@@ -56,7 +56,7 @@ class Verdict(NamedTuple):
 
 
 def check(machines: int, start: str | None) -> None:
-    """Refuse too few machines, and a training without a start, before anything is trained."""
+    """Raise `InputError` before the training if there are too few machines, or no start."""
     if machines < LEAST_MACHINES:
         raise InputError(f"{machines} machines tell too little to accept a policy: give {LEAST_MACHINES} or more")
     if start is None:
@@ -64,7 +64,7 @@ def check(machines: int, start: str | None) -> None:
 
 
 def verdict(returns: Sequence[float], start_returns: Sequence[float]) -> Verdict:
-    """Compare returns of a policy with those of its start, machine by machine."""
+    """Compare the returns of a policy and of its start, machine by machine."""
     new, old = np.array(returns, float), np.array(start_returns, float)
     return Verdict(mean(old), mean(new - old), len(new))
 
@@ -80,9 +80,9 @@ def compare(
     policy, start : str
         Controllers, see `edmsim.controllers.from_text`.
     machines : int
-        `LEAST_MACHINES` or more.
+        Number of machines, at least `LEAST_MACHINES`.
     watch : callable, optional
-        Called with a name, and the cuts made and to make.
+        Called with a name, and the number of finished and of all cuts.
     """
     jobs = [(name, FIRST_SEED + k) for k in range(machines) for name in (policy, start)]
     make = partial(cut_part if is_part(env_id) else cut, env_id)
@@ -98,15 +98,15 @@ def compare(
 def accept(
     env_id: str, file: Path, start: str, machines: int, watch: Callable[[str, int, int], None] | None = None
 ) -> Verdict:
-    """Leave a trained policy where it is if it is accepted; otherwise put its start there, and it beside.
+    """Compare a trained policy with its start, and replace it by its start if it is refused.
 
     Parameters
     ----------
     env_id : str
     file : Path
-        The trained policy's ``.json``. A refused one is in ``refused.json`` beside it afterwards.
+        The trained policy's ``.json``; a refused policy moves to ``refused.json`` in the same folder.
     start : str
-        Policy that the training began with, as ``policy:NAME`` or a file of it.
+        Policy that the training started from: ``policy:NAME`` or a file.
     machines, watch
         See `compare`.
     """
