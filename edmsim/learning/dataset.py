@@ -41,14 +41,14 @@ UNFINISHED = "unfinished"
 
 
 class Recorded(NamedTuple):
-    """A data set that was written.
+    """A recorded data set.
 
     Attributes
     ----------
     dataset_id : str
     episodes, steps : int
     breaks : int
-        Episodes in which a wire broke.
+        Number of episodes with a wire break.
     mean_return : float
     """
 
@@ -63,22 +63,22 @@ def record(
     env_id: str, controllers: Sequence[str], steps: int, out: Path, *, seed: int = 0,
     watch: Callable[[str, int, int], None] | None = None,
 ) -> list[Recorded]:
-    """Record whole episodes of controllers until each has made a number of steps.
+    """Record whole episodes of controllers, at least `steps` steps of each.
 
     Parameters
     ----------
     env_id : str
     controllers : sequence of str
-        See `edmsim.controllers.from_text`; each makes a data set ``edmsim/NAME/CONTROLLER-v0``.
+        See `edmsim.controllers.from_text`; each gets a data set ``edmsim/NAME/CONTROLLER-v0``.
     steps : int
-        Least number of steps per controller; the last episode is recorded to its end.
+        Least number of steps per controller; the last episode is complete.
     out : path
-        Folder of the data sets; set ``MINARI_DATASETS_PATH`` to it to read them. An interrupted recording with the
-        same options is resumed.
+        Folder of the data sets; to read them, set ``MINARI_DATASETS_PATH`` to it. The same call resumes an
+        interrupted recording.
     seed : int
-        Seed of the first episode; the next ones count up from it, below the held-back seeds.
+        Seed of the first episode; the next episodes use the next seeds, below the held-back ones.
     watch : callable, optional
-        Called with controller, steps and all steps after every episode.
+        Called with the controller, its steps and all steps after every episode.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def record(
     Raises
     ------
     InputError
-        If an environment or controller is unknown or missing, there are no steps, the folder has another recording,
+        If an environment or controller is unknown or missing, `steps` is below 1, the folder has another recording,
         or Minari is not installed.
     """
     minari = _minari()

@@ -23,22 +23,22 @@ PACKAGES = ("edmsim", "stable-baselines3", "sb3-contrib", "torch", "gymnasium", 
 
 
 def export_sb3(model: Any, vec_env: Any, file: str | Path) -> Policy:
-    """Write the policy of your own learner, with its environments' normalisation, for ``--controller policy:FILE``.
+    """Write your learner's policy and its observation normalisation as files for ``--controller policy:FILE``.
 
     Parameters
     ----------
     model : learner of stable_baselines3 or sb3_contrib
         PPO, SAC, TQC, recurrent PPO, A2C, TRPO, TD3 or DDPG, with ``MlpPolicy`` (``MlpLstmPolicy``) and Tanh or ReLU.
     vec_env : VecEnv
-        Its environments: `edmsim.envs.make_sb3_vec_env`, or a `DummyVecEnv` of environments of edmsim, with or
-        without a `VecNormalize`.
+        Its environments: `edmsim.envs.make_sb3_vec_env`, or a `DummyVecEnv` of edmsim's environments, with or
+        without `VecNormalize`.
     file : path
-        ``NAME.json``; ``NAME.npz`` is written next to it.
+        ``NAME.json``; ``NAME.npz`` goes into the same folder.
 
     Returns
     -------
     Policy
-        The policy as read from the files.
+        The policy, read from the new files.
 
     Raises
     ------

@@ -23,19 +23,19 @@ class _Strict(BaseModel):
 
 
 class Network(_Strict):
-    """The policy's network; the value network is another of the same shape.
+    """The policy's network; the value network has the same shape.
 
     Attributes
     ----------
     widths : list of int
-        Neurons of the hidden layers.
+        Number of neurons of each hidden layer.
     activation : {"tanh", "relu"}
     log_std_init : float, optional
-        PPO: natural logarithm of the noise on the first actions; by default that of stable-baselines3.
+        PPO: natural logarithm of the initial action noise; by default that of stable-baselines3.
     first_action : list of float, optional
-        PPO: the actions (-1..1) around which exploration begins, one per entry; by default 0.
+        PPO: centre of the initial exploration, one action (-1..1) per entry; by default 0.
     lstm : int, optional
-        Recurrent PPO: cells of the LSTM before the hidden layers.
+        Recurrent PPO: number of cells of the LSTM before the hidden layers.
     """
 
     widths: Annotated[list[Annotated[WholeNumber, Field(gt=0)]], Field(min_length=1)]
@@ -46,14 +46,14 @@ class Network(_Strict):
 
 
 class Lagrangian(_Strict):
-    """Costs as part of the reward in Lagrangian PPO (see `edmsim.learning.lagrangian`).
+    """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.lagrangian`).
 
     Attributes
     ----------
     multiplier : float
-        Initial reduction of the reward by a cost of 1.
+        Initial reduction of the reward per unit of cost.
     rate : float
-        Change of the multiplier per rollout and cost above the limit.
+        Change of the multiplier per rollout and unit of cost above the limit.
     """
 
     multiplier: Annotated[Number, Field(ge=0)]
@@ -66,7 +66,7 @@ class Hyperparameters(_Strict):
     Attributes
     ----------
     steps : int
-        Total number of windows, over all sub-environments.
+        Total number of windows of all sub-environments.
     num_envs : int
         Number of sub-environments.
     environment : dict
@@ -75,15 +75,15 @@ class Hyperparameters(_Strict):
         Arguments of stable-baselines3's class.
     network : Network
     lagrangian : Lagrangian, optional
-        Of Lagrangian PPO.
+        Only for Lagrangian PPO.
     residual : str, optional
-        The classic law to which the policy adds (see `edmsim.learning.residual`).
+        Classic law whose feed the policy corrects (see `edmsim.learning.residual`).
     residual_um_s : float
-        Change of that law's feed by an action of 1 (ours: a fifth of a cutting feed; the law keeps control).
+        Change of that feed per action of 1 (ours: a fifth of a cutting feed, which leaves the law in control).
     teacher : str, optional
-        Imitation: the controller to imitate (see `edmsim.learning.imitation`).
+        Imitation: controller to imitate (see `edmsim.learning.imitation`).
     privileged_critic : bool
-        PPO: whether the value network gets the true state (see `edmsim.learning.privileged`).
+        PPO: whether the value network observes the true state (see `edmsim.learning.privileged`).
     """
 
     steps: Annotated[WholeNumber, Field(gt=0)]
@@ -101,19 +101,19 @@ class Hyperparameters(_Strict):
 def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameters:
     """Return the hyperparameters of an environment and an algorithm.
 
-    Your own environment has those of its base class in edmsim; the arguments of its registration stay.
+    Your own environment uses those of its base class in edmsim, and the arguments of its registration.
 
     Parameters
     ----------
     env_id, algo : str
     settings : path, optional
-        A TOML file with overrides: ``steps``, ``num_envs`` and so on, and entries of the tables ``algorithm``,
-        ``environment``, ``network`` and ``lagrangian``; for example the ``best.toml`` of `edmsim tune`.
+        TOML file of overrides, for example ``best.toml`` of `edmsim tune`: ``steps``, ``num_envs`` and so on, and
+        entries of the tables ``algorithm``, ``environment``, ``network`` and ``lagrangian``.
 
     Raises
     ------
     InputError
-        If there is no such environment or algorithm, or the settings cannot be used.
+        If the environment or algorithm is unknown, or the settings are invalid.
     """
     family, registered = find(env_id)
     if algo not in ALGORITHMS:

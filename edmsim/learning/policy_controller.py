@@ -29,12 +29,12 @@ _ONLY = np.zeros(1, np.int64)
 class PolicyController(Snapshots):
     """Runs a trained policy as in its environment.
 
-    If the environment would end the episode because a short lasts, it raises the alarm.
+    It raises the alarm if a short lasts long enough to end an episode of the environment.
 
     Parameters
     ----------
     policy : Policy
-        Of `edmsim.learning.policy_file.load`.
+        See `edmsim.learning.policy_file.load`.
     """
 
     name: ClassVar[str] = "policy"
@@ -60,7 +60,7 @@ class PolicyController(Snapshots):
         self._feed_um_s = self._limit_um_s = self._start_um = self._path_um = 0.0
 
     def set_up(self, machine: Machine, points_um: Floats, start_um: float) -> None:
-        """Take in the set-up and the path; called before every leg of the cut."""
+        """Set the machine and the path; called before every leg of the cut."""
         self._start_um = start_um
         line = Polyline(points_um * 1e-3, closed=False)
         corners = line.corners(CORNER_DEG)
@@ -73,12 +73,12 @@ class PolicyController(Snapshots):
             tell(self._law, machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
-        """Begin a leg; of it nothing has been seen yet.
+        """Begin a leg, before its first window.
 
         Raises
         ------
         InputError
-            If `set_up` was not called before.
+            If `set_up` has not been called.
         """
         if self._machine is None:
             raise InputError("the policy controller needs machine and path: call set_up() before reset()")
@@ -96,7 +96,7 @@ class PolicyController(Snapshots):
         return self._command()
 
     def update(self, window: WindowObservation) -> FeedCommand:
-        """Feed, and setting where the environment has it in its actions, after what a window showed."""
+        """Return the feed after a window, and the setting if it is among the environment's actions."""
         row = self._look(window)
         if abs(window.feed_um_s - self._feed_um_s) > SPEED_UNIT_NM_S * 1e-3:
             self._feed_um_s = window.feed_um_s  # the machine ran another one, at a dwell perhaps: change that
@@ -114,12 +114,12 @@ class PolicyController(Snapshots):
         return self._command()
 
     def _end_step(self) -> None:
-        """Put what the step showed into the observation, and begin the next."""
+        """Put the step's measurements into the observation, and begin the next step."""
         self._builder.end_step(_ONLY)
         self._builder.begin_step(_ONLY)
 
     def wire_lost(self) -> FeedCommand:
-        """Go on with the next wire, which begins at the first setting, as the first one did."""
+        """Continue with the next wire, at the first setting again."""
         row = self._rows[0]
         row["wires_lost"] += 1
         row["shorted_s"] = 0.0
@@ -137,7 +137,7 @@ class PolicyController(Snapshots):
 
     @property
     def observation(self) -> NDArray[np.float32]:
-        """What the policy is shown, as its environment would have it."""
+        """The policy's observation, the same as in its environment."""
         rows = self._builder.observations(self._rows, self._corner_um, self._corner_deg)
         return np.asarray(rows[0], np.float32)
 
@@ -154,7 +154,7 @@ class PolicyController(Snapshots):
         self._machine = self._machine.with_(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _look(self, window: WindowObservation) -> np.void:
-        """Add a window to what the step showed; returns the row that the environment's sub-environment would have."""
+        """Add a window to the step; returns the row that a sub-environment of the environment would have."""
         assert self._machine is not None
         row: np.void = self._rows[0]
         row["travel_um"], self._path_um = window.path_um - self._path_um, window.path_um
@@ -169,7 +169,7 @@ class PolicyController(Snapshots):
         return row
 
     def _respond(self, window: WindowObservation) -> None:
-        """Let the servo answer a window."""
+        """Update the servo with a window."""
         short, open_ = (np.array([count / WINDOW_PULSES]) for count in (window.short, window.open))
         servo.respond(
             _ONLY, self._servo, short, open_, np.array([window.duration_s]), self._limit_um_s,
@@ -177,7 +177,7 @@ class PolicyController(Snapshots):
         )
 
     def _decide(self) -> None:
-        """Ask the policy, and take up what it wants."""
+        """Evaluate the policy, and apply its action."""
         assert self._machine is not None
         action, self._memory = self.policy.act(self.observation, self._memory)
         if self.policy.card.residual is not None:
@@ -193,7 +193,7 @@ class PolicyController(Snapshots):
             self._rows[0]["offset_um"] = float(np.float32(action[-1])) * self._family.offset_um
 
     def _command(self) -> FeedCommand:
-        """Return the feed in force, and the setting where the policy turns knobs."""
+        """Return the feed in force, and the setting if the policy changes it."""
         if self._family.action == "servo":
             self._feed_um_s = float(self._servo["feed_um_s"][0])
         command = FeedCommand(self._feed_um_s, offset_um=float(self._rows[0]["offset_um"]))
@@ -203,7 +203,7 @@ class PolicyController(Snapshots):
         return command._replace(t_on_us=t_on_us, t_period_us=t_period_us)
 
     def _turn(self, requested_us: tuple[float, float]) -> None:
-        """Take the setting that the environment would take; what the generator refuses is not even asked for."""
+        """Apply the setting as the environment would; settings that the generator refuses are not requested."""
         assert self._machine is not None
         detents = self._family.detents_us
         rounded = to_detents(*requested_us, detents)

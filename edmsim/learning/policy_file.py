@@ -49,7 +49,7 @@ class ObservedEntry(_Strict):
     name, meaning : str
         See `edmsim.envs.observation`.
     mean, variance : float
-        Its normalisation.
+        Statistics for its normalisation.
     """
 
     name: str
@@ -59,26 +59,26 @@ class ObservedEntry(_Strict):
 
 
 class Residual(_Strict):
-    """A classic law to whose feed a policy's first action is added.
+    """A classic law; the policy's first action is added to its feed.
 
     Attributes
     ----------
     law : str
         See `edmsim.controllers.from_text`.
     range_um_s : float
-        Change of the feed by an action of 1, um/s.
+        Change of the feed per action of 1, um/s.
     """
 
     law: str
     range_um_s: Annotated[FiniteFloat, Field(gt=0)]
 
     def make(self) -> FeedController:
-        """Return the law, which must be one of edmsim's own: a policy file runs nobody's code.
+        """Return the law, which must be edmsim's: a policy file never runs other code.
 
         Raises
         ------
         InputError
-            The name is unknown, or the law sees what no machine shows.
+            If the name is unknown, or the law observes what no machine measures.
         """
         known = self.law.partition(":")[0] in names() and user_code.named(self.law) is None
         law = from_text(self.law) if known else None
@@ -87,7 +87,7 @@ class Residual(_Strict):
         return law
 
     def action(self, family: Family, law_um_s: float, correction: float) -> np.float32:
-        """Return what an environment with ``action="speed"`` is given: the law's feed, and what is added to it."""
+        """Return the action for an environment with ``action="speed"``: the law's feed plus the correction."""
         added_um_s = min(max(float(correction), -1.0), 1.0) * self.range_um_s
         return np.float32(min(max((law_um_s + added_um_s) / family.max_feed_um_s, -1.0), 1.0))
 
@@ -120,39 +120,39 @@ class Card(_Strict):
     format : str
         `FORMAT`.
     env_id : str
-        The environment it was trained in, or the present version of that.
+        Environment of the training, or its present version.
     environment : dict
-        That environment's arguments.
+        Arguments of that environment.
     observation : list of ObservedEntry
-        The network's inputs, in order: (entry - mean) / sqrt(variance + `epsilon`), clipped to `clip` either way.
+        The network's inputs, in order: (entry - mean) / sqrt(variance + `epsilon`), clipped to -`clip`..`clip`.
     epsilon, clip : float
     action : list of str
         The network's outputs, in order; 1 and -1 are the ends of the action space.
     widths : list of int
-        Neurons of the hidden layers; there may be none.
+        Number of neurons of each hidden layer; may be empty.
     activation : {"tanh", "relu"}
-        Of the hidden layers.
+        Activation of the hidden layers.
     lstm : int, optional
-        Cells of an LSTM before the hidden layers; by default no LSTM.
+        Number of cells of an LSTM before the hidden layers; by default no LSTM.
     residual : Residual, optional
-        The law to which the first action is added; by default the action is the environment's.
+        Law to whose feed the first action is added; by default the action is the environment's.
     hold : Hold, optional
-        The law whose flux the action sets, in place of the environment's actions; decisions are the environment's.
+        Law whose flux the action sets, in place of the environment's actions; the times of decisions do not change.
     output : {"clip", "tanh"}
         Function that limits the outputs to -1..1.
     arrays_sha256 : str
         Hash of ``NAME.npz``.
     algorithm : str
     command : str
-        The command of the training.
+        Command of the training.
     trained_in : str, optional
-        The version it was trained in, if it has been withdrawn since; by default `env_id`.
+        Environment version of the training, if it has been withdrawn since; by default `env_id`.
     seed : int or None
-        None if the learner had none.
+        None if the learner had no seed.
     steps : int
     versions : dict
     scores : list of dict
-        Its scores, with those of a classic controller.
+        Scores of the policy and of a classic controller.
     """
 
     format: Literal["edmsim-policy-1"]
@@ -179,7 +179,7 @@ class Card(_Strict):
 
 
 class Lstm(NamedTuple):
-    """Weights of an LSTM, its four gates side by side: input, forget, cell, output (Hochreiter and Schmidhuber 1997).
+    """Weights of an LSTM; columns are its gates input, forget, cell, output (Hochreiter and Schmidhuber 1997).
 
     Attributes
     ----------
@@ -193,7 +193,7 @@ class Lstm(NamedTuple):
     bias: Floats
 
     def after(self, observation: Floats, memory: Floats) -> Floats:
-        """Return the memory (2, cells), its output and its cells, after an observation (inputs,)."""
+        """Return the memory (2, cells), output and cell state, after an observation (inputs,)."""
         gates = observation @ self.input_weights + memory[0] @ self.memory_weights + self.bias
         let_in, forget, cell, put_out = np.split(gates, 4)
         cells = _sigmoid(forget) * memory[1] + _sigmoid(let_in) * np.tanh(cell)
@@ -214,7 +214,7 @@ class Policy:
     weights : tuple of float array (inputs, outputs)
     biases : tuple of float array (outputs,)
     lstm : Lstm or None
-        The LSTM before the layers; None if the policy has none.
+        LSTM before the layers; None if the policy has no LSTM.
     """
 
     card: Card
@@ -229,21 +229,21 @@ class Policy:
         return np.array([e.mean for e in entries]), np.sqrt([e.variance + self.card.epsilon for e in entries])
 
     def fresh_memory(self) -> Floats:
-        """Return the memory (2, cells) that an episode begins with; without cells where there is no LSTM."""
+        """Return the memory (2, cells) at the start of an episode; without an LSTM, `cells` is 0."""
         return np.zeros((2, self.card.lstm or 0))
 
     def action(self, observation: NDArray[Any]) -> Floats:
-        """Return the action (k,) within -1..1 for the first observation (n,) of an episode, the same for the same."""
+        """Return the action (k,) within -1..1 for an episode's first observation (n,); it is deterministic."""
         return self.act(observation, self.fresh_memory())[0]
 
     def act(self, observation: NDArray[Any], memory: Floats) -> tuple[Floats, Floats]:
-        """Return the action (k,) within -1..1 for an observation (n,) of the environment, and the memory after it.
+        """Return the action (k,) within -1..1 for an observation (n,) of the environment, and the new memory.
 
         Parameters
         ----------
         observation : (n,)
         memory : float array (2, cells)
-            What the last call returned; `fresh_memory` at an episode's begin.
+            Memory from the last call; `fresh_memory` at the start of an episode.
         """
         card = self.card
         mean, scale = self._normal
@@ -259,11 +259,11 @@ class Policy:
         return (np.tanh(layer) if card.output == "tanh" else np.clip(layer, -1.0, 1.0)), memory
 
     def arguments(self) -> EnvArguments:
-        """Return what the environment was made with, also that of Part."""
+        """Return the environment's arguments, also for Part."""
         return arguments_with(self.card.env_id, **self.card.environment)
 
     def family(self) -> Family:
-        """Return what the environment of windows was made with; its observations and actions are the policy's."""
+        """Return the family of an environment of windows; it defines the policy's observations and actions."""
         return make_family(self.card.env_id, **self.card.environment)
 
 
@@ -299,28 +299,28 @@ def write_hold(
     lstm: tuple[Floats, Floats, Floats] | None, weights: list[Floats], biases: list[Floats], algorithm: str,
     command: str, seed: int, steps: int, activation: Literal["tanh", "relu"] = "tanh",
 ) -> Policy:
-    """Write a policy of your own learner that says what heat flux a law holds; returns it as it is read again.
+    """Write your learner's policy that sets the heat flux of a law; return the policy, read from the new files.
 
     Parameters
     ----------
     file : Path
-        ``NAME.json``; ``NAME.npz`` comes beside it.
+        ``NAME.json``; ``NAME.npz`` goes into the same folder.
     env_id, environment
-        The environment whose observations and decisions these are, and its arguments.
+        Environment that defines the observations and the times of decisions, and its arguments.
     hold : Hold
     mean, variance : (entries,)
-        Of the environment's entries, and of those of `edmsim.learning.held`.
+        Statistics of the environment's entries, then of those of `edmsim.learning.held`.
     lstm : tuple of arrays or None
         See `Lstm`.
     weights, biases : list of arrays
-        Of the layers behind it; the last one's outputs are the servo's target and the hold, each -1 to 1.
+        Of the layers after it; the last outputs are the servo's target and the hold, each -1 to 1.
     algorithm, command, seed, steps, activation
         See `Card`.
 
     Raises
     ------
     InputError
-        The parts do not fit each other.
+        If the parts do not fit each other.
     """
     entries = [*arguments_with(env_id, **environment).entries(), *held.ENTRIES]
     memory = None if lstm is None else Lstm(*lstm)
@@ -363,12 +363,12 @@ def load(name: str, env_id: str | None = None) -> Policy:
     name : str
         Either of its files, or a name under ``models/policies``.
     env_id : str, optional
-        The environment it must have been trained in; any of edmsim's if not given.
+        Environment of its training; by default any of edmsim's.
 
     Raises
     ------
     InputError
-        If there is none, it is damaged, or it belongs to another environment.
+        If the policy is not found, is damaged, or belongs to another environment.
     """
     file = locate(name)
     try:

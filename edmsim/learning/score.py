@@ -46,22 +46,22 @@ def _is_shift(env_id: str) -> bool:
 
 
 class Score(NamedTuple):
-    """Means over episodes; counts over all of them.
+    """Means and counts over episodes.
 
     Attributes
     ----------
     controller, resolution : str
     seeds : int
     mean_return, return_error : float
-        Mean of the returns, and its standard error.
+        Mean return, and its standard error.
     rate_mm2_min : float
         Area cut over machine time.
     error_um : float or None
-        Path error, see `edmsim.evaluation.episode.Result`; of parts that of the edge; None in straight cuts.
+        Path error (see `edmsim.evaluation.episode.Result`); for parts the edge error; None for straight cuts.
     time_s : float
-        Machine time of an episode.
+        Mean machine time of an episode.
     breaks, limits : int
-        Episodes that ended by a broken wire, or by a short that stayed and the like.
+        Number of episodes that ended by a wire break, or by another limit such as a persistent short.
     """
 
     controller: str
@@ -80,7 +80,7 @@ def measure(
     env_id: str, policy: str, episodes: int, watch: Callable[[str, int, int], None] | None = None,
     resolutions: Sequence[str] = (),
 ) -> list[Score]:
-    """Return the scores of a policy and of its rivals at some resolutions, all by default; of parts at ``fast``.
+    """Return the scores of a policy and its rivals at `resolutions`: by default all, for parts ``fast``.
 
     Parameters
     ----------
@@ -88,14 +88,14 @@ def measure(
     policy : str
         Either of its files, or a name under ``models/policies``.
     episodes : int
-        2 or more.
+        Number of episodes, 2 or more.
     watch : callable, optional
-        Called with a resolution, and the episodes cut and to cut at it.
+        Called with a resolution, and its number of finished and of all episodes.
 
     Raises
     ------
     InputError
-        Fewer than 2 episodes.
+        If `episodes` is below 2.
     """
     if episodes < 2:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more")
@@ -109,7 +109,7 @@ def measure(
 
 
 def score(results: Sequence[Result], resolution: str) -> Score:
-    """Sum up a controller's cuts."""
+    """Return the score of a controller's cuts."""
     returns = np.array([result.total_return for result in results])
     known = [(r.error_um if np.isfinite(r.error_um) else r.edge_error_um) for r in results]
     errors = [error for error in known if np.isfinite(error)]

@@ -19,21 +19,21 @@ SCALES = (
 
 
 def start_sb3(model: Any, vec_env: Any, policy: str | Policy) -> None:
-    """Let a learner's first policy be one from a file; critics and noise stay as the learner has them.
+    """Set a learner's policy to one from a file; its critics and noise do not change.
 
     Parameters
     ----------
     model : learner of stable_baselines3 or sb3_contrib
-        Of a kind that `export_sb3` takes.
+        A class that `export_sb3` accepts.
     vec_env : VecEnv
-        What it learns on, in a `VecNormalize`, which takes the policy's statistics and goes on from them.
+        Its environments in a `VecNormalize`, which starts from the policy's statistics and updates them.
     policy : str or Policy
-        Either of its files, or a name under ``models/policies``, with ``policy:`` before it or not.
+        Either of its files, or a name under ``models/policies``; the prefix ``policy:`` is optional.
 
     Raises
     ------
     InputError
-        The policy sees, does or is something else than the learner.
+        If the policy's observations, actions or network differ from the learner's.
 
     Examples
     --------

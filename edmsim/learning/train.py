@@ -33,14 +33,14 @@ CHECKPOINTS = 20  # checkpoints over a whole training (ours: at most a twentieth
 
 
 class TrainingProgress(NamedTuple):
-    """How far a training is.
+    """Progress of a training.
 
     Attributes
     ----------
     steps, total : int
-        Windows so far, and in all.
+        Number of finished windows, and of all.
     mean_return : float
-        Of the last hundred episodes; NaN before the first has ended.
+        Mean of the last hundred episodes; NaN before the first ends.
     """
 
     steps: int
@@ -50,7 +50,7 @@ class TrainingProgress(NamedTuple):
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """What a training is of; a checkpoint goes on only with the same.
+    """Identity of a training; to resume a checkpoint, only `steps` may differ.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class TrainingRun:
 
 
 class Trained(NamedTuple):
-    """What a training leaves.
+    """Result of a training.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Trained(NamedTuple):
     hyperparameters : Hyperparameters
     model : learner of stable_baselines3 or sb3_contrib
     normalise : stable_baselines3 VecNormalize
-        With the statistics the policy's observations are normalised with.
+        Environments with the statistics of the policy's observations.
     vec_env : edmsim.learning.learners.TrainingEnvs
     """
 
@@ -94,35 +94,35 @@ def train(
     Parameters
     ----------
     env_id : str
-        ``"edmsim/GapFeed-v2"`` and so on, or of an own environment (see `edmsim.envs.register`).
+        ``"edmsim/GapFeed-v2"`` and so on, or your own environment (see `edmsim.envs.register`).
     algo : {"ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo"}
     out : Path
-        Folder for ``tensorboard/`` and the checkpoint. Checkpoints are stable-baselines3's own, pickles among them:
-        resume only folders you trust.
+        Folder for ``tensorboard/`` and the checkpoint. Checkpoints of stable-baselines3 contain pickles: resume
+        only folders that you trust.
     steps : int, optional
-        Windows in all; those of the hyperparameters if not given.
+        Total number of windows; by default that of the hyperparameters.
     seed : int
-        Same seed, same policy on the same kind of processor, if the training was not interrupted: where it was,
-        the sub-environments begin new episodes.
+        The same seed gives the same policy on the same kind of processor if the training was not interrupted; a
+        resumed training starts new episodes.
     resume : bool
-        Go on from the folder's last checkpoint, with its hyperparameters.
+        Whether to resume the folder's last checkpoint, with its hyperparameters.
     watch : callable, optional
         Called with a `TrainingProgress` after every step of all sub-environments.
     parameters : Hyperparameters, optional
-        What to train with; that of ``models/training`` by default.
+        By default those of ``models/training``.
     callbacks : sequence of BaseCallback
-        What else stable-baselines3 calls, as `edmsim.envs.RecordEpisodes`.
+        Further callbacks of stable-baselines3, for example `edmsim.envs.RecordEpisodes`.
     begin_from : Path or Policy, optional
-        What to begin from in place of a learner that knows nothing. A policy file's network and normalisation
-        (see `edmsim.learning.start_sb3`); or a checkpoint, whose steps `steps` counts. That may be of a training with
-        another seed or other settings: `given` is what it goes on with. Trust it, too.
+        Start of the training in place of an untrained learner: a policy, for its network and normalisation (see
+        `edmsim.learning.start_sb3`), or the folder of a trusted checkpoint, also of another seed or with other
+        settings. `steps` includes the checkpoint's steps; the training continues with `parameters`.
 
     Raises
     ------
     InputError
-        An argument that cannot be used, or no checkpoint to go on from.
+        If an argument is invalid, or there is no checkpoint to resume.
     KeyboardInterrupt
-        After a checkpoint was written.
+        If interrupted, after saving a checkpoint.
     """
     parameters = parameters or hyperparameters.load(env_id, algo)
     stand_in(*find(env_id))  # refuses an environment of which no policy file could be written

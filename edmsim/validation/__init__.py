@@ -1,4 +1,4 @@
-"""Validation: published facts beside what the plant does, a row each."""
+"""Validation: compare the plant with published facts, one row per fact."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ MODULES = (
 )
 """Modules of this package that have ``CHECKS``; topics come in the order in which these first name them."""
 SEEDS = tuple(range(1, 9))
-"""Seeds every check gets (ours: shorts come in bursts, and half as many leave intervals as large as many effects)."""
+"""Seeds of every check (ours: shorts come in bursts, and with half as many seeds intervals hide many effects)."""
 
 Watch = Callable[[int, int], None]
 
 
 def checks(modules: Sequence[str] = MODULES) -> list[Check]:
-    """Return the checks of some of `MODULES`; of all if none is named.
+    """Return the checks of some of `MODULES`, by default of all.
 
     Raises
     ------
     InputError
-        If there is no such module.
+        If a module is unknown.
     """
     for name in modules:
         if name not in MODULES:
@@ -35,21 +35,21 @@ def checks(modules: Sequence[str] = MODULES) -> list[Check]:
 
 
 def run(watch: Watch | None = None, modules: Sequence[str] = MODULES) -> list[Row]:
-    """Run checks, as many at a time as there are processors, and return their rows in a fixed order.
+    """Run checks in parallel, one per processor, and return their rows in a fixed order.
 
-    What a check returns depends on its seeds alone.
+    The rows of a check depend only on its seeds.
 
     Parameters
     ----------
     watch : callable, optional
-        Called with the checks done and their number after each.
+        Called after each check with the number of finished checks and of all.
     modules : sequence of str
-        Those of `MODULES` to run.
+        Names out of `MODULES`.
 
     Raises
     ------
     InputError
-        If there is no such module.
+        If a module is unknown.
     """
     rows = [row for found in in_threads(lambda check: check(SEEDS), checks(modules), watch) for row in found]
     topics = list(dict.fromkeys(row.topic for row in rows))

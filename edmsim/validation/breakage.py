@@ -103,7 +103,7 @@ def stable_point(seeds: Sequence[int]) -> list[Row]:
     return [
         Row.band("rupture", "mean current at the limit, 80 mm, 0.3 mm wire", SATO, low=stable_A, high=broke_A,
                  simulated=mean, uncertainty=half, unit="A", note=f"{PAGE}#wire-rupture")
-        .calibration("wire_heat_share, turbulence and wake_mm were set within their ranges with this limit in view"),
+        .calibration("wire_heat_share, turbulence and wake_mm were set within their ranges to match this limit"),
         *(_changed(name, changes, seeds) for name, changes in HANGS_ON.items()),
     ]
 

@@ -23,7 +23,7 @@ KERF = "kerf = wire + 2 side gaps (SPARC)"
 SIDE_GAP = "usual side gap of rough cuts"
 FRONT_GAP = "usual frontal gap"
 EXPOSURE = "a wall ignites for as long as it faces the wire (derived)"
-EXPONENT = "the exponent of removal over the on-time was set with this mass balance in view"
+EXPONENT = "the exponent of removal over the on-time was set to match this mass balance"
 PAGE = "docs/theory/emergence.md"
 
 

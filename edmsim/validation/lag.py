@@ -80,8 +80,8 @@ def rough_lag(seeds: Sequence[int]) -> list[Row]:
         _usual("lag of a rough cut in austenitic steel, 30 mm", pushed),
         Row.band("vibration", "rms vibration of a rough cut, 30 mm", STILLNESS, high=10.0, simulated=shaken,
                  uncertainty=half_shaken, unit="um", note=f"{PAGE}#vibration")
-        .calibration("bubble_share, 0.01 to 0.1 by its derivation, was set to 0.02 with this vibration, and with the "
-                     "60 000 discharges per second of Sato's stable cutting, in view"),
+        .calibration("bubble_share, 0.01 to 0.1 by its derivation, was set to 0.02 to fit this vibration and the "
+                     "60 000 discharges per second of Sato's stable cutting"),
         Row.value("lag", "deflection of a rough cut in austenitic steel, tension x1.4 over x1", STRING,
                   published=1 / TAUTER, simulated=ratio, within=0.15, uncertainty=half_ratio, note=note),
         Row.sign("lag", "lag of a rough cut in austenitic steel, 30 to 60 mm high", STRING, rises=True,

@@ -18,36 +18,36 @@ Kind = Literal["judged", "calibration", "context"]
 
 @dataclass(frozen=True)
 class Row:
-    """One published fact beside its simulated counterpart.
+    """One published fact and its simulated counterpart.
 
-    Build it with `Row.value`, `Row.band` or `Row.sign`, which decide `passed`, or with `Row.report`.
+    Build it with `Row.value`, `Row.band` or `Row.sign`, which set `passed`, or with `Row.report`.
 
     Attributes
     ----------
     topic : str
-        What it belongs to: "ignition", "crater", "wire", "pulse ratios", ...
+        Topic: "ignition", "crater", "wire", "pulse ratios", ...
     name : str
-        What is compared: "median delay at 20 um".
+        Name of the compared quantity: "median delay at 20 um".
     source : str
         Citation of the published fact.
     published : str
-        Published value, band or sign as text with its unit: "132 us", "10..60 mm2/min", "falls".
+        Published value, band or sign as text with unit: "132 us", "10..60 mm2/min", "falls".
     simulated : float
         Central value; for a sign the difference (changed minus base).
     uncertainty : float
-        Half width of the 95 % interval over seeds or draws; 0 where exact.
+        Half width of the 95 % interval over seeds or draws; 0 if exact.
     unit : str
         Unit of `simulated` and `uncertainty`.
     tolerance : str
-        What counts as agreement, in words.
+        Criterion of agreement, as text.
     passed : bool
     note : str
-        Where the theory pages explain a failure: "docs/theory/breakdown.md#two-regimes". A row that fails
-        without one is unexpected.
+        Page that explains a failure: "docs/theory/breakdown.md#two-regimes". A row that fails without a note is
+        unexpected.
     kind : {"judged", "calibration", "context"}
-        Whether it counts as agreement or failure: only a judged row does.
+        Only a judged row counts as agreement or failure.
     reason : str
-        Why a row that is not judged does not count.
+        Reason why a row of another kind does not count.
     """
 
     topic: str
@@ -65,22 +65,22 @@ class Row:
 
     @property
     def unexpected(self) -> bool:
-        """Whether the row counts, fails, and no page says why."""
+        """Whether the row is judged, fails, and has no note."""
         return self.kind == "judged" and not self.passed and not self.note
 
     def calibration(self, constant: str) -> Row:
-        """Return the row as one that does not count, since a constant was chosen with its fact in view."""
+        """Return the row as one that does not count, as a constant was chosen to match its fact."""
         return replace(self, kind="calibration", reason=constant)
 
     def context(self, reason: str) -> Row:
-        """Return the row as one that does not count, for a reason that lies in its source."""
+        """Return the row as one that does not count, for a reason in its source."""
         return replace(self, kind="context", reason=reason)
 
     @classmethod
     def report(
         cls, topic: str, name: str, reason: str, *, simulated: float, uncertainty: float = 0.0, unit: str = ""
     ) -> Row:
-        """State what the model does where no published figure was found: context, with that as its reason."""
+        """Return a simulated figure without a published one, as context; `reason` says why there is none."""
         return cls(
             topic, name, "", "nothing found in print", float(simulated), float(uncertainty), unit, "none asked for",
             True, kind="context", reason=reason,
@@ -93,12 +93,12 @@ class Row:
     ) -> Row:
         """Compare with a published value.
 
-        Passes if the central value lies within the tolerance and the interval is no wider than it.
+        It passes if the central value is within the tolerance and the interval is no wider than that.
 
         Parameters
         ----------
         published : float
-            Not zero, in `unit`.
+            Published value in `unit`, not zero.
         within : float
             Tolerance as a share of the published value: 0.05 is "within 5 %".
         """
@@ -114,14 +114,14 @@ class Row:
         cls, topic: str, name: str, source: str, *, simulated: float, low: float = -math.inf, high: float = math.inf,
         published: str = "", uncertainty: float = 0.0, unit: str = "", note: str = "",
     ) -> Row:
-        """Compare with a published band: passes if the central value lies in ``low..high``.
+        """Compare with a published band; passes if the central value is in ``low..high``.
 
         Parameters
         ----------
         low, high : float
-            Bounds, included; leave one out where only the other was published.
+            Inclusive bounds; leave one out if only the other is published.
         published : str, optional
-            Text in place of the band, where the band itself is ours.
+            Text in place of the band, if the band is our assumption.
         """
         if math.isinf(low):
             words, allowed = f"at most {_text(high, unit)}", f"<= {_text(high, unit)}"
@@ -139,16 +139,16 @@ class Row:
         cls, topic: str, name: str, source: str, *, rises: bool, simulated: float, uncertainty: float,
         published: str = "", unit: str = "", note: str = "",
     ) -> Row:
-        """Compare with a published sign: passes only if the whole interval lies on its side of zero.
+        """Compare with a published sign; passes only if the whole interval is on that side of zero.
 
         Parameters
         ----------
         rises : bool
-            Whether the quantity rises, by what was published, when the named thing changes.
+            Whether the published quantity rises with the change that the name describes.
         simulated : float
             Difference, changed minus base.
         published : str, optional
-            Text in place of "rises" or "falls", where the sign is that of the quantity itself.
+            Text in place of "rises" or "falls", if the sign is the quantity's own.
         """
         passed = simulated - uncertainty > 0 if rises else simulated + uncertainty < 0
         return cls(
@@ -158,7 +158,7 @@ class Row:
 
 
 Check = Callable[[Sequence[int]], list[Row]]
-"""Simulates something with some seeds and returns its rows: the same seeds, the same rows."""
+"""Simulates with some seeds and returns rows; the same seeds give the same rows."""
 
 
 def mean_and_interval(values: Sequence[float]) -> tuple[float, float]:
