@@ -103,7 +103,7 @@ class _Worker:
         self._thread.start()
 
     def give(self, job: Any) -> None:
-        """Let the process do a job."""
+        """Run a job in the process."""
         self.busy = True
         self._jobs.put((job,))
 

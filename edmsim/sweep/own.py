@@ -1,8 +1,8 @@
 """Search of the settings of a user's own controller: what ``edmsim tune own FILE.py:CLASS`` does.
 
-A firmware has dozens of settings that are tuned by trial on the machine. Here they are tried on machines drawn within
-the ranges of what is not known of a gap; what is chosen does well on the worst of them, and is tried once more on
-others, which it has not been chosen by.
+Firmware has dozens of settings that users tune by trial on the machine. The search tries them on machines drawn
+within the ranges of the gap's uncertain constants. It chooses settings that do well on the worst machines, and tests
+them once more on other machines.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def tune_own(
 
 
 def bounds_of(own: str) -> dict[str, Bound]:
-    """Return what a user's class says is searched of it, and where; refused in one line if it says nothing of use."""
+    """Return the bounds of the settings that a user's class searches; raise `InputError` if they are invalid."""
     own_class = named(own)
     assert own_class is not None
     kind = vars(run(own_class.file))[own_class.name]

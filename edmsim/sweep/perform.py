@@ -62,7 +62,7 @@ def lost(run: SweepRun, why: str) -> Outcome:
 
 
 def blank(run: SweepRun) -> dict[str, Any]:
-    """Return the row of a run of which nothing is known but what it is."""
+    """Return the row of a run without results."""
     settings = dict(run.settings)
     constants = dict(settings.pop("constants", ()))
     return {
@@ -74,7 +74,7 @@ def blank(run: SweepRun) -> dict[str, Any]:
 
 
 def said(error: Exception) -> str:
-    """Return an error in one line; one that nobody meant with the place where it arose."""
+    """Return an error as one line; an unexpected one with the place where it arose."""
     if isinstance(error, EdmsimError):
         return " ".join(str(error).split())
     frames = traceback.extract_tb(error.__traceback__)
@@ -104,7 +104,7 @@ def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:
 
 
 def _drawn(run: SweepRun, sample: int) -> dict[str, float]:
-    """Return the constants of a drawn machine; the same draw for every setting, so that settings compare."""
+    """Return the constants of a drawn machine; every setting gets the same draw, for comparison."""
     from edmsim.job.settings import CutSettings
     from edmsim.machine.ranges import choose
 

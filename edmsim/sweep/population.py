@@ -1,9 +1,8 @@
 """Population-based training on a Ray cluster (extras ``cluster``, ``rl``, ``tune``): ``edmsim tune population``.
 
-Learners train side by side, generation by generation. After each, those worth least go on from the checkpoint of one
-of the best (exploit), with its settings moved a little or drawn again (explore): Jaderberg et al. 2017,
-arXiv:1711.09846, by Ray Tune's `PopulationBasedTraining`. So the settings that are found are a schedule, and what is
-kept is the policy.
+Learners train in parallel, generation by generation. After each generation, the worst learners resume from the
+checkpoint of one of the best (exploit), with its settings changed a little or drawn again (explore): Jaderberg et al.
+2017, arXiv:1711.09846, by Ray Tune's `PopulationBasedTraining`. The result is a policy and a schedule of settings.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ _CHECKPOINTS = 3
 
 @dataclass(frozen=True)
 class Plan:
-    """What a population is of; a folder goes on only with the same."""
+    """Identity of a population; a folder resumes only the same."""
 
     env_id: str
     algo: str
@@ -139,7 +138,7 @@ def _same_plan(folder: Path, plan: Plan) -> None:
 
 
 def _run(folder: Path, plan: Plan, watch: Callable[[PopulationResult], None] | None) -> Any:
-    """Let Ray Tune train the population, or go on with it; returns its best result."""
+    """Train or resume the population with Ray Tune, and return its best result."""
     os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "0")
     os.environ.setdefault("TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S", "0")
     from ray import tune
@@ -202,7 +201,7 @@ def _domain(bound: Bound) -> Any:
 
 @dataclass(frozen=True)
 class _Within:
-    """Keeps what exploring has moved within what is searched."""
+    """Clamps explored values to the bounds of the search."""
 
     space: Mapping[str, Bound]
 
@@ -248,7 +247,7 @@ def _noting(folder: Path, watch: Callable[[PopulationResult], None] | None) -> C
 
 
 def _rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the journal's rows by generation and learner; of what was trained twice, after a loss, the last."""
+    """Return the journal's rows by generation and learner; if a generation was repeated after a loss, the last."""
     rows: dict[tuple[int, int], dict[str, Any]] = {}
     for line in (folder / JOURNAL).read_text(encoding="utf-8").splitlines():
         with suppress(ValueError):

@@ -41,7 +41,7 @@ class SweepRun:
 
 
 def runs_of(specification: Specification) -> Iterator[SweepRun]:
-    """Yield the runs one by one, so that a large sweep needs no memory for all; see `Specification`."""
+    """Yield the runs of a `Specification`, without holding all of them in memory."""
     # machines drawn and seeds vary fastest, so that what is compared with each other is cut at about the same time
     spec = specification
     for task, bounds in combinations(spec):
@@ -51,7 +51,7 @@ def runs_of(specification: Specification) -> Iterator[SweepRun]:
 
 
 def combinations(spec: Specification) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield every task with every combination of settings as they were given, by their full names."""
+    """Yield every task with every combination of the specified settings, by their full names."""
     names = [_option(name, spec) for name in spec.grid]
     fixed = {_option(name, spec): value for name, value in spec.settings.items()}
     for combination in itertools.product(*spec.grid.values()):

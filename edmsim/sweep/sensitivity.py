@@ -1,19 +1,19 @@
-"""Which setting matters how much: indices of Sobol' from the runs that are there, whatever their design.
+"""Sensitivity of a figure to the settings: Sobol' indices from the existing runs, for any design.
 
 All shares are of the variance that a figure would have if every combination of the values that were run were equally
-likely. Runs of a grid, and of lists in which one setting at a time was changed, are taken apart by the analysis of
-variance (`decompose`); a sample, in which hardly a value occurs twice, by a polynomial fitted to it (`fit`).
+likely. Analysis of variance (`decompose`) handles grids, and lists that change one setting at a time; a fitted
+polynomial (`fit`) handles samples, in which hardly a value occurs twice.
 
-In a whole grid the means over its cells give the decomposition exactly (Hoeffding; Sobol' 1993). Where cells are
-missing, the effects of the single settings are fitted to the cells that are there, side by side, which is the same as
-filling the gaps with what makes the interactions least (Yates 1933). What chance alone puts into a share, known
-from runs with the same settings, is taken off.
+In a complete grid the means over its cells give the decomposition exactly (Hoeffding; Sobol' 1993). If cells are
+missing, the effects of single settings are fitted to the others simultaneously. This is the same as filling the gaps
+with values that minimise the interactions (Yates 1933). Runs with the same settings measure chance, and its
+contribution is subtracted from each share.
 
 The polynomial's terms are products of polynomials that are orthonormal over the values of each setting, so each
-term's squared coefficient is its share of the variance (polynomial chaos; Sudret 2008). They are taken in one by one,
-that which explains most first (orthogonal least squares; Chen et al. 1989); how many is decided by cross-validation,
-within a standard error of the best (Breiman et al. 1984), and what the polynomial misses of runs it was not fitted to
-is the unexplained share.
+term's squared coefficient is its share of the variance (polynomial chaos; Sudret 2008). They are selected one by one,
+the most explanatory first (orthogonal least squares; Chen et al. 1989). Cross-validation decides their number, within
+a standard error of the best (Breiman et al. 1984). The polynomial's error on runs outside the fit is the unexplained
+share.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Shares(NamedTuple):
 
     @classmethod
     def unknown(cls, factors: int) -> Shares:
-        """Return the shares of which nothing is known."""
+        """Return unknown shares."""
         return cls([math.nan] * factors, [math.nan] * factors, math.nan, math.nan)
 
 
@@ -228,7 +228,7 @@ def _orthonormal(columns: Array) -> Array:
 
 
 def _parted(cells: Cells, functions: list[Array]) -> list[bool]:
-    """Say of which factors the runs tell: those whose own terms no others can make up."""
+    """Return which factors the runs determine: those whose terms are independent of all others."""
     owners = [(k, n) for k, f in enumerate(functions) for n in range(1, 2 if f.shape[1] > 2 else f.shape[1])]
     columns = np.column_stack([functions[k][cells.levels[:, k], n] for k, n in owners])
     columns = columns - columns.mean(axis=0)

@@ -259,7 +259,7 @@ def _first_seeds(count: int, held_back: bool) -> list[int]:
 
 
 def _check_range(name: str, value: Any) -> None:
-    """Raise `InputError` for what is not a range of a Sobol sample."""
+    """Raise `InputError` if this is not a range of a Sobol sample."""
     low, high, scale = (*value, "linear")[:3] if isinstance(value, list) and len(value) in (2, 3) else (None,) * 3
     numbers = all(type(end) in (int, float) and abs(end) < 1e300 for end in (low, high))
     if not numbers or scale not in ("linear", "log") or not low < high or (scale == "log" and low <= 0):

@@ -135,7 +135,7 @@ def goals_of(table: pa.Table) -> list[str]:
 
 
 def _chosen(table: pa.Table) -> list[str]:
-    """Return the settings that were chosen and differ; what a drawn machine has was not chosen."""
+    """Return the settings of the specification that differ, without constants of drawn machines."""
     drawn = _drawn(table)
     return [name for name in varied(table) if name != MACHINE and name not in drawn]
 

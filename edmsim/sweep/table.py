@@ -1,6 +1,6 @@
-"""Results: columns of their table, and where they go, each at once and for good.
+"""Results: columns of their table, and their storage.
 
-That is a journal, and a dataset in parquet made of it part by part.
+Each result goes at once into a journal, which moves part by part into a Parquet dataset.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _TEXTS = {
 
 
 def as_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
-    """Return rows as a table; a column's type follows from its name, so that all parts of a dataset agree."""
+    """Return rows as a table; a column's type follows from its name, hence all parts of a dataset agree."""
     import pyarrow as pa
 
     listed = list(rows)
@@ -46,7 +46,7 @@ def as_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
 
 
 def _typed(name: str, values: list[Any]) -> tuple[list[Any], Any]:
-    """Return a column's values and type; what is neither number nor text is written as JSON."""
+    """Return a column's values and type; values that are neither number nor text become JSON."""
     import pyarrow as pa
 
     if name in _WHOLE:
@@ -155,7 +155,7 @@ def journal_rows(folder: Path) -> list[dict[str, Any]]:
 
 
 ROWS_PER_PART = 1000
-"""Rows of a file of the dataset (ours: some hundred kilobytes, so that a million runs are a thousand files)."""
+"""Rows per file of the dataset (ours: some hundred kilobytes; a million runs are a thousand files)."""
 RECORDINGS = "recordings"
 
 
@@ -192,7 +192,7 @@ class Store:
         return failed is None or (not failed and bool(run.recordings) and not self._recording(run).is_dir())
 
     def add(self, run: SweepRun, outcome: Outcome) -> None:
-        """Keep what a run left; its recordings first, so that a row never promises files that are not there."""
+        """Save the results of a run, recordings before the row: a row never names missing files."""
         if outcome.files:
             self._record(run, outcome.files)
         if run.id in self.failed:
@@ -225,7 +225,7 @@ class Store:
         self._journal = (self.folder / JOURNAL).open("ab")
 
     def forget_failures(self) -> int:
-        """Take out the rows of runs that failed, so that they are made again; returns how many."""
+        """Remove the rows of failed runs, which will be run again, and return their number."""
         import pyarrow.compute as pc
         import pyarrow.parquet as pq
 

@@ -1,8 +1,8 @@
-"""Search of gains and training settings: what ``edmsim tune gains`` and ``edmsim tune training`` do.
+"""Search of gains and hyperparameters: ``edmsim tune gains`` and ``edmsim tune training``.
 
 By Optuna (extra ``tune``), or by differential evolution. The driver asks a study for values, the engine makes the
-trials, the driver tells what they are worth. So one search runs on the processors of a computer as on a cluster, and
-its nodes need neither Optuna nor a file in common.
+trials, and the driver reports their scores. Hence the same search runs on one computer or on a cluster, whose nodes
+need neither Optuna nor a shared file.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class TrialResult:
 
 
 def bounds(kind: str, name: str) -> dict[str, Bound]:
-    """Return what is searched of a controller, or of an algorithm."""
+    """Return the bounds of the search for a controller or an algorithm."""
     if kind == "training":
         if name not in TRAINING:
             raise InputError(f"no settings of the algorithm '{name}' are searched; choose {', '.join(TRAINING)}")
@@ -122,8 +122,8 @@ def _own(trial: Trial) -> TrialResult:
 OWN_ENV = "edmsim/GapFeed-v2"
 """What a user's own controller cuts: straight on, on machines drawn within the ranges of their constants."""
 WORST_SHARE = 0.25
-"""The mean over the worst of the cuts is what a robust choice makes large (ours: a firmware meets one machine, and it
-may be a bad one)."""
+"""A robust choice maximises the mean over this share of the worst cuts (ours: firmware runs on one machine, which may
+be a bad one)."""
 
 
 def worst_share_mean(returns: Sequence[float]) -> float:
@@ -287,7 +287,7 @@ def _studied(
 def _evolved(
     name: str, folder: Path, trials: int, seed: int, judged_by: tuple[int, ...], watch: Callable[[Tuned], None] | None
 ) -> Tuned:
-    """Search by differential evolution; what was tried is kept, so that the same search goes on."""
+    """Search by differential evolution; finished trials are saved, and the same search resumes."""
     from scipy.optimize import Bounds, differential_evolution
     from scipy.stats import qmc
 
@@ -330,7 +330,7 @@ def _evolved(
 
 
 def _rounded(name: str, values: Iterable[float]) -> dict[str, float]:
-    """Name gains; three digits are what a search of this size can tell."""
+    """Return gains by name, to three digits: the precision of this search."""
     return {key: float(f"{value:.3g}") for key, value in zip(BOUNDS[name], values, strict=True)}
 
 
@@ -338,7 +338,7 @@ def run_study(
     study: Any, space: Mapping[str, Bound], trials: int, engine: Engine,
     make_trial: Callable[[int, dict[str, float]], Trial], ended: Callable[[Trial, TrialResult], None],
 ) -> None:
-    """Make the trials that a study lacks, and tell it, and then `ended`, what they are worth."""
+    """Make the missing trials of a study, and report their scores to it and then to `ended`."""
     under_way: dict[int, Any] = {}
 
     def new_trials() -> Iterator[Trial]:
@@ -361,7 +361,7 @@ def run_study(
 
 
 def _in_use(kind: str, name: str, algo: str, space: dict[str, Bound]) -> dict[str, float]:
-    """Return the values in use, where they lie in what is searched."""
+    """Return the values in use that are within the bounds of the search."""
     if kind == "gains":
         law = make(name)
         known = {key: getattr(law, key) for key in space}
@@ -371,7 +371,7 @@ def _in_use(kind: str, name: str, algo: str, space: dict[str, Bound]) -> dict[st
 
 
 def _suggested(trial: Any, key: str, bound: Bound) -> float:
-    """Return a value to three digits: more no search of this size can tell."""
+    """Return a value to three digits, the precision of a search of this size."""
     return float(f"{trial.suggest_float(key, bound.low, bound.high, log=bound.scale == 'log'):.3g}")
 
 
@@ -434,7 +434,7 @@ def write_found(
     folder: Path, what: str, value: float, seeds: Sequence[int], table: str, values: Mapping[str, float],
     files: Mapping[str, bytes],
 ) -> None:
-    """Write ``best.toml``, which says what was found and how, and files that belong to it."""
+    """Write ``best.toml`` with the result and its search, and the files that belong to it."""
     lines = [
         f"# Found by edmsim tune {what}, worth {value:.4g} on training seeds",
         f"# {', '.join(map(str, seeds))}.", "", f"[{table}]",

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 
 
 def main(name: str) -> None:
-    """Do jobs until the pipe is closed, which ends a job half done as well: nobody would take its answer."""
+    """Run jobs until the pipe is closed, which also ends a job in progress."""
     module, _, attribute = name.partition(":")
     function = getattr(import_module(module), attribute)
     source = os.fdopen(os.dup(0), "rb")
