@@ -14,10 +14,10 @@ from edmsim.program.path import CutPath, WireContour
 
 WINDOWS = 100
 SETTLE_WINDOWS = 300
-"""Windows before timing, so that the wire cuts."""
+"""Windows before timing, until the wire cuts."""
 CALLS = 5000
 REPEATS = 12
-"""Runs of which a figure is the best, as others use the machine too."""
+"""Runs per figure, whose best counts, as other programs use the computer too."""
 _FROM_UM, _TO_UM = (30_000, 30_000), (36_000, 33_000)
 
 

@@ -20,11 +20,11 @@ STANDARD: dict[str, Any] = {
 """The standard set-up, cut for as long as it takes to time it."""
 NUM_ENVS = 64
 SETTLE_STEPS = 400
-"""Steps before timing, so that the wire cuts a full kerf."""
+"""Steps before timing, until the wire cuts a full kerf."""
 KNOB_STEPS, RESETS, EPISODES = 100, 50, 4
 SLICE_S, SLICES = 0.05, 20
-"""Spells of timing of which a figure is the best, equally long for every environment: a short spell finds a quiet
-moment of the machine more easily than a long one."""
+"""Spells of timing per figure, whose best counts, equally long for every environment: a short spell finds a quiet
+moment of the computer more easily than a long one."""
 
 
 def env_steps_per_s(resolution: str = "default") -> float:
@@ -114,7 +114,7 @@ def _best_rate(step: Callable[[], object], taken_s: Callable[[Callable[[], objec
 
 
 def settled(step: Callable[[], object]) -> int:
-    """Let environments come into a steady state; return how many steps make a spell of timing."""
+    """Run environments to a steady state, and return the number of steps per spell."""
     return max(1, round(SLICE_S / wall_s(step, SETTLE_STEPS) * SETTLE_STEPS))
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 PROGRAM, PAIRS = Path(subject.__file__), 10
 SIZES = "0.1", "5", "1000", "64", "50"
-"""What `subject` is given: seconds of a spell, spells of a figure, windows before timing (see `bench.plant`),
+"""Arguments of `subject`: seconds per spell, spells per figure, windows before timing (see `bench.plant`),
 environments, resets."""
 COMPILING = "0", "1", "1", "1", "1"
 """The same for the first run of either, which only compiles."""

@@ -26,11 +26,11 @@ from edmsim.plant.plant import Plant
 FEED_UM_S = 28.0
 """Feed of the straight cut that is timed: well into the metal, most pulses spark."""
 SETTLE_WINDOWS = 1000
-"""Windows before timing, so that the wire cuts a full kerf. At `default` the 800th takes a fifth longer than the
+"""Windows before timing, until the wire cuts a full kerf. At `default` the 800th takes a fifth longer than the
 first ones, and as long as any later one."""
 TIMED_WINDOWS = 200
 REPEATS = 12
-"""Runs of which a figure is the best, as others use the machine too."""
+"""Runs per figure, whose best counts, as other programs use the computer too."""
 MUJOCO_WINDOWS = 20
 THREAD_S = 1.0
 MEMORY_S = 60.0
@@ -172,7 +172,7 @@ def memory_growth_MB() -> float:
 
 
 def _resident_MB() -> float:
-    """Memory of this process in use, or 0 where the system does not tell."""
+    """Memory that this process uses, or 0 if the system does not report it."""
     with suppress(OSError):
         import resource
 

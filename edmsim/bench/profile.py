@@ -51,7 +51,7 @@ PARTS: dict[str, tuple[str, ...]] = {
 """Parts of a pulse, and the functions of `edmsim.plant` that make each. What a function calls is of its part, too,
 unless it is named itself; the rest is what is left of the loop: counters, axes, the log of pulses."""
 BATCH = 50
-"""Windows that one call fires, so that Python takes no part; the wire stays within its tiles meanwhile."""
+"""Windows per compiled call, which excludes Python from the timing; the wire stays within its tiles meanwhile."""
 ROUNDS = 40
 """Turns of the loop with and without marks in one cut."""
 LOOKS = 20_000
@@ -126,12 +126,12 @@ def _clock_of(thread: int) -> int:
 
 
 def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProfile]:
-    """Return where a pulse's time goes in a straight cut, at each resolution of `PROFILED`.
+    """Return the time of each part of a pulse in a straight cut, at each resolution of `PROFILED`.
 
     Parameters
     ----------
     watch : callable, optional
-        Called with what is begun.
+        Called with a line of text before each part.
     """
     named = dict(zip(RESOLUTIONS, shapes(), strict=False))  # the modal ones come first
     names = tuple(tuple(f"edmsim.plant.{name}" for name in names) for names in PARTS.values())
@@ -145,7 +145,7 @@ def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProf
 
 
 def _profile(plant: Plant, fire: Callable[[int, int], None], part: Callable[[], int]) -> LoopProfile:
-    """Let the loop with marks and the one without take turns at one cut after another."""
+    """Run the loops with and without marks in turns, cut after cut."""
     look = _Watch(part)
     plain_s, marked_s = [], []
     for seed in itertools.count():

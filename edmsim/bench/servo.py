@@ -10,7 +10,7 @@ from edmsim.controllers.axis import CHIPS, tuned
 SPAN_S = 1.0
 """Simulated time of a run."""
 REPEATS = 6
-"""Runs of which the figure is the best, as others use the machine too."""
+"""Runs per figure, whose best counts, as other programs use the computer too."""
 
 
 def servo_realtime_factor() -> float:

@@ -1,7 +1,7 @@
-"""What ``edmsim bench --against`` runs of two revisions, each run a process of its own; prints rates as JSON.
+"""Program that ``edmsim bench --against`` runs with two revisions, in separate processes; prints rates as JSON.
 
-It must run with revisions of years ago, so it uses what all have in public: `edmsim.Plant`, `edmsim.Machine`, and the
-environments by Gymnasium's names. It is a program and imports nothing from beside it.
+It must run with revisions of years ago, so it uses only the public names that all have: `edmsim.Plant`,
+`edmsim.Machine`, and Gymnasium's environment ids. It imports no other module of its folder.
 
     python subject.py ROOT SPELL_S SPELLS SETTLE_WINDOWS NUM_ENVS RESETS
 """

@@ -1,7 +1,7 @@
-"""Speed of trainings: environment, network and update, beside HalfCheetah-v5 under one learner (extra ``rl``).
+"""Speed of trainings: environment, network and update, compared with HalfCheetah-v5 for one learner (extra ``rl``).
 
-The learner is PPO of stable-baselines3 as docs/training.md has it. Both environments are stepped as that library
-does: ours all in one compiled call, HalfCheetah-v5 one after another in one process.
+The learner is PPO of stable-baselines3 with the settings in docs/training.md. That library steps ours all in one
+compiled call, and HalfCheetah-v5 one after another in one process.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ ENV_ID, OTHER = "edmsim/GapFeed-v2", "HalfCheetah-v5"
 COUNTS = (64, 256)
 """Numbers of environments."""
 ROLLOUT, BATCH, EPOCHS = 64, 2048, 5
-"""Steps of each environment between two updates, and what an update is made of."""
+"""Steps of each environment between two updates, and the size of an update."""
 SPELLS = 3
 """Rollouts with their updates that are timed; the fastest counts, as others use the machine too."""
 

@@ -65,7 +65,7 @@ def table(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> l
 
 
 def _half_cheetahs(count: int) -> Callable[[], object]:
-    """As many HalfCheetah-v5 as Gymnasium runs them side by side by itself, one after another in one process."""
+    """Gymnasium's default vector environment of HalfCheetah-v5, which steps them one after another in one process."""
     try:
         with warnings_unseen():
             env: Any = gym.make_vec("HalfCheetah-v5", num_envs=count, max_episode_steps=-1)
@@ -80,7 +80,7 @@ def _half_cheetahs(count: int) -> Callable[[], object]:
 
 @contextmanager
 def warnings_unseen() -> Iterator[None]:
-    """Let MuJoCo be silent about Gymnasium's own models, once for each of the environments."""
+    """Silence MuJoCo's warnings about Gymnasium's own models, one per environment."""
     mujoco.set_mju_user_warning(lambda _: None)
     yield
     mujoco.set_mju_user_warning(None)

@@ -135,7 +135,7 @@ circuits rises from 13.5 % after 0.3 mm to 14.4 % after 1 mm, as in a log of 12 
 
 
 def settle_um(machine: Machine) -> float:
-    """Travel after a change of feed or setting that tells of the change, not of what follows it."""
+    """Settling travel after a change of feed or setting."""
     return SETTLED_DIAMETERS * machine.wire_diameter_um
 
 

@@ -138,7 +138,7 @@ def spread(steady: Sequence[Stretch], most: int) -> list[Stretch]:
 
 
 def _fit_what_is_determined(comparison: StretchComparison, names: Sequence[str], log_name: str) -> Fit:
-    """Fit what the log tells: constants without effect are left out, and those it cannot part go one by one."""
+    """Fit the constants that the log determines; leave out those without effect, and correlated ones one by one."""
     # where the search begins a constant may do nothing that it does where the log was made, at another share of
     # shorts: those without effect are looked at again where the first search ended
     start = comparison.machine
@@ -225,7 +225,7 @@ class _Search:
         self.shares = found.x
 
     def _statistics(self, places: Sequence[Array]) -> Array:
-        """Simulate at these shares, (places, stretches, 5); what was simulated before is remembered."""
+        """Simulate at these shares, (places, stretches, 5); results are cached."""
         new = {place.tobytes(): place for place in places if place.tobytes() not in self._results}
         if new:
             rows = self.comparison.statistics([self.machine(place) for place in new.values()])
@@ -284,7 +284,7 @@ class _Search:
         return np.asarray(np.linalg.inv(self.information) * max(1.0, self.misfit))
 
     def standard_errors(self) -> Array:
-        """Return the standard errors in shares of the ranges; infinite for the one of which the log says least."""
+        """Return the standard errors in shares of the ranges; infinite for the least determined constant."""
         covariance = self.covariance()
         if covariance is not None:
             return np.asarray(np.sqrt(np.diag(covariance)))

@@ -118,7 +118,7 @@ def _has_places(table: LogTable) -> bool:
 
 
 def _settings(table: LogTable, file: str | Path) -> CutSettings | None:
-    """Return what the table's metadata say of the cut; None of a table that is not a cut's."""
+    """Return the cut's settings from the table's metadata; None if the table is not a cut's."""
     text = table.metadata.get(METADATA_KEY)
     try:
         return None if text is None else CutSettings.of_json(text)

@@ -184,7 +184,7 @@ def refusal(fit: Fit) -> list[str]:
 
 
 def _comparison_table(fit: Fit) -> RenderableType:
-    """Statistics of the log beside the fitted model's, stretch by stretch."""
+    """Statistics of the log and of the fitted model, stretch by stretch."""
     from edmsim.screen import ScreenTable
 
     heads = ("feed um/s", "pulse us", "short %", "open %", "V", "A", "delay us")
@@ -200,7 +200,7 @@ _PERCENT = (100.0, 100.0, 1.0, 1.0, 1.0)
 
 
 def as_json(fit: Fit, files: Mapping[str, Path]) -> str:
-    """Return the fit as JSON; what is unknown is null."""
+    """Return the fit as JSON; unknown values are null."""
     document = {
         "constants": [c._asdict() for c in fit.constants],
         "undetermined": fit.undetermined,

@@ -1,4 +1,4 @@
-"""The set-up a log is compared at: that of its cut, as far as the log says, and what the user says."""
+"""The set-up for the comparison with a log: the log's settings, and the user's overrides."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
 
 
 def machine_of(settings: CutSettings) -> Machine:
-    """Return the set-up to compare a log at; constants given to its cut keep the ranges of their files."""
+    """Return the set-up for comparing a log; overridden constants have the ranges of their files."""
     # a cut takes them as known, so they have no range there; here they are where the search starts, or are held
     machine = settings.model_copy(update={"constants": ()}).load_machine()
     listed = dict(settings.overrides)
@@ -76,7 +76,7 @@ def machine_of(settings: CutSettings) -> Machine:
 
 
 def held(settings: CutSettings, machine: Machine, fitted: Iterable[str]) -> list[str]:
-    """Return a line for every constant given to the log's cut that is not fitted, or lies outside its range."""
+    """Return a line for every override of the log's cut that is not fitted, or is outside its range."""
     chosen = choose(machine, fitted)
     lines = []
     for name, value in settings.overrides:

@@ -1,4 +1,4 @@
-"""Controllers x cuts on identical machines, and what the cuts say of each controller, with intervals."""
+"""Compare controllers on identical machines: their cuts, and their figures with intervals."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ def figures_of(results: Sequence[Result], oracle: Sequence[Result], blind: Seque
 
 
 def scores(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]) -> NDArray[np.float64]:
-    """Return the score of every cut: 0 for what the blind one earns on the same machine, 1 for the reference."""
+    """Return the score of every cut: 0 is the blind controller's return on the same machine, 1 the reference's."""
     # a machine on which the reference earns no more tells nothing, and is left out
     made, most, least = (np.array([r.total_return for r in of]) for of in (results, oracle, blind))
     tells = most > least

@@ -1,7 +1,7 @@
-"""One episode of an environment cut by one controller, and what came of it.
+"""One episode of an environment with one controller, and its result.
 
-Whatever is random of an episode follows from its seed, so that every controller meets the same ones. Seeds from
-`HELD_BACK` on are for comparing; gains are looked for with those below.
+An episode's seed determines everything random in it, hence every controller meets the same episodes. Seeds from
+`HELD_BACK` on are for comparisons; searches of gains use those below.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ FINISHED, BROKEN, JAMMED = (
     WORDS[cause].episode for cause in (StopCause.FINISHED, StopCause.WIRE_BREAK, StopCause.PERSISTENT_SHORT)
 )
 STOPPED = "stopped"
-"""How an episode can end, beside its time. Jammed: a short stayed, or the wire was driven into the metal beyond what
-the model holds for. Stopped: the controller gave up."""
+"""Ends of an episode, apart from its time limit. Jammed: a short persisted, or the wire went into the metal beyond
+the model's validity. Stopped: the controller gave up."""
 ORACLE = "oracle"  # the reference of a task, whose return is a score of 1: see `edmsim.evaluation.lines`
 
 
@@ -152,7 +152,7 @@ def recording_folder(record: Path, env_id: str, seed: int, controller: str) -> P
 
 
 class Episode:
-    """One cut in progress; `last` is what the last window brought. It is recorded where a folder is named."""
+    """One cut in progress; `last` is the last window's result. The cut is recorded if there is a folder."""
 
     def __init__(
         self, task: Task, controller: FeedController, seed: int, name: str, record: Path | None = None
@@ -229,7 +229,7 @@ class Episode:
         return None
 
     def _begin_wire(self) -> FeedCommand:
-        """Let the controller go on with the wire threaded where the last one broke."""
+        """Continue with a new wire, threaded where the last one broke."""
         self._lost, controller = self.task.wires_lost, self.controller
         if isinstance(controller, SeesBreaks):
             return check_command(self._name, controller.wire_lost())

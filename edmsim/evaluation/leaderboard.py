@@ -81,7 +81,7 @@ def _entry(comparison: Comparison) -> dict[str, Any]:
 
 
 def _laid_out(document: dict[str, Any]) -> str:
-    """Return JSON with a line per cut, so that differences can be read."""
+    """Return JSON with a line per cut, for readable differences."""
     marks: dict[str, str] = {}
     for env_id, entry in document["environments"].items():
         for name, cuts in entry["controllers"].items():

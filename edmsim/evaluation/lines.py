@@ -1,19 +1,19 @@
-"""What a task's scores are measured by: the controller of score 0, and what the reference rehearses.
+"""References of a task's scores: the controller of score 0, and the controllers that the reference tries.
 
-Controllers are named as on the command line (`edmsim.controllers.from_text`). Those of score 0, and settings of
-references, were chosen on machines drawn with seeds below those held back:
+Controllers have their names of the command line (`edmsim.controllers.from_text`). Those of score 0, and settings of
+references, were chosen on machines drawn with seeds below the held-back ones:
 
 - ThinWire: the fastest of seven periods at which no wire broke on 24 machines (100 to 123).
 - MaxRate: the shortest of 35, 40, 45, 50 and 60 us at which none broke on 24 (1 to 24); it is the law's default.
-- MaxRateShift: 0 is what the best law of MaxRate earns, `heat-flux`, and 1 the best law that finds out what the wires
-  bear, `adaptive-hold`.
-- ThinWireShift: 0 is what the constant of ThinWire earns, and 1 its best law, `climb`. Some of the wires of shifts
-  break before they boil, so that `heat-oracle` is no bound.
+- MaxRateShift: 0 is the return of MaxRate's best law, `heat-flux`, and 1 that of the best law that finds the wires'
+  limits, `adaptive-hold`.
+- ThinWireShift: 0 is the return of ThinWire's constant, and 1 that of its best law, `climb`. Some of the wires of
+  shifts break before they boil, hence `heat-oracle` is not an upper bound.
 - Corner: the constant that earned most on 12 (200 to 211), of eight pairs of on-time and period, and then of four
   targets at the best pair. The reference cuts with that constant's setting, and averages the bend it sees over the
   time that earned most on the same 12, of five.
 - Trim: the constant that earned most on 12 (100 to 111), of 18 pairs of feed and offset.
-- Part: what the technology has, and as reference a law, as rehearsals of parts take long. The other constant earned
+- Part: the technology's settings, and as reference a law, as rehearsals of parts take long. The other constant earned
   most on three (100 to 102), of three; the numbers of the law are fits by hand to six (100 to 105).
 
 `docs/make/lines.py` makes these cuts.

@@ -1,8 +1,8 @@
-"""What searches of gains judge by: bounds, training seeds, and the score of cuts.
+"""Basis of gain searches: bounds, training seeds, and the score of cuts.
 
 Episodes are of the straight and the stepped workpiece at resolution ``fast``, on randomised machines with training
-seeds; those of the comparison are never touched. What is maximised is what a learner maximises in the same episodes,
-the environment's mean return; of the oracle, which is the bound of it, the cutting rate.
+seeds, never those of comparisons. A search maximises the environment's mean return, as a learner does in the same
+episodes; for the oracle, the upper bound, it maximises the cutting rate.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def training_seeds(seed: int, seeds: int = SEEDS) -> range:
 def run_all(
     seeds: Sequence[int], controller: Callable[[], FeedController], threads: int | None = None
 ) -> list[Result]:
-    """Make all cuts, each with a fresh controller, as many at a time as there are cores, or threads are given."""
+    """Make all cuts, each with a new controller, in as many threads as there are cores, or in `threads`."""
 
     def run(job: tuple[str, int]) -> Result:
         law = controller()

@@ -200,7 +200,7 @@ def _held(cut: Cut, period_us: float) -> StablePeriod:
 
 
 def _mean(steps: Sequence[StablePeriod]) -> StablePeriod:
-    """Return what the cuts of several seeds did at one period, in the mean; windows of all."""
+    """Return the means over several seeds' cuts at one period, and the sum of their windows."""
     return StablePeriod(
         steps[0].t_period_us, fmean(step.feed_um_s for step in steps), fmean(step.rate_mm2_min for step in steps),
         fmean(step.current_A for step in steps), fmean(step.power_W for step in steps),

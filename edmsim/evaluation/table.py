@@ -107,7 +107,7 @@ def as_json(
     comparisons: Sequence[Comparison], places: Mapping[str, Sequence[Any]] | None = None,
     policies: Mapping[str, Sequence[Any]] | None = None,
 ) -> str:
-    """Return environments, with what was done elsewhere, then policies, as JSON; what is unknown is null."""
+    """Return environments with transfers, then policies, as JSON; unknown values are null."""
     found = [_plain(comparison) for comparison in comparisons]
     for entry in found if places else ():
         entry["places"] = [_flat(row) for row in (places or {}).get(entry["env_id"], ())]
@@ -169,7 +169,7 @@ NAME_LETTERS = 48  # a controller of more letters is named without its parameter
 
 
 def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
-    """Write the page, and the figures beside it as ``NAME-ENVIRONMENT.png``; see `draw`."""
+    """Write the page, and its figures as ``NAME-ENVIRONMENT.png`` in the same folder; see `draw`."""
     make_writable(file.parent)
     parts = ["# Controllers compared", ""]
     for made in comparisons:

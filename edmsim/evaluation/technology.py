@@ -1,8 +1,8 @@
-"""The search for a technology: straight cuts, pass after pass on the same metal, until each takes what it should.
+"""The search for a technology: straight cuts, pass after pass on the same metal, until each removes its target stock.
 
-What is asked of the passes, roughness, feed and stock, is that of a job shop with 0.25 mm brass wire on 25.4 mm of
-steel (`TARGETS`). Pulses follow from the roughness by the model's craters, the power of the rough pass from the wire,
-the offsets from where the wall of a simulated cut ends.
+The targets of the passes, roughness, feed and stock, are those of a job shop with 0.25 mm brass wire on 25.4 mm of
+steel (`TARGETS`). The model's craters give the pulses for a roughness, the wire limits the power of the rough pass,
+and the wall of a simulated cut gives the offsets.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ class Cut(NamedTuple):
 
 
 class Search:
-    """The search for the passes of one height; the journal keeps passes found, so that an interrupted one goes on."""
+    """The search for the passes of one height; an interrupted search resumes from its journal of found passes."""
 
     def __init__(self, job: Job, tell: Callable[[str], None], journal: Path | None = None) -> None:
         job.check()
@@ -178,7 +178,7 @@ class Search:
         self._first_mm = 0.5
 
     def run(self, resume: bool = False) -> AtHeight:
-        """Search; returns the passes. Ctrl-C leaves what was found in the journal."""
+        """Search, and return the passes. After Ctrl-C, found passes are in the journal."""
         found = self._known() if resume else []
         metal: KerfField | None = None
         offset_mm = self._first_mm
@@ -195,7 +195,7 @@ class Search:
     def _next(
         self, target: PassTarget, number: int, offset_mm: float, metal: KerfField | None, found: list[PassSetting]
     ) -> tuple[PassSetting, Cut, float, list[PassSetting]]:
-        """Find one more pass; the step of the one before, and so its offset, follow from what it is to take."""
+        """Find the next pass; its stock determines the step from the pass before, and thus its offset."""
         if number == 1:
             one, cut = self._rough(target)
             return one, cut, offset_mm, [one]
@@ -256,7 +256,7 @@ class Search:
         return self._with_found(one, cut, took_um), cut, step_um
 
     def _with_ra(self, one: PassSetting, share: float) -> PassSetting:
-        """Return a setting whose craters are so much coarser or finer: their volume goes with the current."""
+        """Return a setting with coarser or finer craters, whose volume is proportional to the current."""
         assert one.peak_current_A is not None
         most_A = most_current_A(self._job.setup(one.generator))
         current_A = min(one.peak_current_A * min(max(share, 0.7), 1.4) ** 3, most_A)

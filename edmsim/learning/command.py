@@ -40,7 +40,7 @@ class TrainOptions(NamedTuple):
         return None if self.start is None else policy_file.load(self.start.removeprefix("policy:"))
 
     def words(self) -> str:
-        """Return the options of the command line that change what is learned."""
+        """Return the command-line options that change the result."""
         words = [] if self.settings is None else ["--settings", str(self.settings)]
         words += [] if self.residual is None else ["--residual", self.residual]
         words += [] if self.teacher is None else ["--teacher", self.teacher]

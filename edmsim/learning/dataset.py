@@ -122,7 +122,7 @@ def _minari() -> Any:
 
 
 def _keep_to(folder: Path, made_with: dict[str, Any]) -> None:
-    """Refuse to go on with episodes of something else."""
+    """Raise `InputError` if the folder has episodes of another recording."""
     file = folder / "made_with.json"
     if file.is_file():
         if json.loads(file.read_text(encoding="utf-8")) != made_with:

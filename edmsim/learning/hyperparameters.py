@@ -129,7 +129,7 @@ def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameter
 
 
 def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
-    """Return hyperparameters with what a file says in place of theirs."""
+    """Return hyperparameters with overrides from a file."""
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

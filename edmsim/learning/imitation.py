@@ -26,7 +26,7 @@ LEAST_RATE = 0.02
 
 # untyped where the extra is missing
 class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
-    """Sub-environments with a teacher each, who is shown every window; they keep what was seen and taught."""
+    """Sub-environments, each with a teacher that observes every window; they record observations and its actions."""
 
     def __init__(self, venv: EdmVecEnv, teacher: str) -> None:
         super().__init__(venv)
@@ -43,7 +43,7 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         return self._observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Keep what was seen and what the teachers want there, and run the learner's actions."""
+        """Record the observations and the teachers' actions for them, and run the learner's actions."""
         self._states.append(np.array(self._observations, np.float32))
         self._teacher_actions.append(np.array([law.action() for law in self._laws]))
         self.venv.step_async(actions)
@@ -77,7 +77,7 @@ class Imitation(PPO):  # type: ignore[misc, unused-ignore]
         self.teacher_actions: list[NDArray[np.float32]] = getattr(self, "teacher_actions", [])
 
     def train(self) -> None:
-        """Fit the policy's mean to what the teacher wanted so far, every action in parts of its own variance."""
+        """Fit the policy's mean to the teacher's actions so far, each action in units of its own variance."""
         self.policy.set_training_mode(True)
         left = self._current_progress_remaining
         for group in self.policy.optimizer.param_groups:

@@ -134,7 +134,7 @@ def load(
 
 
 def callbacks(vec_env: TrainingEnvs, parameters: Hyperparameters) -> list[BaseCallback]:
-    """Return what the algorithm wants done between its steps."""
+    """Return the callbacks of the algorithm."""
     if vec_env.costs is None or parameters.lagrangian is None:
         return []
     return [Multiplier(vec_env.costs, vec_env.edm.env.family.cost_limit, parameters.lagrangian.rate)]

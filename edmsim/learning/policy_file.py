@@ -108,7 +108,7 @@ class Hold(_Strict):
     high: Annotated[FiniteFloat, Field(gt=0)]
 
     def flux(self, action: float) -> float:
-        """Return what an action within -1..1 asks for."""
+        """Return the flux of an action within -1..1."""
         return float(self.low * (self.high / self.low) ** (0.5 * (action + 1.0)))
 
 

@@ -127,7 +127,7 @@ class Around(NamedTuple):
 
 
 def around(vec_env: Any) -> Around:
-    """Look through the wrappers around a learner's environment; refuse what may change what is seen or done."""
+    """Check the wrappers of a learner's environment; refuse those that may change observations or actions."""
     normalise = residual = None
     while isinstance(vec_env, VecEnvWrapper):
         if not isinstance(vec_env, _AROUND):

@@ -1,4 +1,4 @@
-"""What a policy is worth beside classic controllers: its cuts of held-back episodes, summed up.
+"""Scores of a policy and of classic controllers, from their cuts of held-back episodes.
 
 ``edmsim evaluate --policy NAME --write-card`` measures a policy again and writes the scores into its card.
 """

@@ -181,14 +181,14 @@ def _begin(run: TrainingRun, parameters: Hyperparameters, last: Path | Policy | 
 
 
 def _run_state(checkpoint: Path) -> dict[str, Any]:
-    """Return what a checkpoint says of itself."""
+    """Return the state of a checkpoint's training."""
     run_state: dict[str, Any] = json.loads((checkpoint / "run.json").read_text(encoding="utf-8"))
     return run_state
 
 
 # untyped where the extra is missing
 class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
-    """Tells how far a training is, and keeps its last checkpoint, whole."""
+    """Reports the progress of a training, and saves its last checkpoint atomically."""
 
     def __init__(self, trained: Trained, out: Path, watch: Callable[[TrainingProgress], None] | None) -> None:
         super().__init__()
@@ -206,7 +206,7 @@ class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
         return True
 
     def save(self, at_end: bool = False) -> None:
-        """Write a checkpoint beside the last one, then remove that; at the end, the learner has learned from all."""
+        """Write a new checkpoint, then remove the old one; at the end, the learner has learned from all."""
         model, done = self._trained.model, self._trained.model.num_timesteps
         partial, folder = self._out / "partial", self._out / f"checkpoint-{done:012d}"
         if folder.exists() and at_end:  # a step wrote it, before the last update

@@ -90,8 +90,8 @@ HANGS_ON: Mapping[str, Mapping[str, float]] = {
     "0.15 of the heat into the wire": {"base.cooling.wire_heat_share": 0.15},
     "a wire that cannot break: all that the gap takes": UNBREAKABLE,
 }
-"""What the limit hangs on: two constants at the ends of their ranges at which the wire holds most, a third of which
-the machine has the favourable end, off that end, and a wire that holds whatever comes."""
+"""Influences on the limit: two constants at the ends of their ranges at which the wire bears most, a third moved off
+its favourable end, which the machine has, and a wire that cannot break."""
 
 
 def stable_point(seeds: Sequence[int]) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Rows on what a cut leaves: kerf, gaps, removal per charge and energy, cutting rate, thickness estimate."""
+"""Rows on the result of a cut: kerf, gaps, removal per charge and energy, cutting rate, thickness estimate."""
 
 from __future__ import annotations
 

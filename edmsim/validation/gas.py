@@ -1,4 +1,4 @@
-"""Closed forms of gas, film, added mass and magnetic force: what the loop does against what its laws say."""
+"""Closed forms of gas, film, added mass and magnetic force: the compiled loop against its laws."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def _median_row(gap_um: float, published_us: float, delays: Array) -> Row:
 
 
 def short_share(gap_um: float, delays: Array) -> tuple[float, float]:
-    """Share of delays beyond what the long branch alone makes, and its 95 % half width."""
+    """Share of delays beyond those of the long branch alone, and its 95 % half width."""
     long = 1 - 2 ** (-SHORT_BRANCH_US / (0.48 * gap_um**2 - 3.69 * gap_um + 14.05))
     early = float(np.mean(delays < SHORT_BRANCH_US))
     half = 1.96 * math.sqrt(early * (1 - early) / len(delays))

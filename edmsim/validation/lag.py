@@ -134,7 +134,7 @@ def default_lag(seeds: Sequence[int]) -> list[Row]:
 
 
 def experiments(seeds: Sequence[int]) -> list[Row]:
-    """The two experiments that would settle what the lag is made of, as the model foresees them."""
+    """The model's predictions for the two experiments that would separate the causes of the lag."""
     steel = rough_cuts(seeds, rough_rig(ROUGH_MM))
     other = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC))
     magnetic = mean_and_interval([b.lag_um - a.lag_um for a, b in zip(steel, other, strict=True)])

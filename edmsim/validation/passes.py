@@ -1,4 +1,4 @@
-"""Rows on passes: offsets, feeds and roughness of one to seven beside a shop's table, corners, accuracy, bow."""
+"""Rows on passes: offsets, feeds and roughness of one to seven against a shop's table, corners, accuracy, bow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows on pulse classes, ignition delay and debris in a cut: what the settings do to the pulse trains."""
+"""Rows on pulse classes, ignition delay and debris in a cut: effects of the settings on the pulse trains."""
 
 from __future__ import annotations
 

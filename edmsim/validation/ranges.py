@@ -1,4 +1,4 @@
-"""Rows on what the ranges of the constants leave open: the default cut on machines drawn within them."""
+"""Rows on the uncertainty from the constants' ranges: the default cut on machines drawn within them."""
 
 from __future__ import annotations
 

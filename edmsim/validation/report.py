@@ -59,7 +59,7 @@ REASONS = {
 
 
 def reason(row: Row) -> str:
-    """Return why a row fails, as short as can be; empty where nobody knows."""
+    """Return the shortest reason why a row fails; empty if unknown."""
     return REASONS.get((row.topic, row.note.partition("#")[2]), "")
 
 
@@ -79,7 +79,7 @@ def judged(rows: Sequence[Row]) -> list[Row]:
 
 
 def summary(rows: Sequence[Row]) -> str:
-    """Say how many rows agree and fail, how many of these nobody explains, and how many rows do not count."""
+    """Return the numbers of rows that agree, fail, fail without explanation, and do not count, as text."""
     counted = judged(rows)
     failing = [row for row in counted if not row.passed]
     counts = (
@@ -172,7 +172,7 @@ def markdown_cell(text: str) -> str:
 
 
 def as_json(rows: Sequence[Row], shown: Sequence[Row] | None = None) -> str:
-    """Return the rows as JSON, or of all that were judged only those `shown`; what is not finite is null."""
+    """Return the rows as JSON, or of the judged ones only those `shown`; values that are not finite are null."""
     counted = judged(rows)
     return json.dumps(
         {

@@ -1,4 +1,4 @@
-"""A row of the validation table: what was published, what the plant does, and whether they agree."""
+"""A row of the validation table: published fact, simulated value, and whether they agree."""
 
 from __future__ import annotations
 

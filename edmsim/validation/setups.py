@@ -67,7 +67,7 @@ FRAIL: Mapping[str, float] = {"wire.strength_MPa": 1e-6}
 
 
 def single_discharges(plant: Plant, count: int) -> list[PulseWindow]:
-    """Fire until the first discharge, each time with a fresh wire, so that every window tells of one discharge."""
+    """Fire until the first discharge, each time with a new wire: every window has one discharge."""
     # windows without any discharge, all pulses open, are among them
     windows = []
     for _ in range(count):
@@ -80,7 +80,7 @@ HELD_SHARE = 0.1
 """Share of open pulses that the feed of a search for the break limit holds (ours: with more, the gap takes less than
 the 60 000 discharges per second of Sato's stable cutting)."""
 PRACTICE = "usual of wire EDM practice (no published table)"
-"""Source of facts that every shop knows and nobody was found to have tabulated; what they say stands behind it."""
+"""Source of facts that every shop knows, but for which no published table was found; the fact follows it."""
 
 
 def servo_cut(machine: Machine, seed: int, *, open_share: float = OPEN_SHARE, seconds: float = 3.0) -> Cut:

@@ -78,7 +78,7 @@ def residence_ms(pressure_Pa: float, height_mm: float, gap_um: float) -> float:
 
 
 def check_flushing(seeds: Sequence[int]) -> list[Row]:
-    """Residence time at 2 bar, 30 mm, 40 um: its size, and how it goes with height, pressure and gap."""
+    """Residence time at 2 bar, 30 mm, 40 um: its size, and its dependence on height, pressure and gap."""
     # the closed form is 34 ms for a flow through the whole height; two jets need to reach mid-height only
     base = residence_ms(2e5, 30.0, 40.0)
     rows = [
