@@ -145,7 +145,7 @@ class Machine(SetUp):
         Returns
         -------
         Machine
-            Checked; its constants have the same sources and ranges.
+            Checked, with the same sources and ranges.
 
         Raises
         ------

@@ -54,7 +54,7 @@ class PassSetting(Part):
     stop_share : float
         Share of shorts at which a constant feed stops.
     feed_mm_min : float
-        The constant feed; an adaptive feed begins at half of it.
+        The constant feed; an adaptive one begins at half.
     last_offset_um : float
         Offset that produces the drawn size if this is the last pass.
     step_um : float
