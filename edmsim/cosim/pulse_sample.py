@@ -84,10 +84,10 @@ def sample_pulses(
         If the feed drives the wire into the metal.
     """
     if not 0 < feed_um_s < math.inf or pulses < 1:
-        raise InputError(f"pulses are looked at in a cut: {pulses} pulses at {feed_um_s:g} um/s are not a cut")
+        raise InputError(f"sampling pulses needs a cut: {pulses} pulses at {feed_um_s:g} um/s are not a cut")
     plant = begin(machine, seed, resolution=resolution)
     if not plant.window_ns:
-        raise InputError("single pulses are looked at with generators of a fixed period")
+        raise InputError("sampling pulses needs generators of a fixed period")
     traverse = Traverse(plant, make("fixed", feed_um_s=feed_um_s))
     if traverse.run(settle_s)[-1].broken:
         raise InputError(f"the wire broke within {settle_s:g} s at {feed_um_s:g} um/s: no pulses to see")

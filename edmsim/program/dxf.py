@@ -279,7 +279,7 @@ def _unit(document: Drawing, chosen: str | None) -> tuple[float, list[str]]:
         if chosen not in UNITS:
             raise InputError(f"the unit is {chosen!r}: give one of {', '.join(UNITS)}")
         said = f", though the drawing says {UNIT_MM[code]:g} mm" if code in UNIT_MM and code != UNITS[chosen] else ""
-        return UNIT_MM[UNITS[chosen]], [f"the drawing is read in {chosen}, as asked{said}"]
+        return UNIT_MM[UNITS[chosen]], [f"the drawing is read in {chosen}, as requested{said}"]
     if code == 0:
         return 1.0, ["the drawing sets no unit ($INSUNITS): it is read as mm"]
     if code not in UNIT_MM:

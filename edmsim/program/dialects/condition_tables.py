@@ -53,7 +53,7 @@ class ConditionTable:
             return False
         name, written = found[1], found[2].split()
         if name in self.values:
-            raise InputError(f"the condition {name} stands twice in the table: take one out", self._file, line)
+            raise InputError(f"the condition {name} occurs twice in the table: remove one", self._file, line)
         if len(written) != len(self._columns):
             reason = f"the condition {name} has {len(written)} values, its table {len(self._columns)} columns"
             raise InputError(f"{reason}: write one each for {' '.join(self._columns)}", self._file, line)
@@ -96,7 +96,7 @@ def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
         if _CALLED.fullmatch(name.strip().upper()) is None or not isinstance(settings, dict):
             raise InputError(f"invalid condition name {name!r}: write it as in the program, [C001] or [E1221]", path)
         if key_of(name) in table:
-            raise InputError(f"the condition {name} stands twice: take one out", path)
+            raise InputError(f"the condition {name} occurs twice: remove one", path)
         if not settings:
             raise InputError(f"the condition {name} is empty: give t_on_us or another setting", path)
         if settings.keys() >= {"open_target_share", "feed_um_s"}:
