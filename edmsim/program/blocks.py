@@ -578,5 +578,5 @@ def _call(block: Block, file: str) -> tuple[int, int]:
         raise InputError("M98 needs the number of a subprogram as P, its repetitions as L, and nothing else",
                          file, block.line)
     if times != int(times) or times < 1:
-        raise InputError(f"M98 with L{times:g}: give the repetitions, at least 1", file, block.line)
+        raise InputError(f"M98 with L{times:g}: give the repetitions, a whole number from 1", file, block.line)
     return int(number), int(times)
