@@ -131,7 +131,7 @@ def tall(seeds: Sequence[int]) -> list[Row]:
 
 
 class Corner(NamedTuple):
-    """What an outer corner of 90 degrees and its sides are off the drawing, in um."""
+    """Errors of an outer 90 degree corner and of its sides against the drawing, in um."""
 
     corner_um: float
     p95_um: float
