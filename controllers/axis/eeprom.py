@@ -1,8 +1,8 @@
-"""The code in which a drive keeps words in its EEPROM: a checksum, and every half byte as an extended Hamming word.
+"""The code of a drive's words in its EEPROM: a checksum, and every half byte as an extended Hamming word.
 
 Ten words make 42 bytes, so three banks of the UHU's parameters fill 126 of the ATtiny2313's 128 bytes. The manual
-promises "checksum and forward error correction" and gives no layout (rows U-26, U-29, U-A24): the layout is ours, and
-the servo processor module keeps its one bank in the same code (row M-A16).
+promises "checksum and forward error correction" without a layout (rows U-26, U-29, U-A24): the layout is ours. The
+servo processor module stores its only bank in the same code (row M-A16).
 
 >>> image = bytearray(encode([900, 24]))
 >>> image[3] ^= 0x10

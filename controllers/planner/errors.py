@@ -1,6 +1,6 @@
-"""How far each planner strays: path, speed and end of straight moves in every direction and at many speeds.
+"""Errors of each planner in path, speed and end point, for straight moves in every direction at many speeds.
 
-The computer of 1982 itself is among them.
+The computer of 1982 is included.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What every planner offers, and what a controller that makes a planner's steps itself."""
+"""Interfaces of planners, and of controllers that make a planner's steps themselves."""
 
 from __future__ import annotations
 

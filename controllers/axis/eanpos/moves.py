@@ -1,7 +1,7 @@
-"""What a QEM EANPOS moves to: placements, jogs, changes in motion, and the count under them.
+"""Moves of a QEM EANPOS: positioning, jogs, changes in motion, and changes of the count.
 
-A change in motion is taken where the axis can still stop at its target with the ramps in execution (manual 1.4.2,
-1.4.3). A count rewritten in motion shifts the theoretical place as well, so that the axis travels on by as much.
+A change in motion is accepted if the axis can still stop at its target with the present ramps (manual 1.4.2, 1.4.3).
+A count changed in motion shifts the theoretical position too; the travel to the target changes by as much.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""ELCAM between a planner and motors: steps more or less where tables say that axes are wrong, and those of cams.
+"""ELCAM between a planner and motors: it adds or omits steps to compensate axis errors, and steps cam followers.
 
-A motor that takes steps reports no place that an error could be taken off, so the error is added to its setpoint
-("G3-ElCam Interface", chapter 2.2.1), in whole steps. An axis of the upper guide that follows a cam has no steps but
-these.
+A stepping motor reports no position to correct, so the error is added to its setpoint ("G3-ElCam Interface", chapter
+2.2.1), in whole steps. An axis of the upper guide that follows a cam has only these steps.
 """
 
 from __future__ import annotations
