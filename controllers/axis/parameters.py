@@ -1,4 +1,4 @@
-"""A drive's parameters by the names of their fields, kept in the registers of its record.
+"""A drive's parameters by the names of their fields, stored in its record's registers.
 
 >>> from edmsim.controllers.axis import make
 >>> drive = make("uhu")

@@ -1,12 +1,12 @@
-r"""What the operator of a UHU types and reads, to the character (rows U-7 to U-13, U-A13 to U-A18).
+r"""The UHU's serial dialogue, to the character (rows U-7 to U-13, U-A13 to U-A18).
 
-A line is a letter and a whole number. A letter alone shows its line of the help and waits for the number::
+A line is a letter and a whole number. A letter alone prints its line of the help and waits for the number::
 
     >P600           >P
     OK              (P)rop.      900: 600
     >               OK
 
-The help lists a counter, but C is the cycle: typed in full, ``COUNTER`` shows the encoder's count (ours).
+The help lists a counter, but C is the cycle: ``COUNTER``, typed in full, prints the encoder's count (ours).
 """
 
 from __future__ import annotations
