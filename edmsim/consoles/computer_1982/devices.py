@@ -1,4 +1,4 @@
-"""Where the terminal's bytes come from and go to: a pipe or file, or a person's terminal, character by character."""
+"""Input and output of the terminal's bytes: a pipe, a file, or a person's terminal, character by character."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an operator may do to the rig, and when: the machine as MAIN knows it, and presses of the 64 keys."""
+"""An operator's actions on the rig and their conditions: MAIN's interface to the machine, and the 64 keys."""
 
 from __future__ import annotations
 

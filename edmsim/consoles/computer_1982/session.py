@@ -1,7 +1,7 @@
-"""The session: bytes through LINE to MAIN, machine time between them, and what the machine says by itself.
+"""The session: bytes through LINE to MAIN, machine time between them, and the machine's events.
 
-Live, the machine runs at a multiple of the clock on the wall and lines are taken as they come. In a script, time
-stands still while lines are read: WAIT lets it pass, and the end of the input waits until the machine stands still.
+Live, the machine runs at a multiple of real time and reads lines on arrival. In a script, machine time stops while
+lines are read: WAIT advances it, and the end of the input waits until the machine stands still.
 """
 
 from __future__ import annotations

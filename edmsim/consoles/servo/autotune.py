@@ -1,15 +1,14 @@
-"""``edmsim tune drive``: values for a drive on an axis, found at its serial line, and what they change.
+"""``edmsim tune drive``: parameters for a drive on an axis, found over its serial line, and their effect.
 
-A relay experiment tells how fast the axis is, the manual's recipe follows, and then the drive as delivered and the
-tuned one are both measured on the bench, sample by sample. The result is what a person would type.
+A relay experiment measures how fast the axis is; then the manual's recipe tunes the drive. The bench measures the
+drive as delivered and as tuned, sample by sample. The result is the lines that a person would type.
 
-*The relay experiment*: a loop of endless gain makes an axis swing by itself (Åström and Hägglund 1984). The period
-is the ultimate one, and ``4 h / (pi a)`` the ultimate gain, for a relay of height h and a swing of amplitude a. At a
-drive's serial line the relay is P at its largest and everything else at nought, and the limit of the output is its
-height.
+*The relay experiment*: with infinite gain the axis oscillates (Åström and Hägglund 1984), at the ultimate period.
+The ultimate gain is ``4 h / (pi a)`` for a relay of height h and an oscillation of amplitude a. Over a drive's
+serial line, the relay is the largest P with all other gains 0; its height is the limit of the output.
 
-*The recipe* is that of the UHU's manual (rows U-25, U-58), step by step, for either drive. The module's guide has
-none but a recorder to "evaluate different tuning settings" with (4.20), and a feed-forward of velocity, which is
+*The recipe* is that of the UHU's manual (rows U-25, U-58), step by step, for either drive. The module's guide has no
+recipe. It has a recorder to "evaluate different tuning settings" (4.20), and a feed-forward of velocity, which is
 measured.
 """
 

@@ -1,8 +1,8 @@
 """An operator at a drive's serial line: types values, steps or moves the axis, and watches what the drive sends.
 
-Both chips show the tracking error: the UHU by the stream that its analyser draws (rows U-33 to U-36), the servo
-module by its recorder (guide 4.20). Nothing here looks at the axis in another way. From what an axis does after a
-step of its setpoint, overshoot, settling time and oscillation are read.
+Both chips send the tracking error: the UHU by the stream for its analyser (rows U-33 to U-36), the servo module by
+its recorder (guide 4.20). The operator uses nothing else. It reads overshoot, settling time and oscillation from the
+response to a step of the setpoint.
 """
 
 from __future__ import annotations

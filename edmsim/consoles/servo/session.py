@@ -1,7 +1,7 @@
-"""A drive behind a terminal: the bench runs in simulated real time, and bytes pass as they would over a wire.
+"""A drive at a terminal: the bench runs in simulated real time, and bytes take their time as on a wire.
 
-A pseudo-terminal is a serial port of this computer without a wire. Keys are those of the UHU's terminal program (rows
-U-37 and U-60): the space bar for the analyser, cursors for quick moves, ESC to leave. Others go to the drive.
+A pseudo-terminal is a serial port of this computer without a wire. Keys follow the UHU's terminal program (rows U-37
+and U-60): the space bar for the analyser, cursors for quick moves, ESC to leave. Other keys go to the drive.
 """
 
 from __future__ import annotations
