@@ -1,4 +1,4 @@
-"""The 8085 with its program: the routines of the document that drive the hardware, and their variables in RAM."""
+"""The 8085 with its program: the document's routines that drive the hardware, and their variables in RAM."""
 
 from __future__ import annotations
 

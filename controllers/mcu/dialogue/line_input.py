@@ -1,7 +1,7 @@
-"""The operator's line and the numbers in it: LINE, NORMAL, GNUMCI, GETNUM, GNUMHX and SKIP (5.1.2).
+"""The operator's line and its numbers: LINE, NORMAL, GNUMCI, GETNUM, GNUMHX and SKIP (5.1.2).
 
-The monitor's commands act on every character at once; here a whole line is typed and corrected first. LINE puts it
-into the input buffer, the others read it from there. Characters are bytes, as the serial channel brings them.
+The monitor's commands act on each character at once; here the operator types and corrects a whole line first. LINE
+puts it into the input buffer, and the others read it there. Characters are bytes, as on the serial channel.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""The monitor: the program in EPROM that an operator of May 1982 had (4.1, row T-78); and its tapes.
+"""The monitor: the operator's program in EPROM of May 1982 (4.1, row T-78); and its tapes.
 
-It reads and alters memory and the chips' registers, loads programs from tape and from the host, punches memory to
-tape, and starts programs. Every character is handled at once (row T-83): there is no line to be corrected, and what
-is wrong ends the command. The thesis names what it does and not its commands: the letters are ours, after the manner
-of the monitors of the time.
+It reads and changes memory and the chips' registers, loads programs from tape and from the host, punches memory to
+tape, and starts programs. It handles each character at once (row T-83): lines cannot be corrected, and an error ends
+the command. The thesis names its functions but not its commands: the letters are ours, in the style of monitors of
+the time.
 
-Tapes are Intel HEX, the form in which programs were punched and sent. Each line is a record: a colon, the number of
-bytes, their address, the kind of the record (00 data, 01 the end), the bytes and a checksum, all in hexadecimal;
-count, address, kind, bytes and checksum add up to 0 in eight bits.
+Tapes are in Intel HEX, the format of punched and sent programs. Each line is a record: a colon, the number of bytes,
+their address, the kind of the record (00 data, 01 the end), the bytes and a checksum, all in hexadecimal. Count,
+address, kind, bytes and checksum add up to 0 in eight bits.
 """
 
 from __future__ import annotations

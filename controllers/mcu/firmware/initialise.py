@@ -1,4 +1,4 @@
-"""What INIT and the monitor set up: start values by a copy of their table, safe outputs, serial channels (5.1.1)."""
+"""Set-up by INIT and the monitor: start values copied from their table, safe outputs, serial channels (5.1.1)."""
 
 from __future__ import annotations
 

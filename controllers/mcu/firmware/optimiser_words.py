@@ -1,4 +1,4 @@
-"""The optimising routine's constants and variables as words in RAM, where the monitor alters them."""
+"""The optimising routine's constants and variables as words in RAM, where the monitor changes them."""
 
 from __future__ import annotations
 
