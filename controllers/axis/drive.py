@@ -70,7 +70,7 @@ class Drive(Protocol):
 
 @runtime_checkable
 class StartsAnew(Drive, Protocol):
-    """A drive that starts anew when its logic is switched on, with what its memory has kept."""
+    """A drive that restarts when its logic is switched on, with the state in its memory."""
 
     def power_up(self) -> bytes:
         """Start as after the release of the reset pin; returns what it sends over its serial line, if it has one."""
@@ -139,7 +139,7 @@ def motor_row(values: Mapping[str, float], **changes: float) -> NDArray[np.void]
 
 
 def axis_names() -> tuple[str, ...]:
-    """Names of the axes that `axis_row` knows."""
+    """Names of the axes of `axis_row`."""
     folder = models.path("drives/board.toml").parent
     return tuple(sorted(file.stem.removeprefix("axis-") for file in folder.glob("axis-*.toml")))
 

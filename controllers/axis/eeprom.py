@@ -55,7 +55,7 @@ def size_of(n_words: int) -> int:
 
 
 def encode(words: Sequence[int], *, false_checksum: bool = False) -> bytes:
-    """Return words (0 to 65535) as they stand in the EEPROM; a new UHU has a false checksum (row U-28)."""
+    """Return the EEPROM's code of words (0 to 65535); a new UHU has a false checksum (row U-28)."""
     plain = bytearray(itertools.chain.from_iterable(word.to_bytes(2, "big") for word in words))
     plain.append(_checksum(plain) ^ (0xFF if false_checksum else 0))
     return bytes(itertools.chain.from_iterable((_CODE[byte >> _HALF_BITS], _CODE[byte & 0xF]) for byte in plain))

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 class PathOffset(Snapshots):
-    """The offset of a cut, leg by leg; `lateral_um` is where the motors stand beside the program's place."""
+    """The offset of a cut, leg by leg; `lateral_um` is the motors' offset from the program's place."""
 
     STATE = ("_made",)
 

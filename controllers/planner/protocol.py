@@ -47,4 +47,4 @@ class RunsPath(Protocol):
     """A controller that is the machine's own computer: with some planners no planner runs, as it makes the steps."""
 
     def path_run(self, planner: str) -> Planner | None:
-        """Return what follows the leg in place of the planner of that name, or None; called after every reset."""
+        """Return the leg's replacement of the planner of that name, or None; called after every reset."""

@@ -62,7 +62,7 @@ def preset(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def _set_out(reg: Words, real: Reals, again: bool) -> None:
-    """Go to the cam; an axis that stands on it at the first PRESET leaves it at once (row Q-53)."""
+    """Go to the cam; an axis on the cam at the first PRESET leaves it at once (row Q-53)."""
     if reg[at.CAM] != 0 and not again:
         _search(reg, real, -reg[at.HOME_DIR], reg[at.SPRSVEL], SLOW)
     else:

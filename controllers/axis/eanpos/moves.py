@@ -91,7 +91,7 @@ def slopes(reg: Words) -> tuple[float, float]:
 
 @exactly_compiled
 def catch_up(reg: Words, real: Reals) -> None:
-    """Take the theoretical place from the actual one, so that a loop that closes makes no jump (row Q-62)."""
+    """Set the theoretical position to the actual one; then a closing loop makes no jump (row Q-62)."""
     ahead = real[at.THEORY] - place(reg)
     real[at.INTEGRAL], reg[at.LAST_ERROR] = 0.0, 0
     _slide(real, -ahead)

@@ -95,7 +95,7 @@ _WHILE_RUNNING = frozenset({
 
 @dataclass(frozen=True)
 class TableAccess:
-    """One table's object, its number kept: the calls of `Elcam` without the descriptor."""
+    """One table's object: the calls of `Elcam` without the descriptor."""
 
     elcam: Elcam
     index: int

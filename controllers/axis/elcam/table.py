@@ -158,7 +158,7 @@ class CamTable:
         return 1 + int(np.count_nonzero(entered[1:] <= entered[:-1]))
 
     def faults(self, axes: int) -> Error:
-        """Return what forbids to follow the table, of what does not already stand in ``error``."""
+        """Return further reasons not to follow the table, besides those in ``error``."""
         found = Error(0)
         if self.size_master != self.size_follow or self.size_master < 2:
             found |= Error.SIZE

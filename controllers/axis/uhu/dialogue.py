@@ -62,7 +62,7 @@ class UhuActions(Protocol):
 
 
 class Dialogue:
-    """The terminal of one drive; `labels` stand before the values of the parameters, in the order of the help."""
+    """The terminal of one drive; `labels` precede the parameters' values, in the order of the help."""
 
     def __init__(self, labels: dict[str, str], serial_number: int) -> None:
         self._labels = labels

@@ -174,7 +174,7 @@ class ProgramStore:
             self._memory.write(self._first + offset, byte)
 
     def read(self) -> list[Entry]:
-        """The program as it stands in memory; raises `InputError` if the bytes are not a program."""
+        """The program in memory; raises `InputError` if the bytes are not a program."""
         entries: list[Entry] = []
         address = self._first
         while kind := self._memory.read(address):
@@ -311,7 +311,7 @@ class MainProgram:
 
     @property
     def prompt(self) -> str:
-        """What stands before the operator's line."""
+        """Prompt of the operator's line."""
         if self._question is None:
             return "> "
         shown = self._shown(self._question)

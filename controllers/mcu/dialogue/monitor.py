@@ -28,7 +28,7 @@ _FRAME = 5  # bytes of a record besides its data: count, address, kind, checksum
 
 
 class Tape(NamedTuple):
-    """What stands on a tape: bytes by address, and where its program is to be started (0: it names no place)."""
+    """A tape's content: bytes by address, and the start address of its program (0 if it has none)."""
 
     bytes: dict[int, int]
     start: int
@@ -51,7 +51,7 @@ def read_tape(text: bytes) -> Tape:
 
 
 def punch(data: bytes, first: int) -> str:
-    """Return the tape of some bytes that stand from an address on."""
+    """Return a tape of bytes from an address on."""
     records = [
         _punched(first + offset, DATA, data[offset : offset + RECORD_BYTES])
         for offset in range(0, len(data), RECORD_BYTES)
@@ -127,7 +127,7 @@ class Bench(Protocol):
         """Put a byte at an address; raises `InputError` where none can be written."""
 
     def tape(self, name: str) -> bytes:
-        """What stands on a tape."""
+        """Content of a tape."""
 
     def put_away(self, name: str, text: str) -> None:
         """Keep a tape that was punched."""
@@ -157,7 +157,7 @@ class Monitor:
 
     @property
     def typed(self) -> bytes:
-        """What stands on the screen behind the prompt."""
+        """Text on the screen after the prompt."""
         return bytes(self._typed)
 
     def clear(self) -> None:

@@ -141,7 +141,7 @@ def _resume(settings: Settings, state: State, short: int, open: int) -> None:
 
 
 def _retract(settings: Settings, state: State, ticks: int, cost: int) -> tuple[int, int]:
-    """Speed backwards; slower for the last window, so that the wire never goes back further than allowed."""
+    """Speed backwards; slower in the last window, to stop at the allowed distance."""
     left = max(settings.retract_ticks - state.phase_ticks, 0)
     if left >= ticks:
         return -settings.retract, cost

@@ -177,7 +177,7 @@ class Operation:
         self.rig.set(setting)
 
     def cut(self, program: Sequence[Entry]) -> None:
-        """Start timers and generator along a path; settings that stand before its first move are taken over first."""
+        """Start timers and generator along a path, after the settings before its first move."""
         self._check_still()
         route = lay_out(self.rig.computer.position, program, self.rig.unit_um)
         while route.dues and not route.dues[0].path_um:

@@ -121,7 +121,7 @@ class MonitorBench:
         self._computer.write(address, byte)
 
     def tape(self, name: str) -> bytes:
-        """What stands on a tape."""
+        """Content of a tape."""
         try:
             return (self._tapes / name).read_bytes()
         except OSError as error:
@@ -426,7 +426,7 @@ class Session:
 
     @property
     def _typed(self) -> bytes:
-        """What stands behind the prompt."""
+        """Text after the prompt."""
         return self._monitor.typed if self._in_monitor else self._line.typed
 
     def _clear_line(self) -> None:

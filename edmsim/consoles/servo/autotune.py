@@ -41,7 +41,7 @@ _KICK, _FEWEST_SWINGS = 4, 4
 
 
 class Oscillation(NamedTuple):
-    """What an axis tells of itself: ultimate gain in units of output per count, period in s, amplitude in counts."""
+    """Oscillation of an axis: ultimate gain in units of output per count, period in s, amplitude in counts."""
 
     gain: float
     period_s: float
@@ -49,7 +49,7 @@ class Oscillation(NamedTuple):
 
 
 def oscillation_of(operator: Operator) -> Oscillation:
-    """Let an axis swing under a relay whose height is raised or lowered until the swing is well seen."""
+    """Measure an axis' oscillation under a relay, with its height adjusted to a measurable amplitude."""
     heights = {_HEIGHT}
     height = _HEIGHT
     while True:

@@ -72,7 +72,7 @@ class PseudoTerminal:
         return os.read(self._ours, _CHUNK)
 
     def write(self, data: bytes) -> None:
-        """Send some bytes; what nobody reads is lost when the system's buffer is full, as on an open line."""
+        """Send bytes; if the system's buffer is full, unread bytes are lost, as on an open line."""
         while data and (sent := self.send(data)):
             data = data[sent:]
 
