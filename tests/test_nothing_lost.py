@@ -87,7 +87,7 @@ def test_an_interrupted_cut_is_not_lost_to_the_next_one(cut_small: Cut, tmp_path
     with pytest.raises(KeyboardInterrupt):
         cut_small(out=tmp_path, watch=stop, **SHORT)
     content = (tmp_path / checkpoint.NAME).read_bytes()
-    with pytest.raises(InputError, match="an interrupted cut lies in this folder: take it up with") as caught:
+    with pytest.raises(InputError, match="this folder has an interrupted cut: resume it with") as caught:
         cut_small(out=tmp_path, seed=2, **SHORT)
     assert caught.value.file == str(tmp_path)
     assert (tmp_path / checkpoint.NAME).read_bytes() == content

@@ -28,7 +28,7 @@ AIR_SHARE = 0.9  # from this share of open pulses on a window is taken for one w
 
 @dataclass(frozen=True)
 class PulseSample:
-    """Pulses one by one, of a straight cut at a fixed feed in steady state.
+    """Single pulses of a straight cut at a fixed feed in steady state.
 
     Attributes
     ----------
@@ -40,9 +40,9 @@ class PulseSample:
     kind : int array (n,)
         Class of every pulse, see `KINDS`.
     delay_us : float64 array (n,)
-        Ignition delay; NaN where nothing ignited.
+        Ignition delay; NaN if the pulse did not ignite.
     deflection_um : float64 array (n, slices, 2)
-        Wire minus guides when the pulse was over, per slice from the bottom, X and Y.
+        Wire minus guides after the pulse, per slice from the bottom, X and Y.
     """
 
     machine: Machine
@@ -61,7 +61,7 @@ def sample_pulses(
     machine: Machine, feed_um_s: float, *, seed: int = 0, pulses: int = PULSES, settle_s: float = SETTLE_S,
     resolution: str = "fast",
 ) -> PulseSample:
-    """Cut straight along +X from a begun slot, and look at single pulses once that has settled.
+    """Cut straight along +X from the start of a slot, and sample single pulses in steady state.
 
     Parameters
     ----------
@@ -70,24 +70,24 @@ def sample_pulses(
         Above 0.
     seed : int
     pulses : int
-        How many to look at, at least 1.
+        Number of pulses, at least 1.
     settle_s : float
-        Machine time before.
+        Earlier machine time.
     resolution : {"fast", "default", "fine"}
 
     Raises
     ------
     InputError
-        If the generator's period is not fixed, feed or number of pulses is not above 0, or the wire broke before
-        the cut had settled.
+        If the generator's period is not fixed, feed or number of pulses is not above 0, or the wire breaks before
+        the steady state.
     PlantError
-        If the feed drove the wire into the metal.
+        If the feed drives the wire into the metal.
     """
     if not 0 < feed_um_s < math.inf or pulses < 1:
-        raise InputError(f"pulses are looked at in a cut: {pulses} pulses at {feed_um_s:g} um/s are not a cut")
+        raise InputError(f"sampling pulses needs a cut: {pulses} pulses at {feed_um_s:g} um/s are not a cut")
     plant = begin(machine, seed, resolution=resolution)
     if not plant.window_ns:
-        raise InputError("single pulses are looked at with generators of a fixed period")
+        raise InputError("sampling pulses needs generators of a fixed period")
     traverse = Traverse(plant, make("fixed", feed_um_s=feed_um_s))
     if traverse.run(settle_s)[-1].broken:
         raise InputError(f"the wire broke within {settle_s:g} s at {feed_um_s:g} um/s: no pulses to see")

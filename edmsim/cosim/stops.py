@@ -14,21 +14,21 @@ from edmsim.compiled.jit import compiled
 
 
 class StopCause(IntEnum):
-    """Why it stopped, if it did."""
+    """Why a cut stopped."""
 
     RUNNING = 0
     FINISHED = 1
-    """The end of the path, or of the leg that `judge` was asked about."""
+    """The end of the path, or of the leg passed to `judge`."""
     WIRE_BREAK = 2
     LIMIT_SWITCH = 3
     PERSISTENT_SHORT = 4
     OUT_OF_RANGE = 5
-    """The wire was pushed further than the plant's model holds for."""
+    """The wire's deflection exceeds the range of the plant's model."""
     TIME_LIMIT = 6
     DRIVE_TRIP = 7
     """The drive of an axis reports a fault, most often a following error over its limit."""
     EMERGENCY_STOP = 8
-    """Somebody pressed the button; `judge` is not asked."""
+    """Emergency stop; `judge` never returns it."""
 
 
 class Words(NamedTuple):

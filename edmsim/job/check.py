@@ -40,14 +40,14 @@ class Check:
     Attributes
     ----------
     path : CutPath
-        The wire's path, with the notices of the reading.
+        The wire's path, with the reader's notices.
     machine : Machine
     cutting_s : float
         Least time of the path, at `feed_um_s`.
     feed_um_s : float
         Highest possible feed.
     limited_by : {"machine", "generator"}
-        Limit of this feed: the machine's largest, or the one at which every pulse removes as much as it can.
+        Limit of this feed: the machine's largest, or that at which every pulse removes its maximum.
     waiting_s : float
         Time of threading, moves between contours and dwells.
     passes : tuple of PassEstimate
@@ -89,7 +89,7 @@ def check(program: str | Path, settings: CutSettings) -> Check:
     program : path
         G-code or drawing.
     settings : CutSettings
-        Those of a cut; the time is that of the lowest height.
+        Those of a cut; the time is for the lowest height.
 
     Returns
     -------

@@ -153,7 +153,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     tell = enter or (lambda _: None)
     folder = None if out is None else Path(out)
     if running.resume and running.overwrite:
-        raise InputError("an interrupted cut is taken up or given up: choose --resume or --overwrite")
+        raise InputError("you can resume or discard an interrupted cut: choose --resume or --overwrite")
     if running.resume:
         checkpoint.see(folder)
     with nullcontext() if folder is None else locked(folder), noted() as signals:
@@ -342,7 +342,7 @@ class _Run:
             self._before_s = self.wall_time_s = checkpoint.load(self._simulation, self._folder, self._made_with)
         elif not overwrite and (self._folder / checkpoint.NAME).exists():
             raise InputError(
-                "an interrupted cut lies in this folder: take it up with --resume, or give it up with --overwrite",
+                "this folder has an interrupted cut: resume it with --resume, or discard it with --overwrite",
                 self._folder,
             )
 

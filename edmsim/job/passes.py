@@ -127,8 +127,8 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
         chosen, usual = getattr(settings, name), CutSettings.model_fields[name].default
         if chosen not in (usual, value):
             raise InputError(
-                f"the technology '{technology.title}' decides {name}, {value!r}, and it is given as {chosen!r}: "
-                "leave it out, or give a technology that has it"
+                f"the technology '{technology.title}' sets {name} to {value!r}, not {chosen!r}: omit the option, "
+                "or choose a technology with this value"
             )
     return settings.model_copy(update=decided)
 

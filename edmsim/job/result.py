@@ -56,9 +56,9 @@ def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: st
 
 
 def sample_like(report: Report, windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
-    """Look at single pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
+    """Sample single pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
 
-    The workpiece has its greatest height, and modes move the wire, whatever moved it in the cut.
+    The workpiece has its greatest height, and the mechanics are always modal.
 
     Parameters
     ----------
@@ -67,12 +67,12 @@ def sample_like(report: Report, windows: pa.Table, *, pulses: int = PULSES) -> P
     windows : pyarrow.Table
         The cut's table of windows.
     pulses : int
-        How many to look at.
+        Number of pulses.
 
     Raises
     ------
     InputError
-        If the cut never cut, its set-up cannot be read any more, or as `sample_pulses`.
+        If the cut has no feed, its set-up cannot be read, or as `sample_pulses`.
     """
     feed = cutting_feed_um_s(windows)
     if feed is None:
@@ -239,7 +239,7 @@ class CutResult:
     def write(self, folder: str | Path, enter: Callable[[str], None] | None = None) -> None:
         """Write ``report.json`` and ``.html``, ``windows.parquet``, ``profile.png``, ``part.npz`` and ``cut.rrd``.
 
-        They appear together when all are written, and overwrite those of an earlier cut.
+        They replace those of an earlier cut together, when all are complete.
 
         Parameters
         ----------

@@ -70,7 +70,7 @@ def own_mjcf(name: str, file: str) -> str:
     if sibling.is_file():
         return str(sibling)
     if not (Path(models.__file__).parent / name).is_file():
-        raise InputError(f"key 'model': there is no MJCF {name!r} beside this file, nor one of ours", file)
+        raise InputError(f"key 'model': there is no MJCF {name!r} in this file's folder or in edmsim", file)
     return name
 
 

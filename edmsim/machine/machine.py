@@ -42,24 +42,24 @@ def _loads(options: Callable[_Options, SetUpOptions]) -> Callable[[Callable[...,
 
 
 class Machine(SetUp):
-    """One set-up, complete: machine, wire, material, generator and the operator's choices.
+    """A set-up: machine, wire, material, generator and the operator's choices.
 
     Build it with `Machine.load`; change one thing with ``machine.with_(height_mm=30)``.
 
     Attributes
     ----------
     name, wire_name, material_name, generator_name : str
-        Files under `models/` the parts were read from.
+        Files of the parts under `models/`.
     wire_diameter_um : float
         20..400.
     tension : float
         Wire tension in newton.
     height_mm : float
-        Workpiece height; the greatest one, if it changes. The guides keep a clearance from it.
+        Greatest height of the workpiece. The guides have a clearance from it.
     t_on_us, t_period_us : float
         Setting of the pulse generator.
 
-    The operator's choices of `load` are attributes, too; None where the files' constants hold.
+    The options of `load` are attributes, too; None if the files' constants apply.
     """
 
     @staticmethod
@@ -99,9 +99,9 @@ class Machine(SetUp):
         return machine
 
     def with_(self, **changes: float | str | None) -> Machine:
-        """Return a checked copy with other operator's choices: tension, height, diameter, or a setting of `load`.
+        """Return a checked copy with other choices: tension, height, diameter, or an option of `load`.
 
-        None restores the files' constant, if there is one.
+        None restores the files' constant, if any.
         """
         known = {"tension", "height_mm", "t_on_us", "t_period_us", "wire_diameter_um", *Choices.model_fields}
         unknown = set(changes) - known
@@ -121,8 +121,8 @@ class Machine(SetUp):
     def uncertain(self) -> dict[str, Constant]:
         """Return the constants of machine, wire and material that have a range.
 
-        Their names are section and key: ``"gap.critical_um"``, ``"wire.strength_MPa"``. The ranges of the generator
-        are not included: they are limits of settings, not uncertainties.
+        Names have section and key: ``"gap.critical_um"``, ``"wire.strength_MPa"``. The generator's ranges are not
+        included: they limit settings.
         """
         return uncertain(self)
 
@@ -130,8 +130,8 @@ class Machine(SetUp):
         """Draw a machine within the ranges of its uncertain constants.
 
         Each constant is drawn independently: log-uniformly if its range is positive and spans a factor of 3 or more,
-        otherwise uniformly. The operator's choices stay. A set-up that `check` refuses, for example because the drawn
-        wire does not hold the tension, is drawn again.
+        otherwise uniformly. The operator's choices do not change. A set-up that `check` rejects, for example because
+        the wire cannot hold the tension, is drawn again.
 
         Parameters
         ----------
@@ -139,13 +139,13 @@ class Machine(SetUp):
             The same state gives the same machine. The drawn value of a constant does not depend on `only`, unless a
             set-up had to be drawn again.
         only : iterable of str, optional
-            Sections (``"gap"``) and constants (``"dielectric.conductivity_uS_cm"``) to draw; the others keep
-            their values. All by default; see `uncertain`.
+            Sections (``"gap"``) and constants (``"dielectric.conductivity_uS_cm"``) to draw; by default all of
+            `uncertain`. The others do not change.
 
         Returns
         -------
         Machine
-            Checked; its constants keep their sources and ranges.
+            Checked, with the same sources and ranges.
 
         Raises
         ------

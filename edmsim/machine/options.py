@@ -29,7 +29,7 @@ UNITS = {"mm": "mm", "us": "us", "V": "V", "A": "A", "ohm": "ohm", "m_s": "m/s",
 
 
 def available(kind: Kind) -> list[str]:
-    """Names that exist under `models/` for machines, wires, materials or generators."""
+    """Names of the machines, wires, materials or generators under `models/`."""
     folder = resources.files("edmsim.models") / kind
     return sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml"))
 

@@ -58,7 +58,7 @@ def parse_constant(text: str) -> tuple[str, float]:
     try:
         return name.strip(), float(value)
     except ValueError:
-        raise InputError(f"a constant is given as NAME=NUMBER, as gap.critical_um=5, not '{text}'") from None
+        raise InputError(f"an override is NAME=NUMBER, like gap.critical_um=5, not '{text}'") from None
 
 
 def check_names(names: Iterable[str]) -> None:

@@ -50,15 +50,15 @@ class PassSetting(Part):
     feed : {"adaptive", "constant"}
         Whether the feed follows the gap, or is constant and slowed by shorts.
     open_target_share : float
-        Share of open pulses that an adaptive feed holds.
+        Target share of open pulses of an adaptive feed.
     stop_share : float
-        Share of shorts at which a constant feed has come to a stand.
+        Share of shorts at which a constant feed stops.
     feed_mm_min : float
-        The constant feed; of an adaptive one that to begin with.
+        The constant feed; an adaptive one begins at half.
     last_offset_um : float
-        Offset with which the pass meets the drawing if it is the last.
+        Offset that produces the drawn size if this is the last pass.
     step_um : float
-        By how much the offset of the pass behind it is less.
+        Decrease of the offset to the next pass.
     found : FoundPass
     """
 
@@ -81,12 +81,12 @@ class PassSetting(Part):
     found: FoundPass
 
     def controller(self, scale: float = 1.0) -> str:
-        """Return the feed controller, as a command line names it.
+        """Return the feed controller for the command line.
 
         Parameters
         ----------
         scale : float
-            Of the feed: a lead-in is cut slower.
+            Factor on the feed, for slower lead-ins.
         """
         feed_um_s = self.feed_mm_min / 0.06 * scale
         if self.feed == "constant" or scale != 1.0:
@@ -144,7 +144,7 @@ class Technology(Part):
     ----------
     title, source : str
     machine, material, wire, planner : str
-        Names as a cut's options have them; the wire with its diameter.
+        Names in a cut's options; the wire's includes its diameter.
     heights : tuple of AtHeight
         In rising order.
     """
@@ -169,7 +169,7 @@ class Technology(Part):
         Raises
         ------
         InputError
-            More passes than it has, or a height far beyond its own.
+            If it has fewer passes, or this height is far outside.
         """
         at, notices = self._at(height_mm)
         if not 1 <= passes <= len(at.passes):
@@ -230,12 +230,12 @@ def _mixed(a: PassSetting, b: PassSetting, share: float) -> PassSetting:
 
 
 def read_technology(file: str | Path) -> Technology:
-    """Read a technology from a name under ``models/technologies`` or the path of an own TOML file.
+    """Read a technology by its name under ``models/technologies`` or the path of your own TOML file.
 
     Raises
     ------
     InputError
-        There is none of that name, or the file cannot be used; with the key that is wrong.
+        If the name is unknown or the file invalid; names the wrong key.
     """
     name = str(file)
     try:

@@ -25,18 +25,18 @@ _STEP_MM = 0.02
 
 
 def table_figure(measured: Mapping[str, TableMeasurement]) -> Figure:
-    """Draw what was measured of a table, once or before and after compensation.
+    """Draw measurements of a table, once or before and after compensation.
 
     Parameters
     ----------
     measured : mapping of str to TableMeasurement
-        By the name of the legend, two at most.
+        By name in the legend, at most two.
 
     Returns
     -------
     Figure
-        Deviation of x and of y along their own ways, both ways as thin lines and their mean; of y along x; and the
-        circular test.
+        Deviations of x and of y along their own axes, in both directions (thin lines) and their mean; of y along x;
+        and the circular test.
     """
     figure = Figure(figsize=(9.0, 6.4), layout="constrained")
     for place, (pair, title) in enumerate(
@@ -74,15 +74,15 @@ def _draw_circles(axes: PolarAxes, circles: Mapping[str, CircularTest]) -> None:
 
 
 def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, ErrorMap]) -> Figure:
-    """Draw a table's pitch error before and after compensation, and what both do to the wall of a part.
+    """Draw a table's pitch error before and after compensation, and its effect on the wall of a part.
 
     Parameters
     ----------
     measured : mapping of str to TableMeasurement
-        By name, two at most.
+        By name, at most two.
     cuts : mapping of str to ErrorMap
-        The same contour cut under both, and by a perfect table (``"perfect table"``), from which the others are
-        subtracted: wire and process are the same in all.
+        The same contour, cut with both and with a perfect table (``"perfect table"``), which is subtracted from
+        the others: wire and process are the same.
     """
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     drawn = figure.subplot_mosaic([["x", "y"], ["part", "part"]])

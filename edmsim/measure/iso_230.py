@@ -20,13 +20,13 @@ COVERAGE = 2.0  # standard deviations on either side of a mean that repeatabilit
 
 @dataclass(frozen=True)
 class Positioning:
-    """Deviations of an axis, and what follows from them; all in um but the targets.
+    """Deviations of an axis and the standard's figures, in um; targets in mm.
 
     Attributes
     ----------
     targets_mm : array (targets,)
     up_um, down_um : array (runs, targets)
-        Deviations where the target was approached from below and from above.
+        Deviations at targets approached from below and from above.
     """
 
     targets_mm: Floats
@@ -94,14 +94,14 @@ class Positioning:
 
 @dataclass(frozen=True)
 class CircularTest:
-    """Where the table truly was on a circle, both ways round.
+    """True places of the table on a circle, in both directions.
 
     Attributes
     ----------
     radius_mm : float
-        As programmed.
+        Programmed.
     anticlockwise_um, clockwise_um : array (n, 2)
-        Places from the programmed centre, at equal steps of the angle from +x on, both in anticlockwise order.
+        Places from the programmed centre, at equal steps of the angle from +x, both in anticlockwise order.
     """
 
     radius_mm: float
@@ -122,7 +122,7 @@ class CircularTest:
         """Return the figures of the standard by name, in um.
 
         ``circular_deviation`` and ``circular_deviation_clockwise`` (G, about the least-squares centre),
-        ``hysteresis`` (H, the greatest difference of both ways), ``radial_high`` and ``radial_low`` (F) of both ways.
+        ``hysteresis`` (H, largest difference of the directions), ``radial_high`` and ``radial_low`` (F) of both.
         """
         first, second = self.deviation_um(), self.deviation_um(clockwise=True)
         centre = 0.5 * (_centre(self.anticlockwise_um) + _centre(self.clockwise_um))

@@ -38,14 +38,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TableMeasurement:
-    """What was measured of a table.
+    """Measurements of a table.
 
     Attributes
     ----------
     travel_mm : float
     along : dict of (str, str) to Positioning
-        By the axis whose deviation it is, and the axis that moved: positioning where both are one, else straightness
-        and squareness.
+        By the axis of the deviation and the axis that moved: positioning if they are equal, otherwise
+        straightness and squareness.
     circle : CircularTest
     """
 
@@ -55,18 +55,18 @@ class TableMeasurement:
 
     @property
     def squareness_um_m(self) -> float:
-        """Angle by which the ways of x and y are more than square, in um per m (urad)."""
+        """Angle between the ways of x and y beyond 90 degrees, in um per m (urad)."""
         across = [found for (axis, master), found in self.along.items() if axis != master]
         slopes = [np.polyfit(found.targets_mm, found.mean_um, 1)[0] for found in across]
         return float(-1e3 * sum(slopes))
 
     def tables(self, cubic: bool = False) -> list[ErrorTable]:
-        """Return the compensation tables: errors are deviations turned round; beyond the ends they stay.
+        """Return the compensation tables: the negative deviations, constant beyond the ends.
 
         Parameters
         ----------
         cubic : bool
-            Let a curve join the points.
+            Interpolate with cubics.
         """
         made = []
         for (axis, master), found in self.along.items():
@@ -104,24 +104,24 @@ def measure_table(
     machine: Machine, *, interval_mm: float | None = None, runs: int | None = None, seed: int = 0,
     compensation: Elcam | None = None,
 ) -> TableMeasurement:
-    """Measure a machine's table at rest, axis by axis through its middle, and round a circle.
+    """Measure a machine's table at rest, each axis through the middle, and round a circle.
 
     Parameters
     ----------
     machine : Machine
     interval_mm : float, optional
-        Between targets, 0.02 mm to a quarter of the travel; 0.5 if not given.
+        Between targets, 0.02 mm to a quarter of the travel; by default 0.5.
     runs : int, optional
-        To every target from either side, 2 to 100; 5 if not given.
+        To every target from each side, 2 to 100; by default 5.
     seed : int
-        Of the readings' noise.
+        Of the noise of the readings.
     compensation : Elcam, optional
-        What the control compensates already, of `edmsim.controllers.axis.elcam.file.load_tables`.
+        The control's compensation, from `edmsim.controllers.axis.elcam.file.load_tables`.
 
     Raises
     ------
     InputError
-        An interval or a number of runs that cannot be.
+        If interval or number of runs is out of range.
     """
     data = _INTERFEROMETER["run"]
     travel_mm = machine.base.table.travel_mm.value

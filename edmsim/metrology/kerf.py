@@ -36,11 +36,11 @@ class KerfWidth:
     Attributes
     ----------
     s_mm : array (n,)
-        Arc length along the wire's path from the end of the lead-in, where the width was measured.
+        Measured places: arc length along the wire's path from the end of the lead-in.
     width_um : array (slices, n)
-        NaN where a slice of a stepped workpiece has no metal within 0.5 mm.
+        Width; NaN if the slice has no metal within 0.5 mm.
     part_um : array (slices, n)
-        Of that width, from the wire's path to the wall on the part's side.
+        Distance from the wire's path to the wall on the part's side.
     """
 
     s_mm: Floats
@@ -48,12 +48,12 @@ class KerfWidth:
     part_um: Floats
 
     def stats(self) -> dict[str, float]:
-        """Return ``mean``, ``min`` and ``max`` over all places and slices in um; NaN if there are none."""
+        """Return ``mean``, ``min`` and ``max`` over all places and slices in um; NaN without a place."""
         return width_stats(self.width_um)
 
     @property
     def slice_mean_um(self) -> Floats:
-        """Mean width of each slice from the bottom up: the barrel or taper of the cut; NaN if unmeasured."""
+        """Mean width of each slice from the bottom, which shows barrel or taper; NaN if unmeasured."""
         return finite_mean(self.width_um, axis=1)
 
 
@@ -68,9 +68,9 @@ def width_stats(width_um: Floats) -> dict[str, float]:
 def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) -> KerfWidth:
     """Measure the kerf every 0.05 mm across the wire's path, in all slices.
 
-    Left out are places within 0.5 mm of the contour's beginning and end, of corners and arcs tighter than
-    about 0.3 mm, of the blank's own edges, in each slice of the edges of its steps, and of where a wall is
-    missing: not yet cut, or opened by another cut (wider than three wires).
+    It omits places within 0.5 mm of the contour's ends, of corners and arcs with a radius below about
+    0.3 mm, of edges of the blank or of a step in the slice, and of missing walls: not yet cut, or opened by
+    another cut (wider than three wires).
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) 
     Raises
     ------
     InputError
-        If the wire's diameter is not above 0.
+        If the diameter is not above 0.
     """
     if not wire_diameter_um > 0:
         raise InputError(f"a wire diameter of {wire_diameter_um} um cannot be: it must be above 0")

@@ -60,21 +60,20 @@ NEAR_SEGMENTS = 8
 
 @dataclass(frozen=True)
 class ProfileError:
-    """Signed distance from the edge as drawn to the part's wall as cut.
+    """Signed distance from the nominal edge to the part's wall.
 
     Attributes
     ----------
     points_mm : array (n, 2)
-        Points of the nominal edge, at most 0.02 mm apart; every real corner is one. Of a tapered wall they lie at
-        half the workpiece's height.
+        Points of the nominal edge, at most 0.02 mm apart, with all real corners; of a tapered wall at half the
+        workpiece's height.
     s_mm : array (n,)
         Arc length along the nominal edge.
     error_um : array (slices, n)
-        Positive where metal is left on the part, negative where it is undercut; NaN where the cut did not
-        come, where a slice has no metal, or so near to the blank's own edge, or the edge of a step in that
-        slice, that there is nothing to measure.
+        Positive if metal is left on the part, negative if it is undercut; NaN if the place is not cut, the
+        slice has no metal, or the place is too near to an edge of the blank or of a step in that slice.
     at_lead_in : bool array (n,)
-        Points within 0.25 mm of where the lead-in meets the contour: the witness mark, if there is one.
+        Points within 0.25 mm of the end of the lead-in, which may have a witness mark.
     """
 
     points_mm: Floats
@@ -84,14 +83,14 @@ class ProfileError:
 
     @property
     def mean_um(self) -> Floats:
-        """Error averaged over the slices, array (n,); NaN where no slice has one."""
+        """Mean error over the slices, array (n,); NaN if all slices are."""
         return finite_mean(self.error_um, axis=0)
 
     def stats(self, with_lead_in: bool = True) -> dict[str, float]:
         """Return ``max`` (largest magnitude), ``rms`` and ``p95`` (of the magnitude), in um.
 
-        They are taken over every point of every slice, by default with the place of the lead-in: a witness
-        mark is an error of the part like any other. All are NaN if nothing was measured.
+        They cover every point of every slice, by default with the place of the lead-in, as a witness mark is
+        an error of the part. All are NaN if nothing was measured.
         """
         error = self.error_um if with_lead_in else self.error_um[:, ~self.at_lead_in]
         return error_stats(error)
@@ -107,11 +106,11 @@ def error_stats(error_um: Floats) -> dict[str, float]:
 
 
 def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] | None = None) -> ProfileError:
-    """Measure how far the part's wall is from the edge as drawn.
+    """Measure the distance of the part's wall from the nominal edge.
 
-    For every point of the nominal edge: the distance to the nearest place of the wall on the part's side of
-    the wire's path. In an inner corner that is the metal the round wire cannot reach. A tapered wall is measured in
-    every slice at that slice's height, within its plane.
+    For every point of the nominal edge, it is the distance to the nearest place of the wall on the part's side of
+    the wire's path. In an inner corner this includes metal that the round wire cannot reach. Each slice of a tapered
+    wall is measured in its plane.
 
     Parameters
     ----------
@@ -123,7 +122,7 @@ def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] 
     Raises
     ------
     InputError
-        If there is no such slice.
+        If a slice does not exist.
     """
     chosen = list(range(field.n_slices) if slices is None else slices)
     check_slices(field, chosen)
@@ -247,7 +246,7 @@ CORNER_REACH_MM = 0.15  # arc length on both sides of a corner over which its er
 
 
 class CornerError(TypedDict):
-    """A real corner of the edge as drawn and what became of it."""
+    """A real corner of the nominal edge and its error."""
 
     x_mm: float
     y_mm: float
@@ -264,13 +263,13 @@ def corners(contour: WireContour, profile: ProfileError, min_turn_deg: float = 1
     profile : ProfileError
         Of that contour.
     min_turn_deg : float
-        Vertices that turn by less are chords of an arc.
+        Vertices with a smaller turn are chords of an arc.
 
     Returns
     -------
-    list of dict
-        ``x_mm``, ``y_mm``, ``turn_deg`` (left positive) and ``error_um``: the error, averaged over the
-        height, of largest magnitude within 0.15 mm of the corner; NaN where none was measured.
+    list of CornerError
+        ``x_mm``, ``y_mm``, ``turn_deg`` (left positive) and ``error_um``: the mean error over the height,
+        of largest magnitude within 0.15 mm of the corner; NaN if unmeasured.
     """
     line = Polyline(contour.nominal_mm, contour.closed)
     found: list[CornerError] = []
@@ -288,12 +287,12 @@ _ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord toler
 
 @dataclass(frozen=True)
 class ElementError:
-    """A line or arc of the edge as drawn, and its error.
+    """A line or arc of the nominal edge, and its error.
 
     Attributes
     ----------
     contour, element : int
-        Number of the contour in the order of cutting, and of the element along it, both from 1.
+        Number of the contour in cutting order, and of the element along it, from 1.
     line : int or None
         The program's line; None for a drawing.
     kind : {"line", "arc", "curve"}
@@ -303,9 +302,9 @@ class ElementError:
         First and last point on the table.
     length_mm : float
     mean_um, rms_um : float
-        Of the profile error over the element and all slices, without what is out of the wire's reach; NaN if unknown.
+        Of the profile error over the element and all slices, less metal out of reach; NaN if unknown.
     low_um, high_um : float
-        Least and greatest of the same: positive is metal left.
+        Least and greatest error; positive is metal left.
     """
 
     contour: int
@@ -327,7 +326,7 @@ class ElementError:
 def element_errors(
     number: int, contour: WireContour, profile: ProfileError, unreachable_um: Floats
 ) -> list[ElementError]:
-    """Return the error of every element of a contour, in order; none if the contour does not know its elements.
+    """Return the error of every element of a contour, in order; empty if its elements are unknown.
 
     Parameters
     ----------
@@ -336,7 +335,7 @@ def element_errors(
     contour : WireContour
     profile : ProfileError
     unreachable_um : array (n,)
-        By `edmsim.metrology.reach.unreachable_um`.
+        `edmsim.metrology.reach.unreachable_um`.
     """
     if not contour.elements:
         return []

@@ -23,7 +23,7 @@ EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is one o
 
 @dataclass(frozen=True)
 class WorstPlace:
-    """Where an error is largest.
+    """Place of a largest error.
 
     Attributes
     ----------
@@ -32,10 +32,10 @@ class WorstPlace:
     error_um : float
         Signed: positive is metal left.
     why : str
-        What lies there: ``start mark`` (where the lead-in meets the contour), ``out of reach`` (the round wire leaves
-        most of it), ``inner corner``, ``outer corner`` or ``edge``.
+        Kind of place: ``start mark`` (end of the lead-in), ``out of reach`` (the round wire leaves most of the
+        error), ``inner corner``, ``outer corner`` or ``edge``.
     made_by : str or None
-        Name of the largest of the error's shares there (`edmsim.metrology.shares`); None if it was not split.
+        Name of the error's largest share (`edmsim.metrology.shares`); None if the shares are unknown.
     """
 
     x_mm: float
@@ -46,7 +46,7 @@ class WorstPlace:
 
 
 def unreachable_um(profile: ProfileError, contour: WireContour) -> Floats:
-    """Return how much metal the wire leaves at every point of the edge if it runs exactly on its path.
+    """Return the metal that a wire exactly on its path leaves at every point of the edge.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def unreachable_um(profile: ProfileError, contour: WireContour) -> Floats:
     Returns
     -------
     array (n,)
-        At ``profile.points_mm``, 0 or more. Less than 2 um is the path's own rounding and counts as 0.
+        At ``profile.points_mm``, 0 or more. Less than 2 um is rounding of the path and counts as 0.
     """
     path = shapely.LineString(wire_line(contour).points)
     left_um = shapely.distance(path, shapely.points(profile.points_mm)) * 1e3 - contour.offset_um
@@ -66,10 +66,9 @@ def unreachable_um(profile: ProfileError, contour: WireContour) -> Floats:
 def mean_error_um(
     contours: Sequence[WireContour], profiles: Sequence[ProfileError], unreachable: Sequence[Floats]
 ) -> float:
-    """Return the mean error in um of straight and round walls: without corners, start marks and what is out of reach.
+    """Return the mean error in um of walls, without corners, start marks and places out of reach.
 
-    It is by how much the offset was too large. Contours whose path no offset moves do not count; NaN if nothing was
-    measured.
+    The offset was too large by this error. Uncompensated contours do not count; NaN if nothing was measured.
     """
     known = []
     for contour, profile, left_um in zip(contours, profiles, unreachable, strict=True):
@@ -93,11 +92,11 @@ def worst_place(
     ----------
     contours, profiles
     unreachable : sequence of array
-        By `unreachable_um`.
+        `unreachable_um`.
     shares : sequence of array (5, n) or None
-        By `edmsim.metrology.shares.error_shares`.
+        `edmsim.metrology.shares.error_shares`.
     reachable : bool
-        Look for the largest error without what is out of reach.
+        Whether to subtract metal out of reach.
 
     Returns
     -------

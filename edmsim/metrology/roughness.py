@@ -28,12 +28,12 @@ LAYERS, LEFT_OUT = 20, 8
 
 
 def roughness_um(crater_volume_um3: float, depth_ratio: float = CRATER_DEPTH_RATIO) -> float:
-    """Estimate Ra in um of a surface that craters of a mean volume have made.
+    """Estimate Ra in um of a surface from the mean volume of its craters.
 
-    A crater is half a flat ellipsoid, as in ETH's data: volume 2/3 area * depth, so with ``k`` = depth over
-    diameter ``V = pi k D**3 / 6``. Ra is `ra_over_depth` times its depth ``k D``. Derived here, not measured: rims
-    and recast metal are left out, so take it as a lower bound with the right trend (Ra rises with the cube root of
-    the volume; published: with the pulse energy to the power 0.3 to 0.4).
+    A crater is half a flat ellipsoid, as in ETH's data: its volume is 2/3 area * depth, or ``V = pi k D**3 / 6``
+    with ``k`` = depth over diameter. Ra is `ra_over_depth` times the depth ``k D``. This is derived, not measured.
+    It omits rims and recast metal, and is a lower bound with the right trend (Ra rises with the cube root of the
+    volume; published: with the pulse energy to the power 0.3 to 0.4).
 
     Parameters
     ----------
@@ -96,9 +96,9 @@ STANDARD_K = 298.0  # temperature at which a conductivity is stated
 def heat_affected_um(machine: Machine, discharge_us: float) -> float:
     """Depth below a crater to which a discharge heats the metal beyond its `affected_K`, in um.
 
-    The crater's floor is as hot as melting metal for as long as the discharge lasts, and heat flows into the depth:
-    ``T(z) = T0 + (Tm - T0) erfc(z / (2 sqrt(a t)))``. How much energy there is beyond that changes the crater, not
-    this depth, which grows with the square root of the duration.
+    The crater's floor is at the melting point during the discharge, and heat flows into the depth:
+    ``T(z) = T0 + (Tm - T0) erfc(z / (2 sqrt(a t)))``. The depth grows with the square root of the duration.
+    More energy changes the crater, not this depth.
 
     Parameters
     ----------
@@ -123,12 +123,12 @@ def heat_affected_um(machine: Machine, discharge_us: float) -> float:
 
 
 def electrolysed_um(machine: Machine, voltage_s_mm: float, gap_um: float) -> float:
-    """Depth of metal that the mean voltage dissolves from the walls while the wire passes, in um.
+    """Depth of metal that the mean voltage dissolves from the walls as the wire passes, in um.
 
-    The wire is a cylinder beside a plane in water of conductivity ``k``. A place of the wall sees half of its field
-    pass, as it is a wall only once the front has gone by: ``pi k U / (v arcosh(1 + g/r))`` of charge per area, for
-    the mean voltage ``U`` and the speed ``v``. Every charge dissolves metal (Faraday): this is what there is at most.
-    Charge that equalising pulses drive back counts against it.
+    The wire is a cylinder next to a plane in water of conductivity ``k``. A place becomes wall only when the front
+    has passed, so half of the wire's field passes it. The charge per area is ``pi k U / (v arcosh(1 + g/r))`` for
+    the mean voltage ``U`` and the speed ``v``. All charge dissolves metal (Faraday), so this is an upper bound.
+    The charge of equalising pulses is subtracted.
 
     Parameters
     ----------

@@ -409,7 +409,7 @@ def _value(letter: str, number: str, file: str, line: int) -> float:
     value = float(number)
     if abs(value) > GREATEST_NUMBER:
         quoted = f"{letter}{number[:12]}{'...' if len(number) > 12 else ''}"
-        raise InputError(f"the number of {quoted} is beyond all reason: at most {GREATEST_NUMBER:g}", file, line)
+        raise InputError(f"the number of {quoted} is too large: at most {GREATEST_NUMBER:g}", file, line)
     return value
 
 
@@ -526,11 +526,11 @@ def _sections(behind: Sequence[Block], file: str) -> dict[int, list[Block]]:
             if not names and block.label is not None:
                 names = [f"N{block.label}"]
             if not names:
-                raise InputError("behind the end of the program only subprograms may stand: begin them with their "
+                raise InputError("only subprograms may follow the end of the program: begin them with their "
                                  "O number", file, block.line)
             number = int(float(names[0][1:]))
             if number in found:
-                raise InputError(f"subprogram {names[0][0]}{number} stands twice", file, block.line)
+                raise InputError(f"subprogram {names[0][0]}{number} occurs twice", file, block.line)
             found[number] = []
         elif names:
             raise InputError(f"subprogram O{number} has no M99 before {names[0]} begins", file, block.line)
@@ -575,8 +575,8 @@ def _call(block: Block, file: str) -> tuple[int, int]:
     """Return which subprogram is called, and how often."""
     number, times = block.values.get("P"), block.values.get("L", 1.0)
     if number is None or not block.values.keys() <= {"P", "L", "D", "H"} or number != int(number) or number < 0:
-        raise InputError("M98 wants the number of a subprogram as P, its repetitions as L, and nothing else",
+        raise InputError("M98 needs the number of a subprogram as P, its repetitions as L, and nothing else",
                          file, block.line)
     if times != int(times) or times < 1:
-        raise InputError(f"M98 with L{times:g}: give how often, a whole number from 1", file, block.line)
+        raise InputError(f"M98 with L{times:g}: give the repetitions, a whole number from 1", file, block.line)
     return int(number), int(times)

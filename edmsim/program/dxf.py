@@ -167,22 +167,22 @@ def read_dxf(
     file : path
         The drawing, any DXF version.
     layers : sequence of str
-        Only these are cut; by default all that are on and not frozen.
+        Layers to cut; by default all that are on and not frozen.
     unit : {"mm", "um", "cm", "m", "in", "ft", "mil"}, optional
-        Unit of the drawing; by default what its header says.
+        Unit of the drawing; by default that of its header.
     without : str, optional
-        A layer that is not cut.
+        A layer not to cut.
 
     Returns
     -------
     Program
-        One closed outline per contour, holes before what is around them; the wire goes on the right.
+        One closed outline per contour, inner ones first; the wire runs on the right.
 
     Raises
     ------
     InputError
-        Not a DXF drawing, a layer or unit that there is not,
-        an entity that cannot be cut, a contour that is open, branches, or meets another.
+        If the file is not a DXF drawing, a layer or unit is unknown, an entity cannot be cut,
+        or a contour is open, branches, or meets another.
     """
     path = Path(file)
     try:
@@ -279,7 +279,7 @@ def _unit(document: Drawing, chosen: str | None) -> tuple[float, list[str]]:
         if chosen not in UNITS:
             raise InputError(f"the unit is {chosen!r}: give one of {', '.join(UNITS)}")
         said = f", though the drawing says {UNIT_MM[code]:g} mm" if code in UNIT_MM and code != UNITS[chosen] else ""
-        return UNIT_MM[UNITS[chosen]], [f"the drawing is read in {chosen}, as asked{said}"]
+        return UNIT_MM[UNITS[chosen]], [f"the drawing is read in {chosen}, as requested{said}"]
     if code == 0:
         return 1.0, ["the drawing sets no unit ($INSUNITS): it is read as mm"]
     if code not in UNIT_MM:

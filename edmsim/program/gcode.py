@@ -422,28 +422,28 @@ def read_gcode(
     Parameters
     ----------
     file : path
-        The program, text in UTF-8, or as its byte order mark says.
+        The program, in UTF-8 or the encoding of its byte order mark.
     ignore : sequence of str
-        Words to leave out, as ``M77``, or letters, as ``U``.
+        Words to leave out, ``M77``, or letters, ``U``.
     offsets : mapping of str to float, optional
-        Offsets in mm by register, ``{"D1": 0.155}``; what the program says of one comes before it.
+        Offsets in mm by register, ``{"D1": 0.155}``. Values in the program take precedence.
     dialect : str
-        Name of `edmsim.program.dialects.DIALECTS`; ``auto``: recognised by words that only one machine has.
+        Name in `edmsim.program.dialects.DIALECTS`; ``auto`` recognises it by words that only one machine has.
     conditions : mapping of str to mapping of str to float, optional
-        What the conditions are that it calls: `edmsim.program.dialects.condition_tables.read_conditions`.
+        Settings of conditions, from `edmsim.program.dialects.condition_tables.read_conditions`.
 
     Returns
     -------
     Program
-        An outline per run between rapids, and per pass of it, in mm. Its notices say whatever had to be decided:
-        dialect, coordinates in whole um, absolute arc centres, words without effect, a lead-out left out.
+        One outline per run between rapids and per pass, in mm. Its notices list the reader's decisions:
+        dialect, coordinates in whole um, absolute arc centres, words without effect, an omitted lead-out.
 
     Raises
     ------
     UnknownWordsError
-        All words of the file that are not known.
+        If the file has unknown words; lists all of them.
     InputError
-        With file and line: an arc that fits neither way, a contour that makes no sense, no such dialect.
+        If an arc or a contour is invalid, or the dialect unknown; names file and line.
     """
     path = Path(file)
     text = read_text(path)

@@ -462,7 +462,7 @@ class Interpreter:
 
     def _note_words(self, block: Block) -> None:
         for word in block.ignored:
-            self.notices.add(f"{word} is left out, as asked", block.line)
+            self.notices.add(f"{word} is left out, as requested", block.line)
         for word in block.idle:
             self.notices.add(f"the word {word[0]} has no effect on the contour", block.line)
         if "F" in block.values:
@@ -488,7 +488,7 @@ class Interpreter:
         if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", *_ALSO}:
             raise self.error("G4 wants its time in seconds, 0 or more, as P or X and nothing else", block)
         if times[0] > LONGEST_DWELL_S:
-            raise self.error(f"a dwell of {times[0]:g} s is beyond all reason: at most {LONGEST_DWELL_S:g} s", block)
+            raise self.error(f"a dwell of {times[0]:g} s is too long: at most {LONGEST_DWELL_S:g} s", block)
         self.runs[-1].dwells.append((len(self.runs[-1].motions), times[0]))
 
     def _set_register(self, block: Block) -> None:

@@ -25,21 +25,21 @@ Corners = Literal["sharp", "conical", "cylindrical", "rounded"]
 
 @dataclass(frozen=True)
 class Taper:
-    """How the wire leans along an outline.
+    """Inclination of the wire along an outline.
 
     Attributes
     ----------
     angle_deg : tuple of float, optional
-        For each chord of the outline the angle between wire and vertical; positive where the wire's upper end leans
-        to the left of the direction of the cut. None where `upper_mm` says it.
+        Angle between wire and vertical for each chord; positive if the wire's upper end leans to the left of the
+        cutting direction. None if `upper_mm` is set.
     upper_mm : float64 array (n, 2), optional
-        For each point of the outline the point of the second plane; the wall between them is ruled.
+        Point in the second plane for each point of the outline; the wall between them is ruled.
     corners : {"sharp", "conical", "cylindrical", "rounded"}
-        What corners and arcs become at other heights.
+        Shape of corners and arcs at other heights.
     program_plane_mm : float
         Height of the outline's plane over the workpiece's lower face.
     second_plane_mm : float, optional
-        Height of the plane of `upper_mm`; None: the workpiece's upper face.
+        Height of the plane of `upper_mm`; by default the workpiece's upper face.
     """
 
     angle_deg: tuple[float, ...] | None = None
@@ -56,42 +56,42 @@ class Outline:
     Attributes
     ----------
     points_mm : float64 array (n, 2)
-        The edge in the direction of the cut; first and last point equal if ``closed``.
+        The edge in the cutting direction; first and last point are equal if ``closed``.
     line_numbers : tuple of int
-        For each of the ``n - 1`` chords the line of the program; 0 where there is none (DXF).
+        Program line of each of the ``n - 1`` chords; 0 for a drawing.
     closed : bool
         Whether the edge closes on itself.
     wire_side : {"left", "right", None}
-        The side of the edge the wire is offset to; None: the wire's centre follows the points.
+        Side of the edge to which the wire is offset; if None, the wire's centre follows the points.
     part_side : {"left", "right"}
-        The side the part stays on.
+        Side of the part.
     approach_mm : float64 array (k, 2)
-        The program's own way from the thread point to ``points_mm[0]`` (not in it); empty if it has none. Where the
-        wire stays threaded (``continues``), from the end of what was cut before.
+        The program's approach from the thread point to ``points_mm[0]``, which is not included; may be empty.
+        If the wire stays threaded (``continues``), it begins at the end of the previous outline.
     approach_lines : tuple of int
-        For each of the ``k`` approach moves the line of the program.
+        Program line of each of the ``k`` approach moves.
     compensated_from : int
-        ``approach_mm`` from this point on is an edge too and is offset like it; before, it is wire centre.
+        Index from which ``approach_mm`` is an edge and is offset, too; before, it is the wire's centre.
     dwells : tuple of (int, float)
-        ``(i, seconds)`` of every G4, ``i`` counted through ``approach_mm`` and then ``points_mm``.
+        ``(i, seconds)`` of every G4; ``i`` counts through ``approach_mm``, then ``points_mm``.
     needs_lead_in : bool
-        Whether the wire would be threaded on the contour and wants a lead-in that the program does not have.
+        Whether the contour needs a lead-in that the program does not have.
     elements : tuple of int
-        For each of the ``n - 1`` chords the line or arc it belongs to, counted along the edge from 1.
+        Line or arc of each of the ``n - 1`` chords, counted along the edge from 1.
     offset_mm : float, optional
-        Offset of the program's register for it, in mm; None if it has none.
+        Offset of the program's register in mm, if there is one.
     condition : str, optional
-        Name of the machining condition in force, as the program writes it: ``C001``, ``E1221``, ``S2``.
+        Machining condition in force, as the program writes it: ``C001``, ``E1221``, ``S2``.
     approach_condition : str, optional
-        The one on the approach.
+        The condition on the approach.
     adaptive : bool, optional
-        Whether the program asks for adaptive feed; None where it does not say.
+        Whether the program requests adaptive feed; None if it sets neither.
     continues : bool
-        Whether the wire stays threaded from the outline before: nothing but cutting moves lies between them.
+        Whether the wire stays threaded from the previous outline: only cutting moves lie between them.
     stops_after : bool
-        Whether the program stops after it (M00, M01), as for gluing the slug.
+        Whether the program stops after the outline (M00, M01), for example to glue the slug.
     taper : Taper, optional
-        How the wire leans; None: it is vertical.
+        Inclination of the wire; None if it is vertical.
     """
 
     points_mm: NDArray[np.float64]
@@ -115,33 +115,33 @@ class Outline:
 
     @property
     def line(self) -> int | None:
-        """The line of the program on which the edge begins."""
+        """The program line on which the edge begins."""
         return (self.line_numbers[0] or None) if self.line_numbers else None
 
     @property
     def name(self) -> str:
-        """The outline in the words of an error message."""
+        """Name of the outline for error messages."""
         x, y = self.points_mm[0]
         return f"the contour from X{x:.3f} Y{y:.3f}"
 
 
 @dataclass(frozen=True)
 class Program:
-    """All outlines of a part program in the order they are to be cut.
+    """All outlines of a part program, in cutting order.
 
     Attributes
     ----------
     outlines : tuple of Outline
     notices : tuple of str
-        What a user should know about how it was read.
+        Decisions of the reader that you should know.
     source : str
         The file.
     dialect : str, optional
-        Whose words a G-code program speaks: ``sodick``, ``fanuc``; None where nothing in it tells.
+        Dialect of a G-code program, ``sodick`` or ``fanuc``; None if it has no words of either.
     conditions : mapping of str to mapping of str to float
-        Tables of machining conditions in the program, by condition and column as written.
+        The program's table of machining conditions, by condition and column as written.
     settings : mapping of str to mapping of str to float
-        What a user's table says of the conditions that the program calls: by condition as the program writes it, and
+        Settings from your table of conditions, by condition as the program writes it and key of
         `edmsim.program.dialects.condition_tables.SETTINGS`. Empty without such a table.
     """
 

@@ -36,25 +36,25 @@ MOST_PASSES = 9  # more passes than any technology has (ours)
 
 @dataclass(frozen=True)
 class PassPlan:
-    """How every closed or compensated contour is cut in passes.
+    """Passes of every closed or compensated contour.
 
     Attributes
     ----------
     offsets_mm : tuple of float
         Distance of the wire's centre from the drawing, from the rough pass to the last.
     tab_mm : float
-        Length of the edge that is left uncut until the rest is finished, at the end of a closed contour; 0 for none.
+        Length of the edge at the end of a closed contour that is cut last; 0 for no tab.
     overlap_mm : float
-        How far passes go on over what is already cut.
+        Distance by which passes continue over what is already cut.
     after_tab : {"stop", "cut"}
-        What comes before the tab.
+        Whether the machine stops before it cuts the tab.
     of_program : bool
-        Whether the passes are those that the program has: then only its offsets that no register gives are taken.
+        Whether the program has its own passes; the plan then supplies only offsets that no register has.
 
     Raises
     ------
     InputError
-        Offsets that grow or are invalid, a length below 0.
+        If offsets grow or are invalid, or a length is below 0.
     """
 
     offsets_mm: tuple[float, ...]
@@ -97,26 +97,26 @@ class CutPass:
     Attributes
     ----------
     number : int
-        1 is the rough pass; its setting is that of the technology's pass of this number.
+        1 is the rough pass. The technology's pass of this number has its setting.
     piece : {"profile", "tab"}
-        What of the contour it cuts.
+        Part of the contour to cut.
     points_um : int64 array (n, 2)
-        Wire centre, of a leaning wire at the lower guide, from where the pass before ended; of the first pass from
-        the start hole.
+        Wire centre, at the lower guide if the wire leans, from the end of the previous pass; for the first pass,
+        from the start hole.
     approach_moves : int
-        Number of first moves, which bring the wire to where the pass begins.
+        Number of moves to the beginning of the pass.
     offset_um : float
         Distance from the drawing.
     reversed : bool
         Whether it runs against the contour's direction.
     stops_before : bool
-        Whether the machine stops before it, for the piece to be glued.
+        Whether the machine stops first, to glue the piece.
     frees : bool
         Whether a piece of metal may come loose at its end.
     falls : bool
-        Whether such a piece falls; else it is held.
+        Whether such a piece falls; otherwise it is held.
     lean : Lean, optional
-        How the wire leans; None: it is vertical.
+        Inclination of the wire; None if it is vertical.
     dwells : tuple of (int, float)
         ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4).
     """
@@ -135,15 +135,15 @@ class CutPass:
 
     @property
     def way(self) -> Way:
-        """Where the lower guide goes, and how the wire leans."""
+        """The lower guide's path and the wire's inclination."""
         return Way(self.points_um, self.lean)
 
     def at_height(self, height_mm: float) -> CutPass:
-        """Return what a leaning wire does at a height, as the pass of a vertical one; in whole um."""
+        """Return a leaning wire's pass at a height as that of a vertical wire, in whole um."""
         return replace(self, points_um=self.way.at_height(height_mm), lean=None)
 
     def moved(self, by_um: NDArray[np.int64]) -> CutPass:
-        """Return the same elsewhere on the table."""
+        """Return the pass, moved on the table."""
         lean = self.lean and self.lean.moved(by_um / 1000)
         return replace(self, points_um=self.points_um + by_um, lean=lean)
 

@@ -55,9 +55,9 @@ def load_program(
     ignore : sequence of str
         Words of G-code to leave out: `read_gcode`.
     layers, unit
-        Of a drawing: `read_dxf`.
+        For drawings: `read_dxf`.
     upper_layer : str, optional
-        Of a drawing, the layer of the contours of the upper face: `edmsim.program.two_contours.ruled_between`.
+        A drawing's layer with the contours of the upper face: `edmsim.program.two_contours.ruled_between`.
     offsets : path, optional
         Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
     dialect : str
@@ -73,7 +73,7 @@ def load_program(
     Raises
     ------
     InputError
-        Another suffix, or whatever `read_gcode` and `read_dxf` refuse.
+        If the suffix is another, or as `read_gcode` and `read_dxf`.
     """
     path = Path(file)
     suffix = path.suffix.lower()
@@ -115,38 +115,38 @@ STOCK_MARGIN_MM = 3.0  # blank left around the job in mm, clipped to the table (
 
 @dataclass(frozen=True)
 class WireContour:
-    """One cut between threading the wire and cutting it off, in table coordinates.
+    """One cut from threading the wire to cutting it off, in table coordinates.
 
     Attributes
     ----------
     points_um : int64 array (n, 2)
-        Wire centre, whole um within the table's travel; points_um[0] is where the wire is threaded (start hole).
+        Wire centre, whole um within the table's travel. The wire is threaded at points_um[0], the start hole.
     lead_in_moves : int
-        The first this many moves lead from the start hole to the contour.
+        Number of moves from the start hole to the contour.
     nominal_mm : float64 array (m, 2)
-        The part's edge as drawn, in mm on the table; first and last point equal if ``closed``.
+        The part's edge as drawn, in mm on the table; first and last point are equal if ``closed``.
     closed : bool
         Whether the nominal edge closes on itself.
     part_side : {"left", "right"}
-        On which side of the wire, looking along the cut, the part stays.
+        Side of the part, looking along the cut.
     dwells : tuple of (int, float)
         ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4).
     line_numbers : tuple of int
-        For every move the line of the program it came from; 0 where there is none (DXF, lead-in).
+        Program line of every move; 0 for drawings and lead-ins.
     elements : tuple of (int, int)
-        For every chord of `nominal_mm` the line or arc it belongs to, counted along the contour from 1, and the
-        program's line, 0 where there is none (DXF).
+        For every chord of `nominal_mm`, its line or arc, counted along the contour from 1, and its program line,
+        0 for drawings.
     offset_um : float
-        Distance between wire centre and nominal edge that was applied; 0 if none.
+        Applied distance between wire centre and nominal edge; may be 0.
     compensated : bool
-        Whether the wire's path follows from edge and offset; else it is as written, and the edge follows from it.
+        Whether edge and offset determine the wire's path; otherwise path and offset determine the edge.
     lean : Lean, optional
-        How the wire leans; `points_um` are then of the lower guide, and `nominal_mm` lies in the program's plane.
+        Inclination of the wire; `points_um` is then the lower guide's, and `nominal_mm` in the program's plane.
     passes : tuple of CutPass
-        What is cut one after the other where it is cut in passes; `points_um` and `offset_um` are then those of the
-        last pass, all round. None where there is one pass, which is `points_um`.
+        Passes in cutting order; `points_um` and `offset_um` are then those of the last pass, all round. Empty for
+        a single pass, which is `points_um`.
     continues : bool
-        Whether the wire stays threaded from the contour before.
+        Whether the wire stays threaded from the previous contour.
     """
 
     points_um: NDArray[np.int64]
@@ -165,18 +165,18 @@ class WireContour:
 
     @property
     def way(self) -> Way:
-        """Where the lower guide goes, and how the wire leans; of one in passes, along the last, all round."""
+        """The lower guide's path and the wire's inclination; for several passes, of the last, all round."""
         return Way(self.points_um, self.lean)
 
     @property
     def ways(self) -> tuple[Way, ...]:
-        """The wire's ways one after the other: those of the passes, or the one there is."""
+        """The wire's paths in order: one per pass."""
         return tuple(one.way for one in self.passes) or (self.way,)
 
     def at_height(self, height_mm: float) -> WireContour:
-        """Return what a leaning wire and its wall are at a height, as the contour of a vertical wire; in whole um.
+        """Return the contour of a leaning wire at a height as that of a vertical wire, in whole um.
 
-        The offset is then that in the plane, where the wall leans most.
+        Its offset is that in the plane, where the wall leans most.
         """
         if self.lean is None:
             return self
@@ -188,40 +188,40 @@ class WireContour:
         )
 
     def at_mid_height(self) -> WireContour:
-        """Return the same at half the workpiece's height, where pictures and places of a leaning wire are."""
+        """Return the contour at half the workpiece's height, which pictures and reports use."""
         return self if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
 
     @property
     def slant(self) -> NDArray[np.float64]:
-        """Length of the wall across the path over the workpiece's height, for every move: 1 / cos of its angle."""
+        """Slant length of the wall over the workpiece's height, for every move: 1 / cos of its angle."""
         return self.way.slant
 
     @property
     def along_um(self) -> NDArray[np.float64]:
-        """Length of path (n,) up to every point: of a leaning wire the longer of both faces, move by move."""
+        """Length of path (n,) to every point; if the wire leans, the longer of both faces, move by move."""
         return self.way.along_um
 
     @property
     def ways_um(self) -> tuple[NDArray[np.int64], ...]:
-        """The lower guide's ways (n, 2) one after the other."""
+        """The lower guide's paths (n, 2) in order."""
         return tuple(way.points_um for way in self.ways)
 
     @property
     def reach_um(self) -> tuple[NDArray[np.int64], ...]:
-        """Its ways, and of a leaning wire those on both faces as well: what must fit on the table."""
+        """Paths that must fit on the table: the guide's and, if the wire leans, both faces'."""
         faces = () if self.lean is None else (0.0, self.lean.height_mm)
         return (*self.ways_um, *(way.at_height(z) for z in faces for way in self.ways))
 
     @property
     def length_um(self) -> float:
-        """Length of all ways together."""
+        """Total length of the paths."""
         if self.lean is not None:
             return sum(float(way.along_um[-1]) for way in self.ways)
         return sum(float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in self.ways_um)
 
     @property
     def waiting_s(self) -> float:
-        """How long it dwells in all."""
+        """Total time of the dwells."""
         return sum(seconds for part in (self.passes or (self,)) for _, seconds in part.dwells)
 
     def __repr__(self) -> str:
@@ -249,7 +249,7 @@ NO_CONDITIONS = Conditions()
 
 @dataclass(frozen=True)
 class CutPath:
-    """Everything the machine is to do, contour by contour, with the wire cut and threaded in between.
+    """The whole job, contour by contour; the wire is cut and threaded between them.
 
     Attributes
     ----------
@@ -257,15 +257,15 @@ class CutPath:
     stock_mm : (x_min, y_min, x_max, y_max)
         The workpiece blank on the table.
     start_hole_radius_mm : float
-        Radius of the hole drilled at every ``points_um[0]``.
+        Radius of the hole at every ``points_um[0]``.
     origin_mm : (x, y)
-        Where the program's zero lies on the table.
+        The program's zero on the table.
     notices : tuple of str
-        What a user should know about how the program was read.
+        Decisions of the reader that you should know.
     source : str
-        The file it came from.
+        The program's file.
     conditions : Conditions
-        What the program says of the setting of each pass.
+        The program's settings for each pass.
     """
 
     contours: tuple[WireContour, ...]
@@ -278,7 +278,7 @@ class CutPath:
 
     @property
     def passes(self) -> int:
-        """The most passes any contour has; 1 where there is nothing but one."""
+        """Largest number of passes of a contour, at least 1."""
         return max([1, *(one.number for contour in self.contours for one in contour.passes)])
 
     @property
@@ -288,7 +288,7 @@ class CutPath:
 
     @property
     def offset_um(self) -> float | None:
-        """The offset of the contours; None if they have different ones."""
+        """Offset of the contours; None if they differ."""
         first, *others = {contour.offset_um for contour in self.contours}
         return None if others else first
 
@@ -331,54 +331,54 @@ def plan_path(
 ) -> CutPath:
     """Plan the whole cut of a part program.
 
-    A contour under G41 or G42, or from a drawing, is the part's edge: the wire runs beside it at the offset.
-    A G-code contour without compensation is the wire's own path; its part's edge then lies at the offset on
-    the part's side: inside a closed path (outside, if the wire is threaded inside), left of an open one.
+    A contour under G41 or G42, or from a drawing, is the part's edge; the wire runs at the offset from it.
+    A G-code contour without compensation is the wire's path; the part's edge lies at the offset on the
+    part's side: inside a closed path (outside, if the wire is threaded inside), left of an open one.
 
-    The path begins at the contour's own start point and keeps its direction. The program's own approach is
-    used where it has one; a closed or compensated contour without one gets a straight lead-in of ours through
-    the waste. The cut ends where the contour closes. The job is centred on the table.
+    The path begins at the contour's start point and has its direction. The planner uses the program's
+    approach, if there is one; otherwise it adds a straight lead-in through the waste to a closed or
+    compensated contour. The cut ends where the contour closes. The job is centred on the table.
 
     Parameters
     ----------
     file : path or Program
-        See `load_program`; or what it returns.
+        See `load_program`; or its result.
     offset : "auto", "none" or float
-        "auto": for each contour that of its offset register, else `auto_offset_mm`; "none": 0, the wire's centre
-        follows everything as drawn; else an offset in mm for all contours, also as text.
+        "auto": each contour's offset register, or `auto_offset_mm` without one; "none": 0, the wire's centre
+        follows the drawing; or an offset in mm for all contours, also as text.
     auto_offset_mm : float
-        Wire radius and expected side gap together, in mm.
+        Wire radius plus expected side gap, in mm.
     table_um : int, optional
         Travel of each axis of the table, in um; by default that of the standard machine.
     grid_um : int
-        Points are whole multiples of it: 1, or 2 where the controller counts motor steps (row T-61).
+        Spacing of the points: 1, or 2 if the controller counts motor steps (row T-61).
     lead_in_mm : float
-        Length of our own lead-ins in mm; shortened, with a notice, where there is no room.
+        Length of added lead-ins in mm; shortened, with a notice, if there is no room.
     start_hole_radius_mm : float
         Radius of the hole at every thread point, in mm.
     ignore, layers, unit, offsets, upper_layer, dialect, conditions
         See `load_program`.
     taper_deg : float
-        Angle between wall and vertical where the program does not say one: the part is smaller above, where that is
-        positive, than below.
+        Angle between wall and vertical if the program sets none; if positive, the part is smaller above than
+        below.
     corners : {"conical", "sharp", "cylindrical", "rounded"}
-        What corners and arcs then become at other heights, see `edmsim.program.outline.Taper`.
+        Shape of corners and arcs at other heights, see `edmsim.program.outline.Taper`.
     guides : sequence of GuideHeights or None
-        Where the wire bends, pass by pass; where there are fewer than passes, the last holds on. Needed where it
-        leans; None: the upper guide does not move.
+        Heights at which the wire bends, for each pass; the last applies to all further ones. Required if the wire
+        leans; with None, the upper guide does not move.
     passes : PassPlan, optional
-        Passes of every contour that the program has once. A program that cuts an edge several times has its own:
-        their offsets are those of its registers, or the plan's where it has none.
+        Passes of every contour that the program has once. A program that cuts an edge several times has its own
+        passes, with offsets from its registers or, without these, from the plan.
 
     Returns
     -------
     CutPath
-        Curves are chords within `CHORD_TOLERANCE_UM`, points are on the grid.
+        Curves are chords within `CHORD_TOLERANCE_UM`; points are on the grid.
 
     Raises
     ------
     InputError
-        A bad setting or program, a wire that does not fit, an approach through the part, a job too large.
+        If an input is invalid, the wire does not fit, an approach crosses the part, or the job is too large.
     """
     chosen_mm = _offset_mm(offset, auto_offset_mm)
     for name, value in (("lead_in_mm", lead_in_mm), ("start_hole_radius_mm", start_hole_radius_mm)):

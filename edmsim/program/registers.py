@@ -23,7 +23,7 @@ def register(letter: str, number: str | float) -> str:
 
 
 def read_offsets(file: str | Path) -> dict[str, float]:
-    """Read a table of offsets: lines as ``D1 = 0.155``, in mm, with ``#`` before a comment.
+    """Read a table of offsets: lines like ``D1 = 0.155`` in mm; ``#`` begins a comment.
 
     Returns
     -------
@@ -33,7 +33,7 @@ def read_offsets(file: str | Path) -> dict[str, float]:
     Raises
     ------
     InputError
-        No such file, or an invalid line.
+        If the file is missing or a line invalid.
     """
     path = Path(file)
     return checked_offsets(read_table(path, "a table of offsets with lines as D1 = 0.155"), path)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 class RecordedCut(NamedTuple):
-    """What a cut left in its folder: ``report.json``, ``windows.parquet``, ``part.npz``."""
+    """Contents of a cut's folder: ``report.json``, ``windows.parquet``, ``part.npz``."""
 
     report: Report
     windows: pa.Table
@@ -33,7 +33,7 @@ def read_cut(directory: str | Path) -> RecordedCut:
     Raises
     ------
     InputError
-        If a file is missing, damaged, or of another version, or they are not of one cut.
+        If a file is missing, damaged, or of another version, or the cuts differ.
     """
     folder = Path(directory)
     cut = RecordedCut(

@@ -264,15 +264,15 @@ def render(recording: Path, out: str | Path, seconds: float = SECONDS) -> None:
     recording : path
         Of a cut.
     out : path
-        A file ending in ``.mp4`` or ``.gif``; replaced whole or not at all.
+        A ``.mp4`` or ``.gif`` file; replaced only when complete.
     seconds : float
-        How long the film is, 0.5 to 600; machine time passes evenly.
+        Length of the film, 0.5 to 600; machine time passes evenly.
 
     Raises
     ------
     InputError
-        Another ending, a length out of range, a file that cannot be written; no windows in the recording; what
-        writes mp4 is not installed; or as `edmsim.recording.rerun.playback.find_recording` for the recording.
+        If the suffix is another, the length out of range, the file cannot be written, the recording has no windows,
+        or the writer of mp4 is not installed; or as `edmsim.recording.rerun.playback.find_recording`.
     """
     target = Path(out)
     kind = check_film(target, seconds)

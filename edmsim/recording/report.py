@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class FigureKind(NamedTuple):
-    """What a number is: unit (a share in ``%`` is stored from 0 to 1), meaning, decimals, name in a table of runs."""
+    """A number's unit (shares in ``%`` are stored as 0 to 1), meaning, decimals and name in a table of runs."""
 
     unit: str
     meaning: str
@@ -289,7 +289,7 @@ class TableShare(Figures):
 
 @dataclass(frozen=True, eq=False)
 class Corner(Figures):
-    """A corner of the nominal edge in the program and on the table; None as error if it was not measured."""
+    """A corner of the nominal edge in the program and on the table; an unmeasured error is None."""
 
     program_x_mm: float
     program_y_mm: float
@@ -395,8 +395,8 @@ class Origin(Figures):
 class Report(Figures):
     """The report of a cut, as ``report.json`` holds it.
 
-    Read a field by attribute or by name, ``report.kerf_um.mean`` or ``report["kerf_um"]["mean"]``. What could not be
-    obtained is None, never NaN. Means over machine time are weighted by the pulse period, as windows count pulses.
+    Read a field by attribute or by name, ``report.kerf_um.mean`` or ``report["kerf_um"]["mean"]``. Unknown values
+    are None, never NaN. Means over machine time are weighted by the pulse period, as windows count pulses.
     """
 
     outcome: str = ""  # "finished", or what stopped the machine, in a word or two

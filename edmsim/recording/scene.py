@@ -33,17 +33,17 @@ class ErrorMap:
     nominal_mm : float64 array (m, 2)
         The part's edge as drawn, mm on the table.
     part_side : {"left", "right"}
-        Side of the edge, looking along it, on which the part lies.
+        Side of the part, looking along the edge.
     points_mm : float64 array (n, 2)
-        Places where the error was measured; n may be 0.
+        Measured places; n may be 0.
     error_um : float64 array (n,)
-        Profile error there, mean over the height: positive is metal left on the part; NaN where unknown.
+        Mean profile error over the height: positive is metal left on the part; NaN if unknown.
     shares_um : float64 array (5, n), optional
-        What made it (`edmsim.metrology.shares.error_shares`); None if it was not split.
+        Its shares by cause (`edmsim.metrology.shares.error_shares`), if known.
     unreachable_um : float64 array (n,), optional
-        Metal that the round wire leaves there at best; None if that is not known.
+        Metal that the round wire cannot reach, if known.
     face_um : float64 array (slices, n), optional
-        Profile error at every height, from the lowest slice; None if that is not known.
+        Profile error of every slice from the lowest, if known.
     """
 
     nominal_mm: NDArray[np.float64]
@@ -55,7 +55,7 @@ class ErrorMap:
     face_um: NDArray[np.float64] | None = None
 
     def reached_um(self) -> NDArray[np.float64]:
-        """Return the error (n,) where the wire can reach the edge; NaN elsewhere."""
+        """Return the error (n,) within the wire's reach; NaN elsewhere."""
         if self.unreachable_um is None:
             return self.error_um
         return np.where(self.unreachable_um == 0, self.error_um, np.nan)
@@ -72,16 +72,16 @@ class ErrorMap:
         return np.asarray(np.divide(normal, length, out=np.zeros_like(normal), where=length > 0))
 
     def smooth(self, turn_deg: float = 20.0) -> NDArray[np.bool_]:
-        """Say of every step between neighbours (n - 1,) whether the edge turns less than `turn_deg` there."""
+        """Return for every step between neighbours (n - 1,) whether the edge turns less than `turn_deg`."""
         normal = self.outward()
         return np.asarray(np.einsum("ij,ij->i", normal[:-1], normal[1:]) > np.cos(np.radians(turn_deg)))
 
     def exaggerated_mm(self, factor: float) -> NDArray[np.float64]:
-        """Return the edge (n, 2) in mm with its error drawn `factor` times as large; NaN out of the wire's reach."""
+        """Return the edge (n, 2) in mm, its error multiplied by `factor`; NaN out of the wire's reach."""
         return np.asarray(self.points_mm + self.outward() * (self.reached_um() * factor / 1000.0)[:, None])
 
     def out_of_reach_mm(self) -> Polylines:
-        """Return the stretches of the edge in mm that the round wire cannot reach."""
+        """Return the sections of the edge in mm that the round wire cannot reach."""
         if self.unreachable_um is None:
             return ()
         away = self.unreachable_um > 0
@@ -121,41 +121,41 @@ class PassFace:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything drawn of one cut.
+    """The drawing of one cut.
 
     Attributes
     ----------
     maps : tuple of ErrorMap
-        One per contour, in the order of cutting.
+        One per contour, in cutting order.
     cut_edges_mm : tuple of Polylines
-        Edge of the metal that is left, per slice from the bottom.
+        Edges of the remaining metal, per slice from the bottom.
     corners : tuple of SceneCorner
     starts_mm : float64 array (k, 2)
         Start holes.
     stock_mm : (x_min, y_min, x_max, y_max)
         The blank on the table.
     height_mm : float
-        Workpiece height, the greatest if it has steps.
+        Greatest height of the workpiece.
     guides_z_mm : (lower, upper)
         Heights of the wire guides over the workpiece's bottom; the lower is negative.
     wire_diameter_um : float
     stop_mm : (x, y) or None
-        Where the wire stood when the machine stopped; None if the cut was finished.
+        Place of the wire when the machine stopped; None if the cut finished.
     terraces : tuple of Terrace
-        The levels of a stepped workpiece from the lowest up; none if it is as high everywhere.
+        Levels of a stepped workpiece, from the lowest; empty if its height is constant.
     holes_mm : float64 array (n, 3)
-        What was bored of the blank before the first spark: centres and radii; a slot is a row of them.
+        Centres and radii of the holes in the blank before the first spark; a slot is a row of holes.
     cut : str or None
-        Which cut it is of: `edmsim.recording.report.cut_id`.
+        Identity of the cut: `edmsim.recording.report.cut_id`.
     origin_mm : (x, y) or None
-        Where the program's zero lies on the table; None where there is no program.
+        The program's zero on the table; None without a program.
     lead : float64 array (n, 5) or None
-        Of a wire that leans, along the path: its length in um, u and v in mm, and the heights at which the wire bends
-        at the lower and the upper guide in mm.
+        If the wire leans, for points of the path: length of path in um, u and v in mm, and the heights in mm at
+        which the wire bends at the lower and the upper guide.
     walls_mm : tuple of Polylines
-        Of tapered contours, the edges as drawn on the lower and on the upper face.
+        Edges of tapered contours as drawn on the lower and the upper face.
     pass_faces : tuple of PassFace
-        Of a cut in passes, the faces that they left, in order.
+        Faces after each pass, in order.
     """
 
     maps: tuple[ErrorMap, ...]
@@ -176,7 +176,7 @@ class Scene:
     pass_faces: tuple[PassFace, ...] = ()
 
     def lead_mm(self, path_um: NDArray[np.float64], heights_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far (n, heights, 2) a leaning wire is led from the lower guide's axis, by lengths of path."""
+        """Return the wire's distance in mm (n, heights, 2) from the lower guide's axis, by lengths of path."""
         if self.lead is None:
             return np.zeros((len(path_um), len(heights_mm), 2))
         along, *known = self.lead.T
@@ -193,7 +193,7 @@ class Scene:
         )
 
     def in_program(self) -> Scene:
-        """Return the scene in the program's coordinates, its origin at zero; unchanged where there is no program."""
+        """Return the scene in the program's coordinates, its origin at zero; unchanged without a program."""
         if self.origin_mm is None:
             return self
         by = np.array(self.origin_mm)
@@ -218,12 +218,12 @@ class Scene:
         return shapely.union_all([shapely.Point(x, y).buffer(radius) for x, y, radius in self.holes_mm])
 
     def axis_labels(self) -> tuple[str, str]:
-        """Return what figures write at their axes."""
+        """Return the figures' axis labels."""
         whose = "on the table" if self.origin_mm is None else "of the program"
         return f"X {whose}, mm", f"Y {whose}, mm"
 
     def extent_mm(self) -> tuple[float, float, float, float]:
-        """Return the box (x_min, y_min, x_max, y_max) around nominal edges, start holes and stop place."""
+        """Return the box (x_min, y_min, x_max, y_max) of nominal edges, start holes and stop place."""
         points = np.concatenate(
             [
                 *(m.nominal_mm for m in self.maps),
@@ -242,16 +242,16 @@ class Scene:
         return max(x1 - x0, y1 - y0, self.height_mm)
 
     def middle_slice(self) -> int:
-        """Return the slice at mid height of the lowest place: it has metal everywhere."""
+        """Return the slice at half the lowest height: it has metal everywhere."""
         lowest_mm = self.terraces[0].height_mm if self.terraces else self.height_mm
         return middle_slice(lowest_mm, self.height_mm, len(self.cut_edges_mm))
 
     def middle_mm(self) -> float:
-        """Return the height over the workpiece's bottom at which that slice has its middle."""
+        """Return the height in mm of the middle of that slice over the workpiece's bottom."""
         return (self.middle_slice() + 0.5) * self.height_mm / max(len(self.cut_edges_mm), 1)
 
     def known_errors(self) -> NDArray[np.float64]:
-        """Return every profile error in um measured where the wire can reach, contour after contour."""
+        """Return all profile errors in um within the wire's reach, contour by contour."""
         known = [m.reached_um() for m in self.maps]
         return np.concatenate([np.zeros(0), *(error[np.isfinite(error)] for error in known)])
 
@@ -261,7 +261,7 @@ class Scene:
         return max(float(np.percentile(np.abs(known), 99)), 0.1) if len(known) else 0.1
 
     def error_factor(self) -> float:
-        """Return how many times larger the error is to be drawn: a round number, 1 if there is none."""
+        """Return the factor by which to enlarge the error: a round number, 1 without an error."""
         x0, y0, x1, y1 = self.extent_mm()
         return round_factor(self.known_errors(), 0.035 * max(x1 - x0, y1 - y0))
 

@@ -244,7 +244,7 @@ def read_windows(file: str | Path) -> pa.Table:
     Raises
     ------
     InputError
-        If the file is missing, is not Parquet, or lacks a column of `NAMES`.
+        If the file is missing, not Parquet, or lacks a column of `NAMES`.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -94,5 +94,5 @@ def test_a_mjcf_that_cannot_be_used_is_one_line(
 
 
 def test_a_mjcf_that_is_nowhere_is_reported_when_the_machine_is_loaded(own_file: OwnFile) -> None:
-    with pytest.raises(InputError, match=r"own\.toml: key 'model': there is no MJCF 'bench\.xml' beside this file"):
+    with pytest.raises(InputError, match=r"own\.toml: key 'model': there is no MJCF 'bench\.xml' in this file's"):
         edmsim.Machine.load(own_file("machines", "agiecut-dem15", NAME))

@@ -50,7 +50,7 @@ BAD = [
     ("", "the table is empty"),
     ("t_on_us = 1\n", "invalid condition name 't_on_us'"),
     ("[C001]\n", "C001 is empty"),
-    ("[C001]\nt_on_us = 1\n[C1]\nt_on_us = 1\n", "C1 stands twice"),
+    ("[C001]\nt_on_us = 1\n[C1]\nt_on_us = 1\n", "C1 occurs twice"),
     ("[C001]\nt_on = 1\n", "unknown setting 't_on'"),
     ("[C001]\nt_on_us = 0\n", "give above 0 to"),
     ("[C001]\nt_on_us = 'long'\n", "'long'"),

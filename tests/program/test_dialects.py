@@ -348,7 +348,7 @@ TWO = "TP0. TN10.\nG92 X0. Y0\n"
 BAD = [
     (TABLE.replace(" 15", ""), 1, "C001 has 14 values, its table 15 columns"),
     (TABLE.replace(" 15", " x"), 1, "'X' for WP"),
-    (TABLE + TABLE, 2, "C001 stands twice"),
+    (TABLE + TABLE, 2, "C001 occurs twice"),
     (TABLE + "G92 X0. Y0\nC002 G1 X5.\n", 3, "C002 is not in the program's table: there are C001"),
     ("( ON OFF IP )\n" + TABLE, 2, "3 columns"),
     (TABLE + "G92 X0. Y0\nC001 C001 G1 X5.\n", 3, "both conditions"),
@@ -408,7 +408,7 @@ def test_unknown_words_are_named_at_once_with_the_dialects_that_know_them(read: 
 def test_subprograms_may_begin_at_their_n_number_where_controls_have_it(read: Read) -> None:
     text = TABLE + "G92 X0. Y0\nM98 P0007 H0\nM02\nN0007\nN10 G1 X5.\nN20 Y5.\nM99\nM199\n"
     assert read(text).outlines[0].points_mm.tolist() == [[0, 0], [5, 0], [5, 5]]
-    with pytest.raises(InputError, match="subprogram N7 stands twice"):
+    with pytest.raises(InputError, match="subprogram N7 occurs twice"):
         read(text + "N0007\nM99\n")
     with pytest.raises(InputError, match="begin them with their O number"):
         read(text.partition("\n")[2].replace("M199\n", ""), dialect="iso")

@@ -272,7 +272,7 @@ def test_only_the_layers_requested_are_cut_also_within_blocks(tmp_path):
 def test_a_unit_that_makes_no_sense_is_requested(tmp_path):
     program = read_plate(tmp_path, unit="in")
     assert np.ptp(program.outlines[-1].points_mm, axis=0) == pytest.approx([1016, 1016], rel=1e-3)
-    assert "the drawing is read in in, as asked, though the drawing says 1 mm" in program.notices
+    assert "the drawing is read in in, as requested, though the drawing says 1 mm" in program.notices
     refused = {"um": "spans 0.04 mm.*give --unit", "m": "spans 40000 mm.*--unit", "mile": "give one of"}
     for unit, words in refused.items():
         with pytest.raises(InputError, match=words):

@@ -53,7 +53,7 @@ class ConditionTable:
             return False
         name, written = found[1], found[2].split()
         if name in self.values:
-            raise InputError(f"the condition {name} stands twice in the table: take one out", self._file, line)
+            raise InputError(f"the condition {name} occurs twice in the table: remove one", self._file, line)
         if len(written) != len(self._columns):
             reason = f"the condition {name} has {len(written)} values, its table {len(self._columns)} columns"
             raise InputError(f"{reason}: write one each for {' '.join(self._columns)}", self._file, line)
@@ -72,12 +72,12 @@ class ConditionTable:
 
 
 def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
-    """Read the settings of conditions: a TOML file with a section for each.
+    """Read settings of machining conditions from TOML.
 
     Parameters
     ----------
     file : path
-        Sections as ``[C001]`` with lines as ``t_on_us = 1.2``; `SETTINGS` names what there may be.
+        A section per condition, ``[C001]``, with lines like ``t_on_us = 1.2``; `SETTINGS` lists the keys.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
     Raises
     ------
     InputError
-        No such file, an unknown name, a number out of range, two kinds of feed.
+        If the file is missing, a name unknown, a number out of range, or both feeds are set.
     """
     path = Path(file)
     sections = read_table(path, "a table of conditions, [C001] and t_on_us = 1.2")
@@ -96,7 +96,7 @@ def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
         if _CALLED.fullmatch(name.strip().upper()) is None or not isinstance(settings, dict):
             raise InputError(f"invalid condition name {name!r}: write it as in the program, [C001] or [E1221]", path)
         if key_of(name) in table:
-            raise InputError(f"the condition {name} stands twice: take one out", path)
+            raise InputError(f"the condition {name} occurs twice: remove one", path)
         if not settings:
             raise InputError(f"the condition {name} is empty: give t_on_us or another setting", path)
         if settings.keys() >= {"open_target_share", "feed_um_s"}:
@@ -126,9 +126,9 @@ def settings_for(
     Parameters
     ----------
     called : mapping of str to int
-        Conditions with the line that calls each first.
+        Conditions, each with the line of its first call.
     table : mapping
-        Of `read_conditions`; empty if the user gave none.
+        From `read_conditions`; empty without a table.
     in_program : collection of str
         Conditions in the program's own table.
     source : str
@@ -137,7 +137,7 @@ def settings_for(
     Raises
     ------
     InputError
-        With the line: a condition is in neither table though there is one.
+        If neither of the tables has a condition; names the line.
     """
     known = {key_of(name) for name in in_program}
     found: dict[str, dict[str, float]] = {}

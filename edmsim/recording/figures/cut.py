@@ -38,7 +38,7 @@ _SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may
 
 
 def shares_figure(scene: Scene) -> Figure:
-    """Draw the profile error and what made it, over the way along the nominal edges.
+    """Draw the profile error and its shares over the distance along the nominal edges.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def shares_figure(scene: Scene) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        One column wide, with an Agg canvas: a panel for the error and one for every share, all to one scale.
+        One column wide, with an Agg canvas: a panel for the error and each share, all on one scale.
     """
     figure = column_figure(5.6, top_in=0.25, left_in=0.52)
     split = [edge for edge in scene.maps if edge.shares_um is not None and np.isfinite(edge.error_um).any()]
@@ -90,7 +90,7 @@ LABELLED = 6  # corners whose error is written beside them: the worst ones
 
 
 def error_figure(scene: Scene) -> Figure:
-    """Draw the profile error along the nominal edge, exaggerated, in the colours of its sign and size.
+    """Draw the profile error along the nominal edge, exaggerated, with colours for sign and size.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def _label_corners(axes: Axes, scene: Scene) -> None:
 
 
 def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) -> Figure:
-    """Draw one corner: above the metal and the paths to scale, below the deviations along the corner.
+    """Draw one corner: above, metal and paths to scale; below, the deviations along the corner.
 
     Parameters
     ----------
@@ -175,12 +175,12 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     windows : pyarrow.Table
         The cut's table of windows.
     corner : int, optional
-        Which of ``scene.corners``; the one with the largest error if not given.
+        Index in ``scene.corners``; by default that of the largest error.
 
     Returns
     -------
     matplotlib.figure.Figure
-        One column wide. The path of the wire is that of its middle between the faces, averaged over windows.
+        One column wide. The wire's path is that of its middle between the faces, averaged over windows.
 
     Raises
     ------
@@ -305,7 +305,7 @@ def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Array, s: Array, place_mm:
 
 
 def kerf_figure(report: Report) -> Figure:
-    """Draw the kerf's cross-section over the workpiece's height: both walls, averaged along the cut.
+    """Draw the kerf's cross-section over the workpiece's height, averaged along the cut.
 
     Parameters
     ----------
@@ -315,8 +315,8 @@ def kerf_figure(report: Report) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        One column wide. The band holds nine tenths of the places measured; what is between wire and walls is
-        drawn large, the wire itself is left out.
+        One column wide. The band covers nine tenths of the measured places. The gap between wire and walls is
+        enlarged, and the wire left out.
     """
     figure = column_figure(2.9, top_in=0.36)
     slices = report.kerf_section

@@ -32,7 +32,7 @@ def pass_colour(number: int) -> str:
 
 
 def passes_figure(report: Report) -> Figure:
-    """Draw what each pass left: its wall over the height, time, stock and roughness.
+    """Draw the result of each pass: wall over the height, time, stock and roughness.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def passes_figure(report: Report) -> Figure:
 
 
 def face_figure(scene: Scene) -> Figure:
-    """Draw the cut face unrolled: the profile error over the way along the edge and the height.
+    """Draw the cut face unrolled: the profile error over distance along the edge and height.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def face_figure(scene: Scene) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        One column wide, with an Agg canvas: one panel per contour, of up to four.
+        One column wide, with an Agg canvas: a panel per contour, at most four.
     """
     from matplotlib.colors import LinearSegmentedColormap, Normalize
 

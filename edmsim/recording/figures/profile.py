@@ -426,12 +426,12 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) 
     report : Report
         For the heading.
     title : str
-        What was cut, usually the program's name.
+        Usually the program's name.
 
     Returns
     -------
     matplotlib.figure.Figure
-        With an Agg canvas; no global state of matplotlib is touched.
+        With an Agg canvas; matplotlib's global state does not change.
     """
     from edmsim.recording.figures.canvas import NotebookFigure
 
@@ -477,7 +477,7 @@ def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> byt
 
 
 def write_figure(figure: Figure, file: str | Path) -> None:
-    """Write a figure as PNG; a file of that name is replaced whole or not at all."""
+    """Write a figure as PNG; replaces an existing file only when complete."""
     with replacing(file) as partial:
         partial.write_bytes(figure_png(figure))
 

@@ -27,7 +27,7 @@ LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: it
 
 
 def pulses_figure(windows: pa.Table) -> Figure:
-    """Draw what became of the pulses over machine time: classes, voltage and current, ignition delay, gas, feed.
+    """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def _draw_band(
 
 
 def plane_figure(windows: pa.Table) -> Figure:
-    """Draw where the cut stood between short and open, and the path its controller took.
+    """Draw the windows' shares of short and open pulses, and their course over time.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def plane_figure(windows: pa.Table) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        One column wide. Dots are windows; the path is their mean over equal stretches of time.
+        One column wide. Dots are windows; the line is their mean over equal spans of time.
     """
     from matplotlib.collections import LineCollection
 
@@ -133,13 +133,13 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
     sample : PulseSample
         Single pulses: `edmsim.cosim.pulse_sample`.
     windows : pyarrow.Table, optional
-        A cut's table of windows, whose mean delays are drawn beside.
+        A cut's table of windows; adds their mean delays.
 
     Returns
     -------
     matplotlib.figure.Figure
-        One column wide. Survival is the share of the pulses without short that have not ignited by then, as Laue
-        plotted it; an exponential delay is a straight line.
+        One column wide. Survival is the share of pulses, without shorts, that have not ignited yet (Laue's plot);
+        an exponential delay is a straight line.
     """
     figure = column_figure(3.9, top_in=0.25)
     delay = sample.delay_us[np.isfinite(sample.delay_us)]

@@ -55,26 +55,26 @@ def spectrum(sample: PulseSample) -> tuple[Array, Array, Array]:
 
 
 def spectrum_figure(samples: Sequence[PulseSample], resolution: str = "default") -> Figure:
-    """Draw the wire's modes over its tension, as Campbell did those of rotors over their speed, and spectra.
+    """Draw spectra and the wire's modes over its tension (a Campbell diagram).
 
     Parameters
     ----------
     samples : sequence of PulseSample
-        Cuts that differ in tension only. The first is the one whose spectrum is drawn beside; those of all are
-        drawn over their tensions if there are several.
+        Cuts that differ only in tension. The figure has the spectrum of the first and, if there are several,
+        the spectra of all over their tensions.
     resolution : {"fast", "default", "fine"}
-        Whose number of modes is drawn.
+        Determines the number of modes.
 
     Returns
     -------
     matplotlib.figure.Figure
-        One column wide. The wire is looked at once a pulse, so what is above half the pulse frequency appears
-        folded below it, and what moves in step with the pulses appears at 0.
+        One column wide. The wire is sampled once per pulse: frequencies above half the pulse frequency appear
+        folded below it, and motion in step with the pulses appears at 0.
 
     Raises
     ------
     InputError
-        If there is no sample, or one is too short to have a spectrum.
+        If there is no sample, or one is too short for a spectrum.
     """
     if not samples or min(len(s.kind) for s in samples) < 4 * SEGMENTS:
         raise InputError(f"a spectrum needs a sample of at least {4 * SEGMENTS} pulses")

@@ -26,13 +26,12 @@ _MADE = (f"/{MADE_BY}", "TextDocument:text")
 
 
 def find_recording(directory: str | Path) -> Path:
-    """Return the recording in a cut's folder, looked over.
+    """Return the path of the recording in a cut's folder, checked.
 
     Raises
     ------
     InputError
-        If the folder or the recording is missing, or the file is damaged, half-written, no rerun recording, or of
-        another version.
+        If folder or recording is missing, or the file is damaged, incomplete, of another format or version.
     """
     folder = Path(directory)
     if not folder.is_dir():
@@ -108,7 +107,7 @@ class Rows(NamedTuple):
 
 
 class Playback:
-    """What a recording shows.
+    """The data of a recording.
 
     Parameters
     ----------
@@ -118,7 +117,7 @@ class Playback:
     Raises
     ------
     InputError
-        As `find_recording` for the file.
+        As `find_recording`.
     """
 
     def __init__(self, recording: str | Path) -> None:
@@ -140,23 +139,23 @@ class Playback:
         return key in self._rows
 
     def rows(self, entity: str, component: str) -> Rows:
-        """Return a component of an entity; raises `KeyError` if there is none."""
+        """Return a component of an entity; raises `KeyError` if it is missing."""
         return self._rows[entity, component]
 
     def series(self, entity: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return times in s and values of a curve; both empty if there is none."""
+        """Return times in s and values of a curve; both empty if it is missing."""
         if (entity, "Scalars:scalars") not in self:
             return np.zeros(0), np.zeros(0)
         found = self.rows(entity, "Scalars:scalars")
         return found.t_s, np.asarray(found.values.flatten(), np.float64)
 
     def strips(self, entity: str, component: str, t_s: float) -> list[NDArray[np.float32]]:
-        """Return the lines an entity shows at a time, each (points, 2 or 3)."""
+        """Return an entity's lines at a time, each (points, 2 or 3)."""
         row = self._row(entity, component, t_s)
         return [] if row is None else [np.array(line, np.float32) for line in row.as_py()]
 
     def points(self, entity: str, component: str, t_s: float) -> NDArray[Any]:
-        """Return vectors, colours or other numbers an entity shows at a time: (n,) or (n, k); (0,) if none."""
+        """Return an entity's vectors, colours or other numbers at a time: (n,) or (n, k), or empty (0,)."""
         row = self._row(entity, component, t_s)
         return np.zeros(0) if row is None else np.array(row.as_py())
 
@@ -167,7 +166,7 @@ class Playback:
 
     @property
     def title(self) -> str:
-        """What was cut."""
+        """The cut's title."""
         return str(self.rows("/__properties", "RecordingInfo:name").values[0].as_py()[0])
 
     @property
@@ -177,7 +176,7 @@ class Playback:
 
     @property
     def end_s(self) -> float:
-        """Machine time at the end; 0 if nothing was recorded."""
+        """Machine time in s at the end; 0 without a record."""
         return max((float(rows.t_s[-1]) for rows in self._rows.values() if len(rows.t_s)), default=0.0)
 
 

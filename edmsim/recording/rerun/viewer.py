@@ -105,20 +105,20 @@ HERE = "127.0.0.1"  # what viewers serve is for this machine only
 
 
 def view(directory: str | Path, web_port: int = 9090, grpc_port: int = 9876) -> int:
-    """Show the recording in a cut's folder until the viewer is closed or Ctrl-C is pressed.
+    """Show the recording in a cut's folder until you close the viewer or press Ctrl-C.
 
     Parameters
     ----------
     directory : path
-        The folder a cut was written to.
+        The folder of a cut.
     web_port, grpc_port : int
-        Ports of 127.0.0.1 used where there is no screen: the page, and the data it asks for. Where one is taken,
-        a free one is used.
+        Ports of 127.0.0.1 for the page and its data if there is no screen. If a port is in use, the viewer takes
+        a free one.
 
     Returns
     -------
     int
-        The viewer's exit status, 0 if it was ended by closing it or by Ctrl-C.
+        The viewer's exit status, 0 if you close it or press Ctrl-C.
 
     Raises
     ------
@@ -246,14 +246,14 @@ _OPENED_S, _SETTLED_S = 4.0, 0.8
 
 
 def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, ...] = SHARES) -> list[Path]:
-    """Take pictures of a recording as it opens in the viewer, at shares of its machine time.
+    """Take screenshots of a recording in the viewer, at shares of its machine time.
 
     Parameters
     ----------
     recording : path
         Of a cut.
     folder : path
-        Where ``cut-005.png`` and so on are written, named after the share in percent.
+        For the files, ``cut-005.png`` and so on, named by the share in percent.
     shares : tuple of float
         0 to 1.
 
@@ -265,8 +265,8 @@ def take_screenshots(recording: Path, folder: str | Path, shares: tuple[float, .
     Raises
     ------
     InputError
-        As `edmsim.recording.rerun.playback.find_recording`; or the folder cannot be written to; or there is no Vulkan
-        driver to draw with.
+        As `edmsim.recording.rerun.playback.find_recording`; or if the folder cannot be written to, or there is no
+        Vulkan driver.
     """
     end_s = Playback(recording).end_s
     target = Path(folder)
