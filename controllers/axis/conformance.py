@@ -18,7 +18,7 @@ _OWN = (
     "command", "lines", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "count_rate_Hz", "index_ns", "n_sent",
     "sent", "reg", "real", "memory", "eeprom",
 )
-"""What a sample may write of its record."""
+"""Fields that a sample may write."""
 
 
 def check_drive(make: Callable[[], Drive]) -> None:

@@ -15,7 +15,7 @@ from edmsim.errors import InputError, one_of
 
 
 class Screw(NamedTuple):
-    """What a drive has to know of the axis of a machine: travel of a motor step, and of a radian of its motor."""
+    """Data of a machine's axis for a drive: travel per motor step, and per radian of its motor."""
 
     step_um: float
     um_per_rad: float
@@ -90,7 +90,7 @@ _OWN = (
     "command", "lines", "num", "den", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "stalled_until_ns",
     "count_rate_Hz", "index_ns", "reg", "real", "memory",
 )
-"""What of a record is the drive's own and lost with the power."""
+"""Fields of a record that belong to the drive and are lost with the power."""
 
 
 def restart(record: NDArray[np.void], fresh: NDArray[np.void]) -> None:

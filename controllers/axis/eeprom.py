@@ -25,7 +25,7 @@ _CORRECTABLE, _NOTED = 1, 2
 
 
 class Stored(NamedTuple):
-    """What was read from an EEPROM."""
+    """Content of an EEPROM."""
 
     words: tuple[int, ...] | None  # 0 to 65535; None where a code byte has more flipped bits than can be corrected
     corrected: int  # bits that were flipped and put right

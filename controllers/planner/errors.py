@@ -31,7 +31,7 @@ _MARGIN = 4.0  # time allowed for a move, over the time it should take; the slow
 
 
 class MoveError(NamedTuple):
-    """What went wrong in one straight move."""
+    """Errors of one straight move."""
 
     path_max_um: float  # distance of the position counters from the line, after every step
     path_rms_um: float

@@ -89,7 +89,7 @@ class _DataGroup:
 
 @dataclass
 class Configuration:
-    """What a configuration declares, by name."""
+    """Declarations of a configuration, by name."""
 
     constants: dict[str, int] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)

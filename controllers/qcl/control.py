@@ -21,7 +21,7 @@ LONGEST_MS = 2**31 - 1  # a timer's time at most (ours: a long)
 
 
 class Device(Protocol):
-    """What the control needs of a device."""
+    """The control's interface of a device."""
 
     @property
     def parameters(self) -> MutableMapping[str, int]:

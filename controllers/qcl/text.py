@@ -14,7 +14,7 @@ MOST_DIGITS = 18  # digits of a number (ours: the widest variable, of 32 bits, h
 
 
 class Problem(NamedTuple):
-    """What is wrong in a line: its number, from 1, and why."""
+    """Error in a line: its number, from 1, and the reason."""
 
     line: int
     what: str

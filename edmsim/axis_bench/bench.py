@@ -220,7 +220,7 @@ class AxisBench:
         read_phases(row)
 
     def wire(self, axis: str, *, fault_in: bool = True, fault_out: bool = True) -> None:
-        """Connect or disconnect a drive's fault input and its output's diode."""
+        """Set a drive's connections to the fault net: input, and output diode."""
         self._row(axis)["wiring"] = (NET_IN if fault_in else 0) | (NET_OUT if fault_out else 0)
 
     def pull_fault_net(self, low: bool) -> None:
@@ -245,7 +245,7 @@ class AxisBench:
         self.reset_pin(axis, finite("volts", volts, 0.0) < data_of("board")["logic"]["reset_V"])
 
     def reset_pin(self, axis: str, low: bool) -> None:
-        """Pull a drive's reset pin low, or release it: the drive restarts."""
+        """Pull a drive's reset pin low; on release the drive restarts."""
         held = bool(self._row(axis)["in_reset"])
         if low and not held:
             k, pins = AXIS_NAMES.index(axis), int(self._row(axis)["pins"])

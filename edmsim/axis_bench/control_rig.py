@@ -26,7 +26,7 @@ _CYCLE_NS = round(CYCLE_S * 1e9)
 
 
 class Traces(NamedTuple):
-    """What a run has noted, a row per cycle and a column per axis: times in s, places in the axes' units."""
+    """Records of a run, a row per cycle and a column per axis: times in s, positions in the axes' units."""
 
     time_s: NDArray[np.float64]
     setpoint: NDArray[np.float64]

@@ -27,7 +27,7 @@ def buffer_bytes_chosen() -> int:
 
 
 class Allocation(NamedTuple):
-    """What asking for memory returns."""
+    """Result of an allocation."""
 
     status: int  # 0 where there is memory
     memory: bytearray  # the piece, for the program ("virtual address")

@@ -43,7 +43,7 @@ from edmsim.numeric import whole
 
 
 class CamAxis(Protocol):
-    """What ELCAM reads of an axis, in its unit; `auxiliary` is by a stepper's own encoder, if that is used."""
+    """ELCAM's interface of an axis, in its unit; `auxiliary` is from a stepper's encoder, if used."""
 
     @property
     def setpoint(self) -> float:
@@ -51,11 +51,11 @@ class CamAxis(Protocol):
 
     @property
     def actual(self) -> float:
-        """Where it is."""
+        """Position."""
 
     @property
     def auxiliary(self) -> float | None:
-        """Where its own encoder says a stepper is."""
+        """Position by a stepper's encoder."""
 
 
 @dataclass
@@ -90,7 +90,7 @@ _WHILE_RUNNING = frozenset({
     Function.ERROR, Function.RESET, Function.GAIN, Function.PHASE, Function.SHIFT, Function.MODE,
     Function.INTERPOLATE_ROWS,
 })  # fmt: skip
-"""What may be written while the table runs (ours: the document forbids only the number of rows)."""
+"""Writable while the table runs (ours: the document forbids only the number of rows)."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ _PATH = PLACES.index(PATH)
 
 
 class StepCompensation:
-    """What is between a planner's steps and the motors: the tables of `load_tables` move them `offset_um` further."""
+    """Offset between a planner's steps and the motors: tables of `load_tables` move these by `offset_um`."""
 
     def __init__(self, elcam: Elcam, step_um: float) -> None:
         self._places = [axis for axis in elcam.axes if isinstance(axis, CamPlace)]
@@ -40,7 +40,7 @@ class StepCompensation:
 
     @property
     def upper_um(self) -> tuple[float, float]:
-        """Where the motors of u and v are."""
+        """Positions of the motors of u and v."""
         return self._extra[2] * self._step_um, self._extra[3] * self._step_um
 
     def begin(

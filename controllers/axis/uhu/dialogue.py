@@ -30,11 +30,11 @@ _WORDS = range(1 << 16)
 
 
 class UhuActions(Protocol):
-    """What the dialogue acts on."""
+    """Interface of the drive for the dialogue."""
 
     @property
     def position(self) -> int:
-        """Where the axis is, in counts from where it was at power-up."""
+        """Position in counts from that at power-up."""
 
     def value(self, letter: str) -> int:
         """Return a parameter."""

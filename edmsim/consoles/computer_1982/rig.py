@@ -116,7 +116,7 @@ END_SWITCHES = (X_END, Y_END)
 
 
 class TableEnds:
-    """What keeps the carriage on its table: the stops of the machine's MJCF, and switches that are not stuck."""
+    """Ends of the carriage's travel: the stops of the machine's MJCF, and switches that are not stuck."""
 
     def __init__(self, machine: Machine, switches: SafetySwitches) -> None:
         self._travel_um = machine.base.table.travel_mm.value * 1e3

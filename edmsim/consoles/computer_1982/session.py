@@ -90,7 +90,7 @@ def read_host(file: Path, lines: SerialLines) -> list[bytes]:
 
 
 def bytes_of(file: Path) -> bytes:
-    """What a file of the host holds; raises `InputError` if it cannot be read."""
+    """Content of a host's file; raises `InputError` if it cannot be read."""
     try:
         return file.read_bytes()
     except OSError as error:
@@ -166,7 +166,7 @@ _IDLE_S = 0.05  # longest wait between two looks at the machine
 
 
 class Screen(Protocol):
-    """Where the operator's bytes come from and go to."""
+    """Input and output of the operator's bytes."""
 
     @property
     def at_end(self) -> bool:
@@ -472,7 +472,7 @@ class Session:
         return read_host(self._host, self._lines)
 
     def _sent_by_host(self) -> bytes:
-        """What the host sends, for the monitor."""
+        """The host's bytes for the monitor."""
         if self._host is None:
             raise InputError("no host is connected; edmsim console 1982 --host FILE connects one")
         return self._lines.heard_from_host(bytes_of(self._host))

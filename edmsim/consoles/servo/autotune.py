@@ -97,7 +97,7 @@ Values = Mapping[str, int]
 
 
 class Figures(NamedTuple):
-    """What a trial shows: overshoot as a share, settling time in s, and rms following error of a move in counts."""
+    """Results of a trial: overshoot as a share, settling time in s, rms following error of a move in counts."""
 
     overshoot: float
     settling_s: float
@@ -267,7 +267,7 @@ class AxisResponse:
 
 @dataclass(frozen=True)
 class Tuning:
-    """What was found."""
+    """Result of the tuning."""
 
     lines: tuple[str, ...]  # what to type: values, the restart and the saving
     values: dict[str, int]  # letters and values
