@@ -90,7 +90,7 @@ _OWN = (
     "command", "lines", "num", "den", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "stalled_until_ns",
     "count_rate_Hz", "index_ns", "reg", "real", "memory",
 )
-"""Fields of a record that belong to the drive and are lost with the power."""
+"""A record's fields that the drive owns and loses with the power."""
 
 
 def restart(record: NDArray[np.void], fresh: NDArray[np.void]) -> None:

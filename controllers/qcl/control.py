@@ -21,7 +21,7 @@ LONGEST_MS = 2**31 - 1  # a timer's time at most (ours: a long)
 
 
 class Device(Protocol):
-    """The control's interface of a device."""
+    """The control's view of a device."""
 
     @property
     def parameters(self) -> MutableMapping[str, int]:

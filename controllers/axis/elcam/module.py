@@ -47,7 +47,7 @@ class CamAxis(Protocol):
 
     @property
     def setpoint(self) -> float:
-        """Its commanded place."""
+        """Commanded position."""
 
     @property
     def actual(self) -> float:

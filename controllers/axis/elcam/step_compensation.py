@@ -40,7 +40,7 @@ class StepCompensation:
 
     @property
     def upper_um(self) -> tuple[float, float]:
-        """Positions of the motors of u and v."""
+        """Positions of the u and v motors."""
         return self._extra[2] * self._step_um, self._extra[3] * self._step_um
 
     def begin(

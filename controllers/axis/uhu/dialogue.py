@@ -30,7 +30,7 @@ _WORDS = range(1 << 16)
 
 
 class UhuActions(Protocol):
-    """Interface of the drive for the dialogue."""
+    """The dialogue's drive."""
 
     @property
     def position(self) -> int:

@@ -267,7 +267,7 @@ class AxisResponse:
 
 @dataclass(frozen=True)
 class Tuning:
-    """Result of the tuning."""
+    """Tuning result."""
 
     lines: tuple[str, ...]  # what to type: values, the restart and the saving
     values: dict[str, int]  # letters and values
