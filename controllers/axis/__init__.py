@@ -1,8 +1,8 @@
 """Drives of the machine's axes, by name: what turns a planner's step edges into motion.
 
-``edmsim.Plant(machine, drives={"x": axis.make("servo")})`` puts a drive on an axis; an axis that is not named has a
-stepper. A drive of one's own is an object with what `edmsim.controllers.axis.drive.Drive` lists; `check_drive` tells
-whether it can be used.
+``edmsim.Plant(machine, drives={"x": axis.make("servo")})`` puts a drive on an axis; an axis without an entry has a
+stepper. Your own drive is an object with the members of `edmsim.controllers.axis.drive.Drive`; test it with
+`check_drive`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _DRIVES: dict[str, type[Drive]] = {kind.name: kind for kind in (Stepper, Positio
 
 
 def names() -> tuple[str, ...]:
-    """Names of the drives."""
+    """Return the drives' names."""
     return tuple(_DRIVES)
 
 
@@ -48,7 +48,7 @@ def make(name: str) -> Drive:
     Raises
     ------
     InputError
-        If there is no such drive.
+        The name is unknown.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def make(name: str) -> Drive:
 
 
 def from_text(text: str, screw: Screw | None = None) -> Drive:
-    """Make the drive of a machine's axis from text, ``uhu:proportional_gain=600,E=400``, for its screw if given."""
+    """Make an axis' drive from text, ``uhu:proportional_gain=600,E=400``, tuned for the steps of `screw` if set."""
     name, _, rest = text.partition(":")
     if name == Stepper.name and not rest:
         return Stepper()

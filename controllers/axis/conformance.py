@@ -1,4 +1,4 @@
-"""What every drive must keep to, as a check for those who write one."""
+"""A check of your own drive against the rules for all drives."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ _OWN = (
     "command", "lines", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "count_rate_Hz", "index_ns", "n_sent",
     "sent", "reg", "real", "memory", "eeprom",
 )
-"""What a sample may write of its record."""
+"""Fields that a sample may write."""
 
 
 def check_drive(make: Callable[[], Drive]) -> None:
     """Check that a drive can be used in a plant, copied, and continued from a snapshot.
 
-    Its sample is shown an encoder that follows, one that runs away either way, and random step edges.
+    The check runs its sample with an encoder that follows, encoders that run away, and random step edges.
 
     Parameters
     ----------
     make : callable
-        Returns a new drive at every call; its class will do.
+        Returns a new drive at each call, for example its class.
 
     Raises
     ------
     InputError
-        Its record, motor or period cannot be used; it does not pickle; a command is not finite or beyond its supply;
-        a sample writes what is not the drive's, or depends on something that is not in its record.
+        Its record, motor or period is invalid; it does not pickle; a command is not finite or exceeds its supply; a
+        sample writes to fields of others, or depends on something outside its record.
 
     Examples
     --------

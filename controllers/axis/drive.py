@@ -1,4 +1,4 @@
-"""What a drive of an axis is: a record, a motor, and a compiled sample."""
+"""The interface of a drive: a record, a motor, and a compiled sample."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from edmsim.errors import InputError, one_of
 
 
 class Screw(NamedTuple):
-    """What a drive has to know of the axis of a machine: travel of a motor step, and of a radian of its motor."""
+    """Data of a machine's axis for a drive: travel per motor step, and per radian of its motor."""
 
     step_um: float
     um_per_rad: float
@@ -29,27 +29,27 @@ class Screw(NamedTuple):
 class Drive(Protocol):
     """A drive of one axis.
 
-    A plant copies the drives it is given; the copy's ``record`` is its row in the plant's memory, which the sample
-    works on and which is part of the plant's snapshot. Whatever a drive remembers stands there. Between windows it
-    may be read and written, as by a serial line.
+    A plant copies its drives. The copy's ``record`` is a row in the plant's memory and part of its snapshot; it must
+    hold all of the drive's state. The sample works on it, and you can read and write it between windows, as a serial
+    line does.
 
     Attributes
     ----------
     name : str
-        By which `edmsim.controllers.axis.make` knows it.
+        Its name for `edmsim.controllers.axis.make`.
     record : record array (1,)
         One row of `edmsim.compiled.axis_rows.DRIVE`: ``num / den`` is the sampling period in ns, 1 us or more; sample
-        n falls on ``epoch_ns + n * num // den``, so that a period of no whole number of ns never drifts.
+        n falls on ``epoch_ns + n * num // den``; a period with a fraction of a ns does not drift.
     motor : record array (1,) or None
         One row of `edmsim.compiled.axis_rows.MOTOR`; None for a stepper.
     counts_per_step : float
-        Encoder counts that a step edge asks for, which a cut needs and a bench does not: by it, a cut refuses a drive
-        whose steps are not those of the machine. 0 for one that follows none; without meaning for a stepper.
+        Encoder counts per step edge. A cut refuses a drive whose steps differ from the machine's; a bench ignores
+        the value. 0 if the drive ignores step edges; unused for a stepper.
     makes_ramps : bool, optional
-        Whether it places its axis by ramps of its own, so that the steps of a rapid come at once.
+        Whether it makes ramps itself; it then receives all steps of a rapid at once.
     why_stopped : callable, optional
-        Says in a few words why it reports a fault, or what keeps its axis from following, if it knows; nothing where
-        only its fault input was pulled low.
+        Returns in a few words why it reports a fault or does not follow, if it knows; empty if only its fault input
+        is low.
     """
 
     name: str
@@ -58,19 +58,19 @@ class Drive(Protocol):
 
     @property
     def sample(self) -> SampleFunction | None:
-        """What happens at every sampling instant, made by `edmsim.compiled.axis_rows.sample`; None for a stepper.
+        """Function of each sampling instant, made by `edmsim.compiled.axis_rows.sample`; None for a stepper.
 
-        A property, or an attribute of the class: the object itself must pickle. The function reads the axis' row and
-        writes ``command``, ``lines``, ``reg`` and ``real`` of its own.
+        A property or a class attribute, as the object must pickle. The function reads the axis' row and writes
+        ``command``, ``lines``, ``reg`` and ``real`` of its own record.
         """
 
     def line(self, text: bytes) -> bytes:
-        """Take what was sent over the drive's serial line, and return its answer; empty if it has no line."""
+        """Receive text over the drive's serial line and return the answer; empty if it has no line."""
 
 
 @runtime_checkable
 class StartsAnew(Drive, Protocol):
-    """A drive that starts anew when its logic is switched on, with what its memory has kept."""
+    """A drive that restarts when its logic is switched on, with the state in its memory."""
 
     def power_up(self) -> bytes:
         """Start as after the release of the reset pin; returns what it sends over its serial line, if it has one."""
@@ -90,7 +90,7 @@ _OWN = (
     "command", "lines", "num", "den", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "stalled_until_ns",
     "count_rate_Hz", "index_ns", "reg", "real", "memory",
 )
-"""What of a record is the drive's own and lost with the power."""
+"""A record's fields that the drive owns and loses with the power."""
 
 
 def restart(record: NDArray[np.void], fresh: NDArray[np.void]) -> None:
@@ -108,7 +108,7 @@ def set_period(record: NDArray[np.void], num: int, den: int) -> None:
 
 
 def new_record(period_ns: tuple[int, int] = (1, 1)) -> NDArray[np.void]:
-    """Return a record of nought with a sampling period in ns, as a fraction."""
+    """Return a record of zeros; its sampling period is a fraction, in ns."""
     record = np.zeros(1, DRIVE)
     record["num"], record["den"] = period_ns
     return record
@@ -120,7 +120,7 @@ def data_of(name: str) -> dict[str, Any]:
 
 
 def motor_row(values: Mapping[str, float], **changes: float) -> NDArray[np.void]:
-    """Return a motor's row of its constants by name, all of `MOTOR`, some of them changed.
+    """Return a motor's row from its constants by name, all of `MOTOR`, with changes.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def motor_row(values: Mapping[str, float], **changes: float) -> NDArray[np.void]
 
 
 def axis_names() -> tuple[str, ...]:
-    """Names of the axes that `axis_row` knows."""
+    """Names of the axes of `axis_row`."""
     folder = models.path("drives/board.toml").parent
     return tuple(sorted(file.stem.removeprefix("axis-") for file in folder.glob("axis-*.toml")))
 

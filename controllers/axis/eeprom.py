@@ -1,8 +1,8 @@
-"""The code in which a drive keeps words in its EEPROM: a checksum, and every half byte as an extended Hamming word.
+"""The code of a drive's words in its EEPROM: a checksum, and every half byte as an extended Hamming word.
 
 Ten words make 42 bytes, so three banks of the UHU's parameters fill 126 of the ATtiny2313's 128 bytes. The manual
-promises "checksum and forward error correction" and gives no layout (rows U-26, U-29, U-A24): the layout is ours, and
-the servo processor module keeps its one bank in the same code (row M-A16).
+promises "checksum and forward error correction" without a layout (rows U-26, U-29, U-A24): the layout is ours. The
+servo processor module stores its only bank in the same code (row M-A16).
 
 >>> image = bytearray(encode([900, 24]))
 >>> image[3] ^= 0x10
@@ -25,7 +25,7 @@ _CORRECTABLE, _NOTED = 1, 2
 
 
 class Stored(NamedTuple):
-    """What was read from an EEPROM."""
+    """Content of an EEPROM."""
 
     words: tuple[int, ...] | None  # 0 to 65535; None where a code byte has more flipped bits than can be corrected
     corrected: int  # bits that were flipped and put right
@@ -55,7 +55,7 @@ def size_of(n_words: int) -> int:
 
 
 def encode(words: Sequence[int], *, false_checksum: bool = False) -> bytes:
-    """Return words (0 to 65535) as they stand in the EEPROM; a new UHU has a false checksum (row U-28)."""
+    """Return the EEPROM's code of words (0 to 65535); a new UHU has a false checksum (row U-28)."""
     plain = bytearray(itertools.chain.from_iterable(word.to_bytes(2, "big") for word in words))
     plain.append(_checksum(plain) ^ (0xFF if false_checksum else 0))
     return bytes(itertools.chain.from_iterable((_CODE[byte >> _HALF_BITS], _CODE[byte & 0xF]) for byte in plain))

@@ -1,9 +1,9 @@
-"""What a drive may do beyond its manual: settings of both chips, all of them 0 in compatible mode.
+"""Extensions of both chips beyond their manuals; in compatible mode all settings are 0.
 
-They are what LinuxCNC's components ``pid``, ``encoder`` and ``halscope`` offer (by their manual pages; no code is
-theirs): anti-windup, the time an output has been at its limit, the command's derivatives with three feed-forwards,
-and a recorder of four channels that keeps what was before its trigger. They are set by name,
-``drive.extensions["anti_windup"] = 1``, and outlast a reset of the drive; its EEPROM knows nothing of them.
+They follow the manual pages of LinuxCNC's components ``pid``, ``encoder`` and ``halscope``, without their code:
+anti-windup, the time of an output at its limit, derivatives of the command with three feed-forwards, and a recorder
+of four channels with samples before its trigger. Set them by name, ``drive.extensions["anti_windup"] = 1``. They
+survive a reset of the drive; its EEPROM does not store them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TRIGGERS = {
     "at once": AT_ONCE, "error": ON_ERROR, "move": ON_MOVE, "direction change": ON_TURN, "output limit": ON_LIMIT,
     "fault": ON_FAULT,
 }  # fmt: skip
-"""What starts a recording: nothing, an error of `level` counts, the first commanded move, a change of its direction,
+"""Triggers of a recording: at once, an error of `level` counts, the first commanded move, a change of its direction,
 an output at its limit, a fault."""
 SAMPLES, CHANNELS = 384, 4  # samples of a recording, each a word of the record's memory with four channels of 16 bits
 MEMORY = 128  # first of these words; those before it are the servo processor module's own recorder's
@@ -139,7 +139,7 @@ class Recording(NamedTuple):
     Attributes
     ----------
     time_s : float array
-        Since the trigger; before it negative.
+        Time since the trigger; negative before it.
     error, velocity, command_velocity, output : int array
         Following error in counts, velocities in counts per interval, and the output in the drive's own units, each
         limited to 16 bits.
@@ -153,15 +153,15 @@ class Recording(NamedTuple):
 
 
 class Extensions(Registers):
-    """The settings of a drive by name, its recorder, and how long its output has been at its limit.
+    """A drive's settings by name, its recorder, and the time of its output at the limit.
 
     ============================= ======================================================================
-    ``anti_windup``               1: the integrator stands still where it would push an output at its limit
-    ``command_filter``            0..15: the command's velocity is averaged over some 2**n intervals
+    ``anti_windup``               1: the integrator stops if it would push an output beyond its limit
+    ``command_filter``            0..15: the command's velocity is averaged over about 2**n intervals
     ``velocity_feed_forward``     output per count per interval of the command's velocity, times 256
-    ``acceleration_feed_forward`` the same of its change in an interval
-    ``jerk_feed_forward``         the same of that one's change
-    ``saturating_arithmetic``     1: products and sums stop at their largest value where the chip's would wrap
+    ``acceleration_feed_forward`` the same for the velocity's change per interval
+    ``jerk_feed_forward``         the same for the change of that change
+    ``saturating_arithmetic``     1: products and sums saturate where the chip's would wrap
     ============================= ======================================================================
 
     Parameters
@@ -169,7 +169,7 @@ class Extensions(Registers):
     owner : object with a record
         The drive.
     wraps : bool
-        Whether the chip's arithmetic wraps, so that it has the last of these settings.
+        Whether the chip's arithmetic wraps; only then it has the last setting.
     """
 
     def __init__(self, owner: HasRecord, *, wraps: bool) -> None:
@@ -177,12 +177,12 @@ class Extensions(Registers):
 
     @property
     def limited_s(self) -> float:
-        """For how long the output has now been at its limit."""
+        """How long the output has been at its limit."""
         return float(self._reg[LIMITED_NS]) * 1e-9
 
     @property
     def longest_limited_s(self) -> float:
-        """The longest that the output was at its limit since the last power-up."""
+        """Longest time of the output at its limit since power-up."""
         return float(self._reg[LONGEST_LIMITED_NS]) * 1e-9
 
     def record_on(self, trigger: str, *, level: int = 0, before: int = 32, every: int = 1) -> None:
@@ -195,14 +195,14 @@ class Extensions(Registers):
         level : int
             Following error in counts that triggers, for ``error``.
         before : int
-            Samples kept from before the trigger, 0 to 383; the trigger counts only after that number of samples.
+            Samples stored before the trigger, 0 to 383; the trigger is ignored until they exist.
         every : int
-            Intervals from sample to sample, 1 or more.
+            Intervals per sample, 1 or more.
 
         Raises
         ------
         InputError
-            One of them cannot be used.
+            An argument is invalid.
         """
         if trigger not in TRIGGERS:
             raise InputError(f"the recorder has no trigger {trigger!r}; it has {', '.join(TRIGGERS)}")
@@ -216,7 +216,7 @@ class Extensions(Registers):
         reg[[TRIGGER, LEVEL, BEFORE, EVERY]] = TRIGGERS[trigger], level, before, every
 
     def recording(self) -> Recording | None:
-        """Return what was recorded; None until the memory is full."""
+        """Return the recording; None until the memory is full."""
         reg, record = self._reg, self._owner.record
         if reg[STATE] != FULL:
             return None

@@ -1,4 +1,4 @@
-"""A drive's parameters by the names of their fields, kept in the registers of its record.
+"""A drive's parameters by the names of their fields, stored in its record's registers.
 
 >>> from edmsim.controllers.axis import make
 >>> drive = make("uhu")
@@ -38,14 +38,14 @@ def tuned_values(
 
 
 def law_with(law: Mapping[str, Any], changes: Mapping[str, int], what: str) -> dict[str, Any]:
-    """Return what a drive's manual leaves open, some of it changed."""
+    """Return a drive's settings not in its manual, with changes."""
     if unknown := sorted(changes.keys() - law.keys()):
         raise InputError(f"the law of the {what} has no {unknown[0]!r}; it has {', '.join(law)}")
     return {**law, **changes}
 
 
 class HasRecord(Protocol):
-    """What has a drive's record; a plant puts its own row in place of the first one."""
+    """Owner of a drive's record; a plant replaces the first record by its own row."""
 
     record: NDArray[np.void]
 

@@ -1,7 +1,7 @@
-"""Offset of the guides beside the programmed path: a few steps more on the way to the motors, at every window.
+"""Offset of the guides from the programmed path, by extra steps to the motors in every window.
 
-A bent wire cuts beside the path of its guides. A controller that knows by how much can lead them on the other side;
-and a finishing pass takes off more metal where they go nearer to the wall.
+A bent wire cuts off the path of its guides. A controller that estimates this error can offset the guides to the
+other side. In a trim pass, guides nearer to the wall remove more metal.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 class PathOffset(Snapshots):
-    """The offset of a cut, leg by leg; `lateral_um` is where the motors stand beside the program's place."""
+    """The offset of a cut, leg by leg; `lateral_um` is the motors' offset from the program's place."""
 
     STATE = ("_made",)
 

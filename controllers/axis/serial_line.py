@@ -1,8 +1,8 @@
-"""The typed line of a drive's terminal, and the numbers in it: both drives read lines this way, the UHU with echo.
+"""The typed line of a drive's terminal and its numbers; both drives read lines this way, the UHU with echo.
 
-A line ends with CR; LF is ignored (rows U-A14, M-A14). Blanks before, in and after a command do not count, and lower
-case reads as upper case (rows U-A13, U-A15). What is not printable ASCII spoils the line; the drive then answers
-as to an unknown command, so that neither garbage nor a wrong baud rate sets a parameter or moves a motor.
+A line ends with CR; LF is ignored (rows U-A14, M-A14). Blanks before, in and after a command are ignored, and lower
+case equals upper case (rows U-A13, U-A15). A byte that is not printable ASCII makes the line an unknown command, so
+neither noise nor a wrong baud rate sets a parameter or moves a motor.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The reference servo: a direct-current motor with an encoder, and a proportional-derivative loop in whole numbers.
 
-It shows what a drive of one's own takes; its constants stand in ``models/drives/servo.toml``.
+Use it as a template for your own drive. Its constants are in ``models/drives/servo.toml``.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ def _servo(drive_at: Any, axis_at: Any) -> None:
 
 
 class PositionServo:
-    """A position servo for step edges, with the drive's dialogue reduced to nothing.
+    """A position servo for step edges, without a serial dialogue.
 
-    If the axis is further from its setpoint than ``largest_error`` counts, the drive reports a fault and leaves the
-    motor without voltage until the plant is reset.
+    If the following error exceeds ``largest_error`` counts, the drive reports a fault and switches the motor's
+    voltage off until the plant is reset.
     """
 
     name = "servo"

@@ -1,4 +1,4 @@
-"""The stepper: a step edge turns the motor's field by one step, and nobody looks whether the rotor follows."""
+"""The stepper: a step edge turns the motor's field by one step, without feedback from the rotor."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from edmsim.controllers.axis.drive import new_record
 
 
 class Stepper:
-    """A stepping motor without a loop, what an axis has if nothing else is said.
+    """A stepping motor without a loop, the default drive of an axis.
 
-    Its step length, torque, friction and backlash are the machine's (``table`` in its TOML file, and the MJCF).
+    Its step length, torque, friction and backlash come from the machine (``table`` in its TOML file, and the MJCF).
     """
 
     name = "stepper"

@@ -1,9 +1,9 @@
-"""The board: all chips on their addresses, and the lines that lead through optocouplers to machine and generator.
+"""The board: all chips at their addresses, and the lines through optocouplers to machine and generator.
 
 The optocouplers invert and low-pass (4.2, 4.2.1; row T-84). An AND gate buffers a line of the 8255 and drives the
-coupler's LED. Its light makes a FET conduct, which pulls the machine's input to earth, logic 0; where the LED is
-dark, a pull-up resistor makes it 1. So a lit LED is a 0. Couplers are slow, and keep the short impulses of the
-sparks away from the control.
+coupler's LED. Its light makes a FET conduct, which pulls the machine's input to earth, logic 0; if the LED is
+dark, a pull-up resistor makes it 1. So a lit LED is a 0. The slow couplers filter out the short impulses of the
+sparks.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The 8085 with its program: the routines of the document that drive the hardware, and their variables in RAM."""
+"""The 8085 with its program: the document's routines that drive the hardware, and their variables in RAM."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class MachineCode:
         self.cpu = Cpu8085(board.bus, self._routine)
 
     def call(self, address: int) -> None:
-        """Run what stands at an address until it returns, at once; registers are kept."""
+        """Run the code at an address until it returns, at once; registers are restored."""
         cpu = self.cpu
         saved = [*cpu.registers], cpu.flags, cpu.pc, cpu.sp
         cpu.sp = cpu.sp if self.running else at.STACK
@@ -85,7 +85,7 @@ class MachineCode:
             board.now_ns = begin_ns + spent * 1_000_000_000 // CPU_HZ if cost else end_ns
 
     def _routine(self, address: int) -> int:
-        """What stands in EPROM; 0 T-states while a character is waited for."""
+        """Run a routine in EPROM; 0 T-states if it lacks a character."""
         if address in self._routines:
             self._routines[address]()
         elif address in self._streams.outputs:

@@ -1,7 +1,7 @@
-"""A path followed by the computer's own timers and routines: what `poscal-literal` is on the machine of 1982.
+"""A path followed by the computer's own timers and routines: `poscal-literal` on the machine of 1982.
 
-A planner says when each axis steps; here nobody does. The main program aims each move once with POSCAL and loads the
-timers. From then on the counts run down in simulated time, and interrupts make the steps.
+Here no planner computes the times of steps. The main program calls POSCAL once for each move and loads the timers.
+Then the counts run down in simulated time, and interrupts make the steps.
 """
 
 from __future__ import annotations

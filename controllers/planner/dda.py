@@ -1,7 +1,7 @@
 """An ideal line generator: each axis stays within half a step of a point that runs along the path.
 
-Lengths along the path are whole numbers of 65 536ths of a motor step, so that the point runs by the speed in units
-at every tick of the clock; an axis steps when it is over half a step behind.
+Lengths along the path are whole numbers of 65 536ths of a motor step. At every tick of the clock, the point moves by
+the speed in units. An axis steps when it is over half a step behind.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""How far each planner strays: path, speed and end of straight moves in every direction and at many speeds.
+"""Errors of each planner in path, speed and end point, for straight moves in every direction at many speeds.
 
-The computer of 1982 itself is among them.
+The computer of 1982 is included.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _MARGIN = 4.0  # time allowed for a move, over the time it should take; the slow
 
 
 class MoveError(NamedTuple):
-    """What went wrong in one straight move."""
+    """Errors of one straight move."""
 
     path_max_um: float  # distance of the position counters from the line, after every step
     path_rms_um: float

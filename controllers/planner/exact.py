@@ -1,7 +1,7 @@
-"""An exact accumulator: the length of path behind the wire, in whole attometres, so that no rounding ever gathers.
+"""An exact planner: it accumulates the length of path in whole attometres, without rounding errors.
 
-It has no clock, and no counters of 16 bits: a feed is any whole number of nm/s, a step or a corner any number of um.
-An axis steps when the path crosses the middle between two of its steps; both axes' steps come out in order of time.
+It has no clock and no 16-bit counters. A feed is any whole number of nm/s; a step or a corner is any number of um.
+An axis steps when the path crosses the middle between two of its steps. The steps of both axes are in time order.
 """
 
 from __future__ import annotations

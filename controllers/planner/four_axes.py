@@ -1,8 +1,8 @@
-"""Planners of a wire that leans: x and y move the lower guide, u and v the upper one relative to it.
+"""Planners of tapered cuts: x and y move the lower guide, u and v the upper one relative to it.
 
-`exact` plans all four alike. The planners that count plan x and y, and u and v follow along the path, step by step:
-their arithmetic knows two axes. Feeds and lengths are those of a path whose moves are as long as those of the faster
-face of the workpiece.
+`exact` plans all four axes alike. The arithmetic of the counting planners has two axes: they plan x and y, and u and
+v follow along the path, step by step. Feeds and lengths refer to the faster face of the workpiece: each move is as
+long as on that face.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Steps that lead the guides beside the path, compiled; see `edmsim.controllers.axis.path_offset`."""
+"""Steps that offset the guides from the path, compiled; see `edmsim.controllers.axis.path_offset`."""
 
 from __future__ import annotations
 

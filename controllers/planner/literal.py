@@ -1,9 +1,9 @@
 """The planner of 1982: POSCAL once per move and a reload counter per axis, with all their faults.
 
-It runs every move with the direction POSCAL found at its beginning; each axis stops at its own target. A component
-that REDUC drops never moves (row T-G11), the axis speeds are whole units (row T-G9), and the sum of squares wraps at
-16 bits (row T-G6), so the wire strays from the line (row T-G12). Another speed repeats VELOCM alone; the timers take
-it from their next interrupt on. Backwards the same vector is run the other way.
+POSCAL computes the direction once, at the start of a move, and each axis stops at its own target. A component that
+REDUC drops never moves (row T-G11), axis speeds are whole units (row T-G9), and the sum of squares wraps at 16 bits
+(row T-G6), so the wire leaves the line (row T-G12). A change of speed repeats VELOCM alone; the timers use it from
+their next interrupt on. A backward move runs the same vector in reverse.
 """
 
 from __future__ import annotations

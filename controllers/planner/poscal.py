@@ -1,14 +1,14 @@
 """The default planner: POSCAL re-aimed at every step at a point a little ahead on the present move.
 
-The thesis computes POSCAL once per move and loses the line by up to hundreds of um (rows T-G11, T-G12).
-Here the same integer routines steer at a carrot a little ahead, as its text foresees ("the tangent may
-change at every step"). Three things are ours: the carrot, the vector in quarter um, which keeps its length
-precise (row T-G10), and the path speed doubled up to 128..255 for VELOCM, which gives slow paths the
-direction of fast ones (rows T-G9, T-A4).
+The thesis computes POSCAL once per move and leaves the line by up to hundreds of um (rows T-G11, T-G12).
+Here the same integer routines aim at a point a little ahead, as its text foresees ("the tangent may
+change at every step"). Three things are ours: this point, the vector in quarter um, for a precise
+length (row T-G10), and the path speed doubled up to 128..255 for VELOCM, which makes directions at
+low speed as precise as at high speed (rows T-G9, T-A4).
 
-The planner with the sine table steers at the same carrot, with directions from the table in place of a square root
-(row T-72). A direction is right to half an entry and the rounding of its sine and cosine, 0.3 degrees; as the next
-step aims again, the line is kept as well as with POSCAL.
+The planner with the sine table aims at the same point, with directions from the table instead of a square root (row
+T-72). A direction is right to half an entry plus the rounding of sine and cosine, 0.3 degrees. As each step aims
+again, the path is as accurate as with POSCAL.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What every planner offers, and what a controller that makes a planner's steps itself."""
+"""Interfaces of planners, and of controllers that make a planner's steps themselves."""
 
 from __future__ import annotations
 
@@ -47,4 +47,4 @@ class RunsPath(Protocol):
     """A controller that is the machine's own computer: with some planners no planner runs, as it makes the steps."""
 
     def path_run(self, planner: str) -> Planner | None:
-        """Return what follows the leg in place of the planner of that name, or None; called after every reset."""
+        """Return the leg's replacement of the planner of that name, or None; called after every reset."""

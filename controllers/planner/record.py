@@ -1,4 +1,4 @@
-"""A planner as compiled code knows it: a row of numbers and the corners of its path."""
+"""A planner's data in compiled code: a row of numbers and the corners of its path."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ MOST_STEP_UM = 16  # longest motor step of the planners that steer (ours: half t
 
 
 class Kind(NamedTuple):
-    """What is particular to a planner."""
+    """Properties of a planner."""
 
     number: int  # its kind in compiled code (see `record`)
     speed_unit_nm_s: float = SPEED_UNIT_NM_S  # unit of its path speed

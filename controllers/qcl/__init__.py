@@ -1,4 +1,4 @@
-r"""QCL, the language of QEM's QMOVE controls, as far as the EANPOS manual uses it: configuration and program.
+r"""QCL, the language of QEM's QMOVE controls: the configurations and programs of the EANPOS manual.
 
 >>> from edmsim.controllers.qcl import Control, read_configuration, read_program
 >>> plant = read_configuration("GLOBAL\ncount L\nEND")

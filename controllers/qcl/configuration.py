@@ -1,9 +1,9 @@
 """A configuration (.CNF): variables, cards on the bus, inputs and outputs by slot, and the internal devices.
 
 ``Axis_X EANPOS 2 2.CNT02 3 3.INP01 3.AN01`` declares a device that samples every 2 ms, with counter 2 of slot 2,
-interrupt line 3, input 1 and analogue output 1 of slot 3 (manual 1.1). ``X.X``, or ``X`` for a line, leaves one out.
+interrupt line 3, input 1 and analogue output 1 of slot 3 (manual 1.1). ``X.X``, or ``X`` for a line, omits one.
 
-Of timers and data groups the manual has the sections only; their lines are those of QEM's manual of QVIEW::
+For timers and data groups the manual has only the sections; their lines follow QEM's manual of QVIEW::
 
     TIMER
     tmPause
@@ -89,7 +89,7 @@ class _DataGroup:
 
 @dataclass
 class Configuration:
-    """What a configuration declares, by name."""
+    """Declarations of a configuration, by name."""
 
     constants: dict[str, int] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
@@ -113,12 +113,12 @@ class Configuration:
 
 
 def read_configuration(text: str, file: str | None = None) -> Configuration:
-    """Read a configuration; `file` is its name in an error.
+    """Read a configuration; `file` is its name in errors.
 
     Raises
     ------
     QclError
-        It has invalid lines; all of them are listed.
+        Lines are invalid; the error lists all of them.
     """
     found, problems = Configuration(), []
     section = ""

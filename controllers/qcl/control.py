@@ -1,8 +1,8 @@
 """The control: it executes a program pass by pass, on devices, inputs and outputs.
 
-A pass lasts until the next WAIT, whose condition is looked at once a pass (ours: the manual does not say how tasks
-take turns). A read of a device that has a command waiting lets the device execute it first (manual 1.4.4). A timer is
-given a time in ms and reads 1 once that is over, else 0 (ours).
+A pass ends at the next WAIT, whose condition is checked once a pass (ours: the manual does not define how tasks
+alternate). A read of a device with a pending command first executes that command (manual 1.4.4). Set a timer to a
+time in ms; it reads 1 when the time is over, else 0 (ours).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LONGEST_MS = 2**31 - 1  # a timer's time at most (ours: a long)
 
 
 class Device(Protocol):
-    """What the control needs of a device."""
+    """The control's view of a device."""
 
     @property
     def parameters(self) -> MutableMapping[str, int]:
@@ -50,19 +50,19 @@ class Control:
     ----------
     configuration : Configuration
     program : QclProgram
-        Read with this configuration.
+        A program for this configuration.
     devices : mapping of str to Device
-        By the names of the configuration, in lower case.
+        Devices by their configured names, in lower case.
 
     Attributes
     ----------
     variables : dict of str to int
         Values by name, in lower case.
     data : dict of (str, int, int) to int
-        Values of data groups by name, recipe and step, which is 0 where a variable has none; those without an entry
+        Values of data groups by name, recipe and step; the step is 0 if the variable has no steps. Missing values
         are 0.
     now_ms : int
-        The control's clock, which timers go by; who runs the control sets it.
+        The control's clock for timers; the caller sets it.
     inputs, outputs : dict of str to bool
         By slot address.
     line : int
@@ -89,7 +89,7 @@ class Control:
         return statements[self._next].line if self._next < len(statements) else 0
 
     def restart(self) -> None:
-        """Begin again as after the power was off, which SYSTEM variables and data groups outlast."""
+        """Restart as at power-up; SYSTEM variables and data groups keep their values."""
         for name, variable in self._configuration.variables.items():
             if not variable.retained:
                 self.variables[name] = 0
@@ -103,12 +103,12 @@ class Control:
         Returns
         -------
         str or None
-            Name of a device that has to take its sample before this pass can go on; None at the end of the pass.
+            Device that must run a sample before this pass can continue; None at the end of the pass.
 
         Raises
         ------
         InputError
-            A division by nought, or a value that does not fit into its variable; it names the line.
+            A division by zero, or a value out of its variable's range; the error names the line.
         """
         statements = self._program.statements
         for _ in range(LONGEST_PASS):

@@ -1,7 +1,7 @@
-"""A program of QCL: statements in a list, with the places that IF, ELSE and JUMP lead to.
+"""A program of QCL: a list of statements, with the targets of IF, ELSE and JUMP.
 
-``Axis:prsvel = (20 * Axis:maxvel)/100`` assigns, ``START Axis`` commands, ``WAIT NOT Axis:st_emrg`` waits,
-``IF NOT (gfMovAuto OR gfMovMan)`` to ENDIF depends, ``MAIN:`` is a place to JUMP to. ``place[3, 1]`` is a data
+``Axis:prsvel = (20 * Axis:maxvel)/100`` assigns, ``START Axis`` sends a command, ``WAIT NOT Axis:st_emrg`` waits,
+``IF NOT (gfMovAuto OR gfMovMan)`` to ENDIF is conditional, ``MAIN:`` is a label for JUMP. ``place[3, 1]`` is a data
 group's variable in recipe 3 and step 1.
 """
 
@@ -47,12 +47,12 @@ class QclProgram(NamedTuple):
 
 
 def read_program(text: str, configuration: Configuration, file: str | None = None) -> QclProgram:
-    """Read a program whose names a configuration declares; `file` is its name in an error.
+    """Read a program; a configuration declares its names; `file` is its name in errors.
 
     Raises
     ------
     QclError
-        It has lines that are not statements, or names that are not declared; all of them are listed.
+        Lines are not statements, or names are not declared; the error lists all of them.
     """
     reader = _Reader(configuration)
     for number, line in code_lines(text):

@@ -1,4 +1,4 @@
-"""QCL text: lines without their comments, the words of a line, and what is wrong with a text."""
+"""QCL text: lines without comments, the words of a line, and the problems of a text."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MOST_DIGITS = 18  # digits of a number (ours: the widest variable, of 32 bits, h
 
 
 class Problem(NamedTuple):
-    """What is wrong in a line: its number, from 1, and why."""
+    """Error in a line: its number, from 1, and the reason."""
 
     line: int
     what: str
@@ -24,12 +24,12 @@ class Problem(NamedTuple):
 
 
 class QclError(InputError):
-    """A text that QCL cannot read.
+    """A text is not valid QCL.
 
     Attributes
     ----------
     problems : list of Problem
-        All of them, in order of their lines.
+        All problems, in order of lines.
     """
 
     def __init__(self, problems: list[Problem], file: str | None) -> None:

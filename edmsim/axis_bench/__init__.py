@@ -1,4 +1,4 @@
-"""A test bench for drives: axes with drive, motor, encoder, screw and table, without the machine around them.
+"""A test bench for drives: axes with drive, motor, encoder, screw and table, without the rest of the machine.
 
 >>> from edmsim.axis_bench import AxisBench
 >>> from edmsim.controllers import axis

@@ -1,4 +1,4 @@
-"""The bench itself: axes under drives, run in compiled code, with hands on every wire and shaft."""
+"""The bench: axes with drives, run in compiled code, with access to every wire and shaft."""
 
 from __future__ import annotations
 
@@ -52,25 +52,25 @@ class Pins(NamedTuple):
 
 
 class AxisBench:
-    """Axes with drives on a bench. Where a method's axis can be left out, it is the first one.
+    """Axes with drives on a bench. A method's optional axis is by default the first one.
 
     Parameters
     ----------
     drives : mapping of str to drive
-        By axis, of ``x y u v``; they are copied and switched on at time 0. Motor, screw and table are each drive's.
+        Drives by axis, of ``x y u v``; the bench copies them and switches them on at time 0. Motor, screw and table
+        belong to each drive.
     mechanics : {"modal", "mujoco"}
-        What moves rotors and tables: edmsim's own integrator, or, for x and y, MuJoCo, which steps a machine's MJCF.
+        Model of rotors and tables: edmsim's integrator, or MuJoCo for x and y with a machine's MJCF.
     machine : Machine, optional
-        Puts the motors of x and y on its screws and under its table, in the middle of its travel, as a plant does.
-        MuJoCo takes the DEM-15 if none is given; only there do the ends of the travel stop the table.
+        Machine with the screws and table for the motors of x and y; the table starts in mid-travel, as in a plant.
+        With MuJoCo it is by default the DEM-15, and only there the ends of travel stop the table.
     seed : int
-        Of the spikes on the encoders' wires, where a motor has some (`edmsim.compiled.axis_rows.MOTOR`).
+        Seed of spikes on the encoders' wires, if a motor has some (`edmsim.compiled.axis_rows.MOTOR`).
 
     Raises
     ------
     InputError
-        An unknown axis, an invalid record, period or motor of a drive, a drive without a loop, or unknown
-        mechanics.
+        An axis or the mechanics is unknown, a drive's record, period or motor is invalid, or it has no loop.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class AxisBench:
 
     @property
     def trace(self) -> bool:
-        """Whether samples are noted (`samples`)."""
+        """Whether `samples` are recorded."""
         return self._motion.trace
 
     @trace.setter
@@ -97,7 +97,7 @@ class AxisBench:
         return self._motion.now_ns * 1e-9
 
     def run(self, seconds: float) -> None:
-        """Let some time pass.
+        """Run for a time.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class AxisBench:
         self.run_to(self._motion.now_ns + _ns("seconds", seconds))
 
     def run_to(self, end_ns: int) -> None:
-        """Let time pass until then; see `run`."""
+        """Run until a time; see `run`."""
         end_ns = round(finite("end_ns", end_ns))
         while self._motion.now_ns < end_ns:
             coming = [ns for line in self._lines.values() if (ns := line.next_ns) is not None]
@@ -118,23 +118,23 @@ class AxisBench:
                 self._lines[name].exchange(self._motion.now_ns, running, self._motion.now_ns % _TURN_NS == 0)
 
     def send(self, data: bytes, axis: str = "") -> None:
-        """Send some bytes to a drive at the terminal's baud, behind those still on their way."""
+        """Send bytes to a drive at the terminal's baud, after those still in transmission."""
         self._line(axis).send(data, self._motion.now_ns)
 
     def sending(self, axis: str = "") -> bool:
-        """Return whether bytes for a drive are still on their way."""
+        """Return whether bytes to a drive are in transmission."""
         return self._line(axis).next_ns is not None
 
     def received(self, axis: str = "") -> bytes:
-        """Return what a drive has sent since the last call."""
+        """Return a drive's bytes since the last call."""
         return bytes(value for value, _ in self.received_at(axis))
 
     def received_at(self, axis: str = "") -> list[tuple[int, float]]:
-        """Return what a drive has sent since the last call, each byte with the time (s) at which it had come."""
+        """Return a drive's bytes since the last call, each with its time of arrival in s."""
         return self._line(axis).received_at()
 
     def talk(self, data: bytes, axis: str = "") -> bytes:
-        """Send some bytes and return what the drive sends until it is quiet, for 1 s at most."""
+        """Send bytes and return the drive's answer, until it is quiet or 1 s is over."""
         line = self._line(axis)
         line.received_at()
         self.send(data, axis)
@@ -146,25 +146,25 @@ class AxisBench:
         return self.received(axis)
 
     def host_baud(self, baud: float, axis: str = "") -> None:
-        """Set the terminal's baud, which at first is the drive's."""
+        """Set the terminal's baud; by default it is the drive's."""
         self._line(axis).set_host_baud(finite("baud", baud, 1.0))
 
     def open_terminal(self, is_open: bool, axis: str = "") -> None:
-        """Open or close the terminal; what a drive sends to a closed one is lost."""
+        """Open or close the terminal; a closed one loses the drive's bytes."""
         self._line(axis).open_terminal(is_open)
 
     def steps(self, axis: str, count: int, rate_Hz: float = 0.0, accel_Hz_s: float = 0.0) -> None:
-        """Send step pulses behind those still to come.
+        """Send step pulses after those still pending.
 
         Parameters
         ----------
         axis : str
         count : int
-            How many; its sign is the direction.
+            Number of pulses; its sign is the direction.
         rate_Hz : float
-            Their rate; all at once at 0.
+            Rate; 0 sends all at once.
         accel_Hz_s : float
-            Slope of the ramps at both ends; none at 0.
+            Slope of the ramps at both ends; 0 for no ramps.
         """
         count, rate_Hz = whole_from("count", count), finite("rate_Hz", rate_Hz, 0.0)
         accel_Hz_s = finite("accel_Hz_s", accel_Hz_s, 0.0)
@@ -174,14 +174,14 @@ class AxisBench:
         self._motion.moves = np.concatenate([self._motion.moves, move(k, start_ns, count, rate_Hz, accel_Hz_s)])
 
     def step_times(self, axis: str, times_ns: Sequence[int], direction: int) -> None:
-        """Send single step pulses at some times."""
+        """Send step pulses at listed times."""
         k = AXIS_NAMES.index(axis)
         direction = whole_from("direction", direction)
         rows = [move(k, round(finite("times_ns", at_ns)), direction, 0.0, 0.0) for at_ns in times_ns]
         self._motion.moves = np.concatenate([self._motion.moves, *rows])
 
     def unplug(self, axis: str, wire: str, plugged: bool = False) -> None:
-        """Unplug a wire, or with `plugged` plug it in again: A, B, index, step, dir or fault (the input's net)."""
+        """Unplug a wire (or plug it in, if `plugged`): A, B, index, step, dir or fault (the input's net)."""
         row = self._row(axis)
         if wire in _STEP_INPUTS:
             k, bit, open_ = AXIS_NAMES.index(axis), _STEP_INPUTS[wire], self._motion.unplugged
@@ -203,7 +203,7 @@ class AxisBench:
         self._row(axis)["swapped"] ^= 1
 
     def pulse_encoder(self, axis: str, phases: str, width_s: float) -> None:
-        """Disturb A, B or AB by a pulse; one shorter than the drive's input needs for an edge is not seen."""
+        """Disturb A, B or AB by a pulse; the drive's input misses it if it is too short for an edge."""
         drive, motor = self.drive(axis).record[0], self.motor(axis)
         rate_Hz = min(rate for rate in (float(motor["edge_rate_Hz"]), float(drive["count_rate_Hz"])) if rate > 0)
         if finite("width_s", width_s, 0.0) * rate_Hz >= 1.0:
@@ -212,7 +212,7 @@ class AxisBench:
                 read_phases(row)
 
     def slip_encoder(self, axis: str, counts: int) -> None:
-        """Let the encoder's disc slip by some counts at once; by 2 both phases change together."""
+        """Slip the encoder's disc by counts at once; at 2 counts both phases change together."""
         row, motor, counts = self._row(axis), self.motor(axis), whole_from("counts", counts)
         row["zero_um"] -= counts * motor["um_per_rad"] / motor["counts_per_rad"]
         row["true_count"] += counts
@@ -220,11 +220,11 @@ class AxisBench:
         read_phases(row)
 
     def wire(self, axis: str, *, fault_in: bool = True, fault_out: bool = True) -> None:
-        """Say how a drive hangs on the fault net: its input, and its output's diode."""
+        """Set a drive's connections to the fault net: input, and output diode."""
         self._row(axis)["wiring"] = (NET_IN if fault_in else 0) | (NET_OUT if fault_out else 0)
 
     def pull_fault_net(self, low: bool) -> None:
-        """Pull the fault net low by hand, or let it go."""
+        """Pull the fault net low, or release it."""
         for name in self.names:
             row = self._row(name)
             if row["wiring"] & NET_IN:
@@ -241,11 +241,11 @@ class AxisBench:
         self.motor(axis)["supply_V"] = finite("volts", volts, 0.0)
 
     def rail(self, axis: str, volts: float) -> None:
-        """Set the logic supply; below the reset controller's voltage the drive is in reset, above it starts anew."""
+        """Set the logic supply; below the reset controller's voltage the drive is in reset, above it restarts."""
         self.reset_pin(axis, finite("volts", volts, 0.0) < data_of("board")["logic"]["reset_V"])
 
     def reset_pin(self, axis: str, low: bool) -> None:
-        """Pull a drive's reset pin low, or let it go: it starts anew then."""
+        """Pull a drive's reset pin low; on release the drive restarts."""
         held = bool(self._row(axis)["in_reset"])
         if low and not held:
             k, pins = AXIS_NAMES.index(axis), int(self._row(axis)["pins"])
@@ -255,7 +255,7 @@ class AxisBench:
             self._power_up(axis)
 
     def power_cycle(self, axis: str, off_s: float = 0.1) -> None:
-        """Switch the logic supply off for a while."""
+        """Switch the logic supply off for a time."""
         off_s = finite("off_s", off_s)
         self.rail(axis, 0.0)
         self.run(off_s)
@@ -272,22 +272,22 @@ class AxisBench:
         self._lines[name].reply(text, int(record["due_ns"][0]))
 
     def hold(self, axis: str, held: bool) -> None:
-        """Lock the rotor, or let it go."""
+        """Lock or release the rotor."""
         self._row(axis)["locked"] = held
 
     def torque(self, axis: str, torque_Nm: float) -> None:
-        """Turn the shaft by hand with a torque, until another is set."""
+        """Apply a torque to the shaft, until you set another."""
         self._row(axis)["hand_Nm"] = finite("torque_Nm", torque_Nm)
 
     def force(self, axis: str, force_N: float) -> None:
-        """Push the table with a force, until another is set."""
+        """Push the table with a force, until you set another."""
         self._row(axis)["hand_N"] = finite("force_N", force_N)
 
     def home_cam(
         self, axis: str, low_um: float, high_um: float, *, hysteresis_um: float = 0.0, bounce_s: float = 0.0,
         filter_s: float = 0.0,
     ) -> None:
-        """Put a home cam under the table, from one place to another; see `edmsim.compiled.axis_rows.MOTOR`."""
+        """Put a home cam under the table between two places; see `edmsim.compiled.axis_rows.MOTOR`."""
         motor, row = self.motor(axis), self._row(axis)
         low_um, high_um = finite("low_um", low_um), finite("high_um", high_um)
         times_ns = finite("bounce_s", bounce_s, 0.0) * 1e9, finite("filter_s", filter_s, 0.0) * 1e9
@@ -297,19 +297,19 @@ class AxisBench:
         row["cam"], row["cam_ns"] = low_um <= row["place_um"] <= high_um, LONG_AGO_NS
 
     def press_home(self, axis: str, closed: bool) -> None:
-        """Close or open the home input by hand, where no cam stands."""
+        """Close or open the home input of an axis without a cam."""
         row = self._row(axis)
         row["cam"], row["cam_ns"] = closed, self._motion.now_ns
 
     def share_output(self, axes: Sequence[str], connected: str | None = None) -> None:
-        """Let drives write to one analogue output, and a contactor lead it to the motor of one axis, or of none."""
+        """Let drives share an analogue output; a contactor connects it to the motor of one axis, or of none."""
         for name in axes:
             row = self._row(name)
             row["shares"], row["apart"] = 1 + AXIS_NAMES.index(axes[0]), name != connected
             row["pins"] = row["pins"] & ~FREEWHEEL if name == connected else row["pins"] | FREEWHEEL
 
     def stall(self, axis: str, seconds: float) -> None:
-        """Keep a drive from computing for a while; its interrupts still count."""
+        """Stop a drive's computation for a time; its interrupts still count."""
         self.drive(axis).record["stalled_until_ns"] = self._motion.now_ns + _ns("seconds", seconds)
 
     def flip_bits(self, axis: str, bits: Sequence[int]) -> None:
@@ -325,11 +325,11 @@ class AxisBench:
         return drive
 
     def axis(self, axis: str = "") -> np.void:
-        """Return an axis' row (`edmsim.compiled.axis_rows.AXIS`), which can be written."""
+        """Return an axis' row (`edmsim.compiled.axis_rows.AXIS`); you can write it."""
         return self._row(axis)
 
     def motor(self, axis: str = "") -> np.void:
-        """Return the row of an axis' motor (`edmsim.compiled.axis_rows.MOTOR`), which can be written."""
+        """Return the row of an axis' motor (`edmsim.compiled.axis_rows.MOTOR`); you can write it."""
         row: np.void = self._motion.drives.axes.motors[AXIS_NAMES.index(axis or self.names[0])]
         return row
 
@@ -341,7 +341,7 @@ class AxisBench:
         return self._lines[name or self.names[0]]
 
     def pins(self, axis: str = "") -> Pins:
-        """Return a drive's pins as they are."""
+        """Return the state of a drive's pins."""
         row = self._row(axis)
         pins, net = int(row["pins"]), bool(row["wiring"] & NET_IN) and self.fault_net_low
         return Pins(
@@ -350,7 +350,7 @@ class AxisBench:
         )
 
     def samples(self, axis: str = "") -> NDArray[np.void]:
-        """Return an axis' samples noted since the last call (`edmsim.axis_bench.loop.SAMPLE_ROW`)."""
+        """Return an axis' samples since the last call (`edmsim.axis_bench.loop.SAMPLE_ROW`)."""
         return self._motion.samples(axis or self.names[0])
 
     def changes(self, axis: str = "") -> NDArray[np.void]:
@@ -358,11 +358,11 @@ class AxisBench:
         return self._motion.changes(axis or self.names[0])
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what moves: drives, axes, steps to come, and the time; nothing may be on the serial lines."""
+        """Return the state: drives, axes, pending steps and time. The serial lines must be idle."""
         return self._motion.snapshot()
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Take back a `snapshot` of the same drives; it continues bit for bit."""
+        """Restore a `snapshot` of the same drives; it continues bit for bit."""
         self._motion.restore(state)
         for line in self._lines.values():
             line.forget()

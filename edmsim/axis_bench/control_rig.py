@@ -1,4 +1,4 @@
-"""A control of several axes on the bench: every cycle it reads the encoders, and its loops get new targets."""
+"""A control of several axes on the bench: each cycle it reads the encoders and sets its loops' targets."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CYCLE_NS = round(CYCLE_S * 1e9)
 
 
 class Traces(NamedTuple):
-    """What a run has noted, a row per cycle and a column per axis: times in s, places in the axes' units."""
+    """Records of a run, a row per cycle and a column per axis: times in s, positions in the axes' units."""
 
     time_s: NDArray[np.float64]
     setpoint: NDArray[np.float64]
@@ -38,16 +38,16 @@ class Traces(NamedTuple):
 class ControlRig:
     """Axes of a control with their motors, screws and tables on a bench.
 
-    A servo axis is an `AxisLoop`; a stepper's motor takes steps, and its encoder counts how far it really moves.
+    A servo axis is an `AxisLoop`; a stepper's motor takes steps, and its encoder counts its true motion.
 
     Parameters
     ----------
     axes : mapping of str to ControlAxis
-        By the bench's axis, of ``x y u v``; the control numbers them in this order.
+        Axes by the bench's axis, of ``x y u v``; the control numbers them in this order.
     drives : mapping of str to drive, optional
-        In place of the usual ones.
+        Overrides of the default drives.
     **options
-        As `MotionControl` takes them.
+        Those of `MotionControl`.
 
     Attributes
     ----------
@@ -66,21 +66,21 @@ class ControlRig:
         self._notes: list[tuple[float, NDArray[np.float64]]] = []
 
     def run(self, seconds: float) -> None:
-        """Let some time pass, in whole cycles."""
+        """Run for a time, in whole cycles."""
         for _ in range(round(finite("seconds", seconds) / CYCLE_S)):
             self._turn()
             self.bench.run_to(round(self.bench.time_s * 1e9) + _CYCLE_NS)
 
     def count(self, axis: str) -> int:
-        """Return what an axis' encoder has counted."""
+        """Return an axis' encoder count."""
         return int(self.bench.axis(axis)["count"])
 
     def table_um(self, axis: str) -> float:
-        """Return where an axis' table is by its screw, in um."""
+        """Return an axis' table position in um, by its screw."""
         return float(self.bench.axis(axis)["place_um"])
 
     def traces(self) -> Traces:
-        """Return what was noted since the last call."""
+        """Return the records since the last call."""
         times, rows = [at for at, _ in self._notes], [row for _, row in self._notes]
         self._notes = []
         columns = np.array(rows).reshape(len(rows), 4, len(self.names))

@@ -1,4 +1,4 @@
-"""The bench's compiled loop: motion, samples and outputs in order of time, and what is noted of them."""
+"""The bench's compiled loop: motion, samples and outputs in time order, and their records."""
 
 from __future__ import annotations
 

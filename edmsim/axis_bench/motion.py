@@ -1,4 +1,4 @@
-"""The bench's axes in motion: drives, motors and tables run in compiled code, by one of the plant's two mechanics."""
+"""Motion of the bench's axes: drives, motors and tables in compiled code, with either mechanics of the plant."""
 
 from __future__ import annotations
 

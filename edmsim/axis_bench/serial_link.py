@@ -32,7 +32,7 @@ def levels_of(data: bytes) -> list[int]:
 
 
 def read_levels(levels: list[int], baud: float, start_ns: int, input_baud: float) -> list[Byte]:
-    """Return what an input of some baud reads of levels sent with another: it samples in the middle of its own bits.
+    """Return the bytes that an input reads if the sender's baud differs: it samples in the middle of its own bits.
 
     Examples
     --------
@@ -117,7 +117,7 @@ class SerialLink:
 
     @property
     def busy(self) -> bool:
-        """Whether bytes are on their way, either way."""
+        """Whether bytes are in transit either way."""
         return self._to_drive.next_ns is not None or self._to_host.next_ns is not None
 
     @property
@@ -143,7 +143,7 @@ class SerialLink:
         self._to_host.put(data, at_ns)
 
     def exchange(self, now_ns: int, running: bool, unasked: bool) -> None:
-        """Give the drive what has come by now, lost in reset, and take what it sends, also of its own accord."""
+        """Pass received bytes to the drive (lost in reset), and collect its answers and unsolicited bytes."""
         record = self._drive.record
         sent, n_sent = record["sent"][0], int(record["n_sent"][0])
         for k in range(max(self._drained, n_sent - SENT), n_sent):

@@ -1,1 +1,1 @@
-"""Consoles: what a person, a script or another program operates by hand."""
+"""Consoles for a person, a script or another program."""

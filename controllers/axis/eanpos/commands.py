@@ -1,7 +1,7 @@
-"""The 22 commands of a QEM EANPOS: their conditions, and what they do.
+"""The 22 commands of a QEM EANPOS: their conditions and effects.
 
-All commands of one sample are executed in order of priority, each against the state that the one before has left
-(manual 1.7.2, row Q-59). One whose conditions fail does nothing and raises warning 1 (row Q-23).
+The commands of a sample are executed in order of priority, each on the state that the previous one leaves (manual
+1.7.2, row Q-59). If a command's conditions fail, it does nothing and raises warning 1 (row Q-23).
 """
 
 from __future__ import annotations

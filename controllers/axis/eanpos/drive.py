@@ -1,8 +1,8 @@
 """QEM EANPOS, an analogue positioner: ramps, a loop over an encoder, a reference voltage of 16 bits, homing.
 
-Its registers, commands and states are the manual's (`registers`). `sample` is what happens at a sample;
-`commands`, `moves`, `profile` and `homing` are what that calls. Its constants, and what
-the manual leaves open, stand in ``models/drives/eanpos.toml``.
+Its registers, commands and states are the manual's (`registers`). `sample` runs a sample and calls `commands`,
+`moves`, `profile` and `homing`. Its constants, and settings that the manual leaves open, are in
+``models/drives/eanpos.toml``.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ _SIGNALS = {
 
 
 class Resources(NamedTuple):
-    """What the configuration gives a device on the bus; without them the rows of the manual differ as row Q-A21 says.
+    """Resources of a device on the bus, from the configuration; row Q-A21 lists what changes if one is missing.
 
     Attributes
     ----------
     counter : bool
-        A bidirectional counter; without one the actual place is the theoretical one.
+        A bidirectional counter; without it, actual is theoretical position.
     interrupt : bool
         An interrupt line for the encoder's zero pulse, for homing in mode 1.
     home_input : bool
         The input that enables the zero pulse: the cam.
     output : bool
-        An analogue output; without one nothing is driven.
+        An analogue output; without it, no motor is driven.
     """
 
     counter: bool = True
@@ -67,8 +67,8 @@ class Resources(NamedTuple):
 class Parameters(MutableMapping[str, int]):
     """The 45 parameters of a device by the manual's names.
 
-    A value outside the manual's limits is taken, and raises a warning; one written while its condition does not hold
-    is not (warnings 3 and 2, ours; ``wrnvalue`` is the parameter's number).
+    A value outside the manual's limits is accepted with warning 3. A value written while its condition does not hold
+    is ignored with warning 2 (both ours; ``wrnvalue`` is the parameter's number).
 
     Raises
     ------
@@ -109,7 +109,7 @@ class Parameters(MutableMapping[str, int]):
 
 
 class States(Mapping[str, bool]):
-    """The 19 states of a device by the manual's names, as the last sample left them."""
+    """The 19 states of a device by the manual's names, after the last sample."""
 
     def __init__(self, owner: Eanpos) -> None:
         self._owner = owner
@@ -175,15 +175,15 @@ class Eanpos:
     Parameters
     ----------
     motor : record array (1,), optional
-        Axis with its velocity amplifier (`edmsim.controllers.axis.drive.axis_row`); ``analogue`` if none is given.
+        Axis with velocity amplifier (`edmsim.controllers.axis.drive.axis_row`); by default ``analogue``.
     tcamp_ms : int, optional
-        Sample time, 1 to 255 ms; the manual's example's if none is given.
+        Sample time, 1 to 255 ms; by default that of the manual's example.
     resources : Resources, optional
-        What the configuration gives it; all if it is not given.
+        Resources from the configuration; by default all.
     parameters : mapping of str to int, optional
-        What its retentive memory holds, by the manual's names.
+        Values in its retentive memory, by the manual's names.
     settings : mapping of str to int, optional
-        What the manual leaves open, other than in the table ``settings`` of ``models/drives/eanpos.toml``.
+        Overrides of the table ``settings`` of ``models/drives/eanpos.toml``, which the manual leaves open.
 
     Attributes
     ----------
@@ -241,21 +241,21 @@ class Eanpos:
         cls, axis: str = "analogue-table", changes: Mapping[str, float] = MappingProxyType({}),
         screw: Screw | None = None,
     ) -> Self:
-        """Return a device commissioned on an axis for motor steps: initialised and in loop at its first samples.
+        """Return a device commissioned for motor steps: its first samples initialise it and close the loop.
 
         Parameters
         ----------
         axis : str
         changes : mapping of str to int
-            Parameters that differ.
+            Overrides by name.
         screw : Screw, optional
-            Of the machine that it is put on, in place of the axis' own with steps of 2 um: measure is then the travel
-            of a turn of its encoder in um, and maxvel the speed at 10 V.
+            The machine's screw, instead of the axis' own with steps of 2 um: ``measure`` is then the travel of an
+            encoder turn in um, and ``maxvel`` the speed at 10 V.
 
         Raises
         ------
         InputError
-            Nobody has tuned one for that axis, or a parameter is unknown.
+            No tuning exists for that axis, or a parameter is unknown.
         """
         if axis not in at.DATA["tuned"]:
             raise InputError(f"no EANPOS is tuned for an axis {axis!r}; there are: {', '.join(at.DATA['tuned'])}")
@@ -267,12 +267,12 @@ class Eanpos:
         return cls(motor, 1, parameters={**found, **changes}, settings=settings)
 
     def command(self, name: str) -> None:
-        """Put a command into the mailbox, which the next sample executes.
+        """Put a command into the mailbox; the next sample executes it.
 
         Raises
         ------
         InputError
-            There is no such command.
+            The command is unknown.
         """
         if name.upper() not in at.COMMANDS:
             raise InputError(f"the device has no command {name!r}; it has {', '.join(at.COMMANDS)}")
@@ -290,27 +290,27 @@ class Eanpos:
 
     @property
     def theoretical(self) -> tuple[float, float]:
-        """Theoretical place in units of measure, and speed in units per s, at the last sample."""
+        """Theoretical position (units of measure) and speed (units per s) at the last sample."""
         real = self.record["real"][0]
         return float(real[at.THEORY]), float(real[at.SPEED])
 
     def home(self) -> None:
-        """Search the reference place (PLCopen MC_Home): PRESET."""
+        """Search the reference point (PLCopen MC_Home): PRESET."""
         self.command("PRESET")
 
     def move_absolute(self, position: int, velocity: int) -> None:
-        """Move to a place (MC_MoveAbsolute): setvel, setpos and START; in motion it changes both."""
+        """Move to a position (MC_MoveAbsolute): setvel, setpos, START; in motion it changes both."""
         self.parameters["setvel"], self.parameters["setpos"] = velocity, position
         if self.states["st_still"]:
             self.command("START")
 
     def move_velocity(self, velocity: int, forward: bool = True) -> None:
-        """Move on until `halt` or the software limit (MC_MoveVelocity): setvel and MANFW or MANBW."""
+        """Move until `halt` or the software limit (MC_MoveVelocity): setvel and MANFW or MANBW."""
         self.parameters["setvel"] = velocity
         self.command("MANFW" if forward else "MANBW")
 
     def halt(self) -> None:
-        """Come to rest on the ramp (MC_Halt): STOP."""
+        """Stop on the ramp (MC_Halt): STOP."""
         self.command("STOP")
 
     def stop(self) -> None:
@@ -318,13 +318,13 @@ class Eanpos:
         self.command("EMRG")
 
     def power(self, on: bool = True) -> None:
-        """Close the position loop (MC_Power), leaving the emergency state if it is in it, or open it."""
+        """Close the position loop and leave the emergency state (MC_Power), or open the loop."""
         if on and self.states["st_emrg"]:
             self.command("RESUME")
         self.command("LOOPON" if on else "LOOPOFF")
 
     def set_position(self, position: int) -> None:
-        """Put another count under the axis (MC_SetPosition): posit."""
+        """Set the axis' count to a position (MC_SetPosition): posit."""
         self.parameters["posit"] = position
 
     def reset(self) -> None:
@@ -333,7 +333,7 @@ class Eanpos:
 
     @property
     def counts_per_step(self) -> float:
-        """Encoder edges of a step, where it follows steps: a change of setpos by `follow_step`."""
+        """Encoder edges per step, if it follows steps: a step changes setpos by `follow_step`."""
         reg = self.record["reg"][0]
         if reg[at.MEASURE] == 0:
             return 0.0
@@ -341,7 +341,7 @@ class Eanpos:
         return float(way * reg[at.FOLLOW_STEP] * reg[at.PULSE] / reg[at.MEASURE])
 
     def why_stopped(self) -> str:
-        """Say what error, following error or refused command stops it, or why it does not come to its target."""
+        """Return the error, following error or refused command that stops it or keeps it from its target."""
         p, reg = self.parameters, self.record["reg"][0]
         if self.states["st_error"]:
             return f"its error {p['errcode']}: {_ERRORS[p['errcode']]}"
@@ -358,11 +358,11 @@ class Eanpos:
         return f"its warning {p['wrncode']} of {p['wrnvalue']}" if self.states["st_warning"] else ""
 
     def line(self, text: bytes) -> bytes:
-        """Answer nothing: the device has no serial line."""
+        """Return nothing: the device has no serial line."""
         return b""
 
     def power_up(self) -> bytes:
-        """Start as with the power switched on: retentive parameters and st_cntrev are as they were (row Q-56)."""
+        """Start as at power-up; retentive parameters and st_cntrev keep their values (row Q-56)."""
         fresh = Eanpos(self.motor, int(self.record["num"][0]) // 1_000_000)
         old, reg = self.record["reg"][0], fresh.record["reg"][0]
         keep = [*_RETAINED, at.ST_CNTREV, at.RESOURCES, *range(at.FIRST_SETTING, at.FIRST_SETTING + len(at.SETTINGS))]

@@ -1,8 +1,8 @@
 """The homing search of a QEM EANPOS ("preset search", manual 1.3.9): to the cam, back off it, to the zero pulse.
 
-In mode 0 an axis 500 units before the cam reaches it at 333 units/s, turns, and leaves it at 167 units/s; there the
-count becomes prspos, the axis stops, and is placed at prspos. In mode 1 the first zero pulse after the cam loads the
-count. In mode 2 nothing moves: each closing of the cam loads it.
+In mode 0, an axis 500 units before the cam reaches it at 333 units/s, reverses, and leaves it at 167 units/s. There
+the count becomes prspos; the axis stops and returns to prspos. In mode 1, the first zero pulse after the cam loads
+the count. In mode 2 nothing moves: each closing of the cam loads it.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def preset(reg: Words, real: Reals) -> None:
 
 @exactly_compiled
 def _set_out(reg: Words, real: Reals, again: bool) -> None:
-    """Go to the cam; an axis that stands on it at the first PRESET leaves it at once (row Q-53)."""
+    """Go to the cam; an axis on the cam at the first PRESET leaves it at once (row Q-53)."""
     if reg[at.CAM] != 0 and not again:
         _search(reg, real, -reg[at.HOME_DIR], reg[at.SPRSVEL], SLOW)
     else:

@@ -1,7 +1,7 @@
-"""What a QEM EANPOS moves to: placements, jogs, changes in motion, and the count under them.
+"""Moves of a QEM EANPOS: positioning, jogs, changes in motion, and changes of the count.
 
-A change in motion is taken where the axis can still stop at its target with the ramps in execution (manual 1.4.2,
-1.4.3). A count rewritten in motion shifts the theoretical place as well, so that the axis travels on by as much.
+A change in motion is accepted if the axis can still stop at its target with the present ramps (manual 1.4.2, 1.4.3).
+A count changed in motion shifts the theoretical position too; the travel to the target changes by as much.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def slopes(reg: Words) -> tuple[float, float]:
 
 @exactly_compiled
 def catch_up(reg: Words, real: Reals) -> None:
-    """Take the theoretical place from the actual one, so that a loop that closes makes no jump (row Q-62)."""
+    """Set the theoretical position to the actual one; then a closing loop makes no jump (row Q-62)."""
     ahead = real[at.THEORY] - place(reg)
     real[at.INTEGRAL], reg[at.LAST_ERROR] = 0.0, 0
     _slide(real, -ahead)

@@ -1,10 +1,9 @@
 """Speed profiles of a QEM EANPOS: a ramp, a constant speed and a ramp to rest, each evaluated in closed form.
 
 From 0 to 2000 units at 833 units/s with 1667 units/s^2 an axis moves for 2.9 s: 0.5 s up, 1.9 s at constant speed,
-0.5 s down. A ramp is a trapezoid's, an epicycloidal one (the manual's name for the cycloidal law of speed, row Q-40),
-or beyond the manual one of limited jerk. All are symmetrical about their middle: their mean speed is that of begin
-and end, so that one formula has the way of each. A change in motion makes a new profile from the present place and
-speed.
+0.5 s down. A ramp is trapezoidal, epicycloidal (the manual's name for the cycloidal law of speed, row Q-40), or,
+beyond the manual, of limited jerk. All ramps are symmetrical about their middle: the mean speed is that of both ends,
+so one formula gives the travel. A change in motion makes a new profile from the present position and speed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Where a QEM EANPOS keeps parameters, states and all else it knows: places in its record's ``reg`` and ``real``.
+"""Places of a QEM EANPOS's parameters, states and other values in its record's ``reg`` and ``real``.
 
-Parameters and states stand in the order of the manual's tables (1.7.3, 1.7.4), commands in that of their priority.
+Parameters and states have the order of the manual's tables (1.7.3, 1.7.4), commands that of their priority.
 """
 
 from __future__ import annotations

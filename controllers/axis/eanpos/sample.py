@@ -1,8 +1,8 @@
-"""A sample of a QEM EANPOS: it counts, takes writes and commands, moves its theoretical place, and sets its output.
+"""A sample of a QEM EANPOS: count, execute writes and commands, move the theoretical position, set the output.
 
-The output is feed-forward, proportional, integral and derivative part in shares of 10 V. With pgain 1000 an error of
-what the axis travels in a sample at full speed makes 10 V: at 4 ms, 1666.7 units/s and pgain 10, one unit makes 15 mV
-(rows Q-45, Q-67). The digital-to-analogue converter has 16 bits with sign.
+The output is the sum of feed-forward, proportional, integral and derivative parts in shares of 10 V. With pgain 1000,
+an error as large as the travel in a sample at full speed makes 10 V; at 4 ms, 1666.7 units/s and pgain 10, one unit
+makes 15 mV (rows Q-45, Q-67). The digital-to-analogue converter has 16 bits with sign.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""ELCAM, the cam tables of the control MCU-G3, and compensation by them."""
+"""ELCAM, the cam tables and error compensation of the control MCU-G3."""

@@ -1,25 +1,25 @@
-"""Files of ELCAM tables as TOML: errors of a machine's axes, and cams that its upper guide follows.
+"""TOML files of ELCAM tables: errors of a machine's axes, and cams for its upper guide.
 
 ::
 
     [[table]]                        # errors to compensate
-    axis = "x"                       # whose error it is
-    master = "x"                     # along which it was measured: its own travel, another axis', or the path
-    points = [[0.0, -1.5], [5.0, 2.0]]   # mm and um: what the axis indicates less where it truly is
-    reversal_um = 4.0                # if wanted: by how much the error is greater upwards than downwards
-    cubic = true                     # if wanted: a curve between the points in place of straight lines
+    axis = "x"                       # the axis with the error
+    master = "x"                     # the error depends on this axis or the path
+    points = [[0.0, -1.5], [5.0, 2.0]]   # mm and um: indicated less true position
+    reversal_um = 4.0                # optional: error upwards less error downwards
+    cubic = true                     # optional: a curve between points instead of straight lines
 
-    [[table]]                        # errors that something else changes: rows in place of points
+    [[table]]                        # errors that also depend on a third axis: rows instead of points
     axis = "y"
     master = "x"
-    row_axis = "y"                   # what chooses the row: an axis, or the path's length
-    row_range_mm = [0.0, 65.0]       # where it is at the first row and at the last one
-    interpolate_rows = true          # if wanted: between two rows a straight line; else the nearer one holds
+    row_axis = "y"                   # an axis or the path, which selects the row
+    row_range_mm = [0.0, 65.0]       # its position at the first and the last row
+    interpolate_rows = true          # optional: interpolate linearly between rows; by default the nearest row
     rows = [[[0.0, 0.0], [65.0, 9.0]], [[0.0, 0.0], [65.0, 3.0]]]
 
-    [[cam]]                          # where an axis of the upper guide goes
+    [[cam]]                          # motion of an axis of the upper guide
     axis = "u"
-    master = "path"                  # with the length of path, or with x or y
+    master = "path"                  # the length of path, x or y
     points = [[0.0, 0.0], [2.0, 0.1]]    # mm and mm
 """
 
@@ -141,7 +141,7 @@ def _is_finite(value: float) -> bool:
 
 @dataclass(frozen=True)
 class TableRows:
-    """What chooses the row of a table, one of `PLACES`, and where it is (mm) at the first and the last of them."""
+    """Selector of a table's row: one of `PLACES`, and its position in mm at the first and the last row."""
 
     axis: str
     first_mm: float
@@ -157,15 +157,15 @@ class ErrorTable:
     Attributes
     ----------
     axis, master : str
-        Of `NAMES`, and of `PLACES`.
+        One of `NAMES`; one of `PLACES`.
     points : float64 array (n, 2)
-        Place of the master in mm, and the error in um: what the axis indicates less where it truly is; row after row.
+        Position of the master in mm, and error in um (indicated less true position of the axis), row after row.
     reversal_um : float
-        By how much the error is greater while the master moves up than while it moves down.
+        Error while the master moves up, less error while it moves down.
     cubic : bool
-        Whether a curve joins the points in place of straight lines.
+        Whether a curve joins the points instead of straight lines.
     rows : TableRows or None
-        What chooses among rows of points.
+        Selector of the row of points.
     """
 
     axis: str
@@ -178,7 +178,7 @@ class ErrorTable:
 
 @dataclass(frozen=True)
 class Cam:
-    """Where an axis of `CAM_AXES` goes with a master of `CAM_MASTERS`: ``points`` (n, 2) are both in mm."""
+    """Motion of an axis of `CAM_AXES` over a master of `CAM_MASTERS`: ``points`` (n, 2), both in mm."""
 
     axis: str
     master: str
@@ -192,7 +192,7 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     Raises
     ------
     InputError
-        It cannot be read, or a table in it is invalid: which one, and what would be right.
+        The file cannot be read, or a table is invalid; the message names it and valid values.
     """
     try:
         data = tomllib.loads(Path(file).read_text(encoding="utf-8"))
@@ -259,7 +259,7 @@ def _cam(section: _Section) -> Cam:
 
 
 def text_of(tables: Iterable[ErrorTable], comments: Sequence[str] = ()) -> str:
-    """Return tables as the text of a compensation file, comments first."""
+    """Return tables as text of a compensation file, after the comments."""
     lines = [f"# {line}".rstrip() for line in comments]
     for table in tables:
         lines += ["", "[[table]]", f'axis = "{table.axis}"', f'master = "{table.master}"']
@@ -281,13 +281,13 @@ def text_of(tables: Iterable[ErrorTable], comments: Sequence[str] = ()) -> str:
 
 
 def load_tables(tables: Sequence[ErrorTable | Cam], file: str | Path | None = None) -> Elcam:
-    """Load tables into an ELCAM of four axes in mm and the path, let them run, and switch the compensation on.
+    """Load tables into an ELCAM of four axes in mm and the path, start them, and switch compensation on.
 
     Parameters
     ----------
     tables : sequence of ErrorTable or Cam
     file : path, optional
-        For messages.
+        For errors.
 
     Raises
     ------

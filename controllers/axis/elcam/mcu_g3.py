@@ -1,7 +1,7 @@
-"""The control MCU-G3: axes with setpoint, actual place and auxiliary encoder, travel commands, and ELCAM on them.
+"""The control MCU-G3: axes with setpoint, actual position and auxiliary encoder, travel commands, and ELCAM.
 
-Commands have PLCopen's names (`move_absolute`, `halt`, `cam_in`, `cam_out`, `in_sync`); ``docs/cam-tables.md`` has
-the document's. Ramps are plain: the document leaves them to others.
+Commands have PLCopen's names (`move_absolute`, `halt`, `cam_in`, `cam_out`, `in_sync`); ``docs/cam-tables.md`` lists
+the document's. Ramps have constant acceleration, as the document does not define them.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ CYCLE_S = DATA["axis"]["cycle_ns"] * 1e-9  # interpolator's cycle
 
 @dataclass
 class ControlAxis:
-    """An axis as the control has it; places in its unit, mm in most cases.
+    """An axis of the control; positions are in its unit, mostly mm.
 
     Attributes
     ----------
     counts_per_unit : float
         Encoder counts, or a stepper's steps, in one unit.
     stepper : bool
-        Without a loop: steps go out, nobody looks where the motor is.
+        Whether it is open-loop: the control sends steps to the motor.
     use_encoder : bool
-        "Use encoder for position feedback" of the system data: a stepper's own encoder is its auxiliary register.
+        "Use encoder for position feedback" of the system data: a stepper's encoder is its auxiliary register.
     auxiliary_factor : float
         Counts of that encoder in one unit (gfaux); it may change at any time.
     accel : float
-        Of its ramps, units per s2.
+        Acceleration in units per s2.
     compensation_rate : float
-        Extension: units per s at which a compensation that is switched comes in; 0 for at once.
+        Extension: rate of compensation after switching, in units per s; 0 applies it at once.
     """
 
     counts_per_unit: float
@@ -89,7 +89,7 @@ class MotionControl:
     ----------
     axes : sequence of ControlAxis
     **options
-        As `Elcam` takes them.
+        Those of `Elcam`.
 
     Attributes
     ----------
@@ -103,37 +103,37 @@ class MotionControl:
         self._ramps: dict[int, tuple[float, float, float]] = {}  # offset at first, time passed, time it takes
 
     def move_absolute(self, axis: int, target: float, speed: float) -> bool:
-        """Move an axis to a place; False for one that follows a cam table, which takes no travel commands."""
+        """Move an axis to a position; False if it follows a cam table and so refuses travel commands."""
         if axis in self._release():
             return False
         self.axes[axis].target, self.axes[axis].speed = target, abs(speed)
         return True
 
     def move_velocity(self, axis: int, speed: float) -> bool:
-        """Move an axis at a speed until another command; False for one that follows a cam table."""
+        """Move an axis at a speed until the next command; False if it follows a cam table."""
         if axis in self._release():
             return False
         self.axes[axis].target, self.axes[axis].speed = None, speed
         return True
 
     def halt(self, axis: int) -> bool:
-        """Stop an axis on its ramp (the control's js); False for one that follows a cam table."""
+        """Stop an axis on its ramp (the control's js); False if it follows a cam table."""
         return self.move_velocity(axis, 0.0)
 
     def cam_in(self, table: int, ramp_s: float = 0.0) -> bool:
-        """Let a table's follower follow it.
+        """Start to follow a table.
 
         Parameters
         ----------
         table : int
             Number of a table that is ready to run.
         ramp_s : float
-            Extension: in how long the follower comes from where it is to where it belongs, without a jump.
+            Extension: time in which the follower moves to its position in the table, without a jump.
 
         Returns
         -------
         bool
-            Whether it does; see the register ERROR if not.
+            Whether it follows; if not, see the register ERROR.
         """
         at = self.elcam.at(table)
         if at.write_int(Function.MODE, int(at.read_int(Function.MODE).value) | Mode.RUN):
@@ -144,22 +144,22 @@ class MotionControl:
         return True
 
     def cam_out(self, table: int) -> None:
-        """End following a table; a follower in motion goes on at its speed until another command."""
+        """Stop following a table; a moving follower continues at its speed until the next command."""
         at = self.elcam.at(table)
         at.write_int(Function.MODE, int(at.read_int(Function.MODE).value) & ~Mode.RUN)
 
     def in_sync(self, table: int) -> bool:
-        """Return whether a table's follower is where the table says."""
+        """Return whether the follower is at its position in the table."""
         found = self.elcam.tables.get(table)
         return found is not None and found.runs and found.axis not in self._ramps
 
     def resource(self, number: int, axis: int) -> float:
-        """Return a resource of an axis: 73, its compensation, the sum of all tables that act.
+        """Return a resource of an axis: 73, its compensation, the sum of all active tables.
 
         Raises
         ------
         InputError
-            There is no such resource in this firmware.
+            This firmware does not have the resource.
         """
         if number != DATA["elcam"]["compensation_resource"] or not self.elcam.has("resource"):
             first = DATA["since"]["resource"]
@@ -172,9 +172,9 @@ class MotionControl:
         Parameters
         ----------
         counts : sequence of int
-            What every axis' encoder has counted, or how many steps a stepper was sent.
+            Each axis' encoder count, or the steps sent to a stepper.
         auxiliary_counts : sequence of int, optional
-            What steppers' own encoders have counted.
+            Counts of steppers' own encoders.
         """
         for k, axis in enumerate(self.axes):
             axis.count = counts[k]

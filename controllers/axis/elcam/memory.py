@@ -1,4 +1,4 @@
-"""Room for cam tables: in the control (chapter 1 of the ELCAM document), and in the computer (chapter 2.8)."""
+"""Memory for cam tables: in the control (chapter 1 of the ELCAM document) and in the computer (chapter 2.8)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def buffer_bytes_chosen() -> int:
 
 
 class Allocation(NamedTuple):
-    """What asking for memory returns."""
+    """Result of an allocation."""
 
     status: int  # 0 where there is memory
     memory: bytearray  # the piece, for the program ("virtual address")
@@ -35,14 +35,14 @@ class Allocation(NamedTuple):
 
 
 class PhysicalMemory:
-    """Pieces of memory in one stretch, at addresses that a control can read from.
+    """Contiguous blocks of memory, at addresses that a control can read.
 
     Parameters
     ----------
     free_bytes : int
-        The longest stretch left: other programs fragment the memory, so that it shrinks.
+        The longest free block; other programs fragment the memory.
     reserved_bytes : int
-        What was reserved while booting; 0 for nothing. It must be asked for in just this size.
+        Size reserved while booting, or 0. You can allocate only this size.
     """
 
     def __init__(self, free_bytes: int = 1 << 26, reserved_bytes: int = 0) -> None:
@@ -52,7 +52,7 @@ class PhysicalMemory:
         self._next = _FIRST_ADDRESS
 
     def allocate(self, size: int) -> Allocation:
-        """Ask for some bytes; status 1 if there is no such stretch (ours, the document says "error code")."""
+        """Allocate bytes; status 1 if no block is large enough (ours, the document says "error code")."""
         wrong_size = self.reserved_bytes > 0 and size != self.reserved_bytes
         if size < 1 or wrong_size or (self.reserved_bytes == 0 and size > self.free_bytes):
             return Allocation(1, bytearray(), 0)
@@ -62,7 +62,7 @@ class PhysicalMemory:
         return Allocation(0, piece, address)
 
     def free(self, memory: bytearray) -> int:
-        """Give a piece back; 0 if it was one."""
+        """Free a block; 0 on success, else 1."""
         for address, piece in self._pieces.items():
             if piece is memory:
                 del self._pieces[address]
@@ -70,5 +70,5 @@ class PhysicalMemory:
         return 1
 
     def at(self, address: int) -> bytearray | None:
-        """Return the piece at an address; None if nothing was given out there, or it was given back."""
+        """Return the block at an address; None if none is allocated there."""
         return self._pieces.get(address)

@@ -1,4 +1,4 @@
-"""ELCAM, the cam tables of the control MCU-G3: its object interface, and the places that the tables give.
+"""ELCAM, the cam tables of the control MCU-G3: its object interface, and positions from the tables.
 
 >>> elcam = Elcam([CamPlace(), CamPlace(setpoint=5.0)])
 >>> table = elcam.at(0)
@@ -9,8 +9,8 @@
 >>> table.write_int(Function.MODE, Mode.RUN), elcam.follow()
 (<CallStatus.OK: 0>, {0: 2.5})
 
-The sign of a compensation: an entry is the error of the axis, what it indicates less where it truly is. Some other
-controls have it the other way round.
+The sign of a compensation: an entry is the error of the axis, its indicated less its true position. Some other
+controls use the opposite sign.
 """
 
 from __future__ import annotations
@@ -43,19 +43,19 @@ from edmsim.numeric import whole
 
 
 class CamAxis(Protocol):
-    """What ELCAM reads of an axis, in its unit; `auxiliary` is by a stepper's own encoder, if that is used."""
+    """ELCAM's interface of an axis, in its unit; `auxiliary` is from a stepper's encoder, if used."""
 
     @property
     def setpoint(self) -> float:
-        """Its commanded place."""
+        """Commanded position."""
 
     @property
     def actual(self) -> float:
-        """Where it is."""
+        """Position."""
 
     @property
     def auxiliary(self) -> float | None:
-        """Where its own encoder says a stepper is."""
+        """Position by a stepper's encoder."""
 
 
 @dataclass
@@ -90,12 +90,12 @@ _WHILE_RUNNING = frozenset({
     Function.ERROR, Function.RESET, Function.GAIN, Function.PHASE, Function.SHIFT, Function.MODE,
     Function.INTERPOLATE_ROWS,
 })  # fmt: skip
-"""What may be written while the table runs (ours: the document forbids only the number of rows)."""
+"""Writable while the table runs (ours: the document forbids only the number of rows)."""
 
 
 @dataclass(frozen=True)
 class TableAccess:
-    """One table's object, its number kept: the calls of `Elcam` without the descriptor."""
+    """One table's object: the calls of `Elcam` without the descriptor."""
 
     elcam: Elcam
     index: int
@@ -130,29 +130,29 @@ class Elcam:
     Parameters
     ----------
     axes : sequence of CamAxis
-        The control's axes, whose places are read whenever they are needed.
+        The control's axes; the module reads their positions on demand.
     buffer_bytes : int, optional
-        Room for the points of all tables; by default what the environment variable SZELCAMPUFFER says, 100 000 where
-        it says nothing.
+        Memory for the points of all tables; by default the environment variable SZELCAMPUFFER, or 100 000 if it is
+        not set.
     firmware, library : str, optional
-        Versions of the control's firmware and of the computer's library; by default the newest of the document.
+        Versions of the control's firmware and of the computer's library; by default the newest in the document.
     option : bool
-        Whether the firmware has ELCAM at all.
+        Whether the firmware has ELCAM.
     memory : PhysicalMemory, optional
-        The computer's memory, for tables that stay there.
+        The computer's memory, for tables stored there.
 
     Attributes
     ----------
     tables : dict of int to CamTable
-        Those that were written to, by their numbers.
+        Tables in use, by number.
     compensating : bool
-        The switch of the compensation of all tables (device 0, index 30).
+        Whether compensation is on, for all tables (device 0, index 30).
     faults : ControlFaults
 
     Raises
     ------
     InputError
-        More room than the control has, or SZELCAMPUFFER is not a number of bytes.
+        The memory exceeds the control's, or SZELCAMPUFFER is not a number of bytes.
     """
 
     def __init__(
@@ -196,7 +196,7 @@ class Elcam:
         }
 
     def has(self, what: str) -> bool:
-        """Return whether the firmware has ELCAM, and something that came later, by the key in the data."""
+        """Return whether the firmware has ELCAM and a later feature, by its key in the data."""
         return self.option and self._firmware >= version_of(DATA["since"][what])
 
     def at(self, index: int) -> TableAccess:
@@ -231,9 +231,9 @@ class Elcam:
         Parameters
         ----------
         index : int
-            Number of the table, whose axes and size are set.
+            Number of the table; set its axes and size first.
         data : bytes
-            Numbers of 64 bits (wrEICamTable64) or, with `single`, of 32 bits (wrEICamTable32).
+            64-bit numbers (wrEICamTable64) or, with `single`, 32-bit numbers (wrEICamTable32).
         """
         table = self.tables.get(index)
         if len(data) % (8 if single else 16):
@@ -254,7 +254,7 @@ class Elcam:
         return LoadStatus.OK
 
     def follow(self) -> dict[int, float]:
-        """Return where the axes belong that follow a cam table now, by their numbers."""
+        """Return the target positions of all axes that follow a cam table now, by number."""
         found = {}
         for table in self.tables.values():
             if table.runs and self._memory_lost(table):
@@ -265,7 +265,7 @@ class Elcam:
         return found
 
     def compensation(self, axis: int) -> float:
-        """Return the error to compensate of an axis now: the sum of all its tables that act."""
+        """Return an axis' present error to compensate: the sum of its active tables."""
         if not (self.compensating and self.has("compensation")):
             return 0.0
         return sum(

@@ -25,7 +25,7 @@ class Descriptor:
 
 
 class Function(IntEnum):
-    """What a table's object has under ``sub_index`` (table 2); in brackets the document's name."""
+    """Values of ``sub_index`` of a table's object (table 2); in brackets the document's name."""
 
     ERROR = 1
     RESET = 2
@@ -106,7 +106,7 @@ KNOWN = Mode(0x1FF)  # all bits of MODE
 
 
 class CallStatus(IntEnum):
-    """What a call of the object interface returns; all but BUSY and LOCKED are ours."""
+    """Status of a call of the object interface; all but BUSY and LOCKED are ours."""
 
     OK = 0
     REFUSED = 1  # no such object or right, an invalid number, or what its register forbids; nothing has changed
@@ -115,7 +115,7 @@ class CallStatus(IntEnum):
 
 
 class LoadStatus(IntEnum):
-    """What loading a whole table returns (chapter 2.7)."""
+    """Status of loading a whole table (chapter 2.7)."""
 
     OK = 0
     NO_ACCESS = 1
@@ -128,7 +128,7 @@ class LoadStatus(IntEnum):
 
 
 class ObjectAnswer(NamedTuple):
-    """What a reading call returns; the value counts only with `CallStatus.OK`."""
+    """Result of a reading call; the value is valid only with `CallStatus.OK`."""
 
     status: CallStatus
     value: float

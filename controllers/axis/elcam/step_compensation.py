@@ -1,8 +1,7 @@
-"""ELCAM between a planner and motors: steps more or less where tables say that axes are wrong, and those of cams.
+"""ELCAM between a planner and motors: it adds or omits steps to compensate axis errors, and steps cam followers.
 
-A motor that takes steps reports no place that an error could be taken off, so the error is added to its setpoint
-("G3-ElCam Interface", chapter 2.2.1), in whole steps. An axis of the upper guide that follows a cam has no steps but
-these.
+A stepping motor reports no position to correct, so the error is added to its setpoint ("G3-ElCam Interface", chapter
+2.2.1), in whole steps. An axis of the upper guide that follows a cam has only these steps.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ _PATH = PLACES.index(PATH)
 
 
 class StepCompensation:
-    """What is between a planner's steps and the motors: the tables of `load_tables` move them `offset_um` further."""
+    """Offset between a planner's steps and the motors: tables of `load_tables` move these by `offset_um`."""
 
     def __init__(self, elcam: Elcam, step_um: float) -> None:
         self._places = [axis for axis in elcam.axes if isinstance(axis, CamPlace)]
@@ -41,7 +40,7 @@ class StepCompensation:
 
     @property
     def upper_um(self) -> tuple[float, float]:
-        """Where the motors of u and v are."""
+        """Positions of the u and v motors."""
         return self._extra[2] * self._step_um, self._extra[3] * self._step_um
 
     def begin(

@@ -1,4 +1,4 @@
-"""A cam table: points of master and follower, in rows where a third axis chooses among them, and its lookup.
+"""A cam table: points of master and follower, in rows if a third axis selects among them, and its lookup.
 
 >>> table = CamTable()
 >>> table.put(np.array([(0.0, 0.0), (10.0, 5.0), (20.0, 0.0)]))
@@ -21,16 +21,16 @@ from edmsim.controllers.axis.elcam.registers import Error, Mode
 
 @dataclass
 class CamExtensions:
-    """Extensions of a table; as made, all are off.
+    """Extensions of a table; by default all are off.
 
     Attributes
     ----------
     cubic : bool
-        Between points, a cubic through them with the slopes of the points' neighbours, instead of a straight line:
-        it has no corners in speed, and passes through every point all the same.
+        Whether points are joined by cubics with the slopes of the points' neighbours instead of straight lines: the
+        curve passes through every point, without steps in speed.
     reversal : float
-        For compensation tables: by how much the error is greater while the master moves up than while it moves
-        down, in units of the follower. Half of it is added upwards and taken off downwards.
+        For compensation tables: error while the master moves up, less error while it moves down, in units of the
+        follower. Half of it is added upwards and subtracted downwards.
     """
 
     cubic: bool = False
@@ -158,7 +158,7 @@ class CamTable:
         return 1 + int(np.count_nonzero(entered[1:] <= entered[:-1]))
 
     def faults(self, axes: int) -> Error:
-        """Return what forbids to follow the table, of what does not already stand in ``error``."""
+        """Return further reasons not to follow the table, besides those in ``error``."""
         found = Error(0)
         if self.size_master != self.size_follow or self.size_master < 2:
             found |= Error.SIZE

@@ -1,8 +1,8 @@
 """The servo processor module's serial dialogue: a typed line in, the module's answer out.
 
-``P1250`` is answered ``(P) - Kp: 1250 (1000)``: name and value, and, where an antidither scale is set, the gain that
-holds within the antidither region. The module echoes nothing and prints no prompt; answers end with CR LF, and what
-it does not know it answers ``?`` (rows M-2, M-4, M-11..M-18, M-A11..M-A14).
+The answer to ``P1250`` is ``(P) - Kp: 1250 (1000)``: name, value, and, if an antidither scale is set, the gain
+in the antidither region. The module does not echo or prompt. Answers end with CR LF; the answer to an unknown
+command is ``?`` (rows M-2, M-4, M-11..M-18, M-A11..M-A14).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The servo processor module, revision A, of 2010: a replacement for the UHU servo chip with faster inputs.
 
 Its loop is `edmsim.controllers.axis.servo_module.law`, its serial dialogue `dialogue`, its recorder
-`recorder`; parameters, and what its guide leaves open, stand in ``models/drives/servo_module.toml``.
+`recorder`. Its parameters, and settings not in its guide, are in ``models/drives/servo_module.toml``.
 """
 
 from __future__ import annotations
@@ -87,21 +87,21 @@ class ServoModule:
     Parameters
     ----------
     motor : record array (1,), optional
-        Motor, supply and encoder (`edmsim.controllers.axis.drive.axis_row`); the machine's table if none is given.
+        Motor, supply and encoder (`edmsim.controllers.axis.drive.axis_row`); by default those of the machine's table.
     stored : mapping of str to int, optional
-        Parameters by name that the EEPROM has instead of the defaults, for example ``{"proportional_gain": 900}``.
+        Parameters in the EEPROM that override the defaults, by name, for example ``{"proportional_gain": 900}``.
     law : mapping of str to int, optional
-        What the guide leaves open, other than in the table ``law`` of ``models/drives/servo_module.toml``, for
+        Overrides of the table ``law`` of ``models/drives/servo_module.toml``, which the guide leaves open, for
         example ``{"save_ns": 5_000_000}``.
 
     Attributes
     ----------
     parameters : mapping of str to int
-        What the letters at the terminal set, by name; a new loop rate or encoder filter acts from the next call of
-        `line` on, and `stored` in the EEPROM only by ``S``.
+        Parameters set by the terminal's letters, by name. A new loop rate or encoder filter acts from the next call
+        of `line`; only ``S`` saves them to the EEPROM.
     extensions : Extensions
-        What it can do beyond its guide. ``saturating_arithmetic`` is 1 at first (row M-35); in compatible mode, where
-        16 and 32 bits wrap as the guide warns in 4.4, all of them are 0.
+        Functions beyond its guide. ``saturating_arithmetic`` is 1 by default (row M-35). In compatible mode all are
+        0, and 16 and 32 bits wrap as the guide warns in 4.4.
 
     Raises
     ------
@@ -139,33 +139,33 @@ class ServoModule:
     def tuned(
         cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
     ) -> Self:
-        """Return a module tuned for an axis: its parameters are those of the table ``tuned``, but for `changes`.
+        """Return a module tuned for an axis: `changes` override the parameters of the table ``tuned``.
 
-        On a machine's screw it goes by the machine's step, as far as a whole number of counts does.
+        With a machine's screw, a step is the machine's, rounded to a whole number of counts.
 
         Raises
         ------
         InputError
-            Nobody has tuned one for that axis, or a parameter is unknown.
+            No tuning exists for that axis, or a parameter is unknown.
         """
         values = tuned_values(DATA, "servo module", axis, changes, screw)
         return cls(axis_row(axis), values)
 
     @property
     def counts_per_step(self) -> float:
-        """Encoder counts of a step edge, X and one."""
+        """Encoder counts per step edge, X + 1."""
         reg = self.record["reg"][0]
         return float((reg[at.MULTIPLIER] + 1) * reg[at.STEP_SENSE] * reg[at.ENCODER_SENSE])
 
     def why_stopped(self) -> str:
-        """Say why its loop stands still, if not by its fault input."""
+        """Return why its loop is off, except by the fault input."""
         reg = self.record["reg"][0]
         if reg[at.STATUS] & at.FOLLOWING_BIT:
             return f"its following error passed the limit E of {reg[at.LIMIT]} counts"
         return "its loop is off" if reg[at.STATUS] & at.FAULT_BIT and not reg[at.STATUS] & at.EXTERNAL_BIT else ""
 
     def line(self, text: bytes) -> bytes:
-        """Take what was sent over the serial line, and return the answer."""
+        """Receive text over the serial line and return the answer."""
         reg = self.record["reg"][0]
         reg[at.NOW_NS] = self.record["now_ns"][0]
         take_steps(reg, int(self.record["setpoint"][0]))
@@ -178,7 +178,7 @@ class ServoModule:
         return b"".join(line.encode("ascii") + NEW_LINE for line in sent)
 
     def power_up(self) -> bytes:
-        """Start with the parameters in the EEPROM; if they cannot be read, with the defaults and the motor off."""
+        """Start with the EEPROM's parameters; if they are invalid, with the defaults and the motor off."""
         stored = decode(self.record["eeprom"][0, : at.N_IMAGE].tobytes())
         words = stored.words if stored.valid else None
         fresh = _fresh(self._law, words)
@@ -195,7 +195,7 @@ class ServoModule:
         return b"".join(line.encode("ascii") + NEW_LINE for line in said)
 
     def receive_error(self) -> None:
-        """Note an error of the receiver in the status; the line it falls in is then none the module knows."""
+        """Set the receive error in the status; the current line becomes an unknown command."""
         self.record["reg"][0, at.STATUS] |= at.RECEIVE_BIT
         self._editor.take(0)
 

@@ -1,9 +1,9 @@
 """The servo processor module's loop in whole numbers: PID with antidither and feed-forwards, trip and clamp.
 
 With proportional gain 1250, an error of 10 counts makes 48 duty counts of 1024, 4.7 % of the supply.
-The guide leaves the scale of gains open; here it is 1/256, as that of its other scales (row M-A9). The integral
-gathers its gain times the error, so that a change of gain, as the antidither region makes, does not shift the output;
-it is held within the clamp (ours: more can never act).
+The guide leaves the scale of gains open; here it is 1/256, like its other scales (row M-A9). The integral
+accumulates its gain times the error, so a change of gain, as in the antidither region, does not shift the output. It
+is limited to the clamp (ours: more can never act).
 """
 
 from __future__ import annotations

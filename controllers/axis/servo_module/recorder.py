@@ -1,8 +1,8 @@
 """The servo processor module's data recorder: 128 numbers from a trigger on, then sent a line each (guide 4.20).
 
-``Z157`` is 5 + 24 + 128: every 32nd cycle, without trigger, the duty. The first number is of the trigger's cycle. The
-guide says that the memory is sent in a form that a spreadsheet takes; here that is a signed decimal number and
-CR LF for each (row M-A18), as fast as the serial line goes.
+``Z157`` is 5 + 24 + 128: every 32nd cycle, without trigger, the duty. The first number is from the trigger's cycle.
+The guide says that a spreadsheet can read the data; here each number is a signed decimal with CR LF (row M-A18), sent
+at the serial line's speed.
 """
 
 from __future__ import annotations

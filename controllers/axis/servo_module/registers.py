@@ -1,4 +1,4 @@
-"""What the servo processor module remembers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
+"""The servo processor module's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
 
 Imported as ``at``, so that ``reg[at.SETPOINT]`` is the setpoint.
 """

@@ -1,12 +1,12 @@
-r"""What the operator of a UHU types and reads, to the character (rows U-7 to U-13, U-A13 to U-A18).
+r"""The UHU's serial dialogue, to the character (rows U-7 to U-13, U-A13 to U-A18).
 
-A line is a letter and a whole number. A letter alone shows its line of the help and waits for the number::
+A line is a letter and a whole number. A letter alone prints its line of the help and waits for the number::
 
     >P600           >P
     OK              (P)rop.      900: 600
     >               OK
 
-The help lists a counter, but C is the cycle: typed in full, ``COUNTER`` shows the encoder's count (ours).
+The help lists a counter, but C is the cycle: ``COUNTER``, typed in full, prints the encoder's count (ours).
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ _WORDS = range(1 << 16)
 
 
 class UhuActions(Protocol):
-    """What the dialogue acts on."""
+    """The dialogue's drive."""
 
     @property
     def position(self) -> int:
-        """Where the axis is, in counts from where it was at power-up."""
+        """Position in counts from that at power-up."""
 
     def value(self, letter: str) -> int:
         """Return a parameter."""
@@ -62,7 +62,7 @@ class UhuActions(Protocol):
 
 
 class Dialogue:
-    """The terminal of one drive; `labels` stand before the values of the parameters, in the order of the help."""
+    """The terminal of one drive; `labels` precede the parameters' values, in the order of the help."""
 
     def __init__(self, labels: dict[str, str], serial_number: int) -> None:
         self._labels = labels

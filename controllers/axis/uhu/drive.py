@@ -1,7 +1,7 @@
 """The UHU Servo Controller 3.00: a position servo on an ATtiny2313, tuned over a serial line.
 
-Rows U-1 to U-70; its manual is that of 25.9.05. The recalculation is `edmsim.controllers.axis.uhu.law`, what the
-operator reads `edmsim.controllers.axis.uhu.dialogue`, and every constant stands in ``models/drives/uhu.toml``.
+Source: the manual of 25.9.05 (rows U-1 to U-70). The recalculation is `edmsim.controllers.axis.uhu.law`, the serial
+dialogue `edmsim.controllers.axis.uhu.dialogue`; all constants are in ``models/drives/uhu.toml``.
 """
 
 from __future__ import annotations
@@ -116,21 +116,21 @@ class Uhu:
     Parameters
     ----------
     motor : record array (1,), optional
-        Its motor, supply and encoder, a row of `edmsim.compiled.axis_rows.MOTOR`; by default those of the table.
+        Motor, supply and encoder, a row of `edmsim.compiled.axis_rows.MOTOR`; by default those of the table.
     stored : mapping of str to int, optional
-        Parameters by name to be found in bank 0 at power-up, the others as preset. Without it the drive is in its
-        condition upon delivery: no bank is valid, and the output stays off until a reset by ``R``.
+        Parameters in bank 0 at power-up, by name; the others have their presets. By default the drive is in its
+        condition upon delivery: no bank is valid, and the output is off until a reset by ``R``.
     law : mapping of str to int, optional
-        What the manual leaves open, other than in the table ``law`` of ``models/drives/uhu.toml``, for example
+        Overrides of the table ``law`` of ``models/drives/uhu.toml``, which the manual leaves open, for example
         ``{"encoder_sense": -1}``.
 
     Attributes
     ----------
     parameters : mapping of str to int
-        What the letters at the terminal set, by name; words 0 to 65535. A ``cycle`` that is typed acts from the next
-        interval on, one that is set here from a reset on.
+        Parameters set by the terminal's letters, by name; words 0 to 65535. A ``cycle`` typed at the terminal acts
+        from the next interval, one set here from the next reset.
     extensions : Extensions
-        What it can do beyond its manual, see `edmsim.controllers.axis.extensions`.
+        Functions beyond its manual, see `edmsim.controllers.axis.extensions`.
 
     Raises
     ------
@@ -174,30 +174,30 @@ class Uhu:
     def tuned(
         cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
     ) -> Self:
-        """Return a drive that is tuned for an axis of `axis_row`, but for `changes`, its parameters in bank 0.
+        """Return a drive tuned for an axis of `axis_row`; bank 0 has its parameters, with overrides by `changes`.
 
-        On a machine's screw it goes by the machine's step, as far as a whole number of counts does.
+        With a machine's screw, a step is the machine's, rounded to a whole number of counts.
 
         Raises
         ------
         InputError
-            Nobody has tuned one for that axis, or a parameter is unknown.
+            No tuning exists for that axis, or a parameter is unknown.
         """
         values = tuned_values(_data(), "UHU", axis, changes, screw)
         return cls(axis_row(axis), values)
 
     @property
     def sample(self) -> SampleFunction:
-        """The recalculation, the same for all of them."""
+        """The recalculation, the same for every UHU."""
         return _recalculate
 
     @property
     def counts_per_step(self) -> float:
-        """Encoder counts of a step edge, M and one."""
+        """Encoder counts per step edge, M + 1."""
         return float((self._reg[at.M] + 1) * self._reg[at.STEP_SENSE] * self._reg[at.ENCODER_SENSE])
 
     def why_stopped(self) -> str:
-        """Say what it has shut its output off for (row U-50)."""
+        """Return why its output is off (row U-50)."""
         watchdog_ms = _data()["clock"]["watchdog_ms"]
         causes = {
             at.TRACKING: f"its following error reached the limit E of {self._reg[at.E]} counts",
@@ -207,11 +207,11 @@ class Uhu:
         return ", ".join(text for bit, text in causes.items() if self._reg[at.LATCHED] & bit)
 
     def line(self, text: bytes) -> bytes:
-        """Take what was typed at the terminal; return its echo and the answers."""
+        """Receive typed text; return its echo and the answers."""
         return b"".join(self._dialogue.take(self, byte) for byte in text)
 
     def receive_error(self) -> None:
-        """Take note that a byte came without a stop bit: the line it belongs to counts for nothing."""
+        """Discard the current line, as a byte came without a stop bit."""
         self._dialogue.receive_error()
 
     def power_up(self) -> bytes:
@@ -228,21 +228,21 @@ class Uhu:
 
     @property
     def position(self) -> int:
-        """Where the axis is, in counts from where it was at power-up, as ``COUNTER`` at the terminal shows it."""
+        """Position in counts from that at power-up; the terminal prints it as ``COUNTER``."""
         return int(self._reg[at.POSITION])
 
     def value(self, letter: str) -> int:
-        """Return the parameter of a letter."""
+        """Return a letter's parameter."""
         return self.parameters[self._letters[letter]]
 
     def enter(self, letter: str, value: int) -> None:
-        """Set the parameter of a letter, at once."""
+        """Set a letter's parameter, at once."""
         loop.take_steps(self._reg, int(self.record["setpoint"][0]))
         self.parameters[self._letters[letter]] = value
         self._time_next()
 
     def load(self, bank: int) -> bool:
-        """Load a bank; if it cannot be read, keep the parameters and shut the output off (rows U-69, U-A21)."""
+        """Load a bank; if it is invalid, leave the parameters and switch the output off (rows U-69, U-A21)."""
         stored = self._read(bank)
         if stored.words is None or not stored.valid:
             self._reg[at.LATCHED] |= at.BAD_BANK
@@ -253,7 +253,7 @@ class Uhu:
         return True
 
     def save(self, bank: int, *, false_checksum: bool = False) -> None:
-        """Store the parameters in a bank as they are, sensible or not (row U-47)."""
+        """Save the parameters to a bank without any check (row U-47)."""
         words = [self.parameters[name] for name in self._stored]
         self.record["eeprom"][0, self._place(bank)] = list(eeprom.encode(words, false_checksum=false_checksum))
 
@@ -262,9 +262,9 @@ class Uhu:
         self._reg[at.TARGET] += counts
 
     def soft_reset(self) -> None:
-        """Switch the output on with the present parameters, the setpoint where the axis is (rows U-31, U-A25).
+        """Switch the output on with the present parameters and the setpoint at the axis (rows U-31, U-A25).
 
-        The timer of the recalculation starts anew (log 2.16).
+        The timer of the recalculation restarts (log 2.16).
         """
         self._reg[at.LATCHED] = 0
         self._reg[at.RESTART] = max(int(self._reg[at.RESTART]), at.SOFT)
@@ -272,11 +272,11 @@ class Uhu:
         set_period(self.record, *_period_ns(self.parameters["cycle"]))
 
     def hard_reset(self) -> bytes:
-        """Do what `power_up` does."""
+        """Same as `power_up`."""
         return self.power_up()
 
     def stream(self, on: bool) -> None:
-        """Start or end the stream of tracking errors (row U-33)."""
+        """Start or stop the stream of tracking errors (row U-33)."""
         self._reg[at.STREAM_ON], self._reg[at.STREAM_WAIT] = int(on), 0
 
     @property

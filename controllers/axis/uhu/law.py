@@ -1,8 +1,8 @@
 """The UHU's recalculation, in whole numbers: an extended PID with feedback of speed and of speed's change.
 
-Gains are 16-bit words of 8.8 fixed point (row U-12). The control variable is counted in units of T, of which 255 are
-the full swing of the duty cycle, and carries eight more bits inside the loop. The log of the manual names a 16-bit
-limiter and 16 x 16 multiplication; here nothing wraps: the error is limited to 16 bits, sums are of 64.
+Gains are 16-bit words of 8.8 fixed point (row U-12). The control variable is in units of T, 255 of them for the full
+range of the duty cycle, with eight more bits inside the loop. The manual's log names a 16-bit limiter and 16 x 16
+multiplication; here nothing wraps: the error is limited to 16 bits, sums have 64.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the UHU remembers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
+"""The UHU's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
 
 Imported as ``at``, so that ``reg[at.TARGET]`` is the setpoint.
 """

@@ -1,7 +1,7 @@
-"""The memory of the 8085 as its program sees it: EPROM, RAM, and chips at addresses of their own.
+"""The address space of the 8085: EPROM, RAM, and chips at their own addresses.
 
-Writing to a port or reading from it is a memory access (5.1.1). The document places the two 8255 (row T-23) and the
-jump table (row T-48); where EPROM and RAM lie, and the addresses of the other chips, are ours.
+Writing to a port or reading from it is a memory access (5.1.1). The document defines the addresses of the two 8255
+(row T-23) and the jump table (row T-48); those of EPROM, RAM and the other chips are ours.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The 8085: runs machine code that was loaded into RAM, an instruction at a time.
+"""The 8085: runs machine code from RAM, an instruction at a time.
 
-All documented instructions with their flags and T-states (Intel's MCS-85 user's manual, chapter 5). What the control
-program of 1982 did is in Python, behind the addresses of its routines: a jump or call to one of those leads to
-`routine` and returns.
+It has all documented instructions with their flags and T-states (Intel's MCS-85 user's manual, chapter 5). The
+routines of the 1982 control program are in Python, at their addresses: a jump or call there runs `routine` and
+returns.
 """
 
 from __future__ import annotations

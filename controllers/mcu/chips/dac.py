@@ -1,11 +1,11 @@
-"""The two digital-to-analogue converters that set the pulse generator, and which pairs of codes it can bear.
+"""The two digital-to-analogue converters that set the pulse generator, and the pairs of codes that it allows.
 
-V(t(i)), 0..5 V, sets the pulse duration, V(t(p)), 0..15 V, the repetition (row T-32). What times the voltages mean,
-and the curve of pairs that draw 2 A (figure 4-3), are lost; ours are straight lines, the mean current is that of
-pulses that all ignite at once, and all constants can be given (row T-35).
+V(t(i)), 0..5 V, sets the pulse duration, V(t(p)), 0..15 V, the repetition (row T-32). The times of the voltages, and
+the curve of pairs that draw 2 A (figure 4-3), are lost. Ours are straight lines, the mean current assumes that all
+pulses ignite at once, and all constants are arguments (row T-35).
 
 Eight bits over the whole range of 1000 us would be steps of 4 us. So the pulse generator has two ranges for either
-time (row T-A15): a ninth bit of a code, `COARSE`, chooses.
+time (row T-A15), selected by a ninth bit of the code, `COARSE`.
 """
 
 from __future__ import annotations

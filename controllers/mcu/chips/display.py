@@ -1,7 +1,7 @@
 """The 8279: 32 digits in two banks of sixteen, and 64 keys (row T-28). It was not connected in 1982.
 
 A word of display memory holds a digit of either bank: bank A in the upper four bits, bank B in the lower. Keys lie in
-eight columns by eight rows; a key counts when it is found closed in a number of scans after each other.
+eight columns by eight rows; a key counts after it is closed in a number of consecutive scans.
 """
 
 from __future__ import annotations

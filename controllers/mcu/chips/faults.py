@@ -1,6 +1,6 @@
-"""The two faults the machine of 1982 was left with, to be injected (rows T-29, T-30).
+"""Injection of the two faults that the 1982 machine still had (rows T-29, T-30).
 
-Their odds are ours; draws are numbered, so that a seed and a history give the same faults again.
+Their probabilities are ours. Draws are numbered, so the same seed and history repeat the same faults.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The 8259: eight interrupt requests in order of priority, and the jump table they lead to.
+"""The 8259: eight interrupt requests in order of priority, and their jump table.
 
-It is set up for the 8085: acknowledged, it answers with a call into a table of eight entries of four bytes, which the
-program puts at 3FE0H..3FFFH (row T-48). Levels (row T-45): emergency before steppers before keyboard.
+It is set up for the 8085: it answers an acknowledge with a call into a table of eight entries of four bytes, which
+the program puts at 3FE0H..3FFFH (row T-48). Priorities (row T-45): emergency, steppers, keyboard.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The 8253: three counters of sixteen bits, each with a clock of its own.
 
 Counter 0 makes the interrupts of the x stepper, counter 1 those of y, counter 2 the bit rate of the serial channels
-(row T-22). Of the chip's modes it has those this machine can use: 0 (interrupt on terminal count), 2 (rate generator)
-and 3 (square wave), in binary.
+(row T-22). It has the modes that this machine can use: 0 (interrupt on terminal count), 2 (rate generator) and 3
+(square wave), in binary.
 """
 
 from __future__ import annotations

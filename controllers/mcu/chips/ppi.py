@@ -1,6 +1,6 @@
 """The 8255: three ports, of which A and B may be strobed inputs with handshake lines in port C (mode 1).
 
-Of the chip's modes it has those this machine uses: mode 0 either way, and mode 1 for input (row T-25).
+It has the modes that this machine uses: mode 0 in both directions, and mode 1 for input (row T-25).
 """
 
 from __future__ import annotations

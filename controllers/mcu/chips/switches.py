@@ -1,4 +1,4 @@
-"""End switches and wire-break switch: one interrupt for all, and what each does by itself (rows T-46, T-47)."""
+"""End switches and wire-break switch: one common interrupt, and the effect of each (rows T-46, T-47)."""
 
 from __future__ import annotations
 

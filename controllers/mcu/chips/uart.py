@@ -1,7 +1,7 @@
 """The 8251: a serial channel; one for the terminal, one for the host that sends programs (row T-59).
 
-The channel is set to asynchronous characters of eight bits without parity by a mode word and a command word after
-reset. It holds one character received; the next one overruns it.
+After reset, a mode word and a command word set the channel to asynchronous characters of eight bits without parity.
+It holds one received character; the next one causes an overrun.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""What the operator of the 1982 controller types and reads."""
+"""The operator's dialogue with the 1982 controller."""

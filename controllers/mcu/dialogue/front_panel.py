@@ -1,8 +1,8 @@
-"""The front panel on the 8279: what its keys do and its digits show; the document left both open.
+"""The front panel on the 8279: its keys and digits, which the document leaves open.
 
-Bank A shows x, y and the cutting speed in force; bank B the number being entered, and the percentages of short and
-open pulses. A number is entered digit by digit and then given its meaning by a key (ours). A key does what the word
-of the terminal with its name does.
+Bank A shows x, y and the present cutting speed; bank B shows the number being entered and the percentages of short
+and open pulses. Enter a number digit by digit, then press a key for its meaning (ours). A key acts like the
+terminal's word of the same name.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The operator's line and the numbers in it: LINE, NORMAL, GNUMCI, GETNUM, GNUMHX and SKIP (5.1.2).
+"""The operator's line and its numbers: LINE, NORMAL, GNUMCI, GETNUM, GNUMHX and SKIP (5.1.2).
 
-The monitor's commands act on every character at once; here a whole line is typed and corrected first. LINE puts it
-into the input buffer, the others read it from there. Characters are bytes, as the serial channel brings them.
+The monitor's commands act on each character at once; here the operator types and corrects a whole line first. LINE
+puts it into the input buffer, and the others read it there. Characters are bytes, as on the serial channel.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ BACKSPACE, DELETE, CANCEL, RETYPE = 0x08, 0x7F, 0x18, 0x12
 RETURN, LINE_FEED = 0x0D, 0x0A  # the two characters that end a line (row T-A10)
 
 BELL, TAB, SPACE, END = 0x07, 0x09, 0x20, 0x00
-"""A refused character rings the bell; a tabulator is kept as a space; 00H ends the buffer (row T-55)."""
+"""A refused character rings the bell; a tab is stored as a space; 00H ends the buffer (row T-55)."""
 
 SEPARATORS = b" ,;="  # what SKIP passes over (ours: the text says spaces and separators)
 
@@ -106,7 +106,7 @@ class Line:
 
     @property
     def typed(self) -> bytes:
-        """Characters kept so far."""
+        """Characters of the line."""
         return bytes(self._typed)
 
     def clear(self) -> None:

@@ -1,16 +1,16 @@
 """MAIN: the operator's dialogue (5.1, row T-52), what HELP prints, and the program in RAM.
 
 The document's MAIN gets position, new position, t(i), t(p) and cutting speed, and then starts timers and machine; its
-dialogue did not exist yet in 1982 (5.1.2). The words are ours: MAIN asks as the document says, and every value has a
-word of its own as well.
+dialogue did not exist yet in 1982 (5.1.2). The words are ours: MAIN asks for these values as in the document, and
+each value also has its own word.
 
-HELP shows a whole job first, then goes word by word. No line is longer than the terminal's 80 columns, and no text
-than what 24 lines leave above the live view.
+HELP shows a whole job first, then explains each word. Lines fit the terminal's 80 columns, and texts fit the 24
+lines less the live view.
 
-The program is moves and settings as bytes, where the monitor shows and alters them. An entry is a kind and what
-belongs to it (ours): ``01`` x y is a straight move, ``02`` and ``03`` with x y and the centre's x y are arcs
-clockwise and the other way round, words with the low byte first. ``10`` and more is a setting; its three low bits
-say which of the codes of t(i) and t(p) and the speed, a word each, count. ``00`` ends the program.
+The program is a list of moves and settings as bytes in memory, where the monitor shows and changes them. An entry is
+a kind and its data (ours): ``01`` x y is a straight move; ``02`` and ``03`` with x y and the centre's x y are arcs
+clockwise and counterclockwise, in words with the low byte first. ``10`` and more is a setting; its three low bits
+select which of its words apply: the codes of t(i) and t(p), and the speed. ``00`` ends the program.
 """
 
 from __future__ import annotations
@@ -174,7 +174,7 @@ class ProgramStore:
             self._memory.write(self._first + offset, byte)
 
     def read(self) -> list[Entry]:
-        """The program as it stands in memory; raises `InputError` if the bytes are not a program."""
+        """The program in memory; raises `InputError` if the bytes are not a program."""
         entries: list[Entry] = []
         address = self._first
         while kind := self._memory.read(address):
@@ -311,7 +311,7 @@ class MainProgram:
 
     @property
     def prompt(self) -> str:
-        """What stands before the operator's line."""
+        """Prompt of the operator's line."""
         if self._question is None:
             return "> "
         shown = self._shown(self._question)

@@ -1,13 +1,13 @@
-"""The monitor: the program in EPROM that an operator of May 1982 had (4.1, row T-78); and its tapes.
+"""The monitor: the operator's program in EPROM of May 1982 (4.1, row T-78); and its tapes.
 
-It reads and alters memory and the chips' registers, loads programs from tape and from the host, punches memory to
-tape, and starts programs. Every character is handled at once (row T-83): there is no line to be corrected, and what
-is wrong ends the command. The thesis names what it does and not its commands: the letters are ours, after the manner
-of the monitors of the time.
+It reads and changes memory and the chips' registers, loads programs from tape and from the host, punches memory to
+tape, and starts programs. It handles each character at once (row T-83): lines cannot be corrected, and an error ends
+the command. The thesis names its functions but not its commands: the letters are ours, in the style of monitors of
+the time.
 
-Tapes are Intel HEX, the form in which programs were punched and sent. Each line is a record: a colon, the number of
-bytes, their address, the kind of the record (00 data, 01 the end), the bytes and a checksum, all in hexadecimal;
-count, address, kind, bytes and checksum add up to 0 in eight bits.
+Tapes are in Intel HEX, the format of punched and sent programs. Each line is a record: a colon, the number of bytes,
+their address, the kind of the record (00 data, 01 the end), the bytes and a checksum, all in hexadecimal. Count,
+address, kind, bytes and checksum add up to 0 in eight bits.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _FRAME = 5  # bytes of a record besides its data: count, address, kind, checksum
 
 
 class Tape(NamedTuple):
-    """What stands on a tape: bytes by address, and where its program is to be started (0: it names no place)."""
+    """A tape's content: bytes by address, and the start address of its program (0 if it has none)."""
 
     bytes: dict[int, int]
     start: int
@@ -51,7 +51,7 @@ def read_tape(text: bytes) -> Tape:
 
 
 def punch(data: bytes, first: int) -> str:
-    """Return the tape of some bytes that stand from an address on."""
+    """Return a tape of bytes from an address on."""
     records = [
         _punched(first + offset, DATA, data[offset : offset + RECORD_BYTES])
         for offset in range(0, len(data), RECORD_BYTES)
@@ -127,7 +127,7 @@ class Bench(Protocol):
         """Put a byte at an address; raises `InputError` where none can be written."""
 
     def tape(self, name: str) -> bytes:
-        """What stands on a tape."""
+        """Content of a tape."""
 
     def put_away(self, name: str, text: str) -> None:
         """Keep a tape that was punched."""
@@ -157,7 +157,7 @@ class Monitor:
 
     @property
     def typed(self) -> bytes:
-        """What stands on the screen behind the prompt."""
+        """Text on the screen after the prompt."""
         return bytes(self._typed)
 
     def clear(self) -> None:

@@ -1,10 +1,10 @@
-"""The words of a path: what an operator types before START, and what the host minicomputer sends as a program.
+"""The words of a path: an operator types them before START, and the host minicomputer sends them as a program.
 
-The thesis says that programs come from the host through the second serial channel (4.1) and prints none; the lines
-are ours. They are the terminal's own words, so that whatever can be typed can be sent::
+The thesis says that programs come from the host through the second serial channel (4.1), without an example; the
+lines are ours. They use the terminal's words, so the host can send all that you can type::
 
     * a punch                       (a comment)
-    TI 30 TP 100 SPEED 100          settings, taken over where the wire is then
+    TI 30 TP 100 SPEED 100          settings from this place on
     NEW 33000 32500                 a straight move, um
     CW 33500 32000 33000 32000      an arc to a place about a centre; CCW the other way round
     END

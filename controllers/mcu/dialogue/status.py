@@ -1,4 +1,4 @@
-"""What the machine shows its operator, and how STATUS prints it."""
+"""The machine's state for its operator, and how STATUS prints it."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Arcs for the 1982 controller: a walk around the circle in whole um, by additions and comparisons.
 
-The thesis foresees a path whose tangent changes at every step (5.2). A sine table of 8 bits cannot place a point
-on a large circle: half a unit of 255 is 64 um at 32 mm. The walk can, at any radius: of two neighbouring points it
-takes the one for which ``x^2 + y^2`` is nearer to that of the start. The planners get chords between the best points
-of the walk, so short that they bulge by no more than a quarter um.
+The thesis foresees a path whose tangent changes at every step (5.2). A sine table of 8 bits is too coarse for a large
+circle: half a unit of 255 is 64 um at 32 mm. The walk suits any radius: of two neighbouring points it takes the one
+whose ``x^2 + y^2`` is nearer to that of the start. The planners get chords between the best points of the walk, at
+most a quarter um from the arc.
 """
 
 from __future__ import annotations

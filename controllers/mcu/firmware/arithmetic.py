@@ -1,8 +1,8 @@
 """The integer routines of the 1982 controller: 8 and 16 bit, no floating point.
 
-The thesis names them SUBSGN, REDUC, REDUC2, VERM, SQUARE, DIVIDE and SQRT (5.2); the names are kept. Where
-its text contradicts itself the routine says how it is resolved. All but VERM are compiled: the planners call them
-in compiled code, the computer of 1982 from Python.
+Their names SUBSGN, REDUC, REDUC2, VERM, SQUARE, DIVIDE and SQRT are the thesis' (5.2). Where its text
+contradicts itself, the routine states our solution. All but VERM are compiled: the planners call them in
+compiled code, the computer of 1982 from Python.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The program's hand on generator and wire: codes of the converters, less energy before a corner, the wire's tension.
+"""The program's control of generator and wire: codes of the converters, less energy before a corner, wire tension.
 
-Path-dependent generator control the document leaves for later. Before a corner the wire, bent back by its sparks,
-cuts the corner off; sparks of less energy bend it less. So t(i) is shortened there and t(p) kept: the mean current
-falls with it, and no pair of codes is met that the generator refuses.
+The document leaves path-dependent generator control for later. Sparks bend the wire back, so it cuts off corners;
+sparks of less energy bend it less. So the routine shortens t(i) before a corner and leaves t(p): the mean current
+falls, and the generator accepts the pair of codes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What INIT and the monitor set up: start values by a copy of their table, safe outputs, serial channels (5.1.1)."""
+"""Set-up by INIT and the monitor: start values copied from their table, safe outputs, serial channels (5.1.1)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def load_start_values(memory: Bus) -> None:
 
 
 def copy_start_values(memory: Bus) -> None:
-    """Copy the table, as it stands in RAM, into the data areas and the jump table (rows T-80, T-82)."""
+    """Copy the table in RAM into the data areas and the jump table (rows T-80, T-82)."""
     source = at.START_VALUES
     for first, size in at.START_AREAS:
         for offset in range(size):

@@ -1,8 +1,8 @@
-"""Where everything lies in the 8 K of EPROM and the 8 K of RAM: names of the document where it has them.
+"""The addresses in the 8 K of EPROM and the 8 K of RAM, with the document's names if it has them.
 
-The addresses are ours but for the jump table (row T-48). CIADR and COADR stand before it at the end of RAM, in the
-segment STACK. In the test phase of 1982 the EPROM held the monitor, and the control program stood in RAM (4.1). So
-the start values of INIT stand in RAM, where the monitor can alter them.
+The addresses are ours, except the jump table (row T-48). CIADR and COADR are before it at the end of RAM, in the
+segment STACK. In the test phase of 1982 the EPROM held the monitor, and the control program was in RAM (4.1). So
+the start values of INIT are in RAM, where the monitor can change them.
 """
 
 from __future__ import annotations

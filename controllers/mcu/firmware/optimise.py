@@ -1,12 +1,12 @@
 """The optimising routine: from the counts of short and open pulses to the cutting speed, in 16-bit words.
 
-The thesis states the aim, to keep both percentages per 255 pulses small by changing the cutting speed (row T-15), and
-leaves the routine for later. This one is ours, in its arithmetic: words of sixteen bits, products of two words in two
-words, quotients by shift and subtract. The share of open pulses, less a weighted share of shorts, is held at a small
-target by a proportional and integrating speed; a short that stays is met by running back along the path.
+The thesis states the aim, small percentages of both per 255 pulses by changes of the cutting speed (row T-15), and
+leaves the routine for later. This one is ours, in the machine's arithmetic: 16-bit words, products in two words,
+quotients by shift and subtract. A proportional-integral law of speed holds the share of open pulses, less a weighted
+share of shorts, at a small target. If a short persists, the wire retracts along the path.
 
 Scales: speeds are in units of 262.5 nm/s; times in ticks of 0.1 ms of a clock that wraps; places along the path in
-um, wrapped as well, so that only differences count; shares in 1/256 pulse of 255 (`SHARE`), errors in 1/32 (`ERROR`).
+um, which also wrap, so only differences count; shares in 1/256 pulse of 255 (`SHARE`), errors in 1/32 (`ERROR`).
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def _resume(settings: Settings, state: State, short: int, open: int) -> None:
 
 
 def _retract(settings: Settings, state: State, ticks: int, cost: int) -> tuple[int, int]:
-    """Speed backwards; slower for the last window, so that the wire never goes back further than allowed."""
+    """Speed backwards; slower in the last window, to stop at the allowed distance."""
     left = max(settings.retract_ticks - state.phase_ticks, 0)
     if left >= ticks:
         return -settings.retract, cost

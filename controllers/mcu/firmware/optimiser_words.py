@@ -1,4 +1,4 @@
-"""The optimising routine's constants and variables as words in RAM, where the monitor alters them."""
+"""The optimising routine's constants and variables as words in RAM, where the monitor changes them."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from edmsim.controllers.mcu.firmware.optimise import Settings, State
 
 
 def constants(memory: Bus) -> Settings:
-    """What the routine is set to; nobody comes back to a short faster than he cuts."""
+    """Return the constants; the return to a short is no faster than the cut."""
     found = Settings(*(memory.word(at.CONSTANTS + 2 * k) for k in range(len(at.CONSTANT_WORDS))))
     return found._replace(slow=min(found.slow, found.limit))
 
 
 def set_constants(memory: Bus, settings: Settings) -> None:
-    """Put what the routine is set to into RAM; one of the words is MAXVEL."""
+    """Store the routine's constants in RAM; one of the words is MAXVEL."""
     for k, word in enumerate(settings):
         memory.store(at.CONSTANTS + 2 * k, word)
 
 
 def variables(memory: Bus) -> State:
-    """What the routine keeps."""
+    """Return the variables."""
     return State(*(memory.word(at.VARIABLES + 2 * k) for k in range(len(at.VARIABLE_WORDS))))
 
 

@@ -1,9 +1,9 @@
-"""The sine table the thesis advises in place of the square root (6.3, row T-72).
+"""The sine table that the thesis advises instead of the square root (6.3, row T-72).
 
-A quarter turn in 255 entries of 8 bits: entry ``i`` is the sine of ``i / 254`` of 90 degrees, entry ``254 - i``
-its cosine. Looked up at the nearest entry it is right to 0.5 % of full scale (row T-A7). The machine has no
-arc tangent: it finds the entry of a direction by halving the table, two products of VERM at each of eight
-comparisons. Against the eleven divisions of SQRT, that is all there is to do.
+A quarter turn has 255 entries of 8 bits: entry ``i`` is the sine of ``i / 254`` of 90 degrees, entry ``254 - i``
+its cosine. The nearest entry is right to 0.5 % of full scale (row T-A7). The machine has no arc tangent: it finds
+the entry of a direction by bisection, with two products of VERM at each of eight comparisons. These replace the
+eleven divisions of SQRT.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The stepper routines: one interrupt routine with two entries, POSITI, and the counts the timers are loaded with.
+"""The stepper routines: one interrupt routine with two entries, POSITI, and the counts for the timers.
 
-Two ways of moving share them. A move of the program's own is aimed once by POSCAL, as in 1982: the counts that follow
-from XVELOC and YVELOC run down in the timers, and every routine takes its time. The steps of a planner pass the same
-timers, interrupts and lines, but at the planner's times.
+Two kinds of moves share them. For the program's own moves, POSCAL computes the direction once, as in 1982: the timers
+count down from values for XVELOC and YVELOC, and each routine takes its T-states. A planner's steps use the same
+timers, interrupts and lines, at the planner's times.
 """
 
 from __future__ import annotations

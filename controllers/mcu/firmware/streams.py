@@ -1,4 +1,4 @@
-"""The streams of characters: routines that fetch and send, found through CIADR and COADR (row T-58)."""
+"""Character streams: routines that read and write, with addresses at CIADR and COADR (row T-58)."""
 
 from __future__ import annotations
 

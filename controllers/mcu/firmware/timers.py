@@ -1,7 +1,7 @@
-"""What turns axis speeds into step times: a common clock, and the two ways to count it down.
+"""From axis speeds to step times: a common clock, and the two ways to count it down.
 
-Time is int nanoseconds; the clock is an exact rational, so that no step ever drifts and a window may be cut
-anywhere without moving one.
+Time is int nanoseconds; the clock is an exact rational, so steps do not drift and a window's end does not move
+one.
 """
 
 from __future__ import annotations

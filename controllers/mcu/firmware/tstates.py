@@ -1,6 +1,6 @@
-"""What the routines cost in T-states of the 8085: estimates, so that the machine answers as late as it would have.
+"""Estimated T-states of the routines on the 8085, which give the simulated machine its response times.
 
-The listings are not in the document. Each figure is our count over the shortest loop we would write for the routine
+The document has no listings. Each figure is our count for the shortest loop that we would write for the routine,
 with the instruction times of the 8085 (MOV 4, DAD 10, INX 6, LHLD and SHLD 16, CALL 18, RET 10, a jump 10 or 7):
 
 * VERM: eight rounds of a shift of the multiplier, a shift of the sum and half an addition, some 45 T each.

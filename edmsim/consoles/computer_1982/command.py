@@ -1,4 +1,4 @@
-"""What ``edmsim console 1982`` does: puts machine, screen and session together."""
+"""``edmsim console 1982``: connects machine, screen and session."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def run(
 ) -> int:
     """Serve the operator at standard input and output; returns the exit status.
 
-    The speed is in machine seconds per second: 1 for a person, as fast as it goes for a script, if not given.
+    The speed is in machine seconds per second; by default 1 for a person, the highest for a script.
     """
     if speed is not None and not speed > 0:
         raise InputError(f"--speed is above 0, in machine seconds per second, not {speed:g}")

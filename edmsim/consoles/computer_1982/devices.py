@@ -1,4 +1,4 @@
-"""Where the terminal's bytes come from and go to: a pipe or file, or a person's terminal, character by character."""
+"""Input and output of the terminal's bytes: a pipe, a file, or a person's terminal, character by character."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Interrupts:
 
     @contextmanager
     def caught(self) -> Iterator[None]:
-        """Catch Ctrl-C; and let a hang-up or SIGTERM unwind, so that the terminal is restored."""
+        """Catch Ctrl-C; on a hang-up or SIGTERM, unwind and restore the terminal."""
 
         def leave(number: int, frame: FrameType | None) -> None:
             raise SystemExit(128 + number)
@@ -117,7 +117,7 @@ class Keyboard(Pipe):
 
     @contextmanager
     def in_character_mode(self) -> Iterator[None]:
-        """Read character by character, with Ctrl-C alone kept as a signal; restored however the block ends."""
+        """Read character by character; only Ctrl-C remains a signal. The block's end restores the terminal."""
         before = termios.tcgetattr(self._source)
         try:
             tty.setcbreak(self._source)

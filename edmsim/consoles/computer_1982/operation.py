@@ -1,4 +1,4 @@
-"""What an operator may do to the rig, and when: the machine as MAIN knows it, and presses of the 64 keys."""
+"""An operator's actions on the rig and their conditions: MAIN's interface to the machine, and the 64 keys."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class KeyPresses:
 
 
 class Operation:
-    """What the operator does with a rig; see `edmsim.controllers.mcu.dialogue.main_program.MachinePort`."""
+    """The operator's actions on a rig; see `edmsim.controllers.mcu.dialogue.main_program.MachinePort`."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
@@ -91,7 +91,7 @@ class Operation:
 
     @property
     def greeting(self) -> str:
-        """What the terminal prints first."""
+        """The terminal's first lines."""
         machine = self.rig.plant.machine
         lines = [
             f"{machine.name.upper()}   WIRE SPARK EROSION   8085 CONTROLLER",
@@ -108,7 +108,7 @@ class Operation:
         return Codes(self.rig.board.settings.code_of_t_i, self.rig.board.settings.code_of_t_p)
 
     def status(self) -> Status:
-        """What the machine shows."""
+        """State of the machine."""
         rig, computer = self.rig, self.rig.computer
         t_i, t_p = computer.pulse_codes
         t_i_us, t_p_us = rig.board.times_us
@@ -177,7 +177,7 @@ class Operation:
         self.rig.set(setting)
 
     def cut(self, program: Sequence[Entry]) -> None:
-        """Start timers and generator along a path; settings that stand before its first move are taken over first."""
+        """Start timers and generator along a path, after the settings before its first move."""
         self._check_still()
         route = lay_out(self.rig.computer.position, program, self.rig.unit_um)
         while route.dues and not route.dues[0].path_um:

@@ -1,4 +1,4 @@
-"""The rig: the 1982 controller's computer and the simulated machine, wired together and run window by window."""
+"""The rig: the 1982 controller's computer, connected to the simulated machine and run window by window."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ END_SWITCHES = (X_END, Y_END)
 
 
 class TableEnds:
-    """What keeps the carriage on its table: the stops of the machine's MJCF, and switches that are not stuck."""
+    """Ends of the carriage's travel: the stops of the machine's MJCF, and switches that are not stuck."""
 
     def __init__(self, machine: Machine, switches: SafetySwitches) -> None:
         self._travel_um = machine.base.table.travel_mm.value * 1e3
@@ -150,9 +150,9 @@ UNKNOWN_CAUSE = "NO SWITCH IS OPEN: CALLED BY A PROGRAM, OR BY A SPARK ON THE SW
 
 
 class Rig:
-    """Computer and machine, with a fixed period, steps of 2 um and a planner that counts, as in 1982; not ``exact``.
+    """Computer and machine, with a fixed period, steps of 2 um and a counting planner, as in 1982; not ``exact``.
 
-    With ``poscal-literal`` the motion is the computer's own, by its timers; so are all jogs.
+    The computer's own timers make all jogs, and with ``poscal-literal`` all motion.
     """
 
     def __init__(
@@ -187,7 +187,7 @@ class Rig:
         self.computer.set_position(round(x / self.unit_um), round(y / self.unit_um))
 
     def warm_up(self) -> None:
-        """Have the pulse loop compiled, so that nobody waits for it later; nothing else changes."""
+        """Compile the pulse loop, without any change of state."""
         before = self.plant.snapshot()
         self.plant.advance()
         self.plant.restore(before)
@@ -199,12 +199,12 @@ class Rig:
 
     @property
     def place_um(self) -> tuple[float, float]:
-        """Where the carriage is on the table, whatever the counters say."""
+        """True position of the carriage, whatever the counters show."""
         return self.plant.commanded_um
 
     @property
     def misses_wire(self) -> bool:
-        """Whether the wire is known to be broken: a stuck sensor never tells."""
+        """Whether the sensor reports a broken wire; a stuck one does not."""
         return not self.wire and WIRE_BREAK not in self.board.switches.stuck
 
     @property
@@ -214,7 +214,7 @@ class Rig:
 
     @property
     def move(self) -> Move | None:
-        """The move of the cut under way, wherever it was given; None without a cut."""
+        """The present move of the cut; None without a cut."""
         return self._route.move_at(self._planner.path_um) if self._planner and self.way == CUTTING else None
 
     @property
@@ -224,18 +224,18 @@ class Rig:
 
     @property
     def gap(self) -> tuple[float, float]:
-        """Mean voltage and current; after the generator has stopped, the voltage that is left (row T-27)."""
+        """Mean voltage and current; with the generator off, the remaining voltage (row T-27)."""
         if self._window is not None and self.plant.generator_on and self.board.generator_on:
             return self._window.mean_voltage_V, self._window.mean_current_A
         return self.board.generator_line.voltage_V(self.time_ns), 0.0
 
     @property
     def unit_name(self) -> str:
-        """What the position counters count, as the terminal prints it."""
+        """Unit of the position counters, as the terminal prints it."""
         return "um" if self.unit == "um" else "STEPS"
 
     def take_events(self) -> list[str]:
-        """What the machine has to say since the last call."""
+        """Return the machine's events since the last call."""
         events, self._events = self._events, []
         return events
 
@@ -245,11 +245,11 @@ class Rig:
         self._events.append(f"{text}   X {x} Y {y} {self.unit_name}")
 
     def refuse(self, reason: str) -> None:
-        """Add an event: what could not be done."""
+        """Add an event: why a request failed."""
         self._events.append(f"? {reason}")
 
     def set(self, setting: Setting) -> None:
-        """Take over codes and speed; a pair that draws more than 2 A or leaves no pause is refused (row T-34)."""
+        """Set codes and speed; a pair that draws more than 2 A or leaves no pause raises an error (row T-34)."""
         old = self.computer.pulse_codes
         t_i = old[0] if setting.t_i is None else setting.t_i
         t_p = old[1] if setting.t_p is None else setting.t_p
@@ -262,12 +262,12 @@ class Rig:
             self.computer.set_speed(setting.speed)
 
     def begin_cut(self, route: Route) -> None:
-        """Start timers and generator along a route that begins where the wire is."""
+        """Start timers and generator along a route from the wire's position."""
         own = PathRun(self.computer, route.corners) if self._literal else None
         self.resume_cut(own or self._plan(self._planner_name, route.corners), route)
 
     def resume_cut(self, planner: Planner, route: Route) -> None:
-        """Start timers and generator where a planner is on its route."""
+        """Start timers and generator at a planner's position on its route."""
         self.computer.start()
         self._planner, self._route, self.held, self.way = planner, route, None, CUTTING
         start = min(optimiser_words.constants(self.board.bus).start, self.computer.speed, MAX_SPEED)
@@ -290,20 +290,20 @@ class Rig:
         self.computer.store(at.CUTVEL, units)
 
     def stand(self, text: str) -> None:
-        """Stop timers and generator in good order, and say so."""
+        """Stop timers and generator, and add an event."""
         self.computer.stop()
         self.put_down()
         self.say(text)
 
     def put_down(self) -> None:
-        """Keep an unfinished cut for later; nothing is under way any more."""
+        """Store an unfinished cut for resuming, and end all motion."""
         if self.way == CUTTING and self._planner is not None:
             self.held = self._planner, self._route, self.computer.position
         self._planner, self.way = None, STAND_BY
         self.board.mean_current_A = 0.0
 
     def trip(self, switch: str, cause: str) -> None:
-        """Open a switch: the hardware acts at once, the emergency routine by interrupt, or here if they are off."""
+        """Open a switch: the hardware acts at once, the emergency routine by interrupt, or here if masked."""
         self.board.switches.trip(switch)
         self.computer.serve()
         if not self.in_emergency:
@@ -311,19 +311,19 @@ class Rig:
         self._stopped(cause)
 
     def stop_all(self, cause: str) -> None:
-        """Call the emergency routine, with no switch open."""
+        """Call the emergency routine; no switch opens."""
         self.computer.emergency()
         self._stopped(cause)
 
     def thread(self) -> None:
-        """Thread a new wire where the carriage stands, by hand."""
+        """Thread a new wire by hand at the carriage's position."""
         by_hand_ns = round(self.plant.machine.base.table.threading_s.value * 1e9)
         self.plant.rethread(self.place_um, by_hand_ns)
         self.wire = True
         self.board.switches.release()
 
     def advance(self) -> None:
-        """Let one window pass."""
+        """Run one window."""
         self._obey_lines()
         self._follow_tension()
         start_ns = self.time_ns

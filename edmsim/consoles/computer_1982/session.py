@@ -1,7 +1,7 @@
-"""The session: bytes through LINE to MAIN, machine time between them, and what the machine says by itself.
+"""The session: bytes through LINE to MAIN, machine time between them, and the machine's events.
 
-Live, the machine runs at a multiple of the clock on the wall and lines are taken as they come. In a script, time
-stands still while lines are read: WAIT lets it pass, and the end of the input waits until the machine stands still.
+Live, the machine runs at a multiple of real time and reads lines on arrival. In a script, machine time stops while
+lines are read: WAIT advances it, and the end of the input waits until the machine stands still.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def read_host(file: Path, lines: SerialLines) -> list[bytes]:
 
 
 def bytes_of(file: Path) -> bytes:
-    """What a file of the host holds; raises `InputError` if it cannot be read."""
+    """Content of a host's file; raises `InputError` if it cannot be read."""
     try:
         return file.read_bytes()
     except OSError as error:
@@ -121,7 +121,7 @@ class MonitorBench:
         self._computer.write(address, byte)
 
     def tape(self, name: str) -> bytes:
-        """What stands on a tape."""
+        """Content of a tape."""
         try:
             return (self._tapes / name).read_bytes()
         except OSError as error:
@@ -166,7 +166,7 @@ _IDLE_S = 0.05  # longest wait between two looks at the machine
 
 
 class Screen(Protocol):
-    """Where the operator's bytes come from and go to."""
+    """Input and output of the operator's bytes."""
 
     @property
     def at_end(self) -> bool:
@@ -426,7 +426,7 @@ class Session:
 
     @property
     def _typed(self) -> bytes:
-        """What stands behind the prompt."""
+        """Text after the prompt."""
         return self._monitor.typed if self._in_monitor else self._line.typed
 
     def _clear_line(self) -> None:
@@ -472,7 +472,7 @@ class Session:
         return read_host(self._host, self._lines)
 
     def _sent_by_host(self) -> bytes:
-        """What the host sends, for the monitor."""
+        """The host's bytes for the monitor."""
         if self._host is None:
             raise InputError("no host is connected; edmsim console 1982 --host FILE connects one")
         return self._lines.heard_from_host(bytes_of(self._host))

@@ -1,1 +1,1 @@
-"""``edmsim console servo``: a drive on its bench, operated by a person, a script or a program; scope, tuning."""
+"""``edmsim console servo``: a drive on its bench for a person, a script or a program; scope, tuning."""

@@ -1,15 +1,14 @@
-"""``edmsim tune drive``: values for a drive on an axis, found at its serial line, and what they change.
+"""``edmsim tune drive``: parameters for a drive on an axis, found over its serial line, and their effect.
 
-A relay experiment tells how fast the axis is, the manual's recipe follows, and then the drive as delivered and the
-tuned one are both measured on the bench, sample by sample. The result is what a person would type.
+A relay experiment measures how fast the axis is; then the manual's recipe tunes the drive. The bench measures the
+drive as delivered and as tuned, sample by sample. The result is the lines that a person would type.
 
-*The relay experiment*: a loop of endless gain makes an axis swing by itself (Åström and Hägglund 1984). The period
-is the ultimate one, and ``4 h / (pi a)`` the ultimate gain, for a relay of height h and a swing of amplitude a. At a
-drive's serial line the relay is P at its largest and everything else at nought, and the limit of the output is its
-height.
+*The relay experiment*: with infinite gain the axis oscillates (Åström and Hägglund 1984), at the ultimate period.
+The ultimate gain is ``4 h / (pi a)`` for a relay of height h and an oscillation of amplitude a. Over a drive's
+serial line, the relay is the largest P with all other gains 0; its height is the limit of the output.
 
-*The recipe* is that of the UHU's manual (rows U-25, U-58), step by step, for either drive. The module's guide has
-none but a recorder to "evaluate different tuning settings" with (4.20), and a feed-forward of velocity, which is
+*The recipe* is that of the UHU's manual (rows U-25, U-58), step by step, for either drive. The module's guide has no
+recipe. It has a recorder to "evaluate different tuning settings" (4.20), and a feed-forward of velocity, which is
 measured.
 """
 
@@ -42,7 +41,7 @@ _KICK, _FEWEST_SWINGS = 4, 4
 
 
 class Oscillation(NamedTuple):
-    """What an axis tells of itself: ultimate gain in units of output per count, period in s, amplitude in counts."""
+    """Oscillation of an axis: ultimate gain in units of output per count, period in s, amplitude in counts."""
 
     gain: float
     period_s: float
@@ -50,7 +49,7 @@ class Oscillation(NamedTuple):
 
 
 def oscillation_of(operator: Operator) -> Oscillation:
-    """Let an axis swing under a relay whose height is raised or lowered until the swing is well seen."""
+    """Measure an axis' oscillation under a relay, with its height adjusted to a measurable amplitude."""
     heights = {_HEIGHT}
     height = _HEIGHT
     while True:
@@ -98,7 +97,7 @@ Values = Mapping[str, int]
 
 
 class Figures(NamedTuple):
-    """What a trial shows: overshoot as a share, settling time in s, and rms following error of a move in counts."""
+    """Results of a trial: overshoot as a share, settling time in s, rms following error of a move in counts."""
 
     overshoot: float
     settling_s: float
@@ -268,7 +267,7 @@ class AxisResponse:
 
 @dataclass(frozen=True)
 class Tuning:
-    """What was found."""
+    """Tuning result."""
 
     lines: tuple[str, ...]  # what to type: values, the restart and the saving
     values: dict[str, int]  # letters and values

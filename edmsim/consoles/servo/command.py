@@ -1,4 +1,4 @@
-"""What ``edmsim console servo`` puts together: a drive by name on an axis by name, to sit at or to tune."""
+"""``edmsim console servo``: a drive by name on an axis by name, to operate or to tune."""
 
 from __future__ import annotations
 

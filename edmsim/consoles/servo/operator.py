@@ -1,8 +1,8 @@
 """An operator at a drive's serial line: types values, steps or moves the axis, and watches what the drive sends.
 
-Both chips show the tracking error: the UHU by the stream that its analyser draws (rows U-33 to U-36), the servo
-module by its recorder (guide 4.20). Nothing here looks at the axis in another way. From what an axis does after a
-step of its setpoint, overshoot, settling time and oscillation are read.
+Both chips send the tracking error: the UHU by the stream for its analyser (rows U-33 to U-36), the servo module by
+its recorder (guide 4.20). The operator uses nothing else. It reads overshoot, settling time and oscillation from the
+response to a step of the setpoint.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SETTLED_COUNTS = 1  # the axis has settled when it stays this near: the encoder
 
 
 class AxisTrace(NamedTuple):
-    """What is seen after a step or a move."""
+    """Response to a step or a move."""
 
     time_s: NDArray[np.float64]  # (n,): times since then
     # (n,): setpoint less position in counts; after a step, positive is short of the setpoint, whichever way it went
@@ -83,7 +83,7 @@ class Operator(ABC):
     """Letters of what is found: P, then what is raised against oscillation in the manual's order, then I."""
     fixed: ClassVar[Mapping[str, int]]  # letters of what stays as it is while they are found
     relay: ClassVar[Mapping[str, int]]
-    """What makes the loop a relay: gain without end, nothing besides, and a limit for its height."""
+    """Settings that make the loop a relay: the largest gain alone, with a limit as its height."""
     height: ClassVar[str]  # letter of the relay's height
     no_trip: ClassVar[int]  # an error limit that nothing reaches
     shown: ClassVar[int]  # the largest error that the drive shows, in counts

@@ -1,7 +1,7 @@
-"""A QMOVE control with its positioners on a bench: what ``edmsim console positioner`` runs.
+"""``edmsim console positioner``: a QMOVE control with its positioners on a bench.
 
-Inputs and outputs are known by their slot addresses, so that one input may feed the program and a device's homing
-alike. The program's passes follow one another every millisecond (ours).
+Inputs and outputs have their slot addresses as names, so one input can serve both the program and a device's homing.
+The program runs a pass every millisecond (ours).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Contactors:
 
 
 class Station:
-    """A control, its program, and its devices, each on an axis of its own.
+    """A control, its program, and its devices, each on its own axis.
 
     Parameters
     ----------
@@ -57,10 +57,10 @@ class Station:
     axis : str
         Motor, screw and table of every device (`edmsim.controllers.axis.drive.axis_row`).
     files : pair of str, optional
-        Names of both texts in an error.
+        Names of both texts in errors.
     contactors : mapping of str to str
-        Devices by the output whose contactor leads the drive behind their analogue output to their motor (manual
-        1.4.1). Without any, the drive stays at the motor of the first device that has this output.
+        Devices by the digital output of their contactor, which connects the drive at their analogue output to their
+        motor (manual 1.4.1). By default the drive stays at the motor of the output's first device.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Station:
     QclError
         A text cannot be read.
     InputError
-        There are no devices, or more than axes, or a contactor's output or device is unknown.
+        There are no devices or more than axes, or a contactor's output or device is unknown.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Station:
     def of_files(
         cls, configuration: Path, program: Path, axis: str, contactors: Mapping[str, str] = MappingProxyType({})
     ) -> Self:
-        """Return the station of two files."""
+        """Load a station from two files."""
         texts, names = (_text(configuration), _text(program)), (str(configuration), str(program))
         return cls(*texts, axis, names, contactors)
 
@@ -135,7 +135,7 @@ class Station:
         Raises
         ------
         InputError
-            The configuration has none of this name.
+            The configuration has no such device.
         """
         if name.lower() not in self.axes:
             raise InputError(f"there is no device {name!r}; there are: {one_of(name, self.axes)}")
@@ -144,7 +144,7 @@ class Station:
         return found
 
     def press(self, name: str, closed: bool = True) -> None:
-        """Close or open an input, for the program and for the devices that have it as their homing input.
+        """Close or open an input, for the program and for the devices that use it for homing.
 
         Raises
         ------
@@ -161,12 +161,12 @@ class Station:
                 self.bench.press_home(self.axes[device], closed)
 
     def run(self, seconds: float) -> None:
-        """Let the program and the axes run.
+        """Run the program and the axes.
 
         Raises
         ------
         InputError
-            The program divides by nought, or assigns what does not fit.
+            The program divides by zero, or assigns a value out of range.
         """
         end_ns = round((self.bench.time_s + seconds) * 1e9)
         while (now_ns := round(self.bench.time_s * 1e9)) < end_ns:
@@ -180,7 +180,7 @@ class Station:
                 self.bench.run_to(int(self.device(waits_for).record["due_ns"][0]) + 1)
 
     def shown(self) -> dict[str, int]:
-        """Return outputs, and states of the devices, by name."""
+        """Return outputs and the devices' states by name."""
         outputs = {name: int(self.control.outputs[at]) for name, at in self.configuration.outputs.items()}
         states = {
             f"{device}:{name}": int(value)

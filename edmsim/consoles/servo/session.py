@@ -1,7 +1,7 @@
-"""A drive behind a terminal: the bench runs in simulated real time, and bytes pass as they would over a wire.
+"""A drive at a terminal: the bench runs in simulated real time, and bytes take their time as on a wire.
 
-A pseudo-terminal is a serial port of this computer without a wire. Keys are those of the UHU's terminal program (rows
-U-37 and U-60): the space bar for the analyser, cursors for quick moves, ESC to leave. Others go to the drive.
+A pseudo-terminal is a serial port of this computer without a wire. Keys follow the UHU's terminal program (rows U-37
+and U-60): the space bar for the analyser, cursors for quick moves, ESC to leave. Other keys go to the drive.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class PseudoTerminal:
         return os.read(self._ours, _CHUNK)
 
     def write(self, data: bytes) -> None:
-        """Send some bytes; what nobody reads is lost when the system's buffer is full, as on an open line."""
+        """Send bytes; if the system's buffer is full, unread bytes are lost, as on an open line."""
         while data and (sent := self.send(data)):
             data = data[sent:]
 
