@@ -175,7 +175,7 @@ def check(env_id: str, controllers: Sequence[str], seeds: int, resolution: str |
     else:
         check_controllers(controllers)
     if seeds < 2:
-        raise InputError(f"{seeds} seeds give no interval; it takes 2 or more")
+        raise InputError(f"seeds = {seeds} gives no interval: use 2 or more")
 
 
 def figures_of(results: Sequence[Result], oracle: Sequence[Result], blind: Sequence[Result]) -> dict[str, Figure]:
