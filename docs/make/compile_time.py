@@ -6,7 +6,6 @@ python docs/make/compile_time.py [RUNS]
 from __future__ import annotations
 
 import os
-import re
 import resource
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import tempfile
 from pathlib import Path
 from statistics import median
 
+from sections import write_sections
 from vector_envs import processor
 
 PAGE = Path(__file__).parents[1] / "performance.md"
@@ -49,9 +49,7 @@ def main() -> None:
     lines = ["| process | processor time |", "|---|--:|"]
     lines += [f"| {name} | {median(run[name] for run in runs):.1f} s |" for name in MEASURED]
     lines += ["", f"Medians of {len(runs)} runs on {processor()}."]
-    mark = re.compile(r"(<!-- begin compile time -->\n).*?(<!-- end compile time -->)", re.DOTALL)
-    text = mark.sub(lambda m: "\n".join([m[1], *lines, "", m[2]]), PAGE.read_text(encoding="utf-8"))
-    PAGE.write_text(text, encoding="utf-8")
+    write_sections(PAGE, {"compile time": "\n".join(lines)})
 
 
 if __name__ == "__main__":

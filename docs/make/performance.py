@@ -6,10 +6,10 @@ python docs/make/performance.py [PAIRS]
 from __future__ import annotations
 
 import os
-import re
 import sys
 from pathlib import Path
 
+from sections import write_sections
 from vector_envs import processor
 
 from edmsim.bench.pairs import PAIRS, Pairs, compare
@@ -63,12 +63,8 @@ def main() -> None:
     draw(shares).savefig(FIGURE, metadata={"Software": "edmsim"})
     before = os.getloadavg()[0]
     compared = compare(AGAINST, int(sys.argv[1]) if sys.argv[1:] else PAIRS)
-    written = {"parts": profile_lines(shares), "pairs": pair_lines(compared, (before, os.getloadavg()[0]))}
-    text = PAGE.read_text(encoding="utf-8")
-    for name, lines in written.items():
-        mark = re.compile(rf"(<!-- begin {name} -->\n).*?(<!-- end {name} -->)", re.DOTALL)
-        text = mark.sub(lambda m, lines=lines: "\n".join([m[1], *lines, "", m[2]]), text)
-    PAGE.write_text(text, encoding="utf-8")
+    pairs = pair_lines(compared, (before, os.getloadavg()[0]))
+    write_sections(PAGE, {"parts": "\n".join(profile_lines(shares)), "pairs": "\n".join(pairs)})
 
 
 if __name__ == "__main__":

@@ -6,10 +6,11 @@ python docs/make/reliability.py [out]
 from __future__ import annotations
 
 import json
-import re
 import sys
 from pathlib import Path
 from typing import Any
+
+from sections import write_sections
 
 PAGE = Path(__file__).parents[1] / "reliability.md"
 Known = dict[str, dict[str, Any]]
@@ -74,14 +75,12 @@ def _left(left: dict[str, int]) -> str:
 def main() -> None:
     """Write the tables there are figures for."""
     out = Path(sys.argv[1] if sys.argv[1:] else "out")
-    text = PAGE.read_text(encoding="utf-8")
+    written = {}
     for name, made in (("campaign", campaign), ("soak", soak)):
         file = out / name / f"{name}.json"
         if file.exists():
-            table = made(json.loads(file.read_text(encoding="utf-8")))
-            mark = rf"(<!-- begin {name} -->\n).*?(<!-- end {name} -->)"
-            text = re.sub(mark, lambda m, table=table: f"{m[1]}\n{table}\n\n{m[2]}", text, flags=re.DOTALL)
-    PAGE.write_text(text, encoding="utf-8")
+            written[name] = made(json.loads(file.read_text(encoding="utf-8")))
+    write_sections(PAGE, written)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from posixpath import basename  # any function that does nothing, and every proc
 from typing import Any
 
 import numpy as np
+from sections import write_sections
 from vector_envs import processor
 
 from edmsim.sweep.engine import Cluster, Processes
@@ -148,13 +149,12 @@ def main() -> None:
     """Measure, and write the tables into the page."""
     with tempfile.TemporaryDirectory() as name:
         sections = dict(zip(("measured", "follows"), measure(Path(name)), strict=True))
-    text = PAGE.read_text(encoding="utf-8")
+    written = {}
     for section, rows in sections.items():
         table = "\n".join(["| what | how much |", "|---|---|", *(f"| {what} | {figure} |" for what, figure in rows)])
         print(table)
-        mark = re.compile(rf"(<!-- begin {section} -->\n).*?(<!-- end {section} -->)", re.DOTALL)
-        text = mark.sub(lambda m, table=table: f"{m[1]}\n{table}\n\nOn {processor()}.\n\n{m[2]}", text)
-    PAGE.write_text(text, encoding="utf-8")
+        written[section] = f"{table}\n\nOn {processor()}."
+    write_sections(PAGE, written)
 
 
 if __name__ == "__main__":

@@ -10,10 +10,11 @@ import platform
 import re
 from pathlib import Path
 
+from sections import write_sections
+
 from edmsim.bench.vector_envs import VectorRate, half_cheetah_comparison, table
 
 PAGE = Path(__file__).parents[1] / "environments.md"
-MARK = re.compile(r"(<!-- begin vector environments -->\n).*?(<!-- end vector environments -->)", re.DOTALL)
 
 
 def processor() -> str:
@@ -40,9 +41,7 @@ def lines(rows: list[VectorRate], comparison: dict[str, float]) -> list[str]:
 
 def main() -> None:
     """Measure, and write the page's section."""
-    written = "\n".join(lines(table(), half_cheetah_comparison()))
-    text = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(MARK.sub(lambda mark: f"{mark[1]}\n{written}\n\n{mark[2]}", text), encoding="utf-8")
+    write_sections(PAGE, {"vector environments": "\n".join(lines(table(), half_cheetah_comparison()))})
 
 
 if __name__ == "__main__":
