@@ -254,8 +254,7 @@ class CutResult:
         OSError
             If writing fails later, for example on a full disk.
         """
-        from edmsim.recording import write_html, write_json, write_recording, write_scene, write_windows
-        from edmsim.recording.figures.profile import profile_png
+        from edmsim.recording import write_json, write_recording, write_scene, write_windows
 
         make_writable(Path(folder))
         tell, title = enter or (lambda _: None), self._title
