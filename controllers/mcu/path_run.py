@@ -26,7 +26,7 @@ class PathRun(Snapshots):
     It looks like a planner (`edmsim.controllers.planner.protocol.Planner`), but its steps are those that the motors'
     lines have seen. A new speed waits until the optimising routine is done, a new move until POSCAL is; interrupts
     put both off. A negative speed runs the present move's vector the other way, to where the move began, and then the
-    moves before it, each aimed anew. After a stop the present move is aimed anew from where the table stands.
+    moves before it, each planned again. After a stop the present move is planned again from the table's position.
 
     >>> computer = Computer()
     >>> computer.init()

@@ -63,7 +63,7 @@ class BenchAxes:
                 table.set_motor(axis, self.drives.axes.motors[axis : axis + 1])
 
     def run_to(self, until_ns: int) -> None:
-        """Let time pass until then; `EdmsimError` if an axis is out of range, or told more than its supply."""
+        """Let time pass until then; `EdmsimError` if an axis is out of range, or commanded above its supply."""
         samples, changes, noted = self._notes
         traced = samples if self.trace else samples[:0]
         axes, link = self.drives.axes, self._table.link if self._table else None

@@ -68,7 +68,7 @@ class HoldController(PolicyController):
 
     @property
     def _setting_us(self) -> tuple[float, float]:
-        """On-time and period in force; a machine made anew for every window's period would take most of the time."""
+        """On-time and period in force; a new machine for every window's period would take most of the time."""
         return self._now_us
 
     @_setting_us.setter
