@@ -55,7 +55,6 @@ def evaluate(
     **options: Any,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
-    from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.evaluation import leaderboard as boards
     from edmsim.evaluation.compare import check, evaluate, usual
@@ -63,6 +62,7 @@ def evaluate(
     from edmsim.evaluation.episode import episodes
     from edmsim.evaluation.table import as_json, render, write_page
     from edmsim.files import make_writable
+    from edmsim.numeric import listed
     from edmsim.progress import ShownProgress
 
     resolution, named = options.get("resolution"), env_ids or []

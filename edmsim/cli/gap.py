@@ -47,9 +47,9 @@ def gap(
 ) -> None:
     """Simulate the gap for a real controller: serial ports, samples, delays."""
     from edmsim.files import make_writable
-    from edmsim.hil.ratio_log import RatioLog
     from edmsim.hil.rig import make_board
     from edmsim.hil.samples import SampleFile, Sensing
+    from edmsim.hil.session import RatioLog
     from edmsim.job.settings import CutSettings
 
     if serial is None and samples is None and log is None and delays is None:

@@ -84,9 +84,9 @@ def dataset(
     **options: Any,
 ) -> None:
     """Record feed controllers as data sets of Minari, for offline learning (extra offline)."""
-    from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record
+    from edmsim.numeric import listed
     from edmsim.progress import ShownProgress
 
     with ShownProgress() as bar:

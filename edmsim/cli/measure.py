@@ -31,8 +31,7 @@ def table(
     from edmsim.files import make_writable, replacing
     from edmsim.job.result import FORMATS
     from edmsim.job.settings import CutSettings
-    from edmsim.measure.report import as_json, headline, render
-    from edmsim.measure.table import measure_table
+    from edmsim.measure import as_json, headline, measure_table, render
 
     if plot is not None and plot.suffix.removeprefix(".") not in FORMATS:
         raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", plot)
@@ -49,7 +48,7 @@ def table(
         with replacing(out) as partial:
             partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
     if plot is not None:
-        from edmsim.measure.figures import table_figure
+        from edmsim.measure import table_figure
 
         with replacing(plot) as partial:
             table_figure({"measured": found}).savefig(partial, format=plot.suffix.removeprefix("."))
@@ -71,7 +70,7 @@ def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
 
     from edmsim.job.cut import CutProgress
     from edmsim.job.settings import CutSettings
-    from edmsim.measure.guides import measure_guides
+    from edmsim.measure import measure_guides
     from edmsim.progress import ShownProgress
 
     settings = CutSettings.model_validate(options)

@@ -30,8 +30,8 @@ def terminal(
     **options: Any,
 ) -> None:
     """Operate the controller of 1982 at its terminal."""
-    from edmsim.consoles.computer_1982.command import choose_faults, run
     from edmsim.consoles.computer_1982.rig import Rig
+    from edmsim.consoles.computer_1982.session import choose_faults, run
     from edmsim.job.settings import CutSettings
 
     settings = CutSettings.model_validate(options)
@@ -64,9 +64,7 @@ def servo(
     record: Annotated[Path | None, typer.Option(help="File for these curves, .rrd.")] = None,
 ) -> None:
     """Operate a servo drive at its serial terminal."""
-    from edmsim.consoles.servo.command import bench_for
-    from edmsim.consoles.servo.scope import Scope
-    from edmsim.consoles.servo.session import serve
+    from edmsim.consoles.servo import Scope, bench_for, serve
     from edmsim.controllers.axis import Uhu
 
     bench = bench_for(drive, axis, tuned)
@@ -101,7 +99,7 @@ def positioner(
     axis: Annotated[str, typer.Option(help="Motor, screw and table: analogue or analogue-table.")] = "analogue",
 ) -> None:
     """Run a QCL program on EANPOS positioners and their axes."""
-    from edmsim.consoles.servo.positioner import Station, contactors_of, press_of, run_and_tell
+    from edmsim.consoles.positioner import Station, contactors_of, press_of, run_and_tell
     from edmsim.controllers.qcl import QclError
     from edmsim.errors import InputError
 
