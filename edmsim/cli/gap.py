@@ -1,4 +1,4 @@
-"""``edmsim gap``: the gap for a real controller, on serial lines, as samples, as a table of delays."""
+"""``edmsim gap``: the gap on serial lines, as samples, as a table of delays, as an FMU."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from edmsim.errors import InputError
 
 if TYPE_CHECKING:
     from edmsim.hil.rig import Rig
-    from edmsim.machine.machine import Machine as SetUp
+    from edmsim.job.settings import CutSettings
+    from edmsim.machine.machine import Machine
 
 
-@takes("machine", SET_UP, "seed", generator=Unset("Default: the board's, or iso-pulse."))
+@takes("machine", SET_UP, "resolution", "seed", resolution="fast",
+       generator=Unset("Default: the board's, or iso-pulse."))  # fmt: skip
 def gap(
     serial: Annotated[
         str | None, typer.Option(metavar="BOARD", help="Serial ports of a board: powercore, powercore-v2, spark.")
@@ -30,6 +32,7 @@ def gap(
         Path | None, typer.Option(help="File for ratios and positions, .csv, for edmsim calibrate.")
     ] = None,
     delays: Annotated[Path | None, typer.Option(help="File for quantiles of ignition delays, .csv.")] = None,
+    fmu: Annotated[Path | None, typer.Option(help="File for an FMU, FMI 3.0 for co-simulation, .fmu.")] = None,
     gap: Annotated[float, typer.Option(help="Gap round the wire at the start in um.")] = 30.0,
     feed: Annotated[float, typer.Option(help="Without --serial: speed of x in um/s.")] = 5.0,
     seconds: Annotated[
@@ -45,29 +48,32 @@ def gap(
     log_rate: Annotated[float, typer.Option(help="Rows of --log per second, 2 to 100.")] = 10.0,
     **options: Any,
 ) -> None:
-    """Simulate the gap for a real controller: serial ports, samples, delays."""
+    """Simulate the gap for a real controller or another simulator."""
     from edmsim.files import make_writable
     from edmsim.hil.ratio_log import RatioLog
-    from edmsim.hil.rig import make_board
+    from edmsim.hil.rig import PlainGenerator, Rig, make_board
     from edmsim.hil.samples import SampleFile, Sensing
     from edmsim.job.settings import CutSettings
 
-    if serial is None and samples is None and log is None and delays is None:
+    is_run = not (serial is None and samples is None and log is None)
+    if not is_run and delays is None and fmu is None:
         raise InputError(
-            "give --serial BOARD for ports, --samples, --log or --delays FILE for files; see edmsim gap --help"
+            "give --serial BOARD for ports, --samples, --log, --delays or --fmu FILE for files; see edmsim gap --help"
         )
     board = None if serial is None else make_board(serial)
     of_board = {} if board is None else {"generator": board.generator}
     settings = CutSettings.model_validate({**of_board, **options})
     set_up, seed = settings.load_machine(), settings.seed
+    if fmu is not None:
+        _write_fmu(settings, fmu, gap)
     if delays is not None:
         _write_delays(set_up, delays, seed)
-        if serial is None and samples is None and log is None:
-            return
+    if not is_run:
+        return
     for file in (samples, log):
         if file is not None:
             make_writable(file.parent)
-    rig = _rig(set_up, board, seed, gap)
+    rig = Rig(board or PlainGenerator(set_up), set_up, seed=seed, gap_um=gap, resolution=settings.resolution)
     with ExitStack() as files:
         sensing = Sensing(rate, low_pass, noise, current_noise, seed)
         sampled = files.enter_context(SampleFile(samples, sensing, rig.time_s)) if samples else None
@@ -80,12 +86,6 @@ def gap(
         say(f"{sampled.count} samples of {samples}" + (f": {sampled.notice}" if sampled.notice else ""))
     if rig.gap.lost and serial is None:
         say(rig.gap.lost)
-
-
-def _rig(set_up: SetUp, board: object, seed: int, gap_um: float) -> Rig:
-    from edmsim.hil.rig import PlainGenerator, Rig
-
-    return Rig(board or PlainGenerator(set_up), set_up, seed=seed, gap_um=gap_um)  # type: ignore[arg-type]
 
 
 def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: float) -> None:
@@ -104,7 +104,7 @@ def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: f
             rig.frame()
 
 
-def _write_delays(set_up: SetUp, file: Path, seed: int) -> None:
+def _write_delays(set_up: Machine, file: Path, seed: int) -> None:
     from edmsim.files import make_writable
     from edmsim.hil.delays import delay_table, write_delays
     from edmsim.progress import ShownProgress
@@ -114,3 +114,10 @@ def _write_delays(set_up: SetUp, file: Path, seed: int) -> None:
         rows = delay_table(set_up, seed=seed, watch=bar.of("delays"))
     write_delays(rows, file)
     say(f"{len(rows)} gaps and voltages in {file}")
+
+
+def _write_fmu(settings: CutSettings, file: Path, gap_um: float) -> None:
+    from edmsim.hil.fmu import export_fmu
+
+    step_s = export_fmu(file, resolution=settings.resolution, gap_um=gap_um, name=settings.machine, **settings.set_up)
+    say(f"written: {file}; its step is {step_s:.9g} s")

@@ -83,7 +83,7 @@ def dataset(
     steps: Annotated[int, typer.Option(help="Windows per controller, rounded up to whole episodes.")] = 100_000,
     **options: Any,
 ) -> None:
-    """Record feed controllers as data sets of Minari, for offline learning (extra offline)."""
+    """Record controllers as data sets of Minari (extra offline)."""
     from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record

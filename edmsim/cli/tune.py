@@ -1,15 +1,16 @@
-"""``edmsim tune``: searches of gains, of settings of one's own controller, of trainings, of servo drives."""
+"""``edmsim tune``: searches of gains, settings of one's own controller, trainings, technologies, servo drives."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import INTERRUPTED, OUT, say
+from edmsim.cli.console import INTERRUPTED, OUT, Quiet, say
 from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.cli.sweep import ProcessCount, Ray, engine_of
 
@@ -86,7 +87,7 @@ def population(
     seed: FirstSeed = 0,
     seeds: Seeds = 5,
 ) -> None:
-    """Train a population on a Ray cluster; settings follow the best learners (extras cluster, rl and tune)."""
+    """Train a population on a Ray cluster (extras cluster, rl, tune)."""
     from edmsim.sweep.population import PopulationResult, train_population
 
     made = iter(range(1, learners * generations + 1))
@@ -116,7 +117,7 @@ def own(
     processes: ProcessCount = None,
     **options: Any,
 ) -> None:  # fmt: skip
-    """Search for settings of your controller, on drawn machines (extra tune)."""
+    """Search for settings of your controller (extra tune)."""
     from edmsim.sweep.own import tune_own
     from edmsim.sweep.tune import BEST
 
@@ -137,6 +138,46 @@ def own(
         f"{found.trials} trials, {found.failed} failed. Written: {out / BEST}",
     ]  # fmt: skip
     OUT.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
+
+
+@takes(
+    "height_mm", "wire", "machine", "resolution", "seed", wire="brass-254", machine="production", resolution="fast"
+)
+def technology(
+    material: Annotated[str, typer.Argument(help="Workpiece material, a name or your own file.", show_default=False)],
+    passes: Annotated[int, typer.Option(help="Number of passes, rough and trims: 1 to 7.")] = 4,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="TOML file; the height is added to an existing one. Default: MATERIAL-WIRE.toml."),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Resume the interrupted search of that file.")] = False,
+    quiet: Quiet = False,
+    **options: Any,
+) -> None:
+    """Search for offsets and settings of passes by simulated cuts."""
+    from edmsim.evaluation.technology import Job, Search, merged, technology_text
+    from edmsim.files import make_writable, replacing
+    from edmsim.machine.technology import read_technology
+
+    job = Job(material, passes=passes, **options)
+    file = Path(f"{Path(material).stem}-{Path(job.wire).stem}.toml") if out is None else out
+    job.check()
+    make_writable(file.parent)
+    known = read_technology(str(file)) if file.exists() else None
+    if known is not None:
+        job.check_like(known, file)
+    journal = file.with_suffix(".journal.json")
+    tell = partial(OUT.print, highlight=False, soft_wrap=True, markup=False)
+    try:
+        found = Search(job, (lambda text: None) if quiet else tell, journal).run(resume)
+    except KeyboardInterrupt:
+        say(f"interrupted; run the same command with --resume to continue after the passes in {journal}")
+        raise typer.Exit(INTERRUPTED) from None
+    source = f"found by simulation: edmsim tune technology {material} --height {job.height_mm:g} --passes {passes}"
+    with replacing(file) as partial_file:
+        partial_file.write_text(technology_text(job, merged(known, job, found), source), encoding="utf-8")
+    journal.unlink(missing_ok=True)
+    tell(f"Written: {file}; cut with it: edmsim cut PROGRAM --passes {passes} --technology {file}")
 
 
 def drive(

@@ -8,7 +8,7 @@ _LINE = "G0 X0 Y0\nG1 X0.5\nM2\n"
 
 
 def warm_up() -> None:
-    """Compile the pulse loop for all resolutions and both integrators, two side by side, and what runs beside it."""
+    """Compile beforehand what cuts and environments would wait for."""
     from concurrent.futures import ThreadPoolExecutor
 
     from edmsim.plant.kernel.memory import window_function

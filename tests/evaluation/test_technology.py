@@ -74,7 +74,7 @@ def test_the_command_writes_a_technology_and_adds_heights(tmp_path: Path) -> Non
     file, runner = tmp_path / "steel.toml", CliRunner()
     for height in ("30", "20"):
         done = runner.invoke(
-            cli.app, ["technology", "tool-steel", "--height", height, "--passes", "2", "--out", str(file)]
+            cli.app, ["tune", "technology", "tool-steel", "--height", height, "--passes", "2", "--out", str(file)]
         )
         assert done.exit_code == 0, done.output
     found = read_technology(file)
@@ -82,7 +82,7 @@ def test_the_command_writes_a_technology_and_adds_heights(tmp_path: Path) -> Non
     assert found.table(25.0, 2).offsets_mm[-1] == pytest.approx(0.149)
     assert not file.with_suffix(".journal.json").exists()
     assert json.dumps(found.source)
-    other = runner.invoke(cli.app, ["technology", "copper", "--passes", "1", "--out", str(file)])
+    other = runner.invoke(cli.app, ["tune", "technology", "copper", "--passes", "1", "--out", str(file)])
     assert isinstance(other.exception, InputError)
     assert "holds a technology for material tool-steel, not copper" in str(other.exception)
 
