@@ -14,7 +14,7 @@ from edmsim.cosim.straight import Traverse, begin
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.window import PlantError
-from edmsim.progress import in_threads
+from edmsim.runs import perform
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
@@ -74,7 +74,7 @@ class StretchComparison:
             if self._watch is not None:
                 self._watch(CalibrationProgress(self._cuts, self.misfit))
 
-        found = in_threads(self._simulate, jobs, count)
+        found = perform(self._simulate, jobs, count)
         return np.array(found).reshape(-1, len(self.picked), len(STATISTICS))
 
     def _simulate(self, job: tuple[Machine, int, int]) -> Array:

@@ -12,7 +12,7 @@ from edmsim.cli.console import INTERRUPTED, OUT, STOPPED, say
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
-    from edmsim.sweep.engine import Engine
+    from edmsim.runs import Engine
     from edmsim.sweep.run import SweepProgress
     from edmsim.sweep.specification import Specification
 
@@ -121,7 +121,7 @@ def _options(words: list[str]) -> dict[str, Any]:
 
 def engine_of(ray: str | None, processes: int | None) -> Engine:
     """Return where runs are made: the processes of this computer, or a cluster's."""
-    from edmsim.sweep.engine import Cluster, Processes
+    from edmsim.runs import Cluster, Processes
 
     if ray is None:
         return Processes(processes)

@@ -150,11 +150,13 @@ def technology(
         Path | None,
         typer.Option(help="TOML file; the height is added to an existing one. Default: MATERIAL-WIRE.toml."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Resume the interrupted search of that file.")] = False,
     quiet: Quiet = False,
     **options: Any,
 ) -> None:
-    """Search for offsets and settings of passes by simulated cuts."""
+    """Search for offsets and settings of passes by simulated cuts.
+
+    An interrupted search is resumed.
+    """
     from edmsim.evaluation.technology import Job, Search, merged, technology_text
     from edmsim.files import make_writable, replacing
     from edmsim.machine.technology import read_technology
@@ -166,13 +168,10 @@ def technology(
     known = read_technology(str(file)) if file.exists() else None
     if known is not None:
         job.check_like(known, file)
-    journal = file.with_suffix(".journal.json")
+    journal = file.with_suffix(".runs.jsonl")
     tell = partial(OUT.print, highlight=False, soft_wrap=True, markup=False)
-    try:
-        found = Search(job, (lambda text: None) if quiet else tell, journal).run(resume)
-    except KeyboardInterrupt:
-        say(f"interrupted; run the same command with --resume to continue after the passes in {journal}")
-        raise typer.Exit(INTERRUPTED) from None
+    with _searching("search"):
+        found = Search(job, (lambda text: None) if quiet else tell, journal).run()
     source = f"found by simulation: edmsim tune technology {material} --height {job.height_mm:g} --passes {passes}"
     with replacing(file) as partial_file:
         partial_file.write_text(technology_text(job, merged(known, job, found), source), encoding="utf-8")
