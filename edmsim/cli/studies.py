@@ -37,12 +37,14 @@ def calibrate(
     from edmsim.calibration.output import as_json, check_writable, render, write
     from edmsim.calibration.set_up import held, machine_of
     from edmsim.progress import ShownProgress
+    from edmsim.runs import RunTable
 
     check_writable(out)
     table = read_log(log)
     seed = options.pop("seed")
     settings, notices = settings_for(table, **options)
     chosen = DEFAULT_CONSTANTS if fit is None else named(fit)
+    runs = out.with_suffix(".runs.jsonl")
     set_up = machine_of(settings)
     for notice in (*notices, *held(settings, set_up, chosen)):
         say(notice)
@@ -53,11 +55,13 @@ def calibrate(
                 misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
                 bar.show("calibrate", text=f"{progress.cuts} cuts simulated{misfit}")
 
-            found = run(table, set_up, chosen, seed=seed, resolution=settings.resolution, watch=watch)
+            found = run(table, set_up, chosen, seed=seed, resolution=settings.resolution, table=RunTable(runs),
+                        watch=watch)  # fmt: skip
     except KeyboardInterrupt:
-        say("interrupted; nothing was written")
+        say("interrupted; run the same command to resume")
         raise typer.Exit(INTERRUPTED) from None
     files = write(found, table.name, out, [name for name, _ in settings.overrides])
+    runs.unlink(missing_ok=True)
     if json:
         sys.stdout.write(as_json(found, files) + "\n")
         return
