@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -377,6 +378,7 @@ def test_an_interrupted_fit_has_shown_its_progress_and_resumes(
 
     def briefly(*_: object) -> np.ndarray:
         if next(cuts, None) is None:
+            time.sleep(0.5)  # the others are reported
             raise KeyboardInterrupt
         return np.full((10, 5), 0.5)
 
