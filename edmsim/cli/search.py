@@ -1,31 +1,138 @@
-"""``edmsim tune``: searches of gains, settings of one's own controller, trainings, technologies, servo drives."""
+"""Commands with many runs: sweep, and tune, which searches gains, settings, trainings, technologies, drives."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import partial
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import INTERRUPTED, OUT, Quiet, say
+from edmsim.cli.console import OUT, STOPPED, Environment, Quiet, interruptible, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
-from edmsim.cli.sweep import ProcessCount, Ray, engine_of
+from edmsim.errors import InputError
 
 if TYPE_CHECKING:
     from edmsim.progress import ShownProgress
+    from edmsim.runs import Engine
+    from edmsim.sweep.run import SweepProgress
+    from edmsim.sweep.specification import Specification
     from edmsim.sweep.tune import Tuned
+
+
+Ray = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")]
+ProcessCount = Annotated[
+    int | None, typer.Option("--processes", help="Processes on this computer; default: one per processor.")
+]
+SHORT_FORM = {"ignore_unknown_options": True, "allow_extra_args": True}
+
+
+def run(
+    context: typer.Context,
+    what: Annotated[str, typer.Argument(help="Specification (.toml), part program, or environment.")],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")],
+    seeds: Annotated[int | None, typer.Option(help="Seeds per combination; default: 1.")] = None,
+    machine_samples: Annotated[
+        int | None, typer.Option(help="Machines drawn within the ranges of their constants, for every combination.")
+    ] = None,
+    record: Annotated[
+        list[str] | None, typer.Option(help="Store of each cut: report, windows or all; repeatable.")
+    ] = None,
+    ray: Ray = None,
+    processes: ProcessCount = None,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Repeat failed runs.")] = False,
+) -> None:
+    """Run many cuts from one specification.
+
+    Every combination of settings, seeds and machines is cut. Any option of a cut or an environment takes values:
+    --height 5,10,20 --t-on 10:40:5 --gap.critical_um 4,5.
+    If a sweep was interrupted, the same command makes only the missing runs.
+    """
+    from edmsim.sweep.run import sweep
+
+    specification = _specification(what, context.args, seeds, machine_samples, record)
+    engine = engine_of(ray, processes)
+    with interruptible("run the same command to make the missing runs", keep=True) as bar:
+
+        def watch(progress: SweepProgress) -> None:
+            failed = f", {progress.failed} failed" if progress.failed else ""
+            text = f"{progress.done} of {progress.total}{failed}"
+            bar.show("runs", progress.done, progress.total, text)
+
+        def checking(done: int, total: int) -> None:
+            if time.monotonic() > slow_s:
+                bar.show("looked at before the first run", done, total)
+
+        slow_s = time.monotonic() + 2.0
+        last = sweep(specification, out, engine=engine, retry_failed=retry_failed, watch=watch, checking=checking)
+    OUT.print(f"{last.done} runs, {last.made} made now, {last.failed} failed.", highlight=False)
+    print_line(f"Look at them with: edmsim sweep show {out}")
+    if last.failed:
+        raise typer.Exit(STOPPED)
+
+
+def show(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a sweep.", show_default=False)],
+) -> None:
+    """Show the results of a sweep, and draw DIR/pareto.png."""
+    from edmsim.recording.figures import write_figure
+    from edmsim.sweep.summary import pareto_figure, render
+    from edmsim.sweep.table import read
+
+    table = read(folder)
+    OUT.print(render(table))
+    write_figure(pareto_figure(table), folder / "pareto.png")
+    print_line(f"Written: {folder / 'pareto.png'}")
+
+
+def _specification(
+    what: str, words: list[str], seeds: int | None, machine_samples: int | None, record: list[str] | None
+) -> Specification:
+    """Return the specification of a file, or of the short form."""
+    from edmsim.sweep.specification import Specification, read_specification
+
+    over = {"seeds": seeds, "machine_samples": machine_samples, "recordings": record or None}
+    chosen = {name: value for name, value in over.items() if value is not None}
+    if what.endswith(".toml"):
+        if words or chosen:
+            raise InputError(f"a specification has all settings: leave out {' '.join(words) or ', '.join(chosen)}")
+        return read_specification(what)
+    kind = "program" if Path(what).is_file() or Path(what).suffix not in ("", ".py") else "environment"
+    return Specification.model_validate({kind: what, "grid": _options(words), **chosen})
+
+
+def _options(words: list[str]) -> dict[str, Any]:
+    """Take ``--height 5,10 --t-on=10:40:5`` apart."""
+    found: dict[str, Any] = {}
+    left = list(words)
+    while left:
+        name, joined, value = left.pop(0).partition("=")
+        if not name.startswith("--"):
+            raise InputError(f"'{name}' belongs to no option; values are given as --height 5,10,20")
+        if not joined:
+            if not left:
+                raise InputError(f"{name} has no values: give some, as {name} 5,10,20")
+            value = left.pop(0)
+        key = name.removeprefix("--")
+        found[key] = f"{found[key]},{value}" if key in found else value
+    return found
+
+
+def engine_of(ray: str | None, processes: int | None) -> Engine:
+    """Return where runs are made: the processes of this computer, or a cluster's."""
+    from edmsim.runs import Cluster, Processes
+
+    if ray is None:
+        return Processes(processes)
+    if processes is not None:
+        raise InputError("--processes are those of this computer: leave them out with --ray")
+    return Cluster(ray)
+
 
 Study = Annotated[Path, typer.Option("--out", help="Folder of the study; an existing one is resumed.")]
 Trials = Annotated[int, typer.Option(help="Trials in all.")]
 FirstSeed = Annotated[int, typer.Option("--seed", help="First training seed, also the seed of the search.")]
 Seeds = Annotated[int, typer.Option(help="Number of training seeds per trial.")]
-Environment = Annotated[
-    str,
-    typer.Argument(metavar="ENV_ID", help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False),
-]
 Algorithm = Annotated[str, typer.Option(help="As in edmsim train.")]
 Steps = Annotated[int | None, typer.Option(help="Windows of each training; default by environment.")]
 
@@ -46,7 +153,7 @@ def gains(
     """Search for gains of a feed controller."""
     from edmsim.sweep.tune import tune_gains
 
-    with _searching() as bar:
+    with interruptible() as bar:
         found = tune_gains(
             name, out, method=method, trials=trials, seed=seed, seeds=seeds, engine=engine_of(ray, processes),
             watch=lambda found: _show(bar, name, trials, found),
@@ -68,7 +175,7 @@ def training(
     """Search for settings of a training (extras rl and tune)."""
     from edmsim.sweep.tune import tune_training
 
-    with _searching() as bar:
+    with interruptible() as bar:
         found = tune_training(
             env_id, out, algo=algo, steps=steps, trials=trials, seed=seed, seeds=seeds,
             engine=engine_of(ray, processes), watch=lambda found: _show(bar, env_id, trials, found),
@@ -91,7 +198,7 @@ def population(
     from edmsim.sweep.population import PopulationResult, train_population
 
     made = iter(range(1, learners * generations + 1))
-    with _searching("population") as bar:
+    with interruptible() as bar:
 
         def watch(result: PopulationResult) -> None:
             text = f"generation {result.generation}, {result.value:.4g}"
@@ -123,7 +230,7 @@ def own(
 
     height = {key: options.pop(key) for key in ("height_mm",) if key in options}
     machine = {"name" if key == "machine" else key: value for key, value in options.items()}
-    with _searching() as bar:
+    with interruptible() as bar:
         found = tune_own(
             name, out, trials=trials, seed=seed, seeds=seeds, engine=engine_of(ray, processes),
             watch=lambda made, best: bar.show(name, made, trials, f"{best:.4g}"),
@@ -137,7 +244,7 @@ def own(
         f"settings in use:      {found.first_spread}",
         f"{found.trials} trials, {found.failed} failed. Written: {out / BEST}",
     ]  # fmt: skip
-    OUT.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
+    print_line("\n".join(lines))
 
 
 @takes(
@@ -150,11 +257,13 @@ def technology(
         Path | None,
         typer.Option(help="TOML file; the height is added to an existing one. Default: MATERIAL-WIRE.toml."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Resume the interrupted search of that file.")] = False,
     quiet: Quiet = False,
     **options: Any,
 ) -> None:
-    """Search for offsets and settings of passes by simulated cuts."""
+    """Search for offsets and settings of passes by simulated cuts.
+
+    An interrupted search is resumed.
+    """
     from edmsim.evaluation.technology import Job, Search, merged, technology_text
     from edmsim.files import make_writable, replacing
     from edmsim.machine.technology import read_technology
@@ -166,18 +275,14 @@ def technology(
     known = read_technology(str(file)) if file.exists() else None
     if known is not None:
         job.check_like(known, file)
-    journal = file.with_suffix(".journal.json")
-    tell = partial(OUT.print, highlight=False, soft_wrap=True, markup=False)
-    try:
-        found = Search(job, (lambda text: None) if quiet else tell, journal).run(resume)
-    except KeyboardInterrupt:
-        say(f"interrupted; run the same command with --resume to continue after the passes in {journal}")
-        raise typer.Exit(INTERRUPTED) from None
+    journal = file.with_suffix(".runs.jsonl")
+    with interruptible():
+        found = Search(job, (lambda text: None) if quiet else print_line, journal).run()
     source = f"found by simulation: edmsim tune technology {material} --height {job.height_mm:g} --passes {passes}"
-    with replacing(file) as partial_file:
-        partial_file.write_text(technology_text(job, merged(known, job, found), source), encoding="utf-8")
+    with replacing(file) as partial:
+        partial.write_text(technology_text(job, merged(known, job, found), source), encoding="utf-8")
     journal.unlink(missing_ok=True)
-    tell(f"Written: {file}; cut with it: edmsim cut PROGRAM --passes {passes} --technology {file}")
+    print_line(f"Written: {file}; cut with it: edmsim cut PROGRAM --passes {passes} --technology {file}")
 
 
 def drive(
@@ -193,19 +298,6 @@ def drive(
     OUT.print("\n".join(tune(name, axis, out, say)), highlight=False)
 
 
-@contextmanager
-def _searching(what: str = "study") -> Iterator[ShownProgress]:
-    """Give what shows progress; an interruption ends the command with the way to go on."""
-    from edmsim.progress import ShownProgress
-
-    with ShownProgress() as bar:
-        try:
-            yield bar
-        except KeyboardInterrupt:
-            say(f"interrupted; run the same command to resume the {what}")
-            raise typer.Exit(INTERRUPTED) from None
-
-
 def _show(bar: ShownProgress, name: str, trials: int, found: Tuned) -> None:
     bar.show(name, found.trials, trials, f"{found.value:.4g}")
 
@@ -219,7 +311,7 @@ def _print_values(name: str, values: dict[str, float], score: str, out: Path) ->
     from edmsim.sweep.tune import BEST
 
     listed = ",".join(f"{key}={value:g}" for key, value in values.items())
-    OUT.print(f"{name}:{listed}\n{score}. Written: {out / BEST}", highlight=False, soft_wrap=True, markup=False)
+    print_line(f"{name}:{listed}\n{score}. Written: {out / BEST}")
     if (out / "policy.json").is_file():
-        OUT.print(f"Cut with the best policy: edmsim cut PROGRAM --controller policy:{out / 'policy.json'} --out DIR",
-                  highlight=False, soft_wrap=True, markup=False)  # fmt: skip
+        policy = f"policy:{out / 'policy.json'}"
+        print_line(f"Cut with the best policy: edmsim cut PROGRAM --controller {policy} --out DIR")
