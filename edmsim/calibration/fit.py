@@ -23,6 +23,7 @@ from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import KINDS, with_overrides
 from edmsim.machine.ranges import choose, share_of, uncertain, value_at, with_constants, with_values
+from edmsim.runs import RunTable
 
 # The set-up for the comparison with a log: the log's settings, and the user's overrides.
 
@@ -171,7 +172,8 @@ class Fit:
 
 def calibrate(
     log: Log, machine: Machine, only: Sequence[str] = DEFAULT_CONSTANTS, *, seed: int = 0,
-    resolution: str | None = None, watch: Callable[[CalibrationProgress], None] | None = None,
+    resolution: str | None = None, table: RunTable | None = None,
+    watch: Callable[[CalibrationProgress], None] | None = None,
 ) -> Fit:
     """Fit constants of a machine to its log.
 
@@ -187,6 +189,8 @@ def calibrate(
     resolution : {"fast", "default", "fine"}, optional
         Resolution of the simulation. Fitted constants hold only for it, as the share of short circuits depends on
         it. By default that of a simulated log, or "fast" for a real machine's.
+    table : edmsim.runs.RunTable, optional
+        Simulated cuts; an interrupted calibration resumes from it.
     watch : callable, optional
         Called with the `CalibrationProgress`.
 
@@ -211,7 +215,7 @@ def calibrate(
         raise InputError(f"{len(known)} constants cannot be determined from {size} statistics", log.name)
     if resolution is None:
         resolution = start_of(log).resolution
-    comparison = StretchComparison(machine, picked, seed, resolution, watch)
+    comparison = StretchComparison(machine, picked, seed, resolution, table or RunTable(), watch)
     return _fit_what_is_determined(comparison, list(known), log.name)
 
 
@@ -276,7 +280,6 @@ class _Search:
         self.information: Array = np.zeros((0, 0))
         self.misfit = math.nan
         self._start = start
-        self._results: dict[bytes, Array] = {}
 
     def machine(self, shares: Array) -> Machine:
         """Return the machine with its constants at these shares of their ranges."""
@@ -310,12 +313,8 @@ class _Search:
         self.shares = found.x
 
     def _statistics(self, places: Sequence[Array]) -> Array:
-        """Simulate at these shares, (places, stretches, 5); results are cached."""
-        new = {place.tobytes(): place for place in places if place.tobytes() not in self._results}
-        if new:
-            rows = self.comparison.statistics([self.machine(place) for place in new.values()])
-            self._results.update(zip(new, rows, strict=True))
-        return np.array([self._results[place.tobytes()] for place in places])
+        """Simulate at these shares, (places, stretches, 5); no cut is made twice."""
+        return self.comparison.statistics([self.machine(place) for place in places])
 
     def _residuals(self, shares: Array) -> Array:
         residuals = self.comparison.residuals(self._statistics([shares])[0])

@@ -24,7 +24,7 @@ SHOP = "a job shop's table for 1 to 7 passes, brass 0.254 mm, steel, 25.4 mm hig
 TALL = "one cut of the same shop, 76.2 mm high (second hand)"
 TRADE = "accuracy by number of passes: trade page, weak"
 BOW = "a wire between guides under an even lateral load: bow q h^2 / (8 T) (derived)"
-FOUND = "its technology was searched to match this figure: edmsim technology"
+FOUND = "its technology was searched to match this figure: edmsim tune technology"
 PAGE = "docs/theory/passes.md"
 
 OFFSETS_MM = (
