@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.planner.exact import segment_at
+from edmsim.controllers.planner.kinds import LIMIT, advance, done, path_um, segment_at, travel_um
 from edmsim.controllers.planner.lateral_offset import next_steps
-from edmsim.controllers.planner.record import LIMIT
-from edmsim.controllers.planner.run import advance, done, path_um, travel_um
 from edmsim.cosim.stops import StopCause, judge, switches_open
 
 _SEARCH_UM = 300.0

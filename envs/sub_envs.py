@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.planner.course import Course
-from edmsim.controllers.planner.record import PLANNER
+from edmsim.controllers.planner.kinds import PLANNER
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs.knobs import to_detents

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from edmsim.errors import InputError
-from edmsim.machine.files import mjcf_version
+from edmsim.machine.machine import mjcf_version
 from edmsim.plant.mechanics.model import (
     Array,
     ModalModel,
