@@ -11,7 +11,16 @@ import numba
 import pytest
 from numba import types
 from numba.core import (
-    caching, callconv, cgutils, codegen, compiler, compiler_lock, datamodel, dispatcher, registry, sigutils,
+    caching,
+    callconv,
+    cgutils,
+    codegen,
+    compiler,
+    compiler_lock,
+    datamodel,
+    dispatcher,
+    registry,
+    sigutils,
 )  # fmt: skip
 from numba.core.typing import templates
 from numba.np import arrayobj
