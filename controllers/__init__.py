@@ -13,7 +13,6 @@ from importlib import resources
 from typing import Any, TypeAlias, cast
 
 from edmsim import user_code
-from edmsim.controllers.conformance import check_controller
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.controllers.feed.law import ServoLaw
@@ -36,7 +35,7 @@ from edmsim.controllers.feed.laws import (
 )
 from edmsim.controllers.feed.mcu import McuController
 from edmsim.controllers.named_numbers import named_numbers
-from edmsim.controllers.own import from_file
+from edmsim.controllers.own import check_controller, from_file
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
 from edmsim.errors import InputError, one_of
 

@@ -18,7 +18,7 @@ import numpy as np
 from sections import write_sections
 from vector_envs import processor
 
-from edmsim.sweep.engine import Cluster, Processes
+from edmsim.runs import Cluster, Processes
 from edmsim.sweep.perform import Outcome, blank, perform
 from edmsim.sweep.run import sweep
 from edmsim.sweep.runs import runs_of

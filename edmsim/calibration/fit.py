@@ -21,6 +21,7 @@ from edmsim.calibration.set_up import start_of
 from edmsim.errors import InputError
 from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.machine.ranges import choose, share_of, value_at, with_values
+from edmsim.runs import RunTable
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
@@ -86,7 +87,8 @@ class Fit:
 
 def calibrate(
     log: Log, machine: Machine, only: Sequence[str] = DEFAULT_CONSTANTS, *, seed: int = 0,
-    resolution: str | None = None, watch: Callable[[CalibrationProgress], None] | None = None,
+    resolution: str | None = None, table: RunTable | None = None,
+    watch: Callable[[CalibrationProgress], None] | None = None,
 ) -> Fit:
     """Fit constants of a machine to its log.
 
@@ -102,6 +104,8 @@ def calibrate(
     resolution : {"fast", "default", "fine"}, optional
         Resolution of the simulation. Fitted constants hold only for it, as the share of short circuits depends on
         it. By default that of a simulated log, or "fast" for a real machine's.
+    table : edmsim.runs.RunTable, optional
+        Simulated cuts; an interrupted calibration resumes from it.
     watch : callable, optional
         Called with the `CalibrationProgress`.
 
@@ -126,7 +130,7 @@ def calibrate(
         raise InputError(f"{len(known)} constants cannot be determined from {size} statistics", log.name)
     if resolution is None:
         resolution = start_of(log).resolution
-    comparison = StretchComparison(machine, picked, seed, resolution, watch)
+    comparison = StretchComparison(machine, picked, seed, resolution, table or RunTable(), watch)
     return _fit_what_is_determined(comparison, list(known), log.name)
 
 
@@ -191,7 +195,6 @@ class _Search:
         self.information: Array = np.zeros((0, 0))
         self.misfit = math.nan
         self._start = start
-        self._results: dict[bytes, Array] = {}
 
     def machine(self, shares: Array) -> Machine:
         """Return the machine with its constants at these shares of their ranges."""
@@ -225,12 +228,8 @@ class _Search:
         self.shares = found.x
 
     def _statistics(self, places: Sequence[Array]) -> Array:
-        """Simulate at these shares, (places, stretches, 5); results are cached."""
-        new = {place.tobytes(): place for place in places if place.tobytes() not in self._results}
-        if new:
-            rows = self.comparison.statistics([self.machine(place) for place in new.values()])
-            self._results.update(zip(new, rows, strict=True))
-        return np.array([self._results[place.tobytes()] for place in places])
+        """Simulate at these shares, (places, stretches, 5); no cut is made twice."""
+        return self.comparison.statistics([self.machine(place) for place in places])
 
     def _residuals(self, shares: Array) -> Array:
         residuals = self.comparison.residuals(self._statistics([shares])[0])

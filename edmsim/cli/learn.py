@@ -1,21 +1,25 @@
-"""``edmsim train`` and ``dataset``: policies, and what they may be learned from."""
+"""Commands of policies and controllers: train, dataset, evaluate."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import INTERRUPTED, OUT, say
-from edmsim.cli.options import takes
+from edmsim.cli.console import OUT, Environment, Json, interruptible, print_line
+from edmsim.cli.options import Unset, takes
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from edmsim.evaluation.transfer import TransferRow
+    from edmsim.learning.score import Score
 
 
 @takes("seed")
 def train(
-    env_id: Annotated[
-        str, typer.Argument(help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False)
-    ],
+    env_id: Environment,
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
     algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac, tqc or imitation.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Total number of steps; default by environment.")] = None,
@@ -57,25 +61,20 @@ def train(
     from edmsim.learning.command import TrainOptions, run
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
-    try:
+    with interruptible("run the same command with --resume to continue"):
         table = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
-    except KeyboardInterrupt:
-        say("interrupted; run the same command with --resume to continue")
-        raise typer.Exit(INTERRUPTED) from None
     if table is not None:
         OUT.print(table)
     policy = f"policy:{out / 'policy.json'}"
     use = f"Cut with it: edmsim cut PROGRAM --controller {policy} --out DIR"
     if is_part(resolve(env_id)):
         use = f"Compare it: edmsim evaluate {env_id} --controllers {policy}"
-    OUT.print(use, highlight=False, soft_wrap=True, markup=False)
+    print_line(use)
 
 
 @takes("seed")
 def dataset(
-    env_id: Annotated[
-        str, typer.Argument(help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False)
-    ],
+    env_id: Environment,
     out: Annotated[Path, typer.Option(help="Folder for the data sets; an interrupted recording is resumed.")],
     controllers: Annotated[
         str, typer.Option(metavar="A,B", help="Feed controllers: {controllers}.")
@@ -83,20 +82,132 @@ def dataset(
     steps: Annotated[int, typer.Option(help="Windows per controller, rounded up to whole episodes.")] = 100_000,
     **options: Any,
 ) -> None:
-    """Record feed controllers as data sets of Minari, for offline learning (extra offline)."""
+    """Record controllers as data sets of Minari (extra offline)."""
     from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record
+
+    with interruptible() as bar:
+        made = record(resolve(env_id), listed(controllers), steps, out, watch=bar.show, **options)
+    for row in made:
+        print_line(
+            f"{row.dataset_id}: {row.episodes} episodes, {row.steps} steps, {row.breaks} with a broken wire, "
+            f"mean return {row.mean_return:.1f}"
+        )
+    print_line(
+        f"Load them: MINARI_DATASETS_PATH={out} python -c 'import minari; "
+        f"print(minari.load_dataset(\"{made[0].dataset_id}\"))'"
+    )
+
+
+USUAL_EPISODES = 20  # held-back episodes that a policy is measured on at every resolution (ours)
+
+
+@takes("resolution", resolution=Unset("Default: that of the environment; for a policy all."))
+def evaluate(
+    env_ids: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[ENV_ID...]", help="Environments: edmsim/GapFeed-v2 ..., FILE.py:ID, or all."),
+    ] = None,
+    controllers: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Feed controllers: {controllers}; default: those of the task.")
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option(help="Number of cuts per controller; default by environment, 20 for a policy.")
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for recordings of all cuts, for edmsim view.")
+    ] = None,
+    leaderboard: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write all cuts to this leaderboard, .json.")
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page with a table and figures, .md.")
+    ] = None,
+    places: Annotated[
+        bool, typer.Option("--places", help="Also compare at finer resolutions and outside the training ranges.")
+    ] = False,
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Evaluate a policy in its own environment, with counts and voltage: a "
+                                          "file, or a name under models/policies. Repeatable."),
+    ] = None,
+    write_card: Annotated[
+        bool, typer.Option("--write-card", help="Write the scores to the policy file.")
+    ] = False,
+    json: Json = False,
+    **options: Any,
+) -> None:
+    """Compare feed controllers on the same randomised machines."""
+    from edmsim.controllers.named_numbers import listed
+    from edmsim.envs.registry import resolve
+    from edmsim.evaluation import leaderboard as boards
+    from edmsim.evaluation.compare import check, evaluate, usual
+    from edmsim.evaluation.compare import env_ids as all_ids
+    from edmsim.evaluation.episode import episodes
+    from edmsim.evaluation.table import as_json, render, write_page
+    from edmsim.files import make_writable
     from edmsim.progress import ShownProgress
 
+    resolution, named = options.get("resolution"), env_ids or []
+    if not named and not policy:
+        raise InputError("name an environment, or a policy with --policy; see edmsim evaluate --help")
+    chosen = {
+        env_id: usual(env_id) if controllers is None else listed(controllers)
+        for env_id in (all_ids() if named == ["all"] else map(resolve, named))
+    }
+    for env_id, laws in chosen.items():
+        check(env_id, laws, episodes(env_id) if seeds is None else seeds, resolution)
+    if page is not None:
+        if page.suffix != ".md":
+            raise InputError("a page is Markdown: name it .md", page)
+        make_writable(page.parent)
+    if leaderboard is not None:
+        boards.read(leaderboard)  # an invalid file is refused before hours of cuts
+    found, moved, scores = [], {}, {}
     with ShownProgress() as bar:
-        try:
-            made = record(resolve(env_id), listed(controllers), steps, out, watch=bar.show, **options)
-        except KeyboardInterrupt:
-            say("interrupted; run the same command to continue")
-            raise typer.Exit(INTERRUPTED) from None
-    for row in made:
-        OUT.print(f"{row.dataset_id}: {row.episodes} episodes, {row.steps} steps, {row.breaks} with a broken wire, "
-                  f"mean return {row.mean_return:.1f}", highlight=False, soft_wrap=True, markup=False)
-    OUT.print(f"Load them: MINARI_DATASETS_PATH={out} python -c 'import minari; "
-              f"print(minari.load_dataset(\"{made[0].dataset_id}\"))'", highlight=False, soft_wrap=True, markup=False)
+        for env_id, laws in chosen.items():
+            watch = bar.of(env_id)
+            found.append(evaluate(env_id, laws, seeds, resolution=resolution, record=record, watch=watch))
+            if leaderboard is not None:
+                boards.write(leaderboard, found[-1:])
+            if places:
+                moved[env_id] = _elsewhere(env_id, laws, seeds, bar.of(f"{env_id}, places"))
+        for name in policy or ():
+            scores[name] = _measured(name, seeds, resolution, write_card, bar.show)
+    if page is not None:
+        write_page(page, found)
+    if json:
+        sys.stdout.write(as_json(found, moved, scores) + "\n")
+        return
+    for comparison in found:
+        OUT.print(render(comparison, OUT.width))
+    _show(moved, scores, seeds)
+
+
+def _elsewhere(env_id: str, controllers: list[str], seeds: int | None, watch: Any) -> list[TransferRow]:
+    from edmsim.evaluation.transfer import USUAL_CUTS, transfer
+
+    return transfer(env_id, controllers, USUAL_CUTS if seeds is None else seeds, watch=watch)
+
+
+def _measured(policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any) -> list[Score]:
+    from edmsim.learning import policy_file
+    from edmsim.learning.score import RESOLUTIONS, measure, write_card
+
+    episodes = USUAL_EPISODES if seeds is None else seeds
+    at = RESOLUTIONS if resolution is None else (resolution,)
+    scores = measure(policy_file.load(policy).card.env_id, policy, episodes, watch, at)
+    if write:
+        write_card(policy, scores)
+    return scores
+
+
+def _show(moved: dict[str, list[TransferRow]], scores: dict[str, list[Score]], seeds: int | None) -> None:
+    from edmsim.evaluation import transfer
+    from edmsim.learning import score
+
+    for env_id, rows in moved.items():
+        OUT.print(transfer.render(env_id, rows, transfer.USUAL_CUTS if seeds is None else seeds))
+    for measured in scores.values():
+        OUT.print(score.render(measured))

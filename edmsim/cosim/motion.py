@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
-from edmsim.controllers.axis.path_offset import PathOffset
+from edmsim.controllers.planner.lateral_offset import PathOffset
 from edmsim.controllers.planner.registry import Planner
 from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step
 from edmsim.snapshots import Snapshots

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from edmsim.controllers import FeedController, WindowObservation
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation, check_cams
-from edmsim.controllers.axis.path_offset import PathOffset
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.controllers.planner.four_axes import check_lead, make_leaning_planner
-from edmsim.controllers.planner.protocol import RunsPath
-from edmsim.controllers.planner.registry import make_planner, position_unit
+from edmsim.controllers.planner.lateral_offset import PathOffset
+from edmsim.controllers.planner.registry import RunsPath, make_planner, position_unit
 from edmsim.controllers.protocols import DrivesSteps, HasSwitches, MissesWindows, check_command, tell
 from edmsim.cosim.cut_axes import CutAxes
 from edmsim.cosim.cycle import Cycle

@@ -19,8 +19,8 @@ from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.parts import check_laws, cut_part, is_part
 from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
-from edmsim.progress import in_threads
 from edmsim.recording.report import FigureKind, kinds_of
+from edmsim.runs import perform
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000  # bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)
@@ -138,7 +138,7 @@ def run(
             return cut_part(env_id, job[1], job[0], resolution, **options)
         return cut(env_id, job[1], job[0], resolution, record, **options)
 
-    made = dict(zip(jobs, in_threads(make, jobs, watch), strict=True))
+    made = dict(zip(jobs, perform(make, jobs, watch), strict=True))
     return {name: [made[name, seed] for seed in held_back(seeds)] for name in controllers}
 
 

@@ -15,7 +15,7 @@ from edmsim.controllers import FeedController
 from edmsim.envs.episode import Task
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK, ORACLE, Episode, Result
-from edmsim.progress import in_threads
+from edmsim.runs import perform
 
 Ranges = dict[str, tuple[float, float]]
 BOUNDS: dict[str, Ranges] = {
@@ -75,7 +75,7 @@ def run_all(
         law = controller()
         return Episode(Task(job[0], resolution="fast"), law, job[1], law.name).run()
 
-    return in_threads(run, [(env_id, seed) for env_id in ENV_IDS for seed in seeds], threads=threads)
+    return perform(run, [(env_id, seed) for env_id in ENV_IDS for seed in seeds], threads=threads)
 
 
 def score(results: Sequence[Result]) -> float:

@@ -102,7 +102,7 @@ class Rig:
     machine : Machine, optional
         Set-up with the board's generator; by default the usual one.
     seed : int
-    gap_um : float, optional
+    gap_um, resolution : optional
         See `Gap`.
 
     Examples

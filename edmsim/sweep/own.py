@@ -22,7 +22,7 @@ from edmsim.errors import InputError
 from edmsim.evaluation.search import training_seeds
 from edmsim.files import make_writable
 from edmsim.numeric import real
-from edmsim.sweep.engine import Engine, LostJob, Processes
+from edmsim.runs import Engine, LostJob, Processes
 from edmsim.sweep.tune import (
     OWN_ENV,
     WORST_SHARE,

@@ -18,7 +18,8 @@ from edmsim import __version__
 from edmsim.errors import EdmsimError, InputError
 from edmsim.evaluation.episode import Result, cut
 from edmsim.recording.report import CLOCKS, Report, kinds_of
-from edmsim.sweep.runs import SweepRun, digest
+from edmsim.runs import digest
+from edmsim.sweep.runs import SweepRun
 
 FIGURES = {kind.column: kind for kind in (*kinds_of(Report).values(), *kinds_of(Result).values()) if kind.column}
 """Figures of a run, from a cut's report or an episode's result; null if the run does not measure them."""

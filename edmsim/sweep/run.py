@@ -19,7 +19,7 @@ from edmsim.machine.setting import guide_bends
 from edmsim.program.outline import Program
 from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath
-from edmsim.sweep.engine import Engine, LostJob, Processes
+from edmsim.runs import Engine, LostJob, Processes
 from edmsim.sweep.perform import Outcome, lost, perform
 from edmsim.sweep.runs import SweepRun, checked, combinations, runs_of
 from edmsim.sweep.specification import Specification

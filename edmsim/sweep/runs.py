@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from edmsim import __version__, user_code
+from edmsim import __version__
 from edmsim.controllers import from_text
 from edmsim.errors import InputError, one_of
 from edmsim.job.settings import CutSettings
@@ -21,6 +18,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.options import USUAL_MACHINE, bare_name
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
+from edmsim.runs import digests_of, identity
 from edmsim.sweep.specification import SobolSample, Specification
 
 
@@ -133,38 +131,11 @@ def _arguments(env_id: str, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _run(task: str, settings: dict[str, Any], seed: int, sample: int | None, spec: Specification) -> SweepRun:
-    files = _files(task, settings)
+    files = digests_of((task, *settings.values()))
     only = None if spec.sample_only is None or sample is None else tuple(sorted(spec.sample_only))
     content = {
         "edmsim": __version__, "task": Path(task).name if spec.program else task, "files": sorted(files.values()),
         "settings": settings, "seed": seed, "machine_sample": sample, "sample_only": only,
     }  # fmt: skip
-    text = json.dumps(content, sort_keys=True)
-    identity = hashlib.sha256(text.encode()).hexdigest()[:20]
-    return SweepRun(identity, task, bool(spec.program), settings, seed, sample, only, tuple(spec.recordings), files)
-
-
-def _files(task: str, settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return the digests of program, constants, controller and tables, wherever a setting names a file."""
-    named = {}
-    for value in (task, *settings.values()):
-        if isinstance(value, str):
-            own = user_code.named(value)
-            file = value.removeprefix("policy:") if own is None else own.file
-            if (found := digest(file)) is not None:
-                named[file] = found
-    return named
-
-
-def digest(file: str) -> str | None:
-    """Return a fingerprint of a file as it is now; None if there is none."""
-    try:
-        status = Path(file).stat()
-        return _digest(file, status.st_mtime_ns, status.st_size)
-    except OSError:
-        return None
-
-
-@lru_cache(maxsize=1024)
-def _digest(file: str, _time_ns: int, _size: int) -> str:
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+    name = identity(content)
+    return SweepRun(name, task, bool(spec.program), settings, seed, sample, only, tuple(spec.recordings), files)

@@ -8,7 +8,6 @@ need neither Optuna nor a shared file.
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -30,7 +29,7 @@ from edmsim.evaluation.episode import Episode
 from edmsim.evaluation.search import BOUNDS, POPULATION, run_all, score, training_seeds
 from edmsim.files import make_writable, replacing
 from edmsim.learning.hyperparameters import load
-from edmsim.sweep.engine import Engine, LostJob, Processes
+from edmsim.runs import Engine, LostJob, Processes, RunTable
 from edmsim.sweep.perform import said
 from edmsim.user_code import named
 
@@ -163,7 +162,7 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
 
 JOURNAL = "study.journal"  # file of the study, in Optuna's journal storage
 BEST = "best.toml"
-EVOLUTION = "evolution.json"  # file of an evolution: what it is of, and what was tried
+EVOLUTION = "evolution.jsonl"  # table of the trials of an evolution
 METHODS = ("tpe", "evolution")
 
 
@@ -292,19 +291,14 @@ def _evolved(
     from scipy.stats import qmc
 
     make_writable(folder)
-    file, what = folder / EVOLUTION, {"name": name, "seed": seed, "seeds": list(judged_by)}
-    before: dict[str, Any] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {**what, "tried": []}
-    if {key: before[key] for key in what} != what:
-        raise InputError(f"the search in this folder is of {before['name']}, seeds from {before['seed']} on", folder)
-    tried: dict[tuple[float, ...], float] = {tuple(gains): value for gains, value in before["tried"]}
+    tried = RunTable(folder / EVOLUTION, {"name": name, "seed": seed, "seeds": judged_by})
 
     def judged(gains: dict[str, float]) -> float:
-        key = tuple(gains.values())
-        if key not in tried:
-            tried[key] = score(run_all(judged_by, partial(make, name, **gains)))
-            with replacing(file) as partial_file:
-                partial_file.write_text(json.dumps({**what, "tried": [[k, v] for k, v in tried.items()]}))
-        return tried[key]
+        key = " ".join(f"{value!r}" for value in gains.values())
+        if key not in tried.rows:
+            value = score(run_all(judged_by, partial(make, name, **gains)))
+            tried.add({"id": key, "gains": gains, "value": value})
+        return float(tried.rows[key]["value"])
 
     low, high = np.array(list(BOUNDS[name].values())).T
     calls = itertools.count(1)
@@ -313,8 +307,8 @@ def _evolved(
     def objective(values: NDArray[np.float64]) -> float:
         value = judged(_rounded(name, values))
         if watch is not None:
-            best = max(tried, key=lambda key: tried[key])
-            watch(Tuned(dict(zip(BOUNDS[name], best, strict=True)), tried[best], used, next(calls), 0))
+            best = max(tried.rows.values(), key=lambda row: row["value"])
+            watch(Tuned(best["gains"], best["value"], used, next(calls), 0))
         return -value
 
     generations = max(math.ceil(trials / POPULATION) - 1, 0)

@@ -29,7 +29,7 @@ TALL = "one cut of the same shop, 76.2 mm high (second hand)"
 TRADE = "accuracy by number of passes: trade page, weak"
 ASKED = "asked of the model, no publication; offsets and feeds of a job shop's table"
 BOW = "a wire between guides under an even lateral load: bow q h^2 / (8 T) (derived)"
-FOUND = "its technology was searched to match this figure: edmsim technology"
+FOUND = "its technology was searched to match this figure: edmsim tune technology"
 PAGE = "docs/theory/passes.md"
 
 OFFSETS_MM = (

@@ -15,7 +15,7 @@ from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard
 from edmsim.consoles.computer_1982.operation import LEGEND, Operation
 from edmsim.controllers.mcu.chips.display import BANK
 from edmsim.controllers.mcu.dialogue.front_panel import FIELDS
-from edmsim.controllers.mcu.dialogue.status import Status
+from edmsim.controllers.mcu.dialogue.main_program import Status
 from edmsim.machine.setting import WINDOW_PULSES
 
 _EVERY_S = 0.1

@@ -1,10 +1,13 @@
-"""What makes the runs: one interface, and behind it the processes of this computer or those of a Ray cluster.
+"""Many runs: the table of those that are finished, and the pools that make the others.
 
-A cluster needs the extra ``cluster``.
+Threads suit cuts, as the pulse loop leaves Python to other threads. Processes suit the code of users, which may die;
+those of a Ray cluster need the extra ``cluster``.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
 import os
 import pickle
@@ -12,11 +15,159 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
-from typing import Any, Protocol
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, BinaryIO, Protocol
 
+from edmsim import user_code
 from edmsim.errors import InputError
+from edmsim.files import replacing
+
+Row = dict[str, Any]
+
+
+class RunTable:
+    """Finished runs: a row for each by its ``id``, in a file to which rows are appended, or in memory only.
+
+    A row is on the disk before `add` returns, so whenever the process dies, no run that was reported as finished is
+    made again.
+
+    Parameters
+    ----------
+    file : path, optional
+        Lines of JSON.
+    of : mapping, optional
+        What the runs are of, if their ids do not say it.
+    texts : sequence of str
+        Texts that every row has.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, has runs of something else, or cannot be written.
+    """
+
+    def __init__(
+        self, file: Path | None = None, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)
+    ) -> None:
+        self.rows: dict[str, Row] = {} if file is None else {row["id"]: row for row in read_rows(file, of, texts)}
+        self._file, self._of = file, of
+        if file is not None and file.exists():
+            self.keep(self.rows.values())  # without a last line that was cut off
+
+    def add(self, row: Row) -> None:
+        """Save a finished run; one with the same id is replaced."""
+        if self._file is not None:
+            if not self._file.exists():
+                self.keep(self.rows.values())
+            with self._file.open("ab") as opened:
+                opened.write(json.dumps(row).encode() + b"\n")
+                opened.flush()
+                os.fsync(opened.fileno())
+        self.rows[row["id"]] = row
+
+    def keep(self, rows: Iterable[Row]) -> None:
+        """Replace all rows by these."""
+        self.rows = {row["id"]: row for row in rows}
+        if self._file is not None:
+            lines = [*([] if self._of is None else [{"of": self._of}]), *self.rows.values()]
+            with replacing(self._file) as partial:
+                partial.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+
+
+def read_rows(file: Path, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)) -> list[Row]:
+    """Return the rows of a table, even while runs are made; each has these texts. A last line cut off is skipped."""
+    try:
+        lines = file.read_bytes().split(b"\n")[:-1]
+    except FileNotFoundError:
+        return []
+    rows = []
+    for number, line in enumerate(lines, 1):
+        try:
+            row = json.loads(line)
+            if of is not None and number == 1:
+                _check_same(row["of"], json.loads(json.dumps(of)), file)
+                continue
+            if not (isinstance(row, dict) and all(isinstance(row.get(name), str) for name in texts)):
+                raise ValueError("no row of a run")
+        except (ValueError, LookupError, TypeError, RecursionError) as error:
+            raise InputError(f"the journal is damaged ({error}): without this line its run is made again", file,
+                             number) from None  # fmt: skip
+        rows.append(row)
+    return rows
+
+
+def _check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: Path) -> None:
+    for name, value in now.items():
+        if before[name] != value:
+            reason = f"it has the runs of {name} {before[name]!r}, not {value!r}"
+            raise InputError(f"{reason}: finish those, give another place, or delete it", file)
+
+
+def digest(file: str) -> str | None:
+    """Return a fingerprint of a file as it is now; None if there is none."""
+    try:
+        status = Path(file).stat()
+        return _digest(file, status.st_mtime_ns, status.st_size)
+    except OSError:
+        return None
+
+
+@lru_cache(maxsize=1024)
+def _digest(file: str, _time_ns: int, _size: int) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+
+
+def digests_of(values: Iterable[Any]) -> dict[str, str]:
+    """Return the digests of program, constants, controller, policy and tables, wherever a value names a file."""
+    named = {}
+    for value in values:
+        if isinstance(value, str):
+            own = user_code.named(value)
+            file = value.removeprefix("policy:") if own is None else own.file
+            if (found := digest(file)) is not None:
+                named[file] = found
+    return named
+
+
+def identity(content: Mapping[str, Any]) -> str:
+    """Return the id of a run: a digest of everything that decides its result."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+
+
+def perform(
+    work: Callable[[Any], Any], jobs: Sequence[Any], watch: Callable[[int, int], None] | None = None, *,
+    threads: int | None = None, table: RunTable | None = None, ids: Sequence[str] = (),
+) -> list[Any]:
+    """Do jobs on all cores, and return the answers in order; an error in one, or an interruption, ends them all.
+
+    Parameters
+    ----------
+    watch : callable, optional
+        Called with the jobs done and to do.
+    threads : int, optional
+        By default one per available processor.
+    table : RunTable, optional
+        Jobs that it has are not done again; the others are added. Answers are its rows.
+    ids : sequence of str
+        Ids of the jobs in the table.
+    """
+    rows: Mapping[str, Row] = {} if table is None else table.rows
+    answers: dict[int, Any] = {number: rows[name] for number, name in enumerate(ids) if name in rows}
+    left = [numbered for numbered in enumerate(jobs) if numbered[0] not in answers]
+    for (number, _), answer in Threads(threads).done(lambda numbered: work(numbered[1]), left):
+        if table is not None:
+            answer = {"id": ids[number], **answer}
+            table.add(answer)
+        answers[number] = answer
+        if watch is not None:
+            watch(len(answers), len(jobs))
+    return [answers[number] for number in range(len(jobs))]
+
 
 ATTEMPTS = 3  # how often a job is begun whose process or computer is lost, before it counts as failed (ours)
 Function = Callable[[Any], Any]
@@ -38,13 +189,30 @@ def processors() -> int:
 class Engine(Protocol):
     """Runs the jobs of a sweep.
 
-    An engine takes jobs from the iterator only as it finishes others (back-pressure), and yields answers in the
-    order in which jobs finish. The function must not raise.
+    An engine takes jobs from the iterator only as it finishes others (back-pressure; threads take all at once), and
+    yields answers in the order in which jobs finish. The function must not raise, but in threads.
     """
 
     def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
         """Yield each job with its answer or `LostJob`; closing the iterator drops the remaining jobs."""
         ...
+
+
+class Threads:
+    """Runs jobs in threads of this process, by default one per available processor; an error in one ends them all."""
+
+    def __init__(self, count: int | None = None) -> None:
+        self._count = count or processors()
+
+    def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+        """See `Engine.done`."""
+        with ThreadPoolExecutor(self._count) as pool:
+            running = {pool.submit(function, job): job for job in jobs}
+            try:
+                for ended in as_completed(running):
+                    yield running[ended], ended.result()
+            finally:
+                pool.shutdown(cancel_futures=True)
 
 
 class Processes:
@@ -144,7 +312,7 @@ class _Worker:
         path = os.pathsep.join(place or os.getcwd() for place in sys.path)
         environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
         return subprocess.Popen(
-            [sys.executable, "-m", "edmsim.sweep.worker", self._name], stdin=subprocess.PIPE,
+            [sys.executable, "-c", "from edmsim.runs import serve; serve()", self._name], stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, env=environment, start_new_session=True,
         )  # fmt: skip
 
@@ -158,6 +326,28 @@ class _Worker:
                 with suppress(OSError):
                     stream.close()
         process.wait()
+
+
+def serve() -> None:
+    """Run the jobs of a pipe until it is closed, which also ends a job in progress: the main program of a process."""
+    module, _, attribute = sys.argv[1].partition(":")
+    function = getattr(import_module(module), attribute)
+    source = os.fdopen(os.dup(0), "rb")
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a user's code prints goes where a person sees it, and not between the answers
+    jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    threading.Thread(target=_read, args=(source, jobs), daemon=True).start()
+    while True:
+        pickle.dump(function(jobs.get()), answers)
+        answers.flush()
+
+
+def _read(source: BinaryIO, jobs: queue.SimpleQueue[Any]) -> None:
+    while True:
+        try:
+            jobs.put(pickle.load(source))
+        except (EOFError, OSError):
+            os._exit(0)
 
 
 IN_FLIGHT = 2
