@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.calibration import ratios
-from edmsim.calibration.log_file import LogTable, read_table
+from edmsim.calibration.log_file import LogTable, read_ratios, read_table
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
 from edmsim.job.settings import METADATA_KEY, CutSettings
@@ -91,7 +90,7 @@ def read_log(file: str | Path) -> Log:
     ----------
     file : path
         Parquet, or CSV with a header row of `COLUMNS`: separated by commas, semicolons or tabs, with decimal point
-        or comma, in UTF-8 or UTF-16. Or a log of ratios, see `edmsim.calibration.ratios`.
+        or comma, in UTF-8 or UTF-16. Or a log of ratios, see `edmsim.calibration.log_file`.
 
     Raises
     ------
@@ -102,7 +101,7 @@ def read_log(file: str | Path) -> Log:
     try:
         table = read_table(Path(file), COLUMNS, PLACES)
     except InputError:
-        of_ratios = ratios.read(Path(file))
+        of_ratios = read_ratios(Path(file))
         if of_ratios is None:
             raise
         return Log(Path(file).name, of_ratios)
