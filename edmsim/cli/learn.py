@@ -84,9 +84,9 @@ def dataset(
     **options: Any,
 ) -> None:
     """Record controllers as data sets of Minari (extra offline)."""
-    from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record
+    from edmsim.numeric import listed
 
     with interruptible() as bar:
         made = record(resolve(env_id), listed(controllers), steps, out, watch=bar.show, **options)
@@ -140,7 +140,6 @@ def evaluate(
     **options: Any,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
-    from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.evaluation import leaderboard as boards
     from edmsim.evaluation.compare import check, evaluate, usual
@@ -149,6 +148,7 @@ def evaluate(
     from edmsim.evaluation.table import as_json, render, write_page
     from edmsim.evaluation.transfer import USUAL_CUTS, transfer
     from edmsim.files import make_writable
+    from edmsim.numeric import listed
     from edmsim.runs import RunTable
 
     resolution, named = options.get("resolution"), env_ids or []

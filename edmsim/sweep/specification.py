@@ -16,14 +16,13 @@ from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, Va
 
 from edmsim import __version__
 from edmsim.controllers import from_text
-from edmsim.controllers.named_numbers import listed
 from edmsim.errors import InputError, one_of
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import USUAL_MACHINE, bare_name
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
-from edmsim.numeric import whole
+from edmsim.numeric import listed, whole
 from edmsim.runs import digests_of, identity
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"

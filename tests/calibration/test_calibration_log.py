@@ -15,13 +15,12 @@ import edmsim
 from edmsim.calibration import Log, read_log
 from edmsim.calibration.comparison import settle_um
 from edmsim.calibration.fit import spread
-from edmsim.calibration.log import BATCH_WINDOWS, COLUMNS, STRETCH_WINDOWS, Stretch, statistics, stretches
-from edmsim.calibration.log_file import RATIO_COLUMNS
+from edmsim.calibration.log import BATCH_WINDOWS, COLUMNS, NEEDED, STRETCH_WINDOWS, Stretch, statistics, stretches
 from edmsim.calibration.output import causes
 from edmsim.errors import InputError
 from edmsim.hil import Rig
-from edmsim.hil.ratio_log import RatioLog
 from edmsim.hil.rig import PlainGenerator
+from edmsim.hil.session import RatioLog
 
 SETTLE = 100
 """Windows of 25.5 ms at 20 um/s in a travel of 51 um."""
@@ -230,7 +229,7 @@ def test_a_large_misfit_names_its_likely_causes_another_resolution_first(
     assert not found or (named in found[1] and "--fit" in found[3])
 
 
-RATIOS_HEADING = ",".join(RATIO_COLUMNS)
+RATIOS_HEADING = ",".join(NEEDED)
 LATER = "1,0,0,0,0,30,100"
 
 
@@ -312,7 +311,7 @@ def test_what_cannot_have_been_logged_is_refused(tmp_path, rows, said):
 
 
 def test_a_missing_column_is_named(tmp_path):
-    for name in RATIO_COLUMNS:
+    for name in NEEDED:
         if name == "short_ratio":
             continue  # without it, it is taken for a log of counts
         heading = RATIOS_HEADING.replace(name, f"no_{name}")
