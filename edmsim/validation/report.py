@@ -47,8 +47,8 @@ REASONS = {
         "Flowing water exerts no force on a wire along a wall, and hardly affects its motion; the terms of a running "
         "string are left out as negligible.",
     ("stable rate", "greatest-stable-rate"):
-        "A workpiece of 120 mm gathers too little gas to stop the cut earlier than one of 40 mm. A thin wire survives "
-        "more power than in shops, which do not run at the limit.",
+        "A workpiece of 120 mm gathers too little gas to stop the cut earlier than one of 40 mm. A thin wire "
+        "survives more power than in shops, which do not run at the limit.",
 }  # fmt: skip
 """One sentence or two by topic and by the heading of the page that a row's `note` leads to."""
 
