@@ -102,11 +102,9 @@ def run(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, parameters=parameters,
             callbacks=_recorders(options, out), begin_from=options.policy(),
         )
-        from edmsim.learning.export import export
-
         done = trained.run
         words = f"{done.env_id if named == env_id else env_id} --algo {algo} --steps {done.steps} --seed {seed}"
-        card, packed = export(trained, f"edmsim train {words}{options.words()}")
+        card, packed = trained.export(f"edmsim train {words}{options.words()}")
         policy_file.write(card, packed, file)
         if returns:
             bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*returns, strict=True))}")
