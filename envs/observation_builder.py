@@ -13,13 +13,13 @@ from edmsim.envs.observation import (
     SHOWN,
     Floats,
     Known,
+    Sensors,
     gather,
     known_entries,
     of_a_step,
     show,
     values_of,
 )
-from edmsim.envs.sensors import Sensors
 from edmsim.envs.task import Family
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES

@@ -10,9 +10,8 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from edmsim.envs.arguments import plain
+from edmsim.envs.arguments import checked_actions, checked_options, plain
 from edmsim.envs.batch import action_space_of, observation_space_of, reward_space_of
-from edmsim.envs.checks import checked_actions, checked_options
 from edmsim.envs.engine import engine_of, picture_of, sub_envs_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode

@@ -13,8 +13,7 @@ from edmsim.compiled.numba_internals import address_of, call_returning
 from edmsim.controllers.mcu.firmware.timers import tick_before
 from edmsim.controllers.planner.dda import dda_path_um, run_dda
 from edmsim.controllers.planner.exact import FINE_PER_UM, path_end, run_exact
-from edmsim.controllers.planner.literal import begin_literal, literal_done, run_literal
-from edmsim.controllers.planner.poscal import begin_poscal, near, run_poscal
+from edmsim.controllers.planner.poscal import begin_literal, begin_poscal, literal_done, near, run_literal, run_poscal
 from edmsim.controllers.planner.record import (
     DDA,
     EXACT,

@@ -155,8 +155,8 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
         return table
     notice = (
         f"there is no technology for {material}: the passes take the settings of '{technology.title}', the material "
-        f"most like it; search its own with edmsim technology {material} --height {height_mm:g} --passes {passes} "
-        f"--out {material}.toml, and cut with --technology {material}.toml"
+        f"most like it; search its own with edmsim tune technology {material} --height {height_mm:g} --passes "
+        f"{passes} --out {material}.toml, and cut with --technology {material}.toml"
     )
     return table._replace(notices=(notice, *table.notices))
 

@@ -13,7 +13,7 @@ from edmsim.envs.attached_controller import target_share
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
-from edmsim.evaluation.parts import is_part
+from edmsim.evaluation.episode import is_part
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Residual
 

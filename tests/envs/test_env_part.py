@@ -15,7 +15,7 @@ from edmsim.envs.part_task import ACTIONS, ENTRIES, LEFT_UM, TERMS, Part
 from edmsim.envs.registry import make_family, stand_in
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import check, evaluate
-from edmsim.evaluation.parts import cut_part
+from edmsim.evaluation.episode import cut_part
 
 ID = "edmsim/Part-v0"
 PROGRAM = "G21 G90\nG92 X0.2 Y-0.42\nG41 D1 G1 X0.2 Y0\nG1 X0\nY0.25\nX0.9\nY0\nX0.2\nG40\nM2\n"
