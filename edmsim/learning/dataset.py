@@ -28,8 +28,7 @@ from edmsim.envs.environment import EdmEnv
 from edmsim.envs.registry import env_id_of, find
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import check_controllers
-from edmsim.evaluation.episode import HELD_BACK
-from edmsim.evaluation.parts import is_part
+from edmsim.evaluation.episode import HELD_BACK, is_part
 from edmsim.files import locked, replacing
 
 if TYPE_CHECKING:

@@ -130,9 +130,9 @@ def _mori_breaks(seed: int) -> bool:
 THIN_MM, MIDDLE_MM, THICK_MM = 20.0, 60.0, 100.0  # heights of Sato's trials
 PAIRED = 20
 """Seeds of a difference as small as a step of the search."""
-# ours. A search shortens the period by 5 %, so 5 % is the least effect looked for, 1.2 A on 60 mm, and its half is the
-# interval. The differences of eight seeds had a standard deviation of 0.95 A, most of it from the size of the steps, as
-# both searches see the same pulses until a wire breaks: 2.09 x 0.95 / sqrt(20) = 0.44 A
+# ours. A search shortens the period by 5 %, so 5 % is the least effect looked for, 1.2 A on 60 mm, and less than half
+# of it the interval. The differences of eight seeds had a standard deviation of 0.95 A, mostly from the size of the
+# steps, as both searches see the same pulses until a wire breaks: 2.09 x 0.95 / sqrt(20) = 0.44 A
 OFF_MM = 2.0  # distance by which Sato took one nozzle off the piece
 
 
