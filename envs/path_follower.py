@@ -180,7 +180,7 @@ def follow(
 
     ``cause`` tells `DONE` at the end of a leg, and knows nothing of `OUT_OF_RANGE`. `nowhere` (0, 3) is room for no
     steps: those of the window are made. `heights` hold from `height_from` on. For the first three numbers see
-    `planner.run.Addresses`.
+    `kinds.Addresses`.
     """
     for j in range(indices.shape[0]):
         i = indices[j]
