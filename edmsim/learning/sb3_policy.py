@@ -19,10 +19,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecMonito
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvWrapper
 
 from edmsim.envs.arguments import plain
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.record import RecordRerun
 from edmsim.envs.registry import arguments_with, stand_in
 from edmsim.envs.sb3 import EdmVecEnv
-from edmsim.envs.single import EdmEnv
 from edmsim.envs.task import EnvArguments
 from edmsim.errors import InputError
 from edmsim.files import make_writable
