@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from edmsim.envs.contour import Contour
     from edmsim.envs.corner import Corner
     from edmsim.envs.discrete import DiscreteFeed, DiscreteFeedVector
+    from edmsim.envs.environment import EdmEnv, EdmVectorEnv
     from edmsim.envs.episode import StepResult, Task
     from edmsim.envs.gap_feed import GapFeed
     from edmsim.envs.height_step import HeightStep
@@ -28,11 +29,9 @@ if TYPE_CHECKING:
     from edmsim.envs.sb3 import make_sb3_vec_env
     from edmsim.envs.scenario import Scenario
     from edmsim.envs.shift import MaxRateShift, ThinWireShift
-    from edmsim.envs.single import EdmEnv
     from edmsim.envs.task import Family
     from edmsim.envs.thin_wire import ThinWire
     from edmsim.envs.trim import Trim
-    from edmsim.envs.vector import EdmVectorEnv
 
 _HOMES = {
     "Contour": "contour",

@@ -222,9 +222,8 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
     """Write a training's ``policy.json`` and ``policy.npz``; return the policy's mean return on training seeds."""
     from edmsim.evaluation.episode import cut
     from edmsim.learning import policy_file
-    from edmsim.learning.export import export
 
-    card, packed = export(trained, command)
+    card, packed = trained.export(command)
     policy_file.write(card, packed, folder / "policy.json")
     results = [cut(trained.run.env_id, seed, f"policy:{folder / 'policy.json'}", "fast") for seed in seeds]
     return float(np.mean([result.total_return for result in results]))
