@@ -11,15 +11,8 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from edmsim.controllers import protocols
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
-from edmsim.controllers.protocols import (
-    FeedCommand,
-    FeedController,
-    SeesTruth,
-    WindowObservation,
-    check_command,
-    tell,
-)
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
@@ -29,7 +22,7 @@ from edmsim.user_code import UserObject, run
 NEEDED = ("name", "reset", "update", "snapshot", "restore")  # what a feed controller must offer
 
 
-def from_file(own: UserObject, parameters: dict[str, float]) -> FeedController:
+def from_file(own: UserObject, parameters: dict[str, float]) -> protocols.FeedController:
     """Make a controller of a class in a user's file."""
     kinds = {
         name: kind for name, kind in vars(run(own.file)).items()
@@ -44,19 +37,19 @@ def from_file(own: UserObject, parameters: dict[str, float]) -> FeedController:
             has = f"it has {', '.join(known)}" if known else "it has none"
             raise InputError(f"{own.name} has no parameter {parameter!r}; {has}", own.file)
     try:
-        return cast(FeedController, kind(**parameters))
+        return cast(protocols.FeedController, kind(**parameters))
     except TypeError as error:
         raise InputError(f"{own.name} cannot be made: {error}", own.file) from None
 
 
-def check_is_controller(candidate: object) -> FeedController:
+def check_is_controller(candidate: object) -> protocols.FeedController:
     """Return what was given if it can be a feed controller; `InputError` for a class, or what lacks something."""
     if inspect.isclass(candidate):
         raise InputError(f"{candidate.__name__} is a class: give an object of it, {candidate.__name__}()")
     missing = lacking(candidate)
     if missing:
         raise InputError(f"{candidate!r} is not a feed controller: it has no {', '.join(missing)}")
-    return cast(FeedController, candidate)
+    return cast(protocols.FeedController, candidate)
 
 
 def lacking(candidate: object) -> list[str]:
@@ -64,7 +57,7 @@ def lacking(candidate: object) -> list[str]:
     return [name for name in NEEDED if not hasattr(candidate, name)]
 
 
-def text_of(controller: FeedController) -> str:
+def text_of(controller: protocols.FeedController) -> str:
     """Return a controller's name with its numbers, as the command line would have it."""
     if not is_dataclass(controller):
         return controller.name
@@ -91,7 +84,7 @@ _PATH_UM = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 400.0]])
 Counts = list[tuple[int, int]]
 
 
-def check_controller(make: Callable[[], FeedController]) -> None:
+def check_controller(make: Callable[[], protocols.FeedController]) -> None:
     """Check that a feed controller can cut, be compared, saved and resumed.
 
     It is shown windows of every kind: random shares of short and open pulses, nothing but open pulses (whose mean
@@ -148,13 +141,13 @@ class _RehearsalWindow(NamedTuple):
 class _Rehearsal:
     """A controller that is shown windows of given counts, on a wire that follows its commands."""
 
-    def __init__(self, controller: FeedController) -> None:
+    def __init__(self, controller: protocols.FeedController) -> None:
         self.controller = controller
         self.windows, self.path_um = 0, 0.0
-        tell(controller, Machine.load(), _PATH_UM, 0.0)
-        self.command = check_command(controller.name, controller.reset(MAX_FEED_UM_S))
+        protocols.tell(controller, Machine.load(), _PATH_UM, 0.0)
+        self.command = protocols.check_command(controller.name, controller.reset(MAX_FEED_UM_S))
 
-    def run(self, counts: Counts) -> list[FeedCommand]:
+    def run(self, counts: Counts) -> list[protocols.FeedCommand]:
         """Return the commands after these windows, up to an alarm."""
         commands = [self.command]
         for short, open_ in counts:
@@ -172,14 +165,14 @@ class _Rehearsal:
         delay_us, gap_um = (9.0, 8.0) if ignited else (math.nan, math.nan)
         fifths = tuple(len(range(k, ignited, 5)) for k in range(5))
         window = _RehearsalWindow(short, open_, ignited, voltage_V, current_A, delay_us, gap_um, fifths)
-        if isinstance(self.controller, SeesTruth):
+        if isinstance(self.controller, protocols.SeesTruth):
             self.controller.see(window)
         time_ns = self.windows * window.duration_ns
-        observation = WindowObservation.of(window, time_ns, self.command.feed_um_s, self.path_um)
-        self.command = check_command(self.controller.name, self.controller.update(observation))
+        observation = protocols.WindowObservation.of(window, time_ns, self.command.feed_um_s, self.path_um)
+        self.command = protocols.check_command(self.controller.name, self.controller.update(observation))
 
 
-def _check_with(make: Callable[[], FeedController], counts: Counts) -> None:
+def _check_with(make: Callable[[], protocols.FeedController], counts: Counts) -> None:
     controller = check_is_controller(make())
     commands = _Rehearsal(controller).run(counts)
     fastest = max(abs(command.feed_um_s) for command in commands)
@@ -202,5 +195,5 @@ def _check_with(make: Callable[[], FeedController], counts: Counts) -> None:
         raise _wrong(controller, "does not go on from its snapshot as it would have without")
 
 
-def _wrong(controller: FeedController, what: str) -> InputError:
+def _wrong(controller: protocols.FeedController, what: str) -> InputError:
     return InputError(f"the {controller.name} controller {what}")

@@ -55,20 +55,21 @@ class RunTable:
         self, file: Path | None = None, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)
     ) -> None:
         self.rows: dict[str, Row] = {} if file is None else {row["id"]: row for row in read_rows(file, of, texts)}
-        self._file, self._of = file, of
+        self._file, self._of, self._lock = file, of, threading.Lock()
         if file is not None and file.exists():
             self.keep(self.rows.values())  # without a last line that was cut off
 
     def add(self, row: Row) -> None:
         """Save a finished run; one with the same id is replaced."""
-        if self._file is not None:
-            if not self._file.exists():
-                self.keep(self.rows.values())
-            with self._file.open("ab") as opened:
-                opened.write(json.dumps(row).encode() + b"\n")
-                opened.flush()
-                os.fsync(opened.fileno())
-        self.rows[row["id"]] = row
+        with self._lock:
+            if self._file is not None:
+                if not self._file.exists():
+                    self.keep(self.rows.values())
+                with self._file.open("ab") as opened:
+                    opened.write(json.dumps(row).encode() + b"\n")
+                    opened.flush()
+                    os.fsync(opened.fileno())
+            self.rows[row["id"]] = row
 
     def keep(self, rows: Iterable[Row]) -> None:
         """Replace all rows by these."""
@@ -76,7 +77,7 @@ class RunTable:
         if self._file is not None:
             lines = [*([] if self._of is None else [{"of": self._of}]), *self.rows.values()]
             with replacing(self._file) as partial:
-                partial.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+                partial.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 
 def read_rows(file: Path, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)) -> list[Row]:
@@ -158,11 +159,17 @@ def perform(
     """
     rows: Mapping[str, Row] = {} if table is None else table.rows
     answers: dict[int, Any] = {number: rows[name] for number, name in enumerate(ids) if name in rows}
+
+    def saved(numbered: tuple[int, Any]) -> Any:
+        answer = work(numbered[1])
+        if table is None:
+            return answer
+        row = {"id": ids[numbered[0]], **answer}
+        table.add(row)  # here, so that runs are saved that end when an interruption has ended the loop below
+        return row
+
     left = [numbered for numbered in enumerate(jobs) if numbered[0] not in answers]
-    for (number, _), answer in Threads(threads).done(lambda numbered: work(numbered[1]), left):
-        if table is not None:
-            answer = {"id": ids[number], **answer}
-            table.add(answer)
+    for (number, _), answer in Threads(threads).done(saved, left):
         answers[number] = answer
         if watch is not None:
             watch(len(answers), len(jobs))

@@ -426,7 +426,7 @@ def test_a_policy_is_scored_again(edmsim: Run, tmp_path: Path, monkeypatch: pyte
     for kind in ("json", "npz"):
         (tmp_path / f"mine.{kind}").write_bytes(models.path(f"policies/GapFeed-ppo.{kind}").read_bytes())
     row = scoring.Score("policy", "fast", 2, 123.25, 1.0, 20.0, None, 60.0, 0, 0)
-    monkeypatch.setattr(scoring, "run", lambda *_: {"policy:mine": []})
+    monkeypatch.setattr(scoring, "run", lambda *_, **__: {"policy:mine": []})
     monkeypatch.setattr(scoring, "score", lambda _, resolution: row._replace(resolution=resolution))
     outcome = edmsim("evaluate", "--policy", tmp_path / "mine.json", "--seeds", 2, "--write-card")
     assert outcome.status == 0

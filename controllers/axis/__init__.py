@@ -15,8 +15,8 @@ from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.uhu import Uhu
-from edmsim.controllers.named_numbers import named_numbers
 from edmsim.errors import InputError, one_of
+from edmsim.numeric import named_numbers
 
 __all__ = [
     "CHIPS", "COMMISSIONED", "Drive", "Eanpos", "Screw", "ServoModule", "Uhu", "check_drive", "from_text", "make",

@@ -12,31 +12,10 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.axis_rows import (
-    FAULT,
-    FAULT_IN,
-    FAULT_OUT,
-    FREEWHEEL,
-    LED,
-    SampleFunction,
-    carray,
-    put_byte,
-    sample,
-)
+from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.controllers.axis import extensions
 from edmsim.controllers.axis.drive import Screw, axis_row, data_of, new_record, restart, set_period
-from edmsim.controllers.axis.extensions import (
-    COMMAND,
-    EXTENSION_WORDS,
-    SATURATING,
-    Extensions,
-    derive_command,
-    feed_forward,
-    holds_integrator,
-    note_limit,
-    record_sample,
-    start_command,
-)
 from edmsim.controllers.axis.parameters import WORD, Registers, decode, encode, law_with, tuned_values
 from edmsim.controllers.axis.serial_line import NEW_LINE, Command, LineEditor, command_in
 
@@ -109,7 +88,7 @@ def _report_saturation(reg: Words) -> None:
 def narrowed(reg: Words, value: int, bits: int) -> int:
     """Fit a number into a word: held at its limit and reported as saturated, or wrapped (row M-35)."""
     fits = wrapped(value, bits)
-    if fits == value or reg[SATURATING] == 0:
+    if fits == value or reg[extensions.SATURATING] == 0:
         return fits
     _report_saturation(reg)
     limit = (1 << (bits - 1)) - 1
@@ -135,7 +114,7 @@ def put_duty(reg: Words, output: int) -> None:
     held = min(max(demand, -clamp_of(reg)), clamp_of(reg))
     if held != demand:
         _report_saturation(reg)
-    note_limit(reg, reg[NOW_NS], (demand > held) - (demand < held))
+    extensions.note_limit(reg, reg[NOW_NS], (demand > held) - (demand < held))
     reg[OUTPUT] = output
     reg[DUTY] = reg[DUTY_CENTRE] + held
 
@@ -154,7 +133,7 @@ def reset_loop(reg: Words) -> None:
     reg[SETPOINT] = reg[POSITION]
     reg[LAST_SETPOINT] = reg[SETPOINT]
     reg[ERROR] = reg[LAST_ERROR] = reg[COMMANDED] = reg[ACCUMULATED] = reg[TICK] = reg[PEAK] = 0
-    start_command(reg, reg[SETPOINT])
+    extensions.start_command(reg, reg[SETPOINT])
     reg[RELEASING] = 1
     put_duty(reg, 0)
 
@@ -165,7 +144,7 @@ def _control(reg: Words, acceleration: int) -> int:
     error = reg[ERROR]
     scale = reg[SCALE] if abs(error) <= reg[REGION] else SCALE_ONE
     reg[TICK] += 1
-    if reg[TICK] >= reg[INTERVAL] and not holds_integrator(reg, error):
+    if reg[TICK] >= reg[INTERVAL] and not extensions.holds_integrator(reg, error):
         reg[TICK] = 0
         most = clamp_of(reg) * reg[GAIN_SCALE]
         reg[ACCUMULATED] += reg[INTEGRAL] * scale // SCALE_ONE * error
@@ -173,8 +152,8 @@ def _control(reg: Words, acceleration: int) -> int:
     total = reg[PROPORTIONAL] * scale // SCALE_ONE * error + reg[ACCUMULATED]
     total += reg[DERIVATIVE] * scale // SCALE_ONE * (error - reg[LAST_ERROR])
     total += reg[VELOCITY_FF] * reg[COMMANDED] + reg[ACCELERATION_FF] * acceleration
-    derive_command(reg, reg[COMMAND] + reg[COMMANDED])
-    total += towards_zero(feed_forward(reg) * reg[GAIN_SCALE], SCALE_ONE)
+    extensions.derive_command(reg, reg[extensions.COMMAND] + reg[COMMANDED])
+    total += towards_zero(extensions.feed_forward(reg) * reg[GAIN_SCALE], SCALE_ONE)
     reg[LAST_ERROR] = error
     return narrowed(reg, towards_zero(narrowed(reg, total, 32), reg[GAIN_SCALE]), 16)
 
@@ -310,7 +289,7 @@ def dump(drive: Any) -> None:
     reg = drive.reg
     while reg[DUMPING] != 0 and reg[LINE_FREE_NS] <= reg[NOW_NS]:
         character = character_of(drive.memory[reg[DUMPING] - 1], reg[DUMPED])
-        put_byte(drive, character)
+        axis_rows.put_byte(drive, character)
         reg[DUMPED] += 1
         reg[LINE_FREE_NS] += reg[BYTE_NS]
         if character == _LINE_FEED:
@@ -456,7 +435,7 @@ def _lamp(reg: Words) -> int:
     else:
         period_ns = reg[LED_RECORDER_NS] if status & RECORDER_BIT != 0 else reg[LED_RUN_NS]
         lit = 2 * (now_ns % period_ns) < period_ns
-    return LED if lit else 0
+    return axis_rows.LED if lit else 0
 
 
 @exactly_compiled
@@ -465,11 +444,11 @@ def _lines(reg: Words) -> int:
     status = reg[STATUS]
     lines = _lamp(reg)
     if status & FAULT_BIT != 0:
-        lines |= FREEWHEEL
+        lines |= axis_rows.FREEWHEEL
     if status & FOLLOWING_BIT != 0:
-        lines |= FAULT_OUT
+        lines |= axis_rows.FAULT_OUT
     if status & (FOLLOWING_BIT | EXTERNAL_BIT) != 0:
-        lines |= FAULT
+        lines |= axis_rows.FAULT
     return lines
 
 
@@ -481,16 +460,16 @@ def _write(reg: Words, eeprom: NDArray[np.uint8], now_ns: int) -> None:
             eeprom[k] = reg[IMAGE + k // 8] >> 8 * (k % 8) & 255
 
 
-@sample
+@axis_rows.sample
 def _servo_module(drive_at: Any, axis_at: Any) -> None:
-    drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
+    drive, axis = axis_rows.carray(drive_at, 1)[0], axis_rows.carray(axis_at, 1)[0]
     reg = drive.reg
     _write(reg, drive.eeprom, drive.now_ns)
-    ran, turned = cycle(reg, axis.count, drive.setpoint, axis.lines & FAULT_IN != 0, drive.now_ns)
+    ran, turned = cycle(reg, axis.count, drive.setpoint, axis.lines & axis_rows.FAULT_IN != 0, drive.now_ns)
     if ran:
         note(reg, drive.memory, turned)
     faulty = reg[STATUS] & FAULT_BIT != 0
-    record_sample(reg, drive.memory, reg[ERROR], reg[VELOCITY], reg[OUTPUT], faulty)
+    extensions.record_sample(reg, drive.memory, reg[ERROR], reg[VELOCITY], reg[OUTPUT], faulty)
     dump(drive)
     drive.command = (reg[DUTY] - reg[DUTY_CENTRE]) / reg[DUTY_CENTRE]
     drive.lines = _lines(reg)
@@ -530,7 +509,7 @@ class ServoModule:
     """
 
     name = "servo-module"
-    sample: SampleFunction = _servo_module
+    sample: axis_rows.SampleFunction = _servo_module
     baud: float = _CHIP["baud"]
 
     def __init__(
@@ -543,7 +522,7 @@ class ServoModule:
         names = [entry["name"] for entry in DATA["parameter"]]
         bounds = [LARGEST_OFFSET if register == OFFSET else (0, WORD - 1) for register in PARAMETERS]
         self.parameters = Registers(self, {name: (k, *bounds[k]) for k, name in enumerate(names)})
-        self.extensions = Extensions(self, wraps=True)
+        self.extensions = extensions.Extensions(self, wraps=True)
         self.extensions["saturating_arithmetic"] = 1
         self._editor = LineEditor(echo=False)
         self.parameters.update(stored or {})
@@ -598,12 +577,12 @@ class ServoModule:
         words = stored.words if stored.valid else None
         fresh = _fresh(self._law, words)
         old, reg = self.record["reg"][0], fresh["reg"][0]
-        reg[EXTENSION_WORDS] = old[EXTENSION_WORDS]
+        reg[extensions.EXTENSION_WORDS] = old[extensions.EXTENSION_WORDS]
         reg[FRESH], reg[EDGES], reg[NOW_NS] = 1, self.record["setpoint"][0], self.record["now_ns"][0]
         reg[MOVED_NS] = reg[NOW_NS] - reg[REST_NS]
         if words is None:
             reg[STATUS] = FAULT_BIT
-            fresh["lines"] = FREEWHEEL
+            fresh["lines"] = axis_rows.FREEWHEEL
         restart(self.record, fresh)
         self._editor.clear()
         said = [_CHIP["message"]] if words is not None else [_CHIP["message"], _CHIP["bad_memory"]]

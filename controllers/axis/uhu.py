@@ -9,37 +9,15 @@ import math
 from collections.abc import Callable, Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.axis_rows import (
-    ERROR_LED,
-    FAULT,
-    FAULT_IN,
-    FAULT_OUT,
-    FREEWHEEL,
-    LED,
-    WATCHDOG,
-    SampleFunction,
-    carray,
-    put_byte,
-    sample,
-)
+from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.axis import parameters
+from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import Screw, axis_row, data_of, new_record, restart, set_period
-from edmsim.controllers.axis.extensions import (
-    EXTENSION_WORDS,
-    Extensions,
-    derive_command,
-    feed_forward,
-    holds_integrator,
-    note_limit,
-    record_sample,
-    start_command,
-)
 from edmsim.controllers.axis.parameters import Registers, law_with, tuned_values
 from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor, command_in, number_in
 
@@ -123,17 +101,17 @@ def control(reg: NDArray[np.int64], now_ns: int) -> int:
     behind = reg[TARGET] * reg[SPEED_DIVISOR] - reg[REFERENCE]
     reg[REFERENCE] += min(max(behind, -reg[X]), reg[X])
     reference = reg[REFERENCE] // reg[SPEED_DIVISOR]
-    derive_command(reg, reference)
+    extensions.derive_command(reg, reference)
     error = reference - reg[POSITION]
     error = min(max(error, -_LARGEST_ERROR), _LARGEST_ERROR)
     most = min(reg[T], reg[CONTROL_FULL])
     limit = most * _ONE
-    if not holds_integrator(reg, error):
+    if not extensions.holds_integrator(reg, error):
         grown = reg[INTEGRAL] + reg[I] * error * _ONE // reg[INTEGRAL_DIVISOR]
         reg[INTEGRAL] = min(max(grown, -limit), limit)
     damping = reg[D] * reg[SPEED] + reg[H] * reg[CHANGE]
-    demand = reg[P] * error + reg[INTEGRAL] - damping + feed_forward(reg)
-    note_limit(reg, now_ns, 1 if demand >= limit else -1 if demand <= -limit else 0)
+    demand = reg[P] * error + reg[INTEGRAL] - damping + extensions.feed_forward(reg)
+    extensions.note_limit(reg, now_ns, 1 if demand >= limit else -1 if demand <= -limit else 0)
     demand = min(max(demand, -limit), limit)
     reg[CONTROL] += (demand - reg[CONTROL]) * reg[N] // (reg[N] + reg[FILTER_OFFSET])
     return int(min(max((reg[CONTROL] + _ONE // 2) // _ONE, -most), most))
@@ -172,38 +150,6 @@ _BANKS = range(3)
 _WORDS = range(1 << 16)
 
 
-class UhuActions(Protocol):
-    """The dialogue's drive."""
-
-    @property
-    def position(self) -> int:
-        """Position in counts from that at power-up."""
-
-    def value(self, letter: str) -> int:
-        """Return a parameter."""
-
-    def enter(self, letter: str, value: int) -> None:
-        """Set a parameter to a word."""
-
-    def load(self, bank: int) -> bool:
-        """Load a bank; return whether it could be read. If not, the output is off."""
-
-    def save(self, bank: int) -> None:
-        """Store the parameters in a bank."""
-
-    def go(self, counts: int) -> None:
-        """Move the setpoint."""
-
-    def soft_reset(self) -> None:
-        """Switch the output on with the parameters there are."""
-
-    def hard_reset(self) -> bytes:
-        """Start again as at power-up; return the start-up text."""
-
-    def stream(self, on: bool) -> None:
-        """Start or end the stream of tracking errors."""
-
-
 class Dialogue:
     """The terminal of one drive; `labels` precede the parameters' values, in the order of the help."""
 
@@ -221,7 +167,7 @@ class Dialogue:
         lines = f"UHU Servo Controller 3.00 (c) Snr: {self._serial_number}", f"EEPROM: {state}", "Help by (?)"
         return _text(*lines) + PROMPT
 
-    def take(self, chip: UhuActions, byte: int) -> bytes:
+    def take(self, chip: Uhu, byte: int) -> bytes:
         """Take a byte from the terminal, act on it if it ends a line, and return what is sent back."""
         echo, line = self._editor.take(byte)
         return echo if line is None else echo + self._answer(chip, line)
@@ -230,7 +176,7 @@ class Dialogue:
         """Let the line that is being typed count for nothing: a byte of it was not received well."""
         self._editor.spoil()
 
-    def _answer(self, chip: UhuActions, line: str) -> bytes:
+    def _answer(self, chip: Uhu, line: str) -> bytes:
         pending, self._pending = self._pending, ""
         if not line:
             return PROMPT
@@ -246,14 +192,14 @@ class Dialogue:
             return self._ask(chip, letter) if number is None else self._set(chip, letter, number)
         return self._act(chip, letter) if number is None else _reply(_UNKNOWN)
 
-    def _ask(self, chip: UhuActions, letter: str) -> bytes:
+    def _ask(self, chip: Uhu, letter: str) -> bytes:
         self._pending = letter
         return f"{self._line(chip, letter)}: ".encode("ascii")
 
-    def _line(self, chip: UhuActions, letter: str) -> str:
+    def _line(self, chip: Uhu, letter: str) -> str:
         return _COMMAND_LINES.get(letter) or f"{self._labels[letter]}{chip.value(letter)}"
 
-    def _set(self, chip: UhuActions, letter: str, number: int | None) -> bytes:
+    def _set(self, chip: Uhu, letter: str, number: int | None) -> bytes:
         if letter == _GO:
             known = number is not None and abs(number) <= _LARGEST_GO
         else:
@@ -270,9 +216,9 @@ class Dialogue:
             chip.enter(letter, number)
         return _reply(_OK)
 
-    def _act(self, chip: UhuActions, letter: str) -> bytes:
+    def _act(self, chip: Uhu, letter: str) -> bytes:
         if letter == "+":
-            return chip.hard_reset()
+            return chip.power_up()
         if letter == "A":
             chip.stream(True)
             return PROMPT
@@ -299,12 +245,12 @@ _N_BANKS, _LARGEST = 3, 65535
 _NOT_STORED = "overruns"
 
 
-@sample
+@axis_rows.sample
 def _recalculate(drive_at: Any, axis_at: Any) -> None:
-    drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
+    drive, axis = axis_rows.carray(drive_at, 1)[0], axis_rows.carray(axis_at, 1)[0]
     reg = drive.reg
     output = 0
-    if drive.event == WATCHDOG:
+    if drive.event == axis_rows.WATCHDOG:
         reg[LATCHED] |= TIMED_OUT
         drive.delay_ns = 0
     else:
@@ -312,29 +258,29 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         reg[LAST_INTERRUPTS] = axis.edges
         drive.delay_ns = reg[CALCULATION_NS]
         drive.busy_ns = reg[CALCULATION_NS] + interrupts * reg[INTERRUPT_NS]
-        low = axis.lines & FAULT_IN != 0
+        low = axis.lines & axis_rows.FAULT_IN != 0
         if reg[RESTART] != 0:
             low = False  # its own error output, let go only now, may hold the net low
             reset_loop(reg, drive.setpoint, axis.count, axis.illegal)
-            start_command(reg, reg[TARGET])
+            extensions.start_command(reg, reg[TARGET])
         take_steps(reg, drive.setpoint)
         measure(reg, axis.count)
         judge(reg, axis.illegal, low)
         if reg[LATCHED] == 0:
             output = control(reg, drive.now_ns)
         else:
-            note_limit(reg, drive.now_ns, 0)
+            extensions.note_limit(reg, drive.now_ns, 0)
         error = reg[TARGET] - reg[POSITION]
-        record_sample(reg, drive.memory, error, reg[SPEED], output, reg[LATCHED] != 0)
+        extensions.record_sample(reg, drive.memory, error, reg[SPEED], output, reg[LATCHED] != 0)
         sent = stream_byte(reg)
         if sent != 0:
-            put_byte(drive, sent)
+            axis_rows.put_byte(drive, sent)
     drive.command = drive.real[_DUTY_RANGE] * output / reg[CONTROL_FULL]
     if reg[LATCHED] == 0:
-        drive.lines = LED
+        drive.lines = axis_rows.LED
     else:
-        own = FAULT_OUT if reg[LATCHED] & OWN_FAULTS else 0
-        drive.lines = FAULT | FREEWHEEL | ERROR_LED | own
+        own = axis_rows.FAULT_OUT if reg[LATCHED] & OWN_FAULTS else 0
+        drive.lines = axis_rows.FAULT | axis_rows.FREEWHEEL | axis_rows.ERROR_LED | own
 
 
 @cache
@@ -361,7 +307,7 @@ def _fresh(law: Mapping[str, int]) -> NDArray[np.void]:
     reg[list(SETTINGS)] = list(law.values())[: len(SETTINGS)]
     reg[RESTART] = HARD
     record["real"][0, _DUTY_RANGE] = pins["duty_high"] - pins["duty_low"]
-    record["lines"] = FREEWHEEL
+    record["lines"] = axis_rows.FREEWHEEL
     record["watchdog_ns"] = data["clock"]["watchdog_ms"] * 1_000_000
     record["pwm_ns"] = 1_000_000_000 // law["pwm_Hz"]
     record["count_rate_Hz"] = law["edge_rate_Hz"]
@@ -418,7 +364,7 @@ class Uhu:
         table = data["parameter"]
         self._letters = {row["letter"]: row["name"] for row in table}
         self.parameters = Registers(self, {row["name"]: (place, 0, _LARGEST) for place, row in enumerate(table)})
-        self.extensions = Extensions(self, wraps=False)
+        self.extensions = extensions.Extensions(self, wraps=False)
         self._stored = [row["name"] for row in table if row["name"] != _NOT_STORED]
         self._dialogue = Dialogue({row["letter"]: row["label"] for row in table}, data["identity"]["serial_number"])
         for bank in range(_N_BANKS):
@@ -445,7 +391,7 @@ class Uhu:
         return cls(axis_row(axis), values)
 
     @property
-    def sample(self) -> SampleFunction:
+    def sample(self) -> axis_rows.SampleFunction:
         """The recalculation, the same for every UHU."""
         return _recalculate
 
@@ -475,7 +421,7 @@ class Uhu:
     def power_up(self) -> bytes:
         """Start as after power-up, a low reset pin or ``+``: load bank 0 and return the start-up text (row U-39)."""
         fresh = _fresh(self._law)
-        fresh["reg"][0, EXTENSION_WORDS] = self._reg[EXTENSION_WORDS]
+        fresh["reg"][0, extensions.EXTENSION_WORDS] = self._reg[extensions.EXTENSION_WORDS]
         restart(self.record, fresh)
         stored = self._read(0)
         if stored.words is not None:
@@ -528,10 +474,6 @@ class Uhu:
         self._reg[RESTART] = max(int(self._reg[RESTART]), SOFT)
         self.stream(False)
         set_period(self.record, *_period_ns(self.parameters["cycle"]))
-
-    def hard_reset(self) -> bytes:
-        """Same as `power_up`."""
-        return self.power_up()
 
     def stream(self, on: bool) -> None:
         """Start or stop the stream of tracking errors (row U-33)."""

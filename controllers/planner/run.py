@@ -2,12 +2,30 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+from numba import boolean, float64, from_dtype, int64
+
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.compiled.numba_internals import address_of, call_returning
 from edmsim.controllers.mcu.firmware.timers import tick_before
 from edmsim.controllers.planner.dda import dda_path_um, run_dda
 from edmsim.controllers.planner.exact import FINE_PER_UM, path_end, run_exact
 from edmsim.controllers.planner.poscal import begin_literal, begin_poscal, literal_done, near, run_literal, run_poscal
-from edmsim.controllers.planner.record import DDA, EXACT, LITERAL, POSCAL, SINE_TABLE, Floats, Ints, Row, place_um
+from edmsim.controllers.planner.record import (
+    DDA,
+    EXACT,
+    LITERAL,
+    PLANNER,
+    POSCAL,
+    SINE_TABLE,
+    Floats,
+    Ints,
+    Row,
+    place_um,
+)
 
 
 @exactly_compiled
@@ -66,9 +84,28 @@ def path_um(row: Row, points: Floats, along: Floats) -> float:
     return float(along[row.move] + min(max(run, 0.0), length))
 
 
-@exactly_compiled
-def travel_um(before: Row, after: Row, points: Floats, along: Floats) -> float:
-    """Length travelled between two states of a planner."""
-    if after.kind == EXACT:
-        return float((after.along - before.along) / FINE_PER_UM)
-    return path_um(after, points, along) - path_um(before, points, along)
+class Addresses(NamedTuple):
+    """Where the machine code of planners is, in this process only."""
+
+    advance: int
+    path_um: int
+    done: int
+
+
+@functools.cache
+def addresses() -> Addresses:
+    """Return the addresses for `advance_at` and its neighbours."""
+    path = from_dtype(PLANNER), float64[:, ::1], float64[::1]
+    lengths, ints = int64[::1], int64[:, ::1]
+    return Addresses(
+        address_of(advance, *path, lengths, int64, int64, int64, ints),
+        address_of(path_um, *path),
+        address_of(done, *path, lengths),
+    )
+
+
+advance_at: Callable[..., int] = call_returning(int64)
+"""In compiled code, call `advance` by its address with a tuple of its arguments. Planners are thousands of lines of
+LLVM's, which are then not compiled again for each function that calls them."""
+path_um_at: Callable[..., float] = call_returning(float64)
+done_at: Callable[..., bool] = call_returning(boolean)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 OUT = Console()
 ERR = Console(stderr=True)
 
+RESUME = "run the same command to resume"
 STOPPED, INTERRUPTED = 3, 130
 """Exit statuses besides those of `edmsim.errors`: the machine stopped before the end; interrupted by the user."""
 
@@ -59,7 +60,7 @@ def print_line(text: str) -> None:
 
 
 @contextmanager
-def interruptible(then: str = "run the same command to resume", keep: bool = False) -> Iterator[ShownProgress]:
+def interruptible(then: str = RESUME, keep: bool = False) -> Iterator[ShownProgress]:
     """Yield what shows progress; Ctrl-C ends the command with one line, which says what to do then."""
     from edmsim.progress import ShownProgress
 

@@ -155,9 +155,8 @@ def report(
     """
     from edmsim.job.result import remake
     from edmsim.recording import find_recording, take_screenshots
-    from edmsim.recording.contour_file import write_contour
     from edmsim.recording.cut_folder import read_cut
-    from edmsim.recording.face_file import write_faces
+    from edmsim.recording.exports import write_contour, write_faces
 
     if contour is None and contour_height is not None:
         raise InputError("--contour-height is that of a contour: give the file with --contour")

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import OUT, Environment, Json, interruptible, print_line
+from edmsim.cli.console import OUT, RESUME, Environment, Json, interruptible, print_line
 from edmsim.cli.options import Unset, takes
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
     from edmsim.evaluation.transfer import TransferRow
     from edmsim.learning.score import Score
+    from edmsim.runs import RunTable
 
 
 @takes("seed")
@@ -57,7 +58,7 @@ def train(
 ) -> None:
     """Train a policy (extra rl)."""
     from edmsim.envs.registry import resolve
-    from edmsim.evaluation.parts import is_part
+    from edmsim.evaluation.episode import is_part
     from edmsim.learning.command import TrainOptions, run
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
@@ -83,9 +84,9 @@ def dataset(
     **options: Any,
 ) -> None:
     """Record controllers as data sets of Minari (extra offline)."""
-    from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record
+    from edmsim.numeric import listed
 
     with interruptible() as bar:
         made = record(resolve(env_id), listed(controllers), steps, out, watch=bar.show, **options)
@@ -139,15 +140,16 @@ def evaluate(
     **options: Any,
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
-    from edmsim.controllers.named_numbers import listed
     from edmsim.envs.registry import resolve
     from edmsim.evaluation import leaderboard as boards
     from edmsim.evaluation.compare import check, evaluate, usual
     from edmsim.evaluation.compare import env_ids as all_ids
     from edmsim.evaluation.episode import episodes
     from edmsim.evaluation.table import as_json, render, write_page
+    from edmsim.evaluation.transfer import USUAL_CUTS, transfer
     from edmsim.files import make_writable
-    from edmsim.progress import ShownProgress
+    from edmsim.numeric import listed
+    from edmsim.runs import RunTable
 
     resolution, named = options.get("resolution"), env_ids or []
     if not named and not policy:
@@ -158,25 +160,32 @@ def evaluate(
     }
     for env_id, laws in chosen.items():
         check(env_id, laws, episodes(env_id) if seeds is None else seeds, resolution)
-    if page is not None:
-        if page.suffix != ".md":
-            raise InputError("a page is Markdown: name it .md", page)
-        make_writable(page.parent)
+    if page is not None and page.suffix != ".md":
+        raise InputError("a page is Markdown: name it .md", page)
     if leaderboard is not None:
         boards.read(leaderboard)  # an invalid file is refused before hours of cuts
-    found, moved, scores = [], {}, {}
-    with ShownProgress() as bar:
+    for file in (leaderboard, page):
+        if file is not None:
+            make_writable(file.parent)
+    out = leaderboard or page
+    runs = None if out is None else out.with_suffix(".runs.jsonl")
+    table, found, moved, scores = RunTable(runs), [], {}, {}
+    with interruptible("finished cuts are lost without --leaderboard or --page" if runs is None else RESUME) as bar:
         for env_id, laws in chosen.items():
             watch = bar.of(env_id)
-            found.append(evaluate(env_id, laws, seeds, resolution=resolution, record=record, watch=watch))
+            made = evaluate(env_id, laws, seeds, resolution=resolution, record=record, watch=watch, table=table)
+            found.append(made)
             if leaderboard is not None:
-                boards.write(leaderboard, found[-1:])
+                boards.write(leaderboard, [made])
             if places:
-                moved[env_id] = _elsewhere(env_id, laws, seeds, bar.of(f"{env_id}, places"))
+                cuts = USUAL_CUTS if seeds is None else seeds
+                moved[env_id] = transfer(env_id, laws, cuts, watch=bar.of(f"{env_id}, places"), table=table)
         for name in policy or ():
-            scores[name] = _measured(name, seeds, resolution, write_card, bar.show)
+            scores[name] = _measured(name, seeds, resolution, write_card, bar.show, table)
     if page is not None:
         write_page(page, found)
+    if runs is not None:
+        runs.unlink(missing_ok=True)
     if json:
         sys.stdout.write(as_json(found, moved, scores) + "\n")
         return
@@ -185,19 +194,15 @@ def evaluate(
     _show(moved, scores, seeds)
 
 
-def _elsewhere(env_id: str, controllers: list[str], seeds: int | None, watch: Any) -> list[TransferRow]:
-    from edmsim.evaluation.transfer import USUAL_CUTS, transfer
-
-    return transfer(env_id, controllers, USUAL_CUTS if seeds is None else seeds, watch=watch)
-
-
-def _measured(policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any) -> list[Score]:
+def _measured(
+    policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any, table: RunTable
+) -> list[Score]:
     from edmsim.learning import policy_file
     from edmsim.learning.score import RESOLUTIONS, measure, write_card
 
     episodes = USUAL_EPISODES if seeds is None else seeds
     at = RESOLUTIONS if resolution is None else (resolution,)
-    scores = measure(policy_file.load(policy).card.env_id, policy, episodes, watch, at)
+    scores = measure(policy_file.load(policy).card.env_id, policy, episodes, watch, at, table)
     if write:
         write_card(policy, scores)
     return scores

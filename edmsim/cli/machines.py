@@ -38,8 +38,7 @@ def table(
     from edmsim.files import make_writable, replacing
     from edmsim.job.result import FORMATS
     from edmsim.job.settings import CutSettings
-    from edmsim.measure.report import as_json, headline, render
-    from edmsim.measure.table import measure_table
+    from edmsim.measure import as_json, headline, measure_table, render
 
     if plot is not None and plot.suffix.removeprefix(".") not in FORMATS:
         raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", plot)
@@ -56,7 +55,7 @@ def table(
         with replacing(out) as partial:
             partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
     if plot is not None:
-        from edmsim.measure.figures import table_figure
+        from edmsim.measure import table_figure
 
         with replacing(plot) as partial:
             table_figure({"measured": found}).savefig(partial, format=plot.suffix.removeprefix("."))
@@ -78,7 +77,7 @@ def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
 
     from edmsim.job.cut import CutProgress
     from edmsim.job.settings import CutSettings
-    from edmsim.measure.guides import measure_guides
+    from edmsim.measure import measure_guides
     from edmsim.progress import ShownProgress
 
     settings = CutSettings.model_validate(options)
@@ -131,9 +130,9 @@ def gap(
 ) -> None:
     """Simulate the gap for a real controller or another simulator."""
     from edmsim.files import make_writable
-    from edmsim.hil.ratio_log import RatioLog
     from edmsim.hil.rig import PlainGenerator, Rig, make_board
     from edmsim.hil.samples import SampleFile, Sensing
+    from edmsim.hil.session import RatioLog
     from edmsim.job.settings import CutSettings
 
     is_run = not (serial is None and samples is None and log is None)
@@ -222,8 +221,8 @@ def terminal(
     **options: Any,
 ) -> None:
     """Operate the controller of 1982 at its terminal."""
-    from edmsim.consoles.computer_1982.command import choose_faults, run
     from edmsim.consoles.computer_1982.rig import Rig
+    from edmsim.consoles.computer_1982.session import choose_faults, run
     from edmsim.job.settings import CutSettings
 
     settings = CutSettings.model_validate(options)
@@ -256,9 +255,7 @@ def servo(
     record: Annotated[Path | None, typer.Option(help="File for these curves, .rrd.")] = None,
 ) -> None:
     """Operate a servo drive at its serial terminal."""
-    from edmsim.consoles.servo.command import bench_for
-    from edmsim.consoles.servo.scope import Scope
-    from edmsim.consoles.servo.session import serve
+    from edmsim.consoles.servo import Scope, bench_for, serve
     from edmsim.controllers.axis import Uhu
 
     bench = bench_for(drive, axis, tuned)
@@ -293,7 +290,7 @@ def positioner(
     axis: Annotated[str, typer.Option(help="Motor, screw and table: analogue or analogue-table.")] = "analogue",
 ) -> None:
     """Run a QCL program on EANPOS positioners and their axes."""
-    from edmsim.consoles.servo.positioner import Station, contactors_of, press_of, run_and_tell
+    from edmsim.consoles.positioner import Station, contactors_of, press_of, run_and_tell
     from edmsim.controllers.qcl import QclError
     from edmsim.errors import InputError
 

@@ -293,7 +293,7 @@ def drive(
     out: Annotated[Path | None, typer.Option(help="Picture of the axis before and after tuning, .png.")] = None,
 ) -> None:
     """Tune a servo drive to its axis, and print the lines to type."""
-    from edmsim.consoles.servo.command import tune
+    from edmsim.consoles.autotune import tune
 
     OUT.print("\n".join(tune(name, axis, out, say)), highlight=False)
 

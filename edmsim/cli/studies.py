@@ -43,8 +43,8 @@ def calibrate(
     from edmsim.calibration import DEFAULT_CONSTANTS, read_log, settings_for
     from edmsim.calibration import calibrate as run
     from edmsim.calibration.comparison import CalibrationProgress
+    from edmsim.calibration.fit import held, machine_of
     from edmsim.calibration.output import as_json, check_writable, render, write
-    from edmsim.calibration.set_up import held, machine_of
     from edmsim.runs import RunTable
 
     check_writable(out)

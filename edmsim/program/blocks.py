@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edmsim.errors import InputError
-from edmsim.program.dialects.condition_tables import ConditionTable
-from edmsim.program.dialects.dialect import ISO, Dialect
-from edmsim.program.dialects.freecad import FREECAD, without_line_ends
+from edmsim.program.condition_tables import ConditionTable
+from edmsim.program.dialects import FREECAD, ISO, Dialect, without_line_ends
 from edmsim.program.limits import GREATEST_NUMBER, check_count, check_size
 from edmsim.program.registers import register
 

@@ -142,7 +142,7 @@ class Program:
         The program's table of machining conditions, by condition and column as written.
     settings : mapping of str to mapping of str to float
         Settings from your table of conditions, by condition as the program writes it and key of
-        `edmsim.program.dialects.condition_tables.SETTINGS`. Empty without such a table.
+        `edmsim.program.condition_tables.SETTINGS`. Empty without such a table.
     """
 
     outlines: tuple[Outline, ...]

@@ -19,7 +19,6 @@ import numpy as np
 from edmsim.controllers.own import from_file
 from edmsim.envs.episode import Task
 from edmsim.errors import InputError
-from edmsim.evaluation.search import training_seeds
 from edmsim.files import make_writable
 from edmsim.numeric import real
 from edmsim.runs import Engine, LostJob, Processes
@@ -33,6 +32,7 @@ from edmsim.sweep.tune import (
     made_in,
     open_study,
     run_study,
+    training_seeds,
     write_found,
 )
 from edmsim.user_code import named, run

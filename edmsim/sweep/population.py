@@ -20,12 +20,11 @@ from typing import Any, NamedTuple
 
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
-from edmsim.evaluation.search import training_seeds
 from edmsim.files import make_writable, replacing
 from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.runs import ATTEMPTS, Cluster, RunTable
-from edmsim.sweep.tune import Bound, bounds, judge_policy, write_found
+from edmsim.sweep.tune import Bound, bounds, judge_policy, training_seeds, write_found
 
 try:
     from ray import tune

@@ -12,14 +12,13 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 from edmsim.errors import InputError
 from edmsim.files import locked, replacing
 from edmsim.job.settings import CutSettings
 from edmsim.runs import RunTable, read_rows
-from edmsim.sweep.perform import Outcome
-from edmsim.sweep.runs import SweepRun
+from edmsim.sweep.specification import SweepRun
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -34,6 +33,13 @@ _TEXTS = {
     "id", "task", "error", "outcome", "report", "edmsim_version", "host",
     *(name for name, kinds in _KINDS.items() if str in kinds),
 }  # fmt: skip
+
+
+class Outcome(NamedTuple):
+    """What a run leaves."""
+
+    row: dict[str, Any]  # settings, figures and error, by the names of columns; see `read`
+    files: dict[str, bytes]  # recordings by name
 
 
 def as_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
@@ -70,7 +76,7 @@ def read(out: str | Path) -> pa.Table:
     -------
     pyarrow.Table
         One row per run, ordered by id: id, task, seed, settings, constants, ``error`` (null if the run succeeded),
-        ``outcome``, the figures of `edmsim.sweep.perform.FIGURES`, ``report`` (JSON, of cuts),
+        ``outcome``, the figures of `edmsim.sweep.run.FIGURES`, ``report`` (JSON, of cuts),
         ``edmsim_version``, ``wall_time_s`` and ``host``.
 
     Raises

@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 SHOP = "a job shop's table for 1 to 7 passes, brass 0.254 mm, steel, 25.4 mm high (second hand)"
 TALL = "one cut of the same shop, 76.2 mm high (second hand)"
 TRADE = "accuracy by number of passes: trade page, weak"
-AIM = "our aim, no publication; offsets and feeds of a job shop's table"
+TARGET = "asked of the model, no publication; offsets and feeds of a job shop's table"
 BOW = "a wire between guides under an even lateral load: bow q h^2 / (8 T) (derived)"
 FOUND = "its technology was searched to match this figure: edmsim tune technology"
 PAGE = "docs/theory/passes.md"
@@ -44,7 +44,7 @@ LENGTH_MM = 1.4  # of the straight cut through all passes (ours: 12 places are m
 BOW_STEP_MM = 0.055
 """How much nearer to the wall than the rough pass the trim runs whose bow is measured (ours: it takes some 40 um)."""
 CORNER_MM, END_MM = 2.0, 0.4
-"""Length of either side of the corner's edge, and of its far end that is left out: a cut begins or ends there (ours:
+"""Length of either side of the corner's edge, and of its far end, left out where the cut begins or ends (ours:
 two cut-offs of roughness remain)."""
 CUTOFF_MM = 0.8  # wavelengths below this are roughness and no error of size or form: ISO 21920-3, Ra of 0.1 to 2 um
 CORNERS = 4  # seeds of these cuts (ours: they differ by some tenths of a um)
@@ -184,7 +184,7 @@ def accuracy(seeds: Sequence[int]) -> list[Row]:
                              note=PAGE + "#accuracy"))
     rough, trimmed = (float(np.mean([abs(cut.corner_um) for cut in cuts[passes]])) for passes in (1, 3))
     rows.append(Row.band(
-        "passes", "error of an outer corner after three passes, over that after one", AIM, low=0.0, high=1 / 3,
+        "passes", "error of an outer corner after three passes, over that after one", TARGET, low=0.0, high=1 / 3,
         published="below a third (asked for)", simulated=trimmed / rough, note=PAGE + "#outer-corners",
     ))  # fmt: skip
     return rows

@@ -21,10 +21,9 @@ from hypothesis import strategies as st
 import edmsim
 from edmsim.calibration import Fit, Log, calibrate
 from edmsim.calibration.comparison import simulate
-from edmsim.calibration.fit import FittedConstant, remark
+from edmsim.calibration.fit import FittedConstant, machine_of, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
-from edmsim.calibration.set_up import machine_of
 from edmsim.cli import app as cli
 from edmsim.cli.console import INTERRUPTED
 from edmsim.cosim.straight import Traverse

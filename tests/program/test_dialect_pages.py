@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from edmsim.program.condition_tables import SETTINGS
 from edmsim.program.dialects import DIALECTS
-from edmsim.program.dialects.condition_tables import SETTINGS
 from edmsim.program.gcode import read_gcode
 
 DOCS = Path(__file__).parents[2] / "docs" / "dialects"

@@ -19,10 +19,8 @@ import pytest
 from edmsim.errors import InputError
 from edmsim.runs import LostJob, Processes
 from edmsim.sweep import table as stores
-from edmsim.sweep.perform import Outcome, blank, perform
-from edmsim.sweep.run import SweepProgress, sweep
-from edmsim.sweep.runs import runs_of
-from edmsim.sweep.specification import Specification
+from edmsim.sweep.run import Outcome, SweepProgress, blank, perform, sweep
+from edmsim.sweep.specification import Specification, runs_of
 from edmsim.sweep.table import JOURNAL, Store, read
 
 CLOCKS = ["wall_time_s", "host"]

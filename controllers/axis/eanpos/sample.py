@@ -12,30 +12,8 @@ from typing import Any
 
 from edmsim.compiled.axis_rows import FAULT, HOLDS_OUTPUT, SHARED_IN, carray, sample
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.controllers.axis.eanpos import moves
 from edmsim.controllers.axis.eanpos import registers as at
-from edmsim.controllers.axis.eanpos.moves import (
-    begin,
-    brake,
-    break_off,
-    catch_up,
-    check_resolution,
-    edges_a_sample,
-    fail,
-    follow,
-    jog,
-    place,
-    plan,
-    retarget,
-    shift,
-    slopes,
-    speed_unit,
-    start,
-    take_edges,
-    take_writes,
-    top_speed,
-    travel,
-    warn,
-)
 from edmsim.controllers.axis.eanpos.registers import Reals, Words
 
 # The homing search of a QEM EANPOS ("preset search", manual 1.3.9): to the cam, back off it, to the zero pulse.
@@ -52,8 +30,8 @@ loaded; placing the axis there; stopping to go the other way."""
 def _search(reg: Words, real: Reals, direction: int, speed: int, phase: int) -> None:
     """Move at a speed until something is found."""
     reg[at.MOVE], reg[at.ST_STILL], reg[at.HOME_PHASE] = at.SEARCHING, 0, phase
-    begin(reg, real, direction, slopes(reg))
-    plan(reg, real, math.inf, speed * speed_unit(reg))
+    moves.begin(reg, real, direction, moves.slopes(reg))
+    moves.plan(reg, real, math.inf, speed * moves.speed_unit(reg))
     real[at.SEARCHED_FROM] = real[at.THEORY]
 
 
@@ -68,7 +46,7 @@ def preset(reg: Words, real: Reals) -> None:
     """Start a search, or turn a running one about (row Q-A28)."""
     needed = at.HAS_HOME | at.HAS_INDEX if reg[at.PRSMODE] == 1 else at.HAS_HOME
     if reg[at.RESOURCES] & needed != needed:
-        fail(reg, real, at.RESOURCE_MISSING, reg[at.PRSMODE])
+        moves.fail(reg, real, at.RESOURCE_MISSING, reg[at.PRSMODE])
         return
     reg[at.ST_PRSOK] = 0
     if reg[at.PRSMODE] == 2:
@@ -78,11 +56,11 @@ def preset(reg: Words, real: Reals) -> None:
     if not again:
         reg[at.HOME_DIR] = -1 if reg[at.PRMDIR] != 0 else 1
         if reg[at.ST_LOOPON] == 0:
-            catch_up(reg, real)
+            moves.catch_up(reg, real)
     elif reg[at.HOME_PHASE] == FAST:
         reg[at.HOME_DIR] = -reg[at.HOME_DIR]
     if reg[at.MOVE] != at.RESTING:
-        brake(reg, real)
+        moves.brake(reg, real)
         reg[at.MOVE], reg[at.HOME_PHASE] = at.ENDING, REVERSING
     else:
         _set_out(reg, real, again)
@@ -100,11 +78,11 @@ def _set_out(reg: Words, real: Reals, again: bool) -> None:
 @exactly_compiled
 def _load(reg: Words, real: Reals, edges_since: int) -> None:
     """Make the count prspos where the axis was some edges ago; a locked count is not loaded, and the search ends."""
-    brake(reg, real)
+    moves.brake(reg, real)
     if reg[at.ST_CNTLOCK] != 0:
         give_up(reg)
         return
-    shift(reg, real, reg[at.PRSPOS] * reg[at.PULSE] + edges_since * reg[at.MEASURE], True)
+    moves.shift(reg, real, reg[at.PRSPOS] * reg[at.PULSE] + edges_since * reg[at.MEASURE], True)
     reg[at.HOME_PHASE] = OVERRUN
 
 
@@ -119,7 +97,7 @@ def search(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) 
     """Carry a search on by a sample; `cam_before` is the enabling input at the last one, `index_at` the last mark."""
     phase, rests = reg[at.HOME_PHASE], reg[at.MOVE] == at.RESTING
     if phase == FAST and reg[at.CAM] > cam_before:
-        brake(reg, real)
+        moves.brake(reg, real)
         reg[at.HOME_PHASE] = TURNING
     elif phase == TURNING and rests:
         _search(reg, real, -reg[at.HOME_DIR], reg[at.SPRSVEL], SLOW)
@@ -136,7 +114,7 @@ def search(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) 
         reg[at.SETPOS], reg[at.SETVEL] = reg[at.PRSPOS], reg[at.SPRSVEL]
         reg[at.TARGET], reg[at.HAS_TARGET] = reg[at.PRSPOS], 1
         reg[at.HOME_PHASE] = RETURNING
-        travel(reg, real, float(reg[at.PRSPOS]))
+        moves.travel(reg, real, float(reg[at.PRSPOS]))
     elif phase == RETURNING and rests:
         give_up(reg)
         reg[at.ST_PRSOK] = 1
@@ -150,7 +128,8 @@ def _bound(reg: Words, real: Reals) -> None:
     """Beyond the manual: let no phase of a search go further than a limit."""
     searched = abs(real[at.THEORY] - real[at.SEARCHED_FROM])
     if reg[at.MOVE] == at.SEARCHING and reg[at.HOME_LIMIT] > 0 and searched > reg[at.HOME_LIMIT]:
-        fail(reg, real, at.MARK_NOT_FOUND if reg[at.HOME_PHASE] == TO_MARK else at.CAM_NOT_FOUND, reg[at.PRSMODE])
+        what = at.MARK_NOT_FOUND if reg[at.HOME_PHASE] == TO_MARK else at.CAM_NOT_FOUND
+        moves.fail(reg, real, what, reg[at.PRSMODE])
 
 
 @exactly_compiled
@@ -162,7 +141,7 @@ def hold_loaded(reg: Words, real: Reals) -> None:
         if reg[at.MODE2_ARMED] == 1:
             reg[at.ST_PRSOK], reg[at.MODE2_ARMED] = 1, 2
         if reg[at.NUMERATOR] != reg[at.PRSPOS] * reg[at.PULSE]:
-            shift(reg, real, reg[at.PRSPOS] * reg[at.PULSE], True)
+            moves.shift(reg, real, reg[at.PRSPOS] * reg[at.PULSE], True)
 
 
 # The 22 commands of a QEM EANPOS: their conditions and effects.
@@ -211,10 +190,10 @@ def _may(reg: Words, command: int) -> bool:
 @exactly_compiled
 def _stop_all(reg: Words, real: Reals) -> None:
     """Break off what moves, without a ramp, and any search."""
-    break_off(reg, real)
+    moves.break_off(reg, real)
     give_up(reg)
     real[at.INTEGRAL], reg[at.LAST_ERROR] = 0.0, 0
-    real[at.THEORY] = place(reg)
+    real[at.THEORY] = moves.place(reg)
 
 
 @exactly_compiled
@@ -226,7 +205,7 @@ def _initialise(reg: Words, real: Reals) -> None:
     real[at.THEORY], real[at.INTEGRAL] = float(reg[at.POSIT]), 0.0
     reg[at.HAS_TARGET], reg[at.SINCE_NS], reg[at.EXCEEDED] = 0, -1, 0
     reg[at.GATE_NS], reg[at.GATE_EDGES] = reg[at.NOW_NS], reg[at.ENCODER]
-    check_resolution(reg, real)
+    moves.check_resolution(reg, real)
 
 
 @exactly_compiled
@@ -235,26 +214,28 @@ def _on_motion(reg: Words, real: Reals, command: int) -> None:
         reg[at.ST_EMRG] = 1
         _stop_all(reg, real)
     elif command == at.START:
-        start(reg, real, reg[at.SETPOS])
+        moves.start(reg, real, reg[at.SETPOS])
     elif command == at.STOP:
-        brake(reg, real)
+        moves.brake(reg, real)
         give_up(reg)
     elif command == at.PRESET:
         preset(reg, real)
     elif command in (at.MANFW, at.MANBW):
-        jog(reg, real, 1 if command == at.MANFW else -1)
-    elif command == at.DELCNT and not shift(reg, real, reg[at.NUMERATOR] + reg[at.DELTA] * reg[at.PULSE], False):
-        warn(reg, at.NOT_EXECUTED, at.DELCNT + 1)
+        moves.jog(reg, real, 1 if command == at.MANFW else -1)
+    elif command == at.DELCNT and not moves.shift(
+        reg, real, reg[at.NUMERATOR] + reg[at.DELTA] * reg[at.PULSE], False
+    ):
+        moves.warn(reg, at.NOT_EXECUTED, at.DELCNT + 1)
 
 
 @exactly_compiled
 def _on_output(reg: Words, real: Reals, command: int) -> None:
     if command == at.RESUME:
         reg[at.ST_EMRG] = 0
-        catch_up(reg, real)
+        moves.catch_up(reg, real)
     elif command == at.LOOPON:
         reg[at.ST_LOOPON] = 1
-        catch_up(reg, real)
+        moves.catch_up(reg, real)
     elif command == at.LOOPOFF:
         reg[at.ST_LOOPON] = 0
     elif command == at.CALON:
@@ -262,12 +243,12 @@ def _on_output(reg: Words, real: Reals, command: int) -> None:
         _stop_all(reg, real)
     elif command == at.CALOFF:
         reg[at.ST_CAL], reg[at.VOUT] = 0, 0
-        catch_up(reg, real)
+        moves.catch_up(reg, real)
     elif command == at.REGOFF:
         reg[at.ST_REGOFF] = 1
     elif command == at.REGON:
         reg[at.ST_REGOFF] = 0
-        catch_up(reg, real)
+        moves.catch_up(reg, real)
 
 
 @exactly_compiled
@@ -300,7 +281,7 @@ def execute(reg: Words, real: Reals) -> None:
             _on_output(reg, real, command)
             _on_flags(reg, command)
         elif not (reg[at.ALREADY_SO] != 0 and reg[at.ST_INIT] == 1 and (command in (at.RESUME, at.REGON))):
-            warn(reg, at.NOT_EXECUTED, command + 1)
+            moves.warn(reg, at.NOT_EXECUTED, command + 1)
 
 
 FULL_SCALE = 32768  # codes of 10 V: 16 bits with sign
@@ -319,7 +300,7 @@ def _count(reg: Words, count: int) -> None:
     edges = count - reg[at.LAST_COUNT] if reg[at.FRESH] == 0 else 0
     reg[at.LAST_COUNT], reg[at.FRESH] = count, 0
     if reg[at.ST_INIT] == 1 and reg[at.ST_CNTLOCK] == 0 and reg[at.RESOURCES] & at.HAS_COUNTER:
-        take_edges(reg, -edges if reg[at.ST_CNTREV] != 0 else edges)
+        moves.take_edges(reg, -edges if reg[at.ST_CNTREV] != 0 else edges)
 
 
 @exactly_compiled
@@ -338,14 +319,14 @@ def _follow_steps(reg: Words, real: Reals, edges: int) -> None:
     if reg[at.MOVE] == at.RESTING:
         reg[at.SETPOS] = reg[at.FOLLOWED]
         reg[at.MAILBOX] |= 1 << at.START
-    elif reg[at.MOVE] == at.PLACING and retarget(reg, real, reg[at.FOLLOWED]):
+    elif reg[at.MOVE] == at.PLACING and moves.retarget(reg, real, reg[at.FOLLOWED]):
         reg[at.SETPOS] = reg[at.FOLLOWED]
 
 
 @exactly_compiled
 def _following_error(reg: Words, real: Reals) -> int:
     """Return the error in edges, and judge it (row Q-A26)."""
-    error: int = math.floor((real[at.THEORY] - place(reg)) * reg[at.PULSE] / reg[at.MEASURE] + 0.5)
+    error: int = math.floor((real[at.THEORY] - moves.place(reg)) * reg[at.PULSE] / reg[at.MEASURE] + 0.5)
     reg[at.FOLLERR] = error
     if abs(error) > reg[at.MAXFOLLERR]:
         if reg[at.EXCEEDED] == 0 or reg[at.DELAYS_FOLLOWING] == 0:
@@ -361,7 +342,7 @@ def _following_error(reg: Words, real: Reals) -> int:
 @exactly_compiled
 def _regulate(reg: Words, real: Reals, error: int) -> float:
     """Return the output as a share of 10 V, before the offset (rows Q-44 to Q-46, Q-67)."""
-    top, unit = top_speed(reg), edges_a_sample(reg)
+    top, unit = moves.top_speed(reg), moves.edges_a_sample(reg)
     reg[at.FFWDREG] = reg[at.PROPREG] = reg[at.INTEG] = reg[at.DERREG] = 0
     if unit <= 0.0:  # the output has no scale
         return 0.0
@@ -393,7 +374,7 @@ def _regulate(reg: Words, real: Reals, error: int) -> float:
 def _put_out(reg: Words, real: Reals) -> None:
     """Set the converter's code: kept with the regulation off, 0 in emergency, vout in calibration."""
     if reg[at.ST_EMRG] + reg[at.ST_CAL] + reg[at.ST_REGOFF] > 0:
-        real[at.THEORY], real[at.INTEGRAL] = place(reg), 0.0
+        real[at.THEORY], real[at.INTEGRAL] = moves.place(reg), 0.0
     error = _following_error(reg, real)
     if reg[at.ST_REGOFF] == 1:
         return
@@ -417,7 +398,7 @@ def _measure_speed(reg: Words) -> None:
         return
     edges, seconds = reg[at.ENCODER] - reg[at.GATE_EDGES], since_ns * 1e-9
     reg[at.FRQ] = math.floor(abs(edges) / _EDGES_A_LINE / seconds + 0.5)
-    reg[at.VEL] = math.floor(edges * reg[at.MEASURE] / reg[at.PULSE] / seconds / speed_unit(reg) + 0.5)
+    reg[at.VEL] = math.floor(edges * reg[at.MEASURE] / reg[at.PULSE] / seconds / moves.speed_unit(reg) + 0.5)
     reg[at.GATE_NS], reg[at.GATE_EDGES] = reg[at.NOW_NS], reg[at.ENCODER]
 
 
@@ -445,7 +426,7 @@ def _run(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) ->
     if reg[at.HOME_PHASE] != 0:
         search(reg, real, cam_before, marks, index_at)
     hold_loaded(reg, real)
-    follow(reg, real)
+    moves.follow(reg, real)
     if reg[at.RESOURCES] & at.HAS_COUNTER == 0 and reg[at.PULSE] > 0:
         reg[at.NUMERATOR] = math.floor(real[at.THEORY] * reg[at.PULSE] + 0.5)
         reg[at.POSIT] = reg[at.NUMERATOR] // reg[at.PULSE]
@@ -461,12 +442,12 @@ def eanpos_sample(drive_at: Any, axis_at: Any) -> None:
     drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
     reg, real = drive.reg, drive.real
     reg[at.NOW_NS] = drive.now_ns
-    follow(reg, real)
+    moves.follow(reg, real)
     if reg[at.FRESH] != 0:
         reg[at.EDGES], reg[at.MODE2_ARMED] = drive.setpoint, 0
     _follow_steps(reg, real, drive.setpoint)
     if reg[at.ST_INIT] == 1 and reg[at.WRITTEN] != 0:
-        take_writes(reg, real)
+        moves.take_writes(reg, real)
     _count(reg, axis.count)
     cam_before = reg[at.CAM]
     reg[at.CAM] = axis.home if reg[at.RESOURCES] & at.HAS_HOME else 0
@@ -475,7 +456,7 @@ def eanpos_sample(drive_at: Any, axis_at: Any) -> None:
         execute(reg, real)
     if reg[at.ST_INIT] == 1:
         if axis.lines & SHARED_IN and reg[at.ST_REGOFF] == 0:
-            fail(reg, real, at.OUTPUT_TAKEN, 0)
+            moves.fail(reg, real, at.OUTPUT_TAKEN, 0)
         _run(reg, real, cam_before, axis.indexes, axis.index_at)
     held = reg[at.ST_INIT] == 0 or reg[at.ST_REGOFF] == 1 or reg[at.RESOURCES] & at.HAS_OUTPUT == 0
     drive.command = reg[at.CODE] / FULL_SCALE if reg[at.RESOURCES] & at.HAS_OUTPUT else 0.0

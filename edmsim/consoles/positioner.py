@@ -1,7 +1,7 @@
 """``edmsim console positioner``: a QMOVE control with its positioners on a bench.
 
-Inputs and outputs have their slot addresses as names, so one input can serve both the program and a device's homing.
-The program runs a pass every millisecond (ours).
+Inputs and outputs have their slot addresses as names, so one input can serve both the program and a device's
+homing. The program runs a pass every millisecond (ours).
 """
 
 from __future__ import annotations

@@ -1,26 +1,31 @@
-"""The native vector environment: the plants of all sub-environments run in one compiled call."""
+"""Gymnasium's two kinds of environment, single and vector, and what runs their episodes.
+
+Sub-environments step window by window, parts pass by pass. Parts are loaded where they are made: what cuts programs
+takes longer to load than sub-environments.
+"""
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from edmsim.envs.arguments import plain
-from edmsim.envs.batch import action_space_of, observation_space_of, reward_space_of
-from edmsim.envs.checks import checked_actions, checked_options
-from edmsim.envs.engine import engine_of, picture_of, sub_envs_of
+from edmsim.envs.arguments import checked_actions, checked_options, plain
+from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from edmsim.envs.sub_env_view import SubEnvView
-from edmsim.envs.task import EnvArguments
+from edmsim.envs.sub_envs import SubEnvs
+from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError
 from edmsim.numeric import whole_from
 
@@ -29,12 +34,319 @@ if TYPE_CHECKING:
 
     from edmsim.controllers import FeedController
     from edmsim.envs.attached_controller import AttachedController
+    from edmsim.envs.parts import Parts
     from edmsim.envs.recorder import EpisodeRecorder
+
+    Engine = Batch | Parts  # both have the members that Gymnasium's environments need
+
+
+def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
+    """Return what runs `count` episodes side by side."""
+    if isinstance(family, Family):
+        return Batch(family, count, threads)
+    from edmsim.envs.part_task import Part
+    from edmsim.envs.parts import Parts
+
+    assert isinstance(family, Part)
+    return Parts(family, count, threads)
+
+
+def sub_envs_of(engine: Engine) -> SubEnvs:
+    """Return the sub-environments that step window by window; raises `InputError` where there are none."""
+    if isinstance(engine, Batch):
+        return engine.sub_envs
+    raise InputError(
+        "Part is decided on pass by pass: no feed controller can look on, and no recorder; edmsim cut --passes "
+        "records the same part"
+    )
+
+
+def picture_of(engine: Engine, renderer: Renderer, index: int) -> NDArray[np.uint8]:
+    """Return a sub-environment's picture, uint8 (480, 640, 3)."""
+    if isinstance(engine, Batch):
+        return renderer.picture(engine, index)
+    from edmsim.envs.part_picture import picture
+
+    return picture(engine.episode(index))
+
+
+# One environment: a vector environment of one sub-environment with the API of Gymnasium's `Env`.
+
+_ONLY = np.zeros(1, np.int64)
+
+
+class _PlainSpec:
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Keep the specification that Gymnasium notes in a form that JSON can write."""
+        if name == "spec" and value is not None:
+            value.kwargs = plain(value.kwargs)
+        super().__setattr__(name, value)
+
+
+class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """Cut metal. A step is a window of 255 pulses, all windows that begin within `Family.decision_s`, or a pass.
+
+    Use ``gymnasium.make("edmsim/GapFeed-v2", ...)``, which makes the subclass `GapFeedEnv`. The subclasses describe
+    every entry of action, observation and reward.
+
+    Parameters
+    ----------
+    task : str or type, optional
+        A `Family` or `Part`, its short name or the id of an environment; by default that of the class.
+    render_mode : {"rgb_array", "human"}, optional
+    **options
+        Its arguments, in the forms of `EnvArguments.of`.
+
+    Attributes
+    ----------
+    family : EnvArguments
+        The arguments in force.
+    reward_space : gymnasium.spaces.Box
+        Space of the reward, one entry per objective, as in MO-Gymnasium.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used.
+    TypeError
+        If an argument is unknown.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
+        "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS,
+    }
+
+    task: ClassVar[str | type[EnvArguments]] = ""
+
+    def __init__(
+        self, task: str | type[EnvArguments] | None = None, render_mode: str | None = None, **options: Any
+    ) -> None:
+        self.family: EnvArguments = arguments_with(self.task if task is None else task, **options)
+        self.render_mode = check_render_mode(render_mode)
+        self.action_space = action_space_of(self.family)
+        self.observation_space = observation_space_of(self.family)
+        self.reward_space = reward_space_of(self.family)
+        self._batch = engine_of(self.family, 1, 1)
+        self._of_episode: dict[str, Any] = {}
+        self._running = False
+        self._started = False
+        self._renderer = Renderer()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode.
+
+        Parameters
+        ----------
+        seed : int, optional
+            The same seed gives the same episodes from here on; without a seed, the generator is not reset.
+        options : dict, optional
+            ``{"machine": edmsim.Machine}`` cuts with that machine instead of a drawn one.
+        """
+        checked = checked_options(options, ("machine",))
+        super().reset(seed=None if seed is None else whole_from("seed", seed, 0))
+        info = self._batch.begin(0, self.np_random, checked.get("machine"), anew=seed is not None)
+        self._running = self._started = True
+        self._batch.clear()
+        self._of_episode = info
+        if self.render_mode == "human":
+            self.render()
+        return self._batch.observations()[0], self._info()
+
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
+        """Run a step: the windows until the next action.
+
+        Returns
+        -------
+        observation, reward, terminated, truncated, info
+            The reward is a float, or with objectives an array float32 of one for each.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            Before the first reset, or after the episode's end.
+        gymnasium.error.InvalidAction
+            If an action has not the shape of the action space, or is NaN.
+        """
+        if not self._running:
+            why = "the episode has ended" if self._started else "no episode has begun"
+            raise ResetNeeded(f"{why}: call reset() before step()")
+        batch = self._batch
+        actions = checked_actions(action, self.action_space.shape or ())[None]
+        reward = batch.step(_ONLY, actions)[0]
+        terminated = bool(batch.ended[0])
+        truncated = not terminated and bool(batch.out_of_time[0])
+        self._running = not (terminated or truncated)
+        if self.render_mode == "human":
+            self.render()
+        reward_out = reward.astype(np.float32) if self.family.objectives else float(reward)
+        return batch.observations()[0], reward_out, terminated, truncated, self._info()
+
+    def _info(self) -> dict[str, Any]:
+        """Return the info of a step or a reset, which have the same keys: records of Minari want that."""
+        batch = self._batch
+        info: dict[str, Any] = {name: value[0].item() for name, value in batch.infos().items()}
+        info["reward_terms"] = {name: value.item() for name, value in batch.reward_terms().items()}
+        info |= {name: value[0] for name, value in batch.words().items()}
+        return info | self._of_episode | {"drawn": dict(self._of_episode["drawn"])}
+
+    def attach_controller(self, controller: FeedController) -> AttachedController:
+        """Attach a feed controller to this environment: see `AttachedController`."""
+        from edmsim.envs.attached_controller import AttachedController
+
+        return AttachedController(sub_envs_of(self._batch), 0, controller)
+
+    def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
+        """Return a recorder of the episode that has just begun; `RecordRerun` records with it.
+
+        Parameters
+        ----------
+        actions : sequence of str, optional
+            Names of the entries of the recorded actions; those of the family by default.
+        """
+        from edmsim.envs.recorder import EpisodeRecorder
+
+        return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
+
+    def change(self, **options: Any) -> None:
+        """Change arguments for the next episodes, for a curriculum.
+
+        Parameters
+        ----------
+        **options
+            Arguments to change; those that make spaces or plants cannot change (see `EnvArguments.changed`).
+        """
+        self.family = self.family.changed(**options)
+        self._batch.change(self.family)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return an image (height, width, 3), or show it; None without a render mode.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            Before the first reset.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("render() was called without a render_mode; give one to gymnasium.make")
+            return None
+        if not self._started:
+            raise ResetNeeded("no episode has begun: call reset() before render()")
+        picture = picture_of(self._batch, self._renderer, 0)
+        if self.render_mode == "human":
+            self._renderer.show(picture)
+            return None
+        return picture
+
+    def close(self) -> None:
+        """Close the window of ``render_mode="human"``, if there is one."""
+        self._renderer.close()
+
+
+# The native vector environment: the plants of all sub-environments run in one compiled call.
+
+# A sub-environment of a vector environment as the single environment that it stands for.
+
+_OF_VECTORS = "num_envs", "vectorization_mode", "autoreset_mode", "threads", "max_episode_steps"
+
+
+class SubEnvView:
+    """What a single `EdmEnv` has, of a sub-environment; all step, end and close together, in one vector environment.
+
+    Other attributes may be set, and are the sub-environment's own. The seed is -1 if the generator was set, as
+    Gymnasium has it.
+    """
+
+    def __init__(self, env: EdmVectorEnv, index: int) -> None:
+        self._env, self._index = env, index
+        self._spaces = copy.deepcopy((env.single_action_space, env.single_observation_space, env.reward_space))
+        self._random: np.random.Generator | None = None
+        self._seed = -1
+
+    action_space = property(lambda self: self._spaces[0], doc="The sub-environment's own, which can be seeded.")
+    observation_space = property(lambda self: self._spaces[1], doc="The sub-environment's own.")
+    reward_space = property(lambda self: self._spaces[2], doc="The sub-environment's own.")
+    metadata = property(lambda self: EdmEnv.metadata, doc="As of a single environment.")
+
+    @property
+    def family(self) -> EnvArguments:
+        """The arguments in force."""
+        return self._env.family
+
+    @property
+    def render_mode(self) -> str | None:
+        """As of all sub-environments."""
+        return self._env.render_mode
+
+    @property
+    def unwrapped(self) -> SubEnvView:
+        """The sub-environment itself: there are no wrappers around it."""
+        return self
+
+    @property
+    def spec(self) -> gym.envs.registration.EnvSpec | None:
+        """Specification of a single environment like it."""
+        spec = copy.deepcopy(self._env.spec)
+        if spec is not None:
+            spec.kwargs = {name: value for name, value in spec.kwargs.items() if name not in _OF_VECTORS}
+            spec.max_episode_steps = self._env.max_episode_steps
+        return spec
+
+    def take(self, name: str, value: Any) -> None:
+        """Set an attribute; refuse what all sub-environments share."""
+        shared = getattr(type(self), name, None)
+        fixed = isinstance(shared, property) and shared.fset is None
+        if fixed or callable(shared) or name in {f.name for f in fields(self.family)}:  # type: ignore[arg-type]
+            raise InputError(
+                f"{name} cannot be set: the sub-environments share it; give it when making them, or change an "
+                "argument of the next episodes by change(...), env_method('change', ...) in stable-baselines3"
+            )
+        setattr(self, name, value)
+
+    def begin_draws(self, seed: int | None) -> None:
+        """Let the sub-environment's draws begin as a seed has them, or as nobody knows."""
+        self._random, self._seed = seeding.np_random(seed)
+
+    @property
+    def np_random(self) -> np.random.Generator:
+        """Generator of what is drawn."""
+        if self._random is None:
+            self.begin_draws(None)
+        assert self._random is not None
+        return self._random
+
+    @np_random.setter
+    def np_random(self, generator: np.random.Generator) -> None:
+        self._random, self._seed = generator, -1
+
+    @property
+    def np_random_seed(self) -> int:
+        """Seed of that generator."""
+        _ = self.np_random  # it begins if it has not
+        return self._seed
+
+    def attach_controller(self, controller: FeedController) -> AttachedController:
+        """Return a feed controller's place at the sub-environment: see `AttachedController`."""
+        return self._env.attach_controller(self._index, controller)
+
+    def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
+        """Return a recorder of the episode that the sub-environment has just begun; see `EdmEnv.recorder`."""
+        return self._env.recorder(self._index, actions)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture of the sub-environment; with ``"human"`` sub-environment 0 is shown, and no other."""
+        if self._env.render_mode == "rgb_array":
+            return self._env.picture(self._index)
+        if self._index == 0:
+            self._env.render()
+        return None
+
 
 Flags = NDArray[np.bool_]
 
 
-class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """Many cuts at once. A step is a window of 255 pulses, all windows within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``.
@@ -204,7 +516,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         if self.watch is not None:
             self.watch(actions, infos, self._ended)
         if again.any():
-            self._merge(infos, self._begin(again))
+            infos.update(self._begin(again))  # the names of resets' infos are other than those of steps
         elif self._ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             infos = self._begin_at_once(infos, self._ended.copy())
         if self.render_mode == "human":
@@ -262,20 +574,11 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         for view, value in zip(self._views, each, strict=True):
             view.take(name, value)
 
+
     def change(self, **options: Any) -> None:
         """Change arguments for the next episodes of all sub-environments, for a curriculum; see `EdmEnv.change`."""
         self.family = self.family.changed(**options)
         self._batch.change(self.family)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Keep the specification that Gymnasium notes in a form that JSON can write."""
-        if name == "spec" and value is not None:
-            value.kwargs = plain(value.kwargs)
-        super().__setattr__(name, value)
-
-    def _merge(self, infos: dict[str, Any], started: dict[str, Any]) -> None:
-        """Add the infos of resets, whose names are other than those of steps."""
-        infos.update(started)
 
     def _begin_at_once(self, infos: dict[str, Any], ended: Flags) -> dict[str, Any]:
         """Begin the next episodes in the same step; final_obs and final_info keep what the last ones showed."""
@@ -286,7 +589,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         final_info, infos = _only(infos, ended), _only(infos, ~ended)
         infos["final_obs"], infos["_final_obs"] = final, ended
         infos["final_info"], infos["_final_info"] = final_info, ended.copy()
-        self._merge(infos, self._begin(ended))
+        infos.update(self._begin(ended))
         return infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:

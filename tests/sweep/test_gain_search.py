@@ -10,9 +10,9 @@ import pytest
 from edmsim import models
 from edmsim.controllers import make
 from edmsim.errors import InputError
-from edmsim.evaluation import search
 from edmsim.evaluation.episode import HELD_BACK, Result
-from edmsim.evaluation.search import BOUNDS, training_seeds
+from edmsim.sweep import tune
+from edmsim.sweep.tune import BOUNDS, training_seeds
 
 
 @pytest.fixture(autouse=True)
@@ -28,21 +28,21 @@ def result(controller: str, rate: float, reward: float) -> Result:
 
 @pytest.mark.slow
 def test_gains_are_scored_on_real_cuts_the_same_every_time() -> None:
-    made = [search.run_all(training_seeds(3, 1), lambda: make("voltage", reference_V=9.0)) for _ in range(2)]
+    made = [tune.run_all(training_seeds(3, 1), lambda: make("voltage", reference_V=9.0)) for _ in range(2)]
     assert str(made[0]) == str(made[1])  # as text, in which one NaN is like another
-    assert len(made[0]) == len(search.ENV_IDS)
-    assert search.score(made[0]) > 0
+    assert len(made[0]) == len(tune.ENV_IDS)
+    assert tune.score(made[0]) > 0
 
 
 @pytest.mark.parametrize("end", [0, 1])
 def test_every_feed_that_is_searched_can_be_run(end: int) -> None:
-    made = search.run_all(training_seeds(3, 1), lambda: make("fixed", feed_um_s=BOUNDS["fixed"]["feed_um_s"][end]))
-    assert len(made) == len(search.ENV_IDS)
+    made = tune.run_all(training_seeds(3, 1), lambda: make("fixed", feed_um_s=BOUNDS["fixed"]["feed_um_s"][end]))
+    assert len(made) == len(tune.ENV_IDS)
 
 
 def test_the_oracle_is_scored_by_its_rate_the_others_by_their_return() -> None:
-    assert search.score([result("oracle", 10.0, 1.0), result("oracle", 20.0, 1.0)]) == 15.0
-    assert search.score([result("counts", 10.0, 1.0), result("counts", 20.0, 2.0)]) == 1.5
+    assert tune.score([result("oracle", 10.0, 1.0), result("oracle", 20.0, 1.0)]) == 15.0
+    assert tune.score([result("counts", 10.0, 1.0), result("counts", 20.0, 2.0)]) == 1.5
 
 
 def test_held_back_seeds_are_never_trained_on() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from edmsim.errors import InputError, one_of
 from edmsim.numeric import real
-from edmsim.program.dialects.dialect import Dialect
+from edmsim.program.dialects import Dialect
 from edmsim.program.registers import read_table
 
 _COMMENT = re.compile(r"\(([^()]*)\)")
