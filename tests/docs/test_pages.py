@@ -44,7 +44,7 @@ NOT_RUN = {
         "tests/learning/test_adapt_example.py runs a short one",
     "edmsim evaluate edmsim/MaxRateShift-v0 --controllers policy:out/adapt/policy.json,adaptive-hold --seeds 4 "
     "--page out/adapt/compared.md": "it takes what the command before it leaves",
-    "edmsim report out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
+    "edmsim report out/punch --screenshots shots": "tests/recording/test_playback.py, where there is Vulkan",
 }
 """Commands of blocks that are checked but not run, and why."""
 ELSEWHERE = {
