@@ -24,7 +24,7 @@ from edmsim.program.blocks import BELONGS, IDLE_CODES, INCH_MM, UNITS, Block, Of
 from edmsim.program.dialects import ISO, Action, Dialect
 from edmsim.program.limits import LONGEST_DWELL_S
 from edmsim.program.outline import InForce, Side
-from edmsim.program.registers import Offset, OffsetRegisters, register
+from edmsim.program.tables import Offset, OffsetRegisters, register
 
 
 @dataclass(frozen=True)
