@@ -36,7 +36,7 @@ from edmsim.envs.episode import Task
 from edmsim.envs.registry import make_family
 from edmsim.evaluation.episode import Episode
 from edmsim.learning.hold_controller import HoldController
-from edmsim.learning.policy_file import Hold, write_hold
+from edmsim.learning.policy_file import Hold, write_policy
 
 ENV_ID, FIRST_SEED = "edmsim/MaxRateShift-v0", 10_000
 SECONDS = 240.0  # of each training machine
@@ -344,7 +344,7 @@ def save(student: Student, file: Path, command: str, steps: int, seed: int) -> N
     inputs[columns] = cell["weight_ih"].T
     lstm = inputs, cell["weight_hh"].T, cell["bias_ih"] + cell["bias_hh"]
     out = student.out.weight.detach().double().numpy(), student.out.bias.detach().double().numpy()
-    write_hold(
+    write_policy(
         file, env_id=ENV_ID, environment=ENVIRONMENT, hold=HOLD, mean=mean, variance=variance, lstm=lstm,
         weights=[out[0].T], biases=[out[1]], algorithm="adapt", command=command, seed=seed, steps=steps,
     )
