@@ -13,32 +13,15 @@ from importlib import resources
 from typing import Any, TypeAlias, cast
 
 from edmsim import user_code
-from edmsim.controllers.conformance import check_controller
+from edmsim.controllers.feed import laws
 from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.controllers.feed.law import ServoLaw
-from edmsim.controllers.feed.laws import (
-    AdaptiveHoldController,
-    AdaptiveOffTimeController,
-    ClimbController,
-    ClimbingHoldController,
-    DelayController,
-    FixedPeriodController,
-    FuzzyController,
-    HeatFluxController,
-    HeatOracleController,
-    LeadOracleController,
-    OracleController,
-    SatoController,
-    SetPointController,
-    TrimController,
-    VoltageController,
-)
 from edmsim.controllers.feed.mcu import McuController
-from edmsim.controllers.named_numbers import named_numbers
-from edmsim.controllers.own import from_file
+from edmsim.controllers.own import check_controller, from_file
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
 from edmsim.errors import InputError, one_of
+from edmsim.numeric import named_numbers
 
 __all__ = [
     "OF_A_TASK", "SAME_LAW", "FeedCommand", "FeedController", "SeesTruth", "WindowObservation", "check_controller",
@@ -49,10 +32,11 @@ _Kind: TypeAlias = "type[CountsController] | type[FixedController] | type[ServoL
 _CONTROLLERS: dict[str, _Kind] = {
     kind.name: kind
     for kind in (
-        CountsController, FixedController, VoltageController, DelayController, FuzzyController,
-        AdaptiveOffTimeController, OracleController, McuController, FixedPeriodController, SatoController,
-        HeatFluxController, HeatOracleController, SetPointController, ClimbController,
-        LeadOracleController, TrimController, ClimbingHoldController, AdaptiveHoldController,
+        CountsController, FixedController, laws.VoltageController, laws.DelayController, laws.FuzzyController,
+        laws.AdaptiveOffTimeController, laws.OracleController, McuController, laws.FixedPeriodController,
+        laws.SatoController, laws.HeatFluxController, laws.HeatOracleController, laws.SetPointController,
+        laws.ClimbController, laws.LeadOracleController, laws.TrimController, laws.ClimbingHoldController,
+        laws.AdaptiveHoldController,
     )
 }
 
@@ -62,8 +46,9 @@ SAME_LAW = {McuController.name: CountsController.name}
 OF_A_TASK = tuple(
     kind.name
     for kind in (
-        SetPointController, ClimbController, LeadOracleController, FixedPeriodController, SatoController,
-        HeatFluxController, HeatOracleController, TrimController, ClimbingHoldController, AdaptiveHoldController,
+        laws.SetPointController, laws.ClimbController, laws.LeadOracleController, laws.FixedPeriodController,
+        laws.SatoController, laws.HeatFluxController, laws.HeatOracleController, laws.TrimController,
+        laws.ClimbingHoldController, laws.AdaptiveHoldController,
     )
 )
 """Controllers whose constants are for one task: compared only in that task."""

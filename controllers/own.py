@@ -1,20 +1,28 @@
-"""Feed controllers of a user's own: from a Python file, or as an object."""
+"""Feed controllers of a user's own: from a Python file, or as an object; and the rules they must keep, as a check."""
 
 from __future__ import annotations
 
 import inspect
+import json
+import math
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
-from edmsim.controllers.protocols import FeedController
+import numpy as np
+
+from edmsim.controllers import protocols
+from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
 from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import real
 from edmsim.user_code import UserObject, run
 
 NEEDED = ("name", "reset", "update", "snapshot", "restore")  # what a feed controller must offer
 
 
-def from_file(own: UserObject, parameters: dict[str, float]) -> FeedController:
+def from_file(own: UserObject, parameters: dict[str, float]) -> protocols.FeedController:
     """Make a controller of a class in a user's file."""
     kinds = {
         name: kind for name, kind in vars(run(own.file)).items()
@@ -29,19 +37,19 @@ def from_file(own: UserObject, parameters: dict[str, float]) -> FeedController:
             has = f"it has {', '.join(known)}" if known else "it has none"
             raise InputError(f"{own.name} has no parameter {parameter!r}; {has}", own.file)
     try:
-        return cast(FeedController, kind(**parameters))
+        return cast(protocols.FeedController, kind(**parameters))
     except TypeError as error:
         raise InputError(f"{own.name} cannot be made: {error}", own.file) from None
 
 
-def check_is_controller(candidate: object) -> FeedController:
+def check_is_controller(candidate: object) -> protocols.FeedController:
     """Return what was given if it can be a feed controller; `InputError` for a class, or what lacks something."""
     if inspect.isclass(candidate):
         raise InputError(f"{candidate.__name__} is a class: give an object of it, {candidate.__name__}()")
     missing = lacking(candidate)
     if missing:
         raise InputError(f"{candidate!r} is not a feed controller: it has no {', '.join(missing)}")
-    return cast(FeedController, candidate)
+    return cast(protocols.FeedController, candidate)
 
 
 def lacking(candidate: object) -> list[str]:
@@ -49,7 +57,7 @@ def lacking(candidate: object) -> list[str]:
     return [name for name in NEEDED if not hasattr(candidate, name)]
 
 
-def text_of(controller: FeedController) -> str:
+def text_of(controller: protocols.FeedController) -> str:
     """Return a controller's name with its numbers, as the command line would have it."""
     if not is_dataclass(controller):
         return controller.name
@@ -67,3 +75,125 @@ def _why_not(own: UserObject, kinds: list[str]) -> str:
         missing = lacking(found) or sorted(getattr(found, "__abstractmethods__", ()))
         return f"{own.name} is not a feed controller: it has no {', '.join(missing)}"
     return f"this file has no feed controller {own.name!r}; {there}"
+
+
+WINDOW_S = 0.0255  # 255 pulses of the standard setting
+WINDOWS = 300
+_PATH_UM = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 400.0]])
+"""A path with a corner, for controllers that ask for one."""
+Counts = list[tuple[int, int]]
+
+
+def check_controller(make: Callable[[], protocols.FeedController]) -> None:
+    """Check that a feed controller can cut, be compared, saved and resumed.
+
+    It is shown windows of every kind: random shares of short and open pulses, nothing but open pulses (whose mean
+    delay is NaN), nothing but shorts. A controller that raises its alarm is not asked further.
+
+    Parameters
+    ----------
+    make : callable
+        Returns a new controller at every call; its class will do.
+
+    Raises
+    ------
+    InputError
+        It lacks a method; a command is missing, not finite, or faster than the machine; two new ones do not command
+        the same, nor does one after `reset` or one restored from a snapshot that went through JSON.
+
+    Examples
+    --------
+    >>> from edmsim import controllers
+    >>> controllers.check_controller(lambda: controllers.make("voltage"))
+    """
+    rng = np.random.default_rng(1)
+    random: Counts = [(int(a), int(b)) for a, b, _ in (
+        rng.multinomial(WINDOW_PULSES, rng.dirichlet([0.3, 0.3, 0.3])) for _ in range(WINDOWS)
+    )]  # fmt: skip
+    for counts in (random, [(0, WINDOW_PULSES)] * WINDOWS, [(WINDOW_PULSES, 0)] * WINDOWS):
+        _check_with(make, counts)
+
+
+class _RehearsalWindow(NamedTuple):
+    """A window of the rehearsal with everything a plant's has; made here, as controllers know no plant."""
+
+    short: int
+    open: int
+    spark: int
+    mean_voltage_V: float
+    mean_current_A: float
+    mean_delay_us: float
+    gap_um: float
+    fifths: tuple[int, ...]
+    start_ns: int = 0
+    duration_ns: int = round(WINDOW_S * 1e9)
+    arc: int = 0
+    deflection_um: tuple[float, float] = (0.0, 0.0)
+    vibration2_um2: float = 0.0
+    wire_temperature_K: float = 320.0
+    debris: float = 0.0
+    energy_J: float = 0.0
+    crater_um3: float = 0.0
+    broken: bool = False
+    pulses: int = WINDOW_PULSES
+
+
+class _Rehearsal:
+    """A controller that is shown windows of given counts, on a wire that follows its commands."""
+
+    def __init__(self, controller: protocols.FeedController) -> None:
+        self.controller = controller
+        self.windows, self.path_um = 0, 0.0
+        protocols.tell(controller, Machine.load(), _PATH_UM, 0.0)
+        self.command = protocols.check_command(controller.name, controller.reset(MAX_FEED_UM_S))
+
+    def run(self, counts: Counts) -> list[protocols.FeedCommand]:
+        """Return the commands after these windows, up to an alarm."""
+        commands = [self.command]
+        for short, open_ in counts:
+            if self.command.alarm is not None:
+                break
+            self._show(short, open_)
+            commands.append(self.command)
+        return commands
+
+    def _show(self, short: int, open_: int) -> None:
+        self.windows += 1
+        self.path_um += self.command.feed_um_s * WINDOW_S
+        ignited = WINDOW_PULSES - short - open_
+        voltage_V, current_A = (30.0 * open_ + 6.0 * ignited) / WINDOW_PULSES, 2.0 * (1 - open_ / WINDOW_PULSES)
+        delay_us, gap_um = (9.0, 8.0) if ignited else (math.nan, math.nan)
+        fifths = tuple(len(range(k, ignited, 5)) for k in range(5))
+        window = _RehearsalWindow(short, open_, ignited, voltage_V, current_A, delay_us, gap_um, fifths)
+        if isinstance(self.controller, protocols.SeesTruth):
+            self.controller.see(window)
+        time_ns = self.windows * window.duration_ns
+        observation = protocols.WindowObservation.of(window, time_ns, self.command.feed_um_s, self.path_um)
+        self.command = protocols.check_command(self.controller.name, self.controller.update(observation))
+
+
+def _check_with(make: Callable[[], protocols.FeedController], counts: Counts) -> None:
+    controller = check_is_controller(make())
+    commands = _Rehearsal(controller).run(counts)
+    fastest = max(abs(command.feed_um_s) for command in commands)
+    if fastest > MAX_FEED_UM_S:
+        raise _wrong(controller, f"commands {fastest:g} um/s where the machine runs {MAX_FEED_UM_S:g}")
+    if _Rehearsal(make()).run(counts) != commands:
+        raise _wrong(controller, "does not command the same again, when it is made again and shown the same windows")
+    if _Rehearsal(controller).run(counts) != commands:
+        raise _wrong(controller, "remembers something across reset(): it does not command the same as before")
+    half = len(commands) // 2
+    first, second = _Rehearsal(make()), _Rehearsal(make())
+    first.run(counts[:half])
+    try:
+        text = json.dumps(first.controller.snapshot())
+    except (TypeError, ValueError) as error:
+        raise _wrong(controller, f"has a snapshot that JSON cannot hold: {error}") from None
+    second.windows, second.path_um, second.command = first.windows, first.path_um, first.command
+    second.controller.restore(json.loads(text))
+    if second.run(counts[half:]) != first.run(counts[half:]):
+        raise _wrong(controller, "does not go on from its snapshot as it would have without")
+
+
+def _wrong(controller: protocols.FeedController, what: str) -> InputError:
+    return InputError(f"the {controller.name} controller {what}")

@@ -1,16 +1,15 @@
-"""Long work: done on all cores, and how far it is, as a bar or as a line now and then in a file or a pipe."""
+"""How far long work is, as a bar, or as a line now and then in a file or a pipe."""
 
 from __future__ import annotations
 
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable
 from functools import partial
 from html import escape
 from pkgutil import resolve_name
-from typing import Any, TypeVar
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -21,31 +20,6 @@ LINE_EVERY_S = 10.0
 """Between two lines of progress where no bar can be drawn (ours)."""
 NOTEBOOK_EVERY_S = 0.3
 """Between two pictures of the bar in a notebook (ours: seen to move, and little for a browser)."""
-
-
-_Job = TypeVar("_Job")
-_Answer = TypeVar("_Answer")
-
-
-def in_threads(
-    work: Callable[[_Job], _Answer], jobs: Sequence[_Job], watch: Callable[[int, int], None] | None = None,
-    threads: int | None = None,
-) -> list[_Answer]:
-    """Do jobs on all cores, as the pulse loop leaves Python to other threads; return the answers in order.
-
-    An error in one, or an interruption, ends them all. `watch` is called with the jobs done and to do.
-    """
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
-        running = [pool.submit(work, job) for job in jobs]
-        try:
-            for done, ended in enumerate(as_completed(running), 1):
-                ended.result()
-                if watch is not None:
-                    watch(done, len(jobs))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    return [ended.result() for ended in running]
 
 
 class ShownProgress:

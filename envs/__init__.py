@@ -15,10 +15,12 @@ if TYPE_CHECKING:
     from edmsim.envs.contour import Contour
     from edmsim.envs.corner import Corner
     from edmsim.envs.discrete import DiscreteFeed, DiscreteFeedVector
+    from edmsim.envs.environment import EdmEnv, EdmVectorEnv
     from edmsim.envs.episode import StepResult, Task
     from edmsim.envs.gap_feed import GapFeed
     from edmsim.envs.height_step import HeightStep
     from edmsim.envs.max_rate import MaxRate
+    from edmsim.envs.observation import Sensors
     from edmsim.envs.part_task import Part, PartWeights
     from edmsim.envs.record import RecordRerun
     from edmsim.envs.record_episodes import RecordEpisodes
@@ -26,41 +28,20 @@ if TYPE_CHECKING:
     from edmsim.envs.reward import Weights
     from edmsim.envs.sb3 import make_sb3_vec_env
     from edmsim.envs.scenario import Scenario
-    from edmsim.envs.sensors import Sensors
     from edmsim.envs.shift import MaxRateShift, ThinWireShift
-    from edmsim.envs.single import EdmEnv
     from edmsim.envs.task import Family
     from edmsim.envs.thin_wire import ThinWire
     from edmsim.envs.trim import Trim
-    from edmsim.envs.vector import EdmVectorEnv
 
 _HOMES = {
-    "Contour": "contour",
-    "Corner": "corner",
-    "DiscreteFeed": "discrete",
-    "DiscreteFeedVector": "discrete",
-    "EdmEnv": "single",
-    "EdmVectorEnv": "vector",
-    "Family": "task",
-    "GapFeed": "gap_feed",
-    "HeightStep": "height_step",
-    "MaxRate": "max_rate",
-    "MaxRateShift": "shift",
-    "Part": "part_task",
-    "PartWeights": "part_task",
-    "RecordEpisodes": "record_episodes",
-    "RecordRerun": "record",
-    "Scenario": "scenario",
-    "Sensors": "sensors",
-    "StepResult": "episode",
-    "Task": "episode",
-    "ThinWire": "thin_wire",
-    "ThinWireShift": "shift",
-    "Trim": "trim",
-    "Weights": "reward",
-    "make_sb3_vec_env": "sb3",
-    "register": "registry",
-}
+    "Contour": "contour", "Corner": "corner", "DiscreteFeed": "discrete", "DiscreteFeedVector": "discrete",
+    "EdmEnv": "environment", "EdmVectorEnv": "environment", "Family": "task", "GapFeed": "gap_feed",
+    "HeightStep": "height_step", "MaxRate": "max_rate", "MaxRateShift": "shift", "Part": "part_task",
+    "PartWeights": "part_task", "RecordEpisodes": "record_episodes", "RecordRerun": "record",
+    "Scenario": "scenario", "Sensors": "observation", "StepResult": "episode", "Task": "episode",
+    "ThinWire": "thin_wire", "ThinWireShift": "shift", "Trim": "trim", "Weights": "reward",
+    "make_sb3_vec_env": "sb3", "register": "registry",
+}  # fmt: skip
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
     "HeightStep", "MaxRate", "MaxRateShift", "Part", "PartWeights", "RecordEpisodes", "RecordRerun", "Scenario",

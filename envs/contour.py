@@ -11,12 +11,11 @@ from typing import ClassVar
 import numpy as np
 
 from edmsim.envs.arguments import Range, argument, shows_arguments
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Scenario, even_height
-from edmsim.envs.single import EdmEnv
 from edmsim.envs.task import Family
-from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import CutPath, plan_path

@@ -10,7 +10,7 @@ import numpy as np
 
 from edmsim.controllers import WindowObservation
 from edmsim.cosim.stops import WORDS, StopCause
-from edmsim.envs.checks import checked_options
+from edmsim.envs.arguments import checked_options
 from edmsim.envs.registry import make_family
 from edmsim.envs.reward import TERMS, StepRewards
 from edmsim.envs.scenario import Scenario

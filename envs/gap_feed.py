@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from edmsim.envs.arguments import above_zero, argument, shows_arguments
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.page import page
 from edmsim.envs.scenario import Scenario, even_height
-from edmsim.envs.single import EdmEnv
 from edmsim.envs.task import Family, Floats
-from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import started_slot
 

@@ -8,11 +8,10 @@ import numpy as np
 import shapely
 
 from edmsim.envs.arguments import above_zero, argument, ends_of, shows_arguments, within
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
 from edmsim.envs.scenario import Scenario
-from edmsim.envs.single import EdmEnv
-from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 from edmsim.plant.workpiece.height_steps import LowerRegion

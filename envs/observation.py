@@ -17,9 +17,49 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import normal, uniform
+from edmsim.envs.arguments import within
 from edmsim.machine.setting import wire_speed_m_s
+from edmsim.numeric import keep_plain, whole_from
 from edmsim.plant.constants import faces_Pa
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensors:
+    """Errors of the analogue measurements of a window; the counts of pulses are digital and exact.
+
+    Attributes
+    ----------
+    noise_share : float
+        Standard deviation of mean voltage, current and ignition delay, as a share of each one's divisor in the
+        observation (ours: a moving-coil meter or an early converter has about 1 %).
+    bits : int
+        Resolution of the converters, 1 to 16; full scale is the same divisor. 8 is the word of the 1982 machine, 0 is
+        without steps.
+    delay_steps : int
+        Age of observations in steps (0 by default: the 1982 analyser passes on its counts at the window's end).
+    """
+
+    noise_share: float = 0.01
+    bits: int = 8
+    delay_steps: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be used."""
+        keep_plain(self)
+        within("noise_share", self.noise_share, 0.0, 1.0)
+        whole_from("bits", self.bits, 0)
+        within("bits", self.bits, 0, 16)
+        whole_from("delay_steps", self.delay_steps, 0)
+
+    @property
+    def step(self) -> float:
+        """Step of the converters, as a share of full scale; 0 for none."""
+        return 1.0 / (2**self.bits - 1) if self.bits else 0.0
+
+
+EXACT = Sensors(noise_share=0.0, bits=0)  # sensors that show what is
+
 
 Floats = NDArray[np.float64]
 
@@ -161,8 +201,8 @@ def entries(
     return [*steps, *DIALS, *known_entries(knows_corners, offsets, knows_wires)]
 
 
-_LOW = tuple(entry.low for entry in MEASURED)
-_HIGH = tuple(entry.high for entry in MEASURED)
+_LOW = np.array([entry.low for entry in MEASURED])
+_HIGH = np.array([entry.high for entry in MEASURED])
 _VOLTAGE, _CURRENT, _DELAY = 3, 4, 5
 
 SHOWN = np.dtype(
@@ -205,64 +245,63 @@ def gather(
     """Add the last window of some sub-environments (m,) to what their step showed."""
     for j in range(indices.shape[0]):
         i = indices[j]
-        w = windows[i]
-        shown[i].short += w.counts[SHORT]
-        shown[i].open += w.counts[OPEN]
-        shown[i].ignited += w.counts[SPARK] + w.counts[ARC]
-        shown[i].arc += w.counts[ARC]
-        shown[i].ignitions += w.ignitions
-        shown[i].duration_ns += w.duration_ns
-        shown[i].voltage_V_us += w.voltage_us
-        shown[i].charge_A_us += w.charge_A_us
-        shown[i].delay_us += w.delay_us
-        shown[i].travel_um += rows[i].travel_um
-        shown[i].feed_um_s = rows[i].feed_um_s
-        shown[i].t_on_us, shown[i].t_period_us = rows[i].setting_us[0], rows[i].setting_us[1]
+        row, window, sums = rows[i], windows[i], shown[i]
+        counts, fifths, setting_us = window.counts, window.fifths, row.setting_us
+        sums.short += counts[SHORT]
+        sums.open += counts[OPEN]
+        sums.ignited += counts[SPARK] + counts[ARC]
+        sums.arc += counts[ARC]
+        sums.ignitions += window.ignitions
+        sums.duration_ns += window.duration_ns
+        sums.voltage_V_us += window.voltage_us
+        sums.charge_A_us += window.charge_A_us
+        sums.delay_us += window.delay_us
+        sums.travel_um += row.travel_um
+        sums.feed_um_s = row.feed_um_s
+        sums.t_on_us, sums.t_period_us = setting_us[0], setting_us[1]
         for k in range(5):
-            shown[i].fifths[k] += w.fifths[k]
+            sums.fifths[k] += fifths[k]
 
 
 @exactly_compiled
 def show(
     indices: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void], max_feed_um_s: float,
-    history: NDArray[np.float32],
+    history: NDArray[np.float32], values: NDArray[np.float64],
 ) -> None:
-    """Put what the steps of some sub-environments (m,) showed before what the steps before did; forget the oldest."""
+    """Put what the steps of some sub-environments (m,) showed before what the steps before did; forget the oldest.
+
+    `values` is room for the entries `MEASURED` of one of them.
+    """
     for j in range(indices.shape[0]):
         i = indices[j]
-        s, scale = shown[i], scales[i]
-        pulses, duration_us = s.short + s.open + s.ignited, s.duration_ns * 1e-3
-        for age in range(history.shape[1] - 1, 0, -1):
-            for k in range(history.shape[2]):
-                history[i, age, k] = history[i, age - 1, k]
-        values = (
-            s.short / pulses,
-            s.open / pulses,
-            s.ignited / pulses,
-            s.voltage_V_us / duration_us / scale.open_V,
-            s.charge_A_us / duration_us / scale.limit_A,
-            s.delay_us / s.ignitions / scale.wait_us if s.ignitions > 0 else 1.0,
-            s.feed_um_s / max_feed_um_s,
-            s.travel_um / (duration_us * 1e-6) / max_feed_um_s,
-            math.log10(s.t_on_us) / 3.0,
-            math.log10(s.t_period_us) / 4.0,
-        )
-        for k in range(len(values)):
-            value = values[k]
-            if _VOLTAGE <= k <= _DELAY:
-                value = _measured(scales, i, value)
-            history[i, 0, k] = min(max(value, _LOW[k]), _HIGH[k])
-        for k in range(len(values), history.shape[2]):
-            history[i, 0, k] = s.fifths[k - len(values)] / max(s.ignitions, 1)
-
-
-@exactly_compiled
-def _measured(scales: NDArray[np.void], i: int, value: float) -> float:
-    """Return what a sub-environment's sensor and its converter make of a value."""
-    if scales[i].noise_share > 0.0:
-        value += scales[i].noise_share * normal(uniform(scales[i].key, scales[i].draws))
-        scales[i].draws += np.uint64(1)
-    return float(np.rint(value / scales[i].step) * scales[i].step) if scales[i].step > 0.0 else value
+        s, scale, entries = shown[i], scales[i], history[i]
+        pulses, duration_us, ignitions = s.short + s.open + s.ignited, s.duration_ns * 1e-3, s.ignitions
+        for age in range(entries.shape[0] - 1, 0, -1):
+            for k in range(entries.shape[1]):
+                entries[age, k] = entries[age - 1, k]
+        values[0] = s.short / pulses
+        values[1] = s.open / pulses
+        values[2] = s.ignited / pulses
+        values[_VOLTAGE] = s.voltage_V_us / duration_us / scale.open_V
+        values[_CURRENT] = s.charge_A_us / duration_us / scale.limit_A
+        values[_DELAY] = s.delay_us / ignitions / scale.wait_us if ignitions > 0 else 1.0
+        values[6] = s.feed_um_s / max_feed_um_s
+        values[7] = s.travel_um / (duration_us * 1e-6) / max_feed_um_s
+        values[8] = math.log10(s.t_on_us) / 3.0
+        values[9] = math.log10(s.t_period_us) / 4.0
+        noise_share, step = scale.noise_share, scale.step
+        for k in range(_VOLTAGE, _DELAY + 1):
+            if noise_share > 0.0:
+                values[k] += noise_share * normal(uniform(scale.key, scale.draws))
+                scale.draws += np.uint64(1)
+            if step > 0.0:
+                values[k] = np.rint(values[k] / step) * step
+        for k in range(values.shape[0]):
+            value, low, high = values[k], _LOW[k], _HIGH[k]
+            entries[0, k] = low if value < low else (high if value > high else value)
+        fifths = s.fifths
+        for k in range(values.shape[0], entries.shape[1]):
+            entries[0, k] = fifths[k - values.shape[0]] / (ignitions if ignitions > 1 else 1)
 
 
 def values_of(entries: Sequence[Entry], of: Any, count: int) -> NDArray[np.float32]:

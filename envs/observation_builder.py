@@ -8,17 +8,18 @@ from numpy.typing import NDArray
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs.observation import (
     DIALS,
+    MEASURED,
     SCALE,
     SHOWN,
     Floats,
     Known,
+    Sensors,
     gather,
     known_entries,
     of_a_step,
     show,
     values_of,
 )
-from edmsim.envs.sensors import Sensors
 from edmsim.envs.task import Family
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
@@ -41,6 +42,7 @@ class ObservationBuilder(Snapshots):
         self._scales: NDArray[np.void] = np.zeros(count, SCALE)
         self._threaded_ns = np.zeros(count, np.int64)
         self._broke_at = np.zeros(count)
+        self._values = np.zeros(len(MEASURED))
 
     def begin(self, i: int, row: np.void, machine: Machine, noise_key: np.uint64 | int = 0) -> None:
         """Begin an episode on a machine; `row` is its `path_follower.SUB_ENV`."""
@@ -71,7 +73,7 @@ class ObservationBuilder(Snapshots):
 
     def begin_step(self, active: NDArray[np.int64]) -> None:
         """Begin a step of some episodes, of which nothing has been seen yet."""
-        self.sums[active] = np.zeros((), SHOWN)
+        self.sums.view(np.int64).reshape(len(self.sums), -1)[active] = 0  # as records it would take ten times as long
 
     def add(self, active: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
         """Add a window of some episodes; `rows` are all `path_follower.SUB_ENV`, `windows` `kernel.state.WINDOW`."""
@@ -79,7 +81,7 @@ class ObservationBuilder(Snapshots):
 
     def end_step(self, active: NDArray[np.int64]) -> None:
         """Put the steps of some episodes before those that came earlier."""
-        show(active, self.sums, self._scales, self.family.max_feed_um_s, self._history)
+        show(active, self.sums, self._scales, self.family.max_feed_um_s, self._history, self._values)
 
     def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
         """Return all observations, (n, entries), in a fresh array; corners as `Known` has them."""

@@ -12,8 +12,8 @@ from typing import ClassVar
 import numpy as np
 
 from edmsim.envs.arguments import Range, above_zero, argument, ends_of, one_of, shows_arguments, within
-from edmsim.envs.draws import names_of
 from edmsim.envs.observation import Entry
+from edmsim.envs.scenario import names_of
 from edmsim.envs.task import EnvArguments
 from edmsim.errors import InputError
 from edmsim.job.settings import CutSettings

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import user_code
-from edmsim.controllers.named_numbers import named_numbers
 from edmsim.envs.part_task import ENTRIES, LEFT_UM
 from edmsim.errors import InputError, one_of
+from edmsim.numeric import named_numbers
 
 Floats = NDArray[np.float64]
 _AT = {entry.name: k for k, entry in enumerate(ENTRIES)}

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.planner.exact import segment_at
+from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, LIMIT, advance_at, done_at, path_um_at, segment_at
 from edmsim.controllers.planner.lateral_offset import next_steps
-from edmsim.controllers.planner.record import LIMIT
-from edmsim.controllers.planner.run import advance, done, path_um, travel_um
 from edmsim.cosim.stops import StopCause, judge, switches_open
 
 _SEARCH_UM = 300.0
@@ -77,55 +75,52 @@ SUB_ENV = np.dtype(
 
 
 @exactly_compiled
-def take_feeds(
-    indices: NDArray[np.int64], rows: NDArray[np.void], feeds_um_s: NDArray[np.float64], limit_um_s: float,
-    unit_nm_s: float, counts: bool,
-) -> None:
-    """Command feeds, negative backwards, in the planners' units; with `counts` a feed is shown as it is counted."""
-    for j in range(indices.shape[0]):
-        i = indices[j]
-        units = np.rint(min(max(feeds_um_s[i], -limit_um_s), limit_um_s) * 1e3 / unit_nm_s)
-        rows[i].units_before = rows[i].units
-        rows[i].units = int(units)
-        rows[i].feed_um_s = units * unit_nm_s * 1e-3 if counts else feeds_um_s[i]
-
-
-@exactly_compiled
 def _run(
-    planner: Any, points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
+    advance: int, planner: Any, points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
     start_ns: int, end_ns: int, row: Any, out: NDArray[np.int64],
 ) -> int:
     """Run a planner through a window: at the feed before until the new one counts; see `run.advance`."""
-    if row.latency_ns == 0:
-        return advance(planner, points, along, lengths, start_ns, end_ns, row.units, out)
-    turn_ns = min(start_ns + row.latency_ns, end_ns)
-    made = advance(planner, points, along, lengths, start_ns, turn_ns, row.units_before, out)
-    if made == LIMIT or turn_ns == end_ns:
-        return int(made)
-    room = out[min(made, out.shape[0]):]
-    more = advance(planner, points, along, lengths, turn_ns, end_ns, row.units, room)
+    turn_ns, made = start_ns + row.latency_ns, 0
+    if turn_ns > end_ns:
+        turn_ns = end_ns
+    if turn_ns > start_ns:
+        made = advance_at(advance, (planner, points, along, lengths, start_ns, turn_ns, row.units_before, out))
+        if made == LIMIT or turn_ns == end_ns:
+            return made
+    room = out[made:] if made < out.shape[0] else out[out.shape[0]:]
+    more = advance_at(advance, (planner, points, along, lengths, turn_ns, end_ns, row.units, room))
     return LIMIT if more == LIMIT else made + more
 
 
 @exactly_compiled
 def plan(
-    indices: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], ahead: NDArray[np.void],
+    indices: NDArray[np.int64], rows: NDArray[np.void], feeds_um_s: NDArray[np.float64], limit_um_s: float,
+    unit_nm_s: float, counts: bool, advance: int, planners: NDArray[np.void], ahead: NDArray[np.void],
     points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64], states: NDArray[np.void],
     out: NDArray[np.int64],
-) -> int:
-    """Plan motor steps (n, room, 3) for the longest window there can be; the planners themselves stay, `ahead` runs.
+) -> tuple[int, bool]:
+    """Command feeds, negative backwards, and plan motor steps (n, room, 3) for the longest window there can be.
 
-    Returns the most steps of a sub-environment; if `out` has too little room for them, plan again with more.
+    Feeds are in the planners' units; with `counts` a feed is shown as it is counted. The planners themselves stay,
+    `ahead` runs. Returns the most steps of a sub-environment, and whether any is or shall go beside its path; if
+    `out` has too little room for the steps, plan again with more.
     """
-    most = 0
+    most, sideways = 0, False
     for j in range(indices.shape[0]):
         i = indices[j]
+        row, feed = rows[i], feeds_um_s[i]
+        limited = -limit_um_s if feed < -limit_um_s else (limit_um_s if feed > limit_um_s else feed)
+        units = np.rint(limited * 1e3 / unit_nm_s)
+        row.units = np.int64(units)
+        row.feed_um_s = units * unit_nm_s * 1e-3 if counts else feed
         ahead[0] = planners[i]
         now = states[i].time_ns
-        made = _run(ahead[0], points[i], along[i], lengths[i], now, now + rows[i].longest_ns, rows[i], out[i])
-        rows[i].steps = max(made, 0)
-        most = max(most, made)
-    return most
+        made = _run(advance, ahead[0], points[i], along[i], lengths[i], now, now + row.longest_ns, row, out[i])
+        row.steps = made if made > 0 else 0
+        if made > most:
+            most = made
+        sideways = sideways or row.offset_um != 0.0 or row.beside[0] != 0 or row.beside[1] != 0
+    return most, sideways
 
 
 @exactly_compiled
@@ -151,89 +146,74 @@ def lead_sideways(
 
 
 @exactly_compiled
-def _nearest(points: NDArray[np.float64], k: int, x: float, y: float) -> tuple[float, float]:
-    """Share of segment `k` of a path at which it comes nearest to a place, and the square of the distance there."""
-    dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
-    share = ((x - points[k, 0]) * dx + (y - points[k, 1]) * dy) / (dx * dx + dy * dy)
-    share = min(max(share, 0.0), 1.0)
-    ax, ay = points[k, 0] + share * dx - x, points[k, 1] + share * dy - y
-    return share, ax * ax + ay * ay
-
-
-@exactly_compiled
 def _look(
-    rows: NDArray[np.void], i: int, start: int, last: int, points: NDArray[np.float64], along: NDArray[np.float64],
-    x: float, y: float,
+    row: Any, start: int, last: int, points: NDArray[np.float64], along: NDArray[np.float64], x: float, y: float
 ) -> None:
     """Find the point of an environment's path that is nearest to its wire, looking near the environment's place."""
-    here = rows[i].path_um
+    here = row.path_um
     k = segment_at(along, last, here, start)
     while k > 0 and along[k] > here - _SEARCH_UM:
         k -= 1
     nearest = math.inf
     while k <= last and along[k] < here + _SEARCH_UM:
-        share, distance2 = _nearest(points, k, x, y)
+        x0, y0 = points[k, 0], points[k, 1]
+        dx, dy = points[k + 1, 0] - x0, points[k + 1, 1] - y0
+        share = ((x - x0) * dx + (y - y0) * dy) / (dx * dx + dy * dy)
+        share = 0.0 if share < 0.0 else (1.0 if share > 1.0 else share)
+        ax, ay = x0 + share * dx - x, y0 + share * dy - y
+        distance2 = ax * ax + ay * ay
         if distance2 < nearest:
             nearest = distance2
-            rows[i].reached_um = along[k] + share * (along[k + 1] - along[k])
+            row.reached_um = along[k] + share * (along[k + 1] - along[k])
         k += 1
-    rows[i].error_um = math.sqrt(nearest)
-
-
-@exactly_compiled
-def _height_mm(height_from: NDArray[np.float64], heights: NDArray[np.float64], path_um: float) -> float:
-    """Height of the workpiece at a length of path."""
-    k = 0
-    while k + 1 < height_from.shape[0] and height_from[k + 1] <= path_um:
-        k += 1
-    return float(heights[k])
+    row.error_um = math.sqrt(nearest)
 
 
 @exactly_compiled
 def follow(
-    indices: NDArray[np.int64], rows: NDArray[np.void], planners: NDArray[np.void], before: NDArray[np.void],
-    points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
+    indices: NDArray[np.int64], rows: NDArray[np.void], advance: int, path_um: int, done: int,
+    planners: NDArray[np.void], points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
     height_from: NDArray[np.float64], heights: NDArray[np.float64], states: NDArray[np.void],
     windows: NDArray[np.void], nowhere: NDArray[np.int64],
 ) -> None:
     """Move every environment on by the window it has had: its place, where its wire is, whether it has ended.
 
-    ``cause`` tells `DONE` at the end of a leg, and knows nothing of `OUT_OF_RANGE`. `before` is room for one planner
-    as it was, `nowhere` (0, 3) room for no steps: those of the window are made. `heights` hold from `height_from` on.
+    ``cause`` tells `DONE` at the end of a leg, and knows nothing of `OUT_OF_RANGE`. `nowhere` (0, 3) is room for no
+    steps: those of the window are made. `heights` hold from `height_from` on. For the first three numbers see
+    `kinds.Addresses`.
     """
     for j in range(indices.shape[0]):
         i = indices[j]
-        before[0] = planners[i]
-        now, planner = states[i].time_ns, planners[i]
-        spent_ns = windows[i].duration_ns
-        made = _run(planner, points[i], along[i], lengths[i], now - spent_ns, now, rows[i], nowhere)
-        rows[i].path_um = path_um(planner, points[i], along[i])
-        rows[i].travel_um = travel_um(before[0], planner, points[i], along[i])
-        pulses = 0
-        for kind in range(4):
-            pulses += windows[i].counts[kind]
-        x, y = states[i].commanded_um[0], states[i].commanded_um[1]
+        row, planner, state, window, path, on = rows[i], planners[i], states[i], windows[i], points[i], along[i]
+        spent_ns, counts, exact, begin = window.duration_ns, window.counts, planner.kind == EXACT, planner.along
+        was_um = 0.0 if exact else path_um_at(path_um, (planner, path, on))
+        made = _run(advance, planner, path, on, lengths[i], state.time_ns - spent_ns, state.time_ns, row, nowhere)
+        row.units_before = row.units
+        row.path_um = path_um_at(path_um, (planner, path, on))
+        row.travel_um = (planner.along - begin) / FINE_PER_UM if exact else row.path_um - was_um
+        pulses = counts[0] + counts[1] + counts[2] + counts[3]
+        x, y = state.commanded_um[0], state.commanded_um[1]
         _look(
-            rows, i, planner.move, planner.last_move, points[i], along[i],
-            states[i].axis_um[0] + windows[i].deflection_um[0] / pulses,
-            states[i].axis_um[1] + windows[i].deflection_um[1] / pulses,
+            row, planner.move, planner.last_move, path, on,
+            state.axis_um[0] + window.deflection_um[0] / pulses, state.axis_um[1] + window.deflection_um[1] / pulses,
         )
-        if rows[i].settling_ns > 0:
-            rows[i].cut_um = max(rows[i].cut_um, rows[i].reached_um)
-        ignited = (windows[i].counts[1] + windows[i].counts[2]) / pulses
-        rows[i].progress_um = ignited * max(rows[i].reached_um - rows[i].cut_um, 0.0)
-        height = _height_mm(height_from[i], heights[i], rows[i].before_um + rows[i].cut_um)
-        rows[i].cut_um += rows[i].progress_um
-        rows[i].area_mm2 = rows[i].progress_um * 1e-3 * height
-        rows[i].elapsed_ns += spent_ns
-        rows[i].step_ns += spent_ns
-        rows[i].settling_ns = max(rows[i].settling_ns - spent_ns, 0)
-        rows[i].broke = windows[i].broken != 0
-        if windows[i].counts[3] >= SHORTED_SHARE * pulses:
-            rows[i].shorted_s += spent_ns * 1e-9
-        else:
-            rows[i].shorted_s = 0.0
-        limit_um, slack_um = rows[i].table_um, rows[i].step_um
+        ahead_um = row.reached_um - row.cut_um
+        if row.settling_ns > 0 and ahead_um > 0.0:
+            row.cut_um, ahead_um = row.reached_um, 0.0
+        progress_um = (counts[1] + counts[2]) / pulses * ahead_um if ahead_um > 0.0 else 0.0
+        # height of the workpiece where the wire is
+        k, here = 0, row.before_um + row.cut_um
+        while k + 1 < height_from.shape[1] and height_from[i, k + 1] <= here:
+            k += 1
+        row.progress_um = progress_um
+        row.cut_um += progress_um
+        row.area_mm2 = progress_um * 1e-3 * heights[i, k]
+        row.elapsed_ns += spent_ns
+        row.step_ns += spent_ns
+        row.settling_ns = row.settling_ns - spent_ns if row.settling_ns > spent_ns else 0
+        row.broke = window.broken != 0
+        row.shorted_s = row.shorted_s + spent_ns * 1e-9 if counts[3] >= SHORTED_SHARE * pulses else 0.0
+        limit_um, slack_um = row.table_um, row.step_um
         switch = switches_open(x, limit_um, slack_um) != 0 or switches_open(y, limit_um, slack_um) != 0
-        shorted, at_end = rows[i].shorted_s > SHORTED_S, done(planner, points[i], along[i], lengths[i])
-        rows[i].cause = judge(windows[i].broken != 0, False, switch or made == LIMIT, False, shorted, False, at_end)
+        shorted, at_end = row.shorted_s > SHORTED_S, done_at(done, (planner, path, on, lengths[i]))
+        row.cause = judge(window.broken != 0, False, switch or made == LIMIT, False, shorted, False, at_end)

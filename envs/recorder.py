@@ -23,7 +23,7 @@ from edmsim.recording.windows import WindowTable
 if TYPE_CHECKING:
     from edmsim.envs.sub_envs import SubEnvs
     from edmsim.recording.report import Report
-    from edmsim.recording.rerun.steps import Steps
+    from edmsim.recording.rerun.blueprint import Steps
     from edmsim.recording.scene import Scene
 
 EVERY = 12
@@ -143,7 +143,7 @@ class EpisodeRecorder:
 
     def _steps_of(self, windows: NDArray[np.float64]) -> Steps:
         """Lay out what the steps commanded, earned and cost."""
-        from edmsim.recording.rerun.steps import COST, RETURN, TOTAL, steps_of
+        from edmsim.recording.rerun.blueprint import COST, RETURN, TOTAL, steps_of
 
         actions, terms = len(self._actions), len(TERMS)
         values = np.array(self._steps, np.float64).reshape(len(self._steps), actions + terms + 3)

@@ -64,13 +64,19 @@ class Weights:
             finite(f"the weight {f.name}", getattr(self, f.name), 0.0)
         keep_plain(self)
 
-    def array(self) -> NDArray[np.float64]:
-        """Return the weights in the order of the attributes."""
-        return np.array([getattr(self, f.name) for f in fields(self)], np.float64)
-
 
 TERMS = tuple(f.name for f in fields(Weights))  # names of the reward's terms, in order: those of their weights
-_PROGRESS, _SHORT, _OPEN, _PROFILE, _ROUGHNESS, _TIME, _WIRE_BREAK, _LIMIT, _DONE = range(len(TERMS))
+_ACCOUNT = np.dtype(
+    [(name, "f8") for name in TERMS]
+    + [
+        ("total", "f8"),  # sum of the terms
+        ("cost", "f8"),  # a lost wire and an end by a limit count 1 each, and so does every second beyond a bound
+        ("area_mm2", "f8"),
+    ]
+)
+"""What a step of a sub-environment earned and cost."""
+_WEIGHTS = np.dtype([(name, "f8") for name in TERMS] + [("error_um", "f8"), ("energy_mJ", "f8")])
+"""Weights of the terms, and bounds beyond which time costs."""
 
 
 class StepRewards:
@@ -79,65 +85,67 @@ class StepRewards:
     def __init__(
         self, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None, count: int
     ) -> None:
-        self._weights = weights.array()
-        self._bounds = np.array([np.inf if b is None else b for b in (error_bound_um, energy_bound_mJ)])
-        self.total = np.zeros(count)
-        self.terms = np.zeros((len(TERMS), count))  # (len(TERMS), n)
-        # (n,): a lost wire and an end by a limit count 1 each, and so does every second beyond a bound
-        self.cost = np.zeros(count)
-        self.area_mm2 = np.zeros(count)
+        bounds = (np.inf if bound is None else bound for bound in (error_bound_um, energy_bound_mJ))
+        self._weights = np.array([(*(getattr(weights, name) for name in TERMS), *bounds)], _WEIGHTS)
+        self._rows: NDArray[np.void] = np.zeros(count, _ACCOUNT)
+        self._numbers = self._rows.view(np.float64).reshape(count, -1)
+        self.terms = self._numbers[:, : len(TERMS)].T  # (len(TERMS), n)
+        # (n,), see `_ACCOUNT`
+        self.total, self.cost, self.area_mm2 = (self._rows[name] for name in ("total", "cost", "area_mm2"))
 
     def begin(self) -> None:
         """Begin a step of all sub-environments."""
-        self.total[:] = 0.0
-        self.terms[:] = 0.0
-        self.cost[:] = 0.0
-        self.area_mm2[:] = 0.0
+        self._numbers[:] = 0.0
 
     def add(
         self, indices: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64],
         windows: NDArray[np.void],
     ) -> None:
         """Add a window of some sub-environments (m,), with the path errors (n,) that count."""
-        self.area_mm2[indices] += rows["area_mm2"][indices]
-        _add(indices, rows, error_um, windows, self._weights, self._bounds, self.terms, self.total, self.cost)
+        _add(indices, rows, error_um, windows, self._weights, self._rows)
 
 
 @exactly_compiled
 def _add(
     indices: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64], windows: NDArray[np.void],
-    weights: NDArray[np.float64], bounds: NDArray[np.float64], terms: NDArray[np.float64],
-    total: NDArray[np.float64], cost: NDArray[np.float64],
+    weights: NDArray[np.void], accounts: NDArray[np.void],
 ) -> None:
-    """Add a window's terms, their sum and its cost."""
+    """Add a window's terms, their sum, its cost and its area."""
+    weight = weights[0]
     for j in range(indices.shape[0]):
         i = indices[j]
-        counts, cause = windows[i].counts, rows[i].cause
-        pulses = counts[OPEN] + counts[SPARK] + counts[ARC] + counts[SHORT]
-        passed = rows[i].area_mm2 / REFERENCE_MM2
-        spent = windows[i].duration_ns / (REFERENCE_S * 1e9)
-        short, open_ = weights[_SHORT] * counts[SHORT] / pulses, weights[_OPEN] * counts[OPEN] / pulses
-        profile = weights[_PROFILE] * (error_um[i] / ERROR_UM) * passed
-        roughness = weights[_ROUGHNESS] * max(rows[i].energy_mJ / bounds[1] - 1.0, 0.0) * passed
-        terms[_PROGRESS, i] += weights[_PROGRESS] * passed
-        terms[_SHORT, i] -= short * spent
-        terms[_OPEN, i] -= open_ * spent
-        terms[_PROFILE, i] -= profile
-        terms[_ROUGHNESS, i] -= roughness
-        terms[_TIME, i] -= weights[_TIME] * spent
-        total[i] += weights[_PROGRESS] * passed - (short + open_) * spent - profile - weights[_TIME] * spent
-        total[i] -= roughness
-        beyond = (1.0 if error_um[i] > bounds[0] else 0.0) + (1.0 if rows[i].energy_mJ > bounds[1] else 0.0)
-        cost[i] += beyond * windows[i].duration_ns * 1e-9
-        lost = rows[i].threading_s / REFERENCE_S
-        if rows[i].broke:
-            terms[_WIRE_BREAK, i] -= weights[_WIRE_BREAK] * lost
-            total[i] -= weights[_WIRE_BREAK] * lost
-            cost[i] += 1.0
+        row, window, account, error = rows[i], windows[i], accounts[i], error_um[i]
+        counts, cause, energy_mJ, spent_ns = window.counts, row.cause, row.energy_mJ, window.duration_ns
+        shorts, opens = counts[SHORT], counts[OPEN]
+        pulses = opens + counts[SPARK] + counts[ARC] + shorts
+        passed = row.area_mm2 / REFERENCE_MM2
+        spent = spent_ns / (REFERENCE_S * 1e9)
+        short, open_ = weight.short * shorts / pulses, weight.open * opens / pulses
+        profile = weight.profile * (error / ERROR_UM) * passed
+        excess = energy_mJ / weight.energy_mJ - 1.0
+        roughness = weight.roughness * (excess if excess > 0.0 else 0.0) * passed
+        progress, time = weight.progress * passed, weight.time * spent
+        account.progress += progress
+        account.short -= short * spent
+        account.open -= open_ * spent
+        account.profile -= profile
+        account.roughness -= roughness
+        account.time -= time
+        total = account.total + (progress - (short + open_) * spent - profile - time)
+        total -= roughness
+        beyond = (1.0 if error > weight.error_um else 0.0) + (1.0 if energy_mJ > weight.energy_mJ else 0.0)
+        cost = account.cost + beyond * spent_ns * 1e-9
+        lost = row.threading_s / REFERENCE_S
+        if row.broke:
+            account.wire_break -= weight.wire_break * lost
+            total -= weight.wire_break * lost
+            cost += 1.0
         elif cause == DONE:
-            terms[_DONE, i] += weights[_DONE]
-            total[i] += weights[_DONE]
+            account.done += weight.done
+            total += weight.done
         elif cause != RUNNING:
-            terms[_LIMIT, i] -= weights[_LIMIT] * lost
-            total[i] -= weights[_LIMIT] * lost
-            cost[i] += 1.0
+            account.limit -= weight.limit * lost
+            total -= weight.limit * lost
+            cost += 1.0
+        account.total, account.cost = total, cost
+        account.area_mm2 += row.area_mm2

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.planner.course import Course
-from edmsim.controllers.planner.record import PLANNER
+from edmsim.controllers.planner.kinds import PLANNER, addresses
 from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs.knobs import to_detents
@@ -30,7 +30,6 @@ from edmsim.envs.path_follower import (
     follow,
     lead_sideways,
     plan,
-    take_feeds,
 )
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.task import Family
@@ -189,17 +188,19 @@ class SubEnvs:
         """
         fleet, rows = self.fleet, self.rows
         kind = self._planner
-        take_feeds(indices, rows, feeds_um_s, kind.max_feed_um_s, kind.speed_unit_nm_s, kind.counts)
-        path = self._points, self._along, self._lengths
-        while (
-            most := plan(indices, rows, self.planners, self._other_planner, *path, fleet.states, self._steps)
-        ) + 2 > self._steps.shape[1]:
+        feeds = feeds_um_s, kind.max_feed_um_s, kind.speed_unit_nm_s, kind.counts
+        code, path = addresses(), (self._points, self._along, self._lengths)
+        planners = code.advance, self.planners, self._other_planner
+        most, sideways = plan(indices, rows, *feeds, *planners, *path, fleet.states, self._steps)
+        if most + 2 > self._steps.shape[1]:
             self._steps = np.zeros((self.count, most + 2, 3), np.int64)
-        lead_sideways(indices, rows, self.planners, self._points, self._along, fleet.states, self._steps)
+            plan(indices, rows, *feeds, *planners, *path, fleet.states, self._steps)
+        if sideways:
+            lead_sideways(indices, rows, self.planners, self._points, self._along, fleet.states, self._steps)
         status = fleet.advance(indices, self._steps, rows["steps"])
         follow(
-            indices, rows, self.planners, self._other_planner, *path, self._height_from, self._heights, fleet.states,
-            fleet.windows, _NO_STEPS,
+            indices, rows, *code, self.planners, *path, self._height_from, self._heights, fleet.states, fleet.windows,
+            _NO_STEPS,
         )
         if self.family.scrap_s:
             testing = indices[rows["elapsed_ns"][indices] <= self.family.scrap_s * 1e9]

@@ -26,11 +26,9 @@ from edmsim.envs.arguments import (
     shows_arguments,
     within,
 )
-from edmsim.envs.draws import draw_machine, names_of
-from edmsim.envs.observation import Entry, entries
+from edmsim.envs.observation import EXACT, Entry, Sensors, entries
 from edmsim.envs.reward import TERMS, Weights
-from edmsim.envs.scenario import Scenario
-from edmsim.envs.sensors import EXACT, Sensors
+from edmsim.envs.scenario import Scenario, draw_machine, names_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import check_height

@@ -30,7 +30,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import edmsim
-from edmsim.consoles.servo.autotune import autotune, draw_move, draw_step
+from edmsim.consoles.autotune import autotune, draw_move, draw_step
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, VERMILION
 from edmsim.recording.windows import column

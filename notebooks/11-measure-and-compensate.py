@@ -30,8 +30,7 @@ from IPython.display import display
 
 import edmsim
 from edmsim.controllers.axis.elcam.file import load_tables, text_of
-from edmsim.measure.figures import part_figure, table_figure
-from edmsim.measure.table import measure_table
+from edmsim.measure import measure_table, part_figure, table_figure
 
 # %% tags=["parameters"]
 runs = 5  # to every target, from either side

@@ -270,7 +270,7 @@ def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_t
     found = check(EXAMPLES / "punch.ngc", CutSettings(material="copper", passes=3, height_mm=25.4))
     (outcome,) = [notice for notice in found.path.notices if "technology" in notice]
     assert outcome.startswith("there is no technology for copper: the passes take the settings of 'tool-steel ")
-    assert "edmsim technology copper --height 25.4 --passes 3 --out copper.toml" in outcome
+    assert "edmsim tune technology copper --height 25.4 --passes 3 --out copper.toml" in outcome
     own = check(EXAMPLES / "punch.ngc", CutSettings(material="aluminium", passes=3, height_mm=25.4))
     assert not any("technology" in notice for notice in own.path.notices)
     assert own.passes[0].seconds < found.passes[0].seconds  # shops cut aluminium some twice as fast

@@ -10,7 +10,7 @@ import pytest
 
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation, make
 from edmsim.controllers.planner.registry import PLANNERS
-from edmsim.cosim.legs import Leg, legs_of
+from edmsim.cosim.passes import Leg, legs_of
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available

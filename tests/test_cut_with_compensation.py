@@ -17,7 +17,7 @@ from edmsim.controllers.protocols import Step
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.measure.table import measure_table
+from edmsim.measure import measure_table
 from edmsim.program.path import plan_path
 from edmsim.recording.report import summary
 

@@ -10,15 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from edmsim.controllers.axis.conformance import check_drive
-from edmsim.controllers.axis.drive import Drive, Screw, axis_row
+from edmsim.controllers.axis.drive import Drive, Screw, Stepper, axis_row, check_drive
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.controllers.axis.servo_module import ServoModule
-from edmsim.controllers.axis.stepper import Stepper
 from edmsim.controllers.axis.uhu import Uhu
-from edmsim.controllers.named_numbers import named_numbers
 from edmsim.errors import InputError, one_of
+from edmsim.numeric import named_numbers
 
 __all__ = [
     "CHIPS", "COMMISSIONED", "Drive", "Eanpos", "Screw", "ServoModule", "Uhu", "check_drive", "from_text", "make",

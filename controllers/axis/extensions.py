@@ -17,7 +17,7 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis.parameters import HasRecord, Registers
 from edmsim.errors import InputError
 
-SETTINGS = slice(96, 106)  # registers of both chips' records that hold the settings
+EXTENSION_WORDS = slice(96, 106)  # registers of both chips' records that hold the settings
 (
     ANTI_WINDUP, COMMAND_FILTER, VELOCITY_GAIN, ACCELERATION_GAIN, JERK_GAIN, SATURATING, TRIGGER, LEVEL, BEFORE,
     EVERY,

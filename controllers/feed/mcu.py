@@ -21,15 +21,14 @@ from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips.dac import LIMIT_A, PulseSettings
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
-from edmsim.controllers.mcu.firmware import optimiser_words
+from edmsim.controllers.mcu.firmware import memory_map
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import before_corner
 from edmsim.controllers.mcu.firmware.optimise import Settings
 from edmsim.controllers.mcu.firmware.poscal import Unit, check_1982, unit_for, unit_um
 from edmsim.controllers.mcu.path_run import PathRun
-from edmsim.controllers.planner.protocol import Planner
-from edmsim.controllers.planner.record import LITERAL
-from edmsim.controllers.planner.registry import kind_of
+from edmsim.controllers.planner.kinds import LITERAL
+from edmsim.controllers.planner.registry import Planner, kind_of
 from edmsim.controllers.protocols import FeedCommand, Step, WindowObservation
 from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.machine.machine import Machine
@@ -128,8 +127,8 @@ class McuController(CountsController):
             self._computer.set_position(*setup.points[0])
         self._computer.set_pulse_codes(*setup.codes)
         memory = self._computer.board.bus
-        optimiser_words.set_constants(memory, self._law())
-        optimiser_words.set_variables(memory, self._state)
+        memory_map.set_constants(memory, self._law())
+        memory_map.set_variables(memory, self._state)
         self._computer.start()
         self._move, self._run = -1, None
 
@@ -173,7 +172,7 @@ class McuController(CountsController):
             if here < 0 or not setup.starts_um[here] <= path_um <= setup.starts_um[here + 1]:
                 self._aim(path_um)
         speed, t_states = self._computer.optimise(tick, math.floor(path_um) & WORD)
-        self._state = optimiser_words.variables(self._computer.board.bus)
+        self._state = memory_map.variables(self._computer.board.bus)
         return speed, t_states
 
     def _aim(self, path_um: float) -> None:

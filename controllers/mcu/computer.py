@@ -5,30 +5,115 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 
 from edmsim.controllers.mcu.board import Board
-from edmsim.controllers.mcu.chips import bus, pic, ppi
+from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
+from edmsim.controllers.mcu.chips.bus import Bus
 from edmsim.controllers.mcu.chips.cpu import A, C, Cpu8085, NoCodeError
 from edmsim.controllers.mcu.chips.uart import BITS_PER_CHARACTER
+from edmsim.controllers.mcu.firmware import memory_map
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware import optimiser_words
-from edmsim.controllers.mcu.firmware.arithmetic import WORD
+from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
 from edmsim.controllers.mcu.firmware.generator_control import write_codes
-from edmsim.controllers.mcu.firmware.initialise import (
-    BIT_RATE,
-    copy_start_values,
-    load_start_values,
-    make_outputs_safe,
-    set_up_monitor,
-)
 from edmsim.controllers.mcu.firmware.optimise import optimise
 from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.mcu.firmware.steppers import Steppers
-from edmsim.controllers.mcu.firmware.streams import Streams
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import CPU_HZ, EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
+
+# Character streams: routines that read and write, with addresses at CIADR and COADR (row T-58).
+
+
+class Streams:
+    """Input and output, each redirectable to any routine with an address; the addresses are in `memory`."""
+
+    def __init__(self, memory: Bus) -> None:
+        self.memory = memory
+        self.inputs: dict[int, Callable[[], int | None]] = {
+            at.TERMINAL_IN: lambda: self._fetch(bus.TERMINAL),
+            at.HOST_IN: lambda: self._fetch(bus.HOST),
+        }
+        self.outputs: dict[int, Callable[[int], None]] = {
+            at.TERMINAL_OUT: lambda byte: memory.write(bus.TERMINAL, byte),
+            at.HOST_OUT: lambda byte: memory.write(bus.HOST, byte),
+        }
+
+    def ci(self) -> int | None:
+        """Character from the stream that CIADR names; None while none has come."""
+        address = self.memory.word(at.CIADR)
+        if address not in self.inputs:
+            raise InputError(f"CIADR holds {address:04X}H: there is no input routine")
+        return self.inputs[address]()
+
+    def co(self, character: int) -> None:
+        """Send a character down the stream that COADR names; see `ci`."""
+        address = self.memory.word(at.COADR)
+        if address not in self.outputs:
+            raise InputError(f"COADR holds {address:04X}H: there is no output routine")
+        self.outputs[address](character)
+
+    def _fetch(self, channel: int) -> int | None:
+        return self.memory.read(channel) if self.memory.read(channel + 1) & uart.RX_READY else None
+
+
+# Set-up by INIT and the monitor: start values copied from their table, safe outputs, serial channels (5.1.1).
+
+JUMP = 0xC3  # JMP of the 8085
+BIT_RATE = 9600  # of both serial channels in bit/s (ours)
+BIT_RATE_COUNT = CPU_HZ // (16 * BIT_RATE)  # count of counter 2: sixteen clocks a bit
+_ROUTINES = {
+    pic.EMERGENCY: at.EMERGENCY_ROUTINE, pic.X_STEPPER: at.X_ENTRY, pic.Y_STEPPER: at.Y_ENTRY,
+    pic.KEYBOARD: at.KBD_ROUTINE,
+}  # fmt: skip
+
+
+def load_start_values(memory: Bus) -> None:
+    """Put the table of start values into RAM, as the control program brings it: jumps, and zeros before them."""
+    jumps = b"".join(
+        bytes((JUMP, routine & BYTE, routine >> 8, 0))
+        for routine in (_ROUTINES.get(level, at.NO_ROUTINE) for level in range(8))
+    )
+    table = jumps.rjust(sum(size for _, size in at.START_AREAS), b"\0")
+    for offset, byte in enumerate(table):
+        memory.write(at.START_VALUES + offset, byte)
+
+
+def copy_start_values(memory: Bus) -> None:
+    """Copy the table in RAM into the data areas and the jump table (rows T-80, T-82)."""
+    source = at.START_VALUES
+    for first, size in at.START_AREAS:
+        for offset in range(size):
+            memory.write(first + offset, memory.read(source + offset))
+        source += size
+
+
+def make_outputs_safe(memory: Bus, oev: int) -> None:
+    """Directions of the ports and safe values: both voltages 0, handshake off, generator off by its bit `oev`."""
+    memory.write(bus.CPORT2, ppi.BASIC_OUTPUTS)
+    memory.write(bus.PORT2C, 1 << oev)
+    memory.write(bus.PORT2A, 0)
+    memory.write(bus.PORT2B, 0)
+    memory.write(bus.CPORT3, ppi.STROBED_INPUTS)
+    for bit in (ppi.INTE_A_BIT, ppi.INTE_B_BIT):
+        memory.write(bus.CPORT3, bit << 1)
+    memory.write(bus.CPORT3, ppi.RESET_BIT << 1 | 1)  # a pulse resets the counters
+    memory.write(bus.CPORT3, ppi.RESET_BIT << 1)
+
+
+def set_up_monitor(memory: Bus) -> None:
+    """What the monitor sets up before it listens: bit rate, serial channels, streams (row T-81)."""
+    memory.write(bus.TIMERS + pit.CONTROL, pit.control_word(pit.BIT_RATE, pit.SQUARE_WAVE))
+    memory.write(bus.TIMERS + pit.BIT_RATE, BIT_RATE_COUNT & BYTE)
+    memory.write(bus.TIMERS + pit.BIT_RATE, BIT_RATE_COUNT >> 8)
+    for channel in (bus.TERMINAL, bus.HOST):
+        memory.write(channel + 1, uart.COMMAND_RESET)
+        memory.write(channel + 1, uart.MODE_8_BITS)
+        memory.write(channel + 1, uart.COMMAND_RUN | uart.COMMAND_RESET_ERRORS)
+    memory.store(at.CIADR, at.TERMINAL_IN)
+    memory.store(at.COADR, at.TERMINAL_OUT)
+
 
 CALL_T, CHARACTER_T = 18, CPU_HZ * BITS_PER_CHARACTER // BIT_RATE
 """T-states of a call of a routine of ours, and of a character sent or fetched."""
@@ -330,9 +415,9 @@ class Computer(Snapshots):
             return self.signed(at.CUTVEL), READ_OUT_T
         short, open = self.read_counts()
         memory = self.board.bus
-        variables = optimiser_words.variables(memory)
-        units, t_states = optimise(optimiser_words.constants(memory), variables, short, open, clock, path)
-        optimiser_words.set_variables(memory, variables)
+        variables = memory_map.variables(memory)
+        units, t_states = optimise(memory_map.constants(memory), variables, short, open, clock, path)
+        memory_map.set_variables(memory, variables)
         if self.steppers.own:
             self.store(at.CUTVEL, units)
             self.steppers.busy(t_states)

@@ -23,7 +23,7 @@ Place = tuple[int, int]
 class PathRun(Snapshots):
     """The main program's part in a cut: it begins the moves of a path one after the other, and hands speeds on.
 
-    It looks like a planner (`edmsim.controllers.planner.protocol.Planner`), but its steps are those that the motors'
+    It looks like a planner (`edmsim.controllers.planner.registry.Planner`), but its steps are those that the motors'
     lines have seen. A new speed waits until the optimising routine is done, a new move until POSCAL is; interrupts
     put both off. A negative speed runs the present move's vector the other way, to where the move began, and then the
     moves before it, each planned again. After a stop the present move is planned again from the table's position.

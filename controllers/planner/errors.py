@@ -16,8 +16,7 @@ from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
 from edmsim.controllers.mcu.path_run import PathRun
-from edmsim.controllers.planner.protocol import Planner
-from edmsim.controllers.planner.registry import PLANNERS, make_planner
+from edmsim.controllers.planner.registry import PLANNERS, Planner, make_planner
 
 MACHINE = "mcu"  # name of the computer that makes its own steps, in place of a planner's
 COMPARED = (*PLANNERS, MACHINE)

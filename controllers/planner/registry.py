@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,13 +11,59 @@ from numpy.typing import ArrayLike
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit, soft_limit, unit_for
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
-from edmsim.controllers.planner import run
+from edmsim.controllers.planner import kinds
 from edmsim.controllers.planner.course import Course
-from edmsim.controllers.planner.dda import NM
-from edmsim.controllers.planner.protocol import Planner, PlannerState
-from edmsim.controllers.planner.record import CHANGES, DDA, EXACT, LIMIT, LITERAL, POSCAL, SINE_TABLE, position_um
+from edmsim.controllers.planner.kinds import CHANGES, DDA, EXACT, LIMIT, LITERAL, NM, POSCAL, SINE_TABLE, position_um
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError, one_of
+
+__all__ = ["PLANNERS", "Kind", "Planner", "kind_of", "make_planner", "position_unit"]
+
+# Interfaces of planners, and of controllers that make a planner's steps themselves.
+
+PlannerState = dict[str, Any]  # a planner's snapshot, fit for JSON
+
+
+class Planner(Protocol):
+    """Follows a path and says when each axis steps; windows may be cut anywhere, and the steps stay the same."""
+
+    @property
+    def speed_unit_nm_s(self) -> float:
+        """Unit of the path speed in nm/s: 262.5 of the integer planners, 1 of `exact`."""
+
+    @property
+    def max_feed_um_s(self) -> float:
+        """Greatest path speed in um/s: 127 units of the integer planners, none (infinite) of `exact`."""
+
+    @property
+    def position_um(self) -> tuple[float, float]:
+        """Position counters in um (row T-70): whole steps away from the start point; ints where steps are whole."""
+
+    @property
+    def path_um(self) -> float:
+        """Length travelled along the path in um, 0 at its start."""
+
+    @property
+    def done(self) -> bool:
+        """Whether the path's end is reached."""
+
+    def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
+        """Return the steps at ``start_ns <= time_ns < end_ns``, in order; a negative speed runs backwards."""
+
+    def snapshot(self) -> PlannerState:
+        """Everything that changes while running."""
+
+    def restore(self, state: PlannerState) -> None:
+        """Continue exactly where `snapshot` was taken; the planner must have been made for the same path."""
+
+
+@runtime_checkable
+class RunsPath(Protocol):
+    """A controller that is the machine's own computer: with some planners no planner runs, as it makes the steps."""
+
+    def path_run(self, planner: str) -> Planner | None:
+        """Return the leg's replacement of the planner of that name, or None; called after every reset."""
+
 
 _ROOM = 64  # steps of a window for which there is room at first
 
@@ -47,27 +93,27 @@ class RowPlanner:
     def path_um(self) -> float:
         """Length travelled along the path in um."""
         _, points, along, _ = self._course
-        return run.path_um(self._row, points, along)
+        return kinds.path_um(self._row, points, along)
 
     @property
     def done(self) -> bool:
         """Whether the path's end is reached."""
         _, points, along, lengths = self._course
-        return run.done(self._row, points, along, lengths)
+        return kinds.done(self._row, points, along, lengths)
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
         """Steps in a window of time; see `Planner.advance`."""
         self._check_window(start_ns, end_ns, speed_units)
         _, points, along, lengths = self._course
         before = self._row.copy()
-        made = run.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
+        made = kinds.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
         if made == LIMIT:
             size_um = int(self._row["unit_um"])
             raise soft_limit(next(v for v in self.position_um if not 0 <= v <= WORD * size_um), size_um)
         if made > len(self._room):
             self._room = np.zeros((made, 3), np.int64)
             self._course.row[0] = before
-            run.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
+            kinds.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
         return [Step(*step) for step in self._room[:made].tolist()]
 
     def snapshot(self) -> PlannerState:
@@ -87,8 +133,6 @@ class RowPlanner:
         if most is not None and not -most <= speed_units <= most:
             raise InputError(f"the path speed must be -{most}..{most} units, not {speed_units}")
 
-
-__all__ = ["PLANNERS", "Kind", "Planner", "kind_of", "make_planner", "position_unit"]
 
 MOST_STEP_UM = 16  # longest motor step of the planners that steer (ours: half the distance at which they look ahead)
 

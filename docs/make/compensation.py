@@ -11,8 +11,7 @@ from pathlib import Path
 
 import edmsim
 from edmsim.controllers.axis.elcam.file import load_tables, text_of
-from edmsim.measure.figures import part_figure
-from edmsim.measure.table import measure_table
+from edmsim.measure import measure_table, part_figure
 
 DOCS = Path(__file__).parents[1]
 PERFECT = (

@@ -15,7 +15,7 @@ import numpy as np
 
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation.episode import Result, cut
-from edmsim.progress import in_threads
+from edmsim.runs import perform
 
 SET_POINT = "set-point:open_target_share="
 PACE = "open_target_share=0.05"
@@ -64,7 +64,7 @@ def table(task: str) -> list[str]:
     seeds, candidates = TASKS[task]
     rows = ["| candidate | return | net rate, mm2/min | wires lost | jams |", "|---|---|---|---|---|"]
     for name in candidates:
-        rows.append(_row(name, in_threads(partial(cut, env_id_of(task), controller=name), seeds)))
+        rows.append(_row(name, perform(partial(cut, env_id_of(task), controller=name), seeds)))
         sys.stderr.write(f"{rows[-1]}\n")
     return rows
 

@@ -18,7 +18,7 @@ import numpy as np
 
 import edmsim
 from edmsim.envs.part_task import ACTIONS
-from edmsim.evaluation.parts import cut_part
+from edmsim.evaluation.episode import cut_part
 
 ID = "edmsim/Part-v0"
 USUAL = np.zeros(len(ACTIONS), np.float32)

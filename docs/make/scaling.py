@@ -18,11 +18,9 @@ import numpy as np
 from sections import write_sections
 from vector_envs import processor
 
-from edmsim.sweep.engine import Cluster, Processes
-from edmsim.sweep.perform import Outcome, blank, perform
-from edmsim.sweep.run import sweep
-from edmsim.sweep.runs import runs_of
-from edmsim.sweep.specification import Specification
+from edmsim.runs import Cluster, Processes
+from edmsim.sweep.run import Outcome, blank, perform, sweep
+from edmsim.sweep.specification import Specification, runs_of
 from edmsim.sweep.table import RESULTS, ROWS_PER_PART, Store, read
 
 PAGE = Path(__file__).parents[1] / "scaling.md"

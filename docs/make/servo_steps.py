@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from edmsim.consoles.servo.autotune import Tuning, autotune, draw_move, draw_step
+from edmsim.consoles.autotune import Tuning, autotune, draw_move, draw_step
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.recording.figures import write_figure
 from edmsim.recording.figures.palette import INK

@@ -20,8 +20,8 @@ import edmsim  # noqa: F401 - registers the environments
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation import leaderboard
 from edmsim.evaluation.compare import Comparison
+from edmsim.evaluation.episode import is_part
 from edmsim.evaluation.lines import lines_of
-from edmsim.evaluation.parts import is_part
 from edmsim.evaluation.table import ranked, shown
 
 DOCS = Path(__file__).parents[1]

@@ -15,8 +15,7 @@ import edmsim
 from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.rig import Rig
-from edmsim.consoles.computer_1982.session import Session
-from edmsim.consoles.computer_1982.view import panel
+from edmsim.consoles.computer_1982.session import Session, panel
 from edmsim.recording.figures import write_figure
 
 if TYPE_CHECKING:

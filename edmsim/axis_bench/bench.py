@@ -10,18 +10,7 @@ from numpy.typing import NDArray
 
 from edmsim.axis_bench.motion import BenchAxes
 from edmsim.axis_bench.serial_link import SerialLink
-from edmsim.compiled.axis_rows import (
-    ERROR_LED,
-    FAULT_IN,
-    FAULT_OUT,
-    FREEWHEEL,
-    INDEX_WIRE,
-    LED,
-    NET_IN,
-    NET_OUT,
-    PHASE_A,
-    PHASE_B,
-)
+from edmsim.compiled import axis_rows
 from edmsim.controllers.axis.drive import Drive, StartsAnew, data_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -35,8 +24,8 @@ from edmsim.plant.axes.steps import DIR_OPEN, STEP_OPEN, move
 _TURN_NS = 10_000_000  # a drive is asked for what it sends unasked so often (ours)
 _QUIET_NS, _LONGEST_TALK_NS = 20_000_000, 1_000_000_000
 """A talk is over after so long without a byte, or so long at all (ours)."""
-_PHASES = {"A": PHASE_A, "B": PHASE_B, "AB": PHASE_A | PHASE_B}
-_WIRES = {**_PHASES, "index": INDEX_WIRE}
+_PHASES = {"A": axis_rows.PHASE_A, "B": axis_rows.PHASE_B, "AB": axis_rows.PHASE_A | axis_rows.PHASE_B}
+_WIRES = {**_PHASES, "index": axis_rows.INDEX_WIRE}
 _STEP_INPUTS = {"step": STEP_OPEN, "dir": DIR_OPEN}
 
 
@@ -49,6 +38,10 @@ class Pins(NamedTuple):
     error_led: bool
     duty: float
     fault_in_low: bool
+
+
+def _switch(row: np.void, field: str, bits: int, on: bool) -> None:
+    row[field] = row[field] | bits if on else row[field] & ~bits
 
 
 class AxisBench:
@@ -187,10 +180,11 @@ class AxisBench:
             k, bit, open_ = AXIS_NAMES.index(axis), _STEP_INPUTS[wire], self._motion.unplugged
             open_[k] = open_[k] & ~bit if plugged else open_[k] | bit
         elif wire == "fault":
-            row["wiring"] = row["wiring"] | NET_IN if plugged else row["wiring"] & ~NET_IN
-            row["hand_lines"] &= ~FAULT_IN if not plugged else -1
+            _switch(row, "wiring", axis_rows.NET_IN, plugged)
+            if not plugged:
+                _switch(row, "hand_lines", axis_rows.FAULT_IN, False)
         elif wire in _WIRES:
-            row["unplugged"] = row["unplugged"] & ~_WIRES[wire] if plugged else row["unplugged"] | _WIRES[wire]
+            _switch(row, "unplugged", _WIRES[wire], not plugged)
         else:
             raise InputError(f"there is no wire {wire!r} to unplug; there are: A, B, index, step, dir, fault")
 
@@ -221,19 +215,19 @@ class AxisBench:
 
     def wire(self, axis: str, *, fault_in: bool = True, fault_out: bool = True) -> None:
         """Set a drive's connections to the fault net: input, and output diode."""
-        self._row(axis)["wiring"] = (NET_IN if fault_in else 0) | (NET_OUT if fault_out else 0)
+        self._row(axis)["wiring"] = (axis_rows.NET_IN if fault_in else 0) | (axis_rows.NET_OUT if fault_out else 0)
 
     def pull_fault_net(self, low: bool) -> None:
         """Pull the fault net low, or release it."""
         for name in self.names:
             row = self._row(name)
-            if row["wiring"] & NET_IN:
-                row["hand_lines"] = row["hand_lines"] | FAULT_IN if low else row["hand_lines"] & ~FAULT_IN
+            if row["wiring"] & axis_rows.NET_IN:
+                _switch(row, "hand_lines", axis_rows.FAULT_IN, low)
 
     @property
     def fault_net_low(self) -> bool:
         """Whether the fault net is low."""
-        by_hand = any(self._row(name)["hand_lines"] & FAULT_IN for name in self.names)
+        by_hand = any(self._row(name)["hand_lines"] & axis_rows.FAULT_IN for name in self.names)
         return bool(by_hand or fault_net_low(self._motion.drives.axes))
 
     def supply(self, axis: str, volts: float) -> None:
@@ -306,7 +300,7 @@ class AxisBench:
         for name in axes:
             row = self._row(name)
             row["shares"], row["apart"] = 1 + AXIS_NAMES.index(axes[0]), name != connected
-            row["pins"] = row["pins"] & ~FREEWHEEL if name == connected else row["pins"] | FREEWHEEL
+            _switch(row, "pins", axis_rows.FREEWHEEL, name != connected)
 
     def stall(self, axis: str, seconds: float) -> None:
         """Stop a drive's computation for a time; its interrupts still count."""
@@ -343,18 +337,19 @@ class AxisBench:
     def pins(self, axis: str = "") -> Pins:
         """Return the state of a drive's pins."""
         row = self._row(axis)
-        pins, net = int(row["pins"]), bool(row["wiring"] & NET_IN) and self.fault_net_low
+        pins, net = int(row["pins"]), bool(row["wiring"] & axis_rows.NET_IN) and self.fault_net_low
         return Pins(
-            not pins & FREEWHEEL, bool(pins & FAULT_OUT), bool(pins & LED), bool(pins & ERROR_LED),
-            (1 + float(row["duty"])) / 2, bool(net or row["hand_lines"] & FAULT_IN),
+            not pins & axis_rows.FREEWHEEL, bool(pins & axis_rows.FAULT_OUT), bool(pins & axis_rows.LED),
+            bool(pins & axis_rows.ERROR_LED), (1 + float(row["duty"])) / 2,
+            bool(net or row["hand_lines"] & axis_rows.FAULT_IN),
         )
 
     def samples(self, axis: str = "") -> NDArray[np.void]:
-        """Return an axis' samples since the last call (`edmsim.axis_bench.loop.SAMPLE_ROW`)."""
+        """Return an axis' samples since the last call (`edmsim.axis_bench.motion.SAMPLE_ROW`)."""
         return self._motion.samples(axis or self.names[0])
 
     def changes(self, axis: str = "") -> NDArray[np.void]:
-        """Return the changes of an axis' pins since the last call (`edmsim.axis_bench.loop.CHANGE_ROW`)."""
+        """Return the changes of an axis' pins since the last call (`edmsim.axis_bench.motion.CHANGE_ROW`)."""
         return self._motion.changes(axis or self.names[0])
 
     def snapshot(self) -> dict[str, Any]:

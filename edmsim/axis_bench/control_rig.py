@@ -10,19 +10,11 @@ from numpy.typing import NDArray
 
 from edmsim.axis_bench.bench import AxisBench
 from edmsim.controllers.axis.drive import Drive
-from edmsim.controllers.axis.elcam.mcu_g3 import (
-    COMPENSATION,
-    CYCLE_S,
-    FEED_FORWARD,
-    TARGET,
-    AxisLoop,
-    ControlAxis,
-    MotionControl,
-)
+from edmsim.controllers.axis.elcam import mcu_g3
 from edmsim.controllers.axis.servo import PositionServo
 from edmsim.numeric import finite
 
-_CYCLE_NS = round(CYCLE_S * 1e9)
+_CYCLE_NS = round(mcu_g3.CYCLE_S * 1e9)
 
 
 class Traces(NamedTuple):
@@ -38,7 +30,7 @@ class Traces(NamedTuple):
 class ControlRig:
     """Axes of a control with their motors, screws and tables on a bench.
 
-    A servo axis is an `AxisLoop`; a stepper's motor takes steps, and its encoder counts its true motion.
+    A servo axis is an `mcu_g3.AxisLoop`; a stepper's motor takes steps, and its encoder counts its true motion.
 
     Parameters
     ----------
@@ -47,7 +39,7 @@ class ControlRig:
     drives : mapping of str to drive, optional
         Overrides of the default drives.
     **options
-        Those of `MotionControl`.
+        Those of `mcu_g3.MotionControl`.
 
     Attributes
     ----------
@@ -57,17 +49,19 @@ class ControlRig:
         The axes in the control's order.
     """
 
-    def __init__(self, axes: Mapping[str, ControlAxis], drives: Mapping[str, Drive] | None = None, **options: object):
+    def __init__(
+        self, axes: Mapping[str, mcu_g3.ControlAxis], drives: Mapping[str, Drive] | None = None, **options: object
+    ):
         self.names = tuple(axes)
-        usual: dict[str, Drive] = {n: PositionServo() if axis.stepper else AxisLoop() for n, axis in axes.items()}
+        usual = {name: PositionServo() if axis.stepper else mcu_g3.AxisLoop() for name, axis in axes.items()}
         self.bench = AxisBench({**usual, **(drives or {})})
-        self.control = MotionControl(list(axes.values()), **options)
+        self.control = mcu_g3.MotionControl(list(axes.values()), **options)
         self._sent = [0] * len(self.names)
         self._notes: list[tuple[float, NDArray[np.float64]]] = []
 
     def run(self, seconds: float) -> None:
         """Run for a time, in whole cycles."""
-        for _ in range(round(finite("seconds", seconds) / CYCLE_S)):
+        for _ in range(round(finite("seconds", seconds) / mcu_g3.CYCLE_S)):
             self._turn()
             self.bench.run_to(round(self.bench.time_s * 1e9) + _CYCLE_NS)
 
@@ -97,7 +91,7 @@ class ControlRig:
             self._command(k, name, axis)
         self._notes.append((self.bench.time_s, self._note(axes)))
 
-    def _command(self, k: int, name: str, axis: ControlAxis) -> None:
+    def _command(self, k: int, name: str, axis: mcu_g3.ControlAxis) -> None:
         """Give a servo axis target and compensation, and a stepper the steps to the sum of both."""
         record = self.bench.drive(name).record
         if axis.stepper:
@@ -106,12 +100,12 @@ class ControlRig:
             self._sent[k] += steps
             return
         motor, real = self.bench.motor(name), record["real"][0]
-        real[TARGET] = axis.setpoint * axis.counts_per_unit
-        real[COMPENSATION] = axis.compensation * axis.counts_per_unit
+        real[mcu_g3.TARGET] = axis.setpoint * axis.counts_per_unit
+        real[mcu_g3.COMPENSATION] = axis.compensation * axis.counts_per_unit
         rad_s = axis.velocity * axis.counts_per_unit / float(motor["counts_per_rad"])
-        real[FEED_FORWARD] = rad_s * float(motor["torque_Nm_A"]) / float(motor["supply_V"])
+        real[mcu_g3.FEED_FORWARD] = rad_s * float(motor["torque_Nm_A"]) / float(motor["supply_V"])
 
-    def _note(self, axes: Sequence[ControlAxis]) -> NDArray[np.float64]:
+    def _note(self, axes: Sequence[mcu_g3.ControlAxis]) -> NDArray[np.float64]:
         places = [self.table_um(name) for name in self.names]
         return np.array([
             *(axis.setpoint for axis in axes), *(axis.actual for axis in axes),

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edmsim import __version__
 from edmsim.calibration.log import STATISTICS, STRETCH_WINDOWS, Stretch, statistics
 from edmsim.cosim.straight import Traverse, begin
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.window import PlantError
-from edmsim.progress import in_threads
+from edmsim.runs import RunTable, identity, perform
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
@@ -32,7 +33,7 @@ LEAST_REPLICATES = 4
 
 
 class CalibrationProgress(NamedTuple):
-    """Progress of a calibration: simulated cuts, and the last misfit per degree of freedom (NaN before the first)."""
+    """Progress of a calibration: finished cuts, and the last misfit per degree of freedom (NaN before the first)."""
 
     cuts: int
     misfit: float
@@ -42,13 +43,12 @@ class StretchComparison:
     """Stretches of a log, and their simulation by a machine with the same draws for every machine."""
 
     def __init__(
-        self, machine: Machine, picked: list[Stretch], seed: int, resolution: str,
+        self, machine: Machine, picked: list[Stretch], seed: int, resolution: str, table: RunTable,
         watch: Callable[[CalibrationProgress], None] | None,
     ) -> None:
         self.machine, self.picked = machine, picked
         self.misfit = math.nan
-        self._seed, self._resolution, self._watch = seed, resolution, watch
-        self._cuts = 0
+        self._seed, self._resolution, self._table, self._watch = seed, resolution, table, watch
         self._known = np.array([np.isfinite(stretch.mean) for stretch in picked])
         self.size = int(self._known.sum())
         self.take_noise_of(machine)
@@ -70,18 +70,26 @@ class StretchComparison:
 
     def _run(self, jobs: Sequence[tuple[Machine, int, int]]) -> Array:
         def count(*_: int) -> None:
-            self._cuts += 1
             if self._watch is not None:
-                self._watch(CalibrationProgress(self._cuts, self.misfit))
+                self._watch(CalibrationProgress(len(self._table.rows), self.misfit))
 
-        found = in_threads(self._simulate, jobs, count)
-        return np.array(found).reshape(-1, len(self.picked), len(STATISTICS))
+        rows = perform(self._simulate, jobs, count, table=self._table, ids=[self._id(*job) for job in jobs])
+        return np.array([row["statistics"] for row in rows]).reshape(-1, len(self.picked), len(STATISTICS))
 
-    def _simulate(self, job: tuple[Machine, int, int]) -> Array:
+    def _id(self, machine: Machine, number: int, seed: int) -> str:
+        stretch = self.picked[number]
+        setting = stretch.feed_um_s, stretch.t_on_us, stretch.t_period_us, stretch.travelled_um
+        return identity({
+            "edmsim": __version__, "machine": machine.model_dump_json(), "stretch": setting, "seed": seed,
+            "resolution": self._resolution,
+        })  # fmt: skip
+
+    def _simulate(self, job: tuple[Machine, int, int]) -> dict[str, Any]:
         machine, number, seed = job
         stretch = self.picked[number]
         batches = simulate(machine, stretch, STRETCH_WINDOWS, seed, self._resolution)
-        return Stretch(0, stretch.feed_um_s, stretch.t_on_us, stretch.t_period_us, batches).mean
+        mean = Stretch(0, stretch.feed_um_s, stretch.t_on_us, stretch.t_period_us, batches).mean
+        return {"statistics": mean.tolist()}
 
     def residuals(self, simulated: Array) -> Array:
         """Simulated (stretches, 5) less logged statistics, in units of their noise and uncorrelated, (size,)."""

@@ -7,45 +7,59 @@ from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from edmsim import __version__
-from edmsim.cli import measure, sweep, tune
-from edmsim.cli.bench import bench
-from edmsim.cli.check import check
 from edmsim.cli.console import OUT, take_any_terminal
-from edmsim.cli.cut import cut
-from edmsim.cli.evaluate import evaluate
-from edmsim.cli.export import export
-from edmsim.cli.gap import gap
-from edmsim.cli.learn import dataset, train
+from edmsim.cli.cut import check, cut, report, view
+from edmsim.cli.learn import dataset, evaluate, train
+from edmsim.cli.machines import gap, guides, positioner, servo, table, terminal
 from edmsim.cli.options import Command
-from edmsim.cli.playback import report, view
-from edmsim.cli.studies import calibrate, validate
-from edmsim.cli.sweep import SHORT_FORM
-from edmsim.cli.technology import technology
-from edmsim.cli.terminal import positioner, servo, terminal
-from edmsim.cli.warm_up import warm_up
+from edmsim.cli.search import (
+    SHORT_FORM,
+    drive,
+    gains,
+    own,
+    population,
+    run,
+    show,
+    technology,
+    training,
+)
+from edmsim.cli.studies import bench, calibrate, validate, warm_up
 from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
 
+
+class _Commands(TyperGroup):
+    """All commands; the usage line names the two options, so that the list of commands fits a screen of 24 lines."""
+
+    def get_help_option(self, ctx: Any) -> Any:
+        """Return ``--help``, which is not listed."""
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.hidden = True
+        return option
+
+
 app = typer.Typer(
-    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False,
-    help="A wire-EDM machine, simulated discharge by discharge.",
+    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, cls=_Commands,
+    options_metavar="[--version | --help]", help="A wire-EDM machine, simulated discharge by discharge.",
 )
 _UsageError: Any = typer.BadParameter.__base__  # of click, which newer releases of typer hold inside themselves
 
 
 COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "": ("", {
-        "cut": cut, "check": check, "view": view, "report": report, "calibrate": calibrate, "technology": technology,
-        "train": train, "dataset": dataset, "evaluate": evaluate, "validate": validate, "bench": bench, "gap": gap,
-        "export": export, "warm-up": warm_up,
+        "cut": cut, "check": check, "view": view, "report": report, "train": train, "dataset": dataset,
+        "evaluate": evaluate, "calibrate": calibrate, "validate": validate, "bench": bench, "gap": gap,
+        "warm-up": warm_up,
     }),
-    "sweep": ("Run many cuts from one specification.", {"run": sweep.run, "show": sweep.show}),
-    "tune": ("Search for gains, settings of a controller or a training; tune a drive.", {
-        "gains": tune.gains, "own": tune.own, "training": tune.training, "population": tune.population,
-        "drive": tune.drive,
+    "sweep": ("Run many cuts from one specification.", {"run": run, "show": show}),
+    "tune": ("Search gains, settings, trainings, technologies; tune a drive.", {
+        "gains": gains, "own": own, "training": training, "population": population, "technology": technology,
+        "drive": drive,
     }),
-    "measure": ("Measure a machine's table, or its wire guides.", {"table": measure.table, "guides": measure.guides}),
+    "measure": ("Measure a machine's table, or its wire guides.", {"table": table, "guides": guides}),
     "console": ("Operate the controller of 1982, a servo drive or a positioner.", {
         "1982": terminal, "servo": servo, "positioner": positioner,
     }),
@@ -53,16 +67,16 @@ COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
 """Every command by its group: what the group is for, and its commands."""
 
 for _name, (_purpose, _commands) in COMMANDS.items():
-    _group = typer.Typer(no_args_is_help=True, help=_purpose) if _name else app
+    _group = typer.Typer(no_args_is_help=True, help=_purpose, options_metavar="[OPTIONS]") if _name else app
     for _word, _command in _commands.items():
-        _group.command(_word, cls=Command, context_settings=SHORT_FORM if _command is sweep.run else {})(_command)
+        _group.command(_word, cls=Command, context_settings=SHORT_FORM if _command is run else {})(_command)
     if _name:
         app.add_typer(_group, name=_name)
 
 
 @app.callback(invoke_without_command=True)
 def _version(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+    version: Annotated[bool, typer.Option("--version", hidden=True)] = False,
 ) -> None:
     if version:
         OUT.print(__version__, highlight=False)

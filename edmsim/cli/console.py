@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import codecs
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
+if TYPE_CHECKING:
+    from edmsim.progress import ShownProgress
+
 OUT = Console()
 ERR = Console(stderr=True)
 
+RESUME = "run the same command to resume"
 STOPPED, INTERRUPTED = 3, 130
 """Exit statuses besides those of `edmsim.errors`: the machine stopped before the end; interrupted by the user."""
 
 Program = Annotated[Path, typer.Argument(help="Part program: .ngc .nc .gcode .iso .txt .dxf", show_default=False)]
+Environment = Annotated[
+    str,
+    typer.Argument(metavar="ENV_ID", help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
@@ -42,6 +52,24 @@ def _spelt_plainly(error: UnicodeError) -> tuple[str, int]:
 def say(text: str) -> None:
     """Print one line on standard error, however long."""
     ERR.print("edmsim: " + " ".join(text.splitlines()), highlight=False, soft_wrap=True, markup=False)
+
+
+def print_line(text: str) -> None:
+    """Print text on standard output as it is; lines are not broken."""
+    OUT.print(text, highlight=False, soft_wrap=True, markup=False)
+
+
+@contextmanager
+def interruptible(then: str = RESUME, keep: bool = False) -> Iterator[ShownProgress]:
+    """Yield what shows progress; Ctrl-C ends the command with one line, which says what to do then."""
+    from edmsim.progress import ShownProgress
+
+    try:
+        with ShownProgress(keep=keep) as bar:
+            yield bar
+    except KeyboardInterrupt:
+        say(f"interrupted; {then}")
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def named(text: str) -> list[str]:

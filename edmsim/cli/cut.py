@@ -1,4 +1,4 @@
-"""``edmsim cut``."""
+"""Commands of a part program and its cut: cut, check, view, report."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Annotated, Any
 
 import typer
 
-from edmsim.cli.console import INTERRUPTED, OUT, STOPPED, Program, Quiet, default_folder, say
-from edmsim.cli.options import Unset, takes
-from edmsim.errors import InputError
+from edmsim.cli.console import ERR, INTERRUPTED, OUT, STOPPED, Program, Quiet, default_folder, print_line, say
+from edmsim.cli.options import SET_UP, Unset, takes
+from edmsim.errors import BAD_INPUT, InputError
 
 
 @takes(out=Unset("Default out/PROGRAM."))
@@ -63,6 +63,127 @@ def cut(
 
             OUT.print(render_table(result.report))
             where = f"Written to {folder}; play it back with: edmsim view {shlex.quote(str(folder))}"
-            OUT.print(where, highlight=False, soft_wrap=True, markup=False)
+            print_line(where)
     if result.report.outcome != WORDS[StopCause.FINISHED].report:
         raise typer.Exit(STOPPED)
+
+
+@takes(
+    "machine", SET_UP, "planner", "offset", "offsets", "ignore", "dialect", "conditions", "layers", "upper_layer",
+    "taper_deg", "taper_corners", "guide_errors_mm", "unit", "passes", "technology", "tab_mm", "overlap_mm",
+    "after_tab",
+)  # fmt: skip
+def check(
+    program: Program,
+    out: Annotated[
+        Path | None, typer.Option(help="Picture of the path: .png .svg or .pdf; default out/PROGRAM/path.png.")
+    ] = None,
+    **options: Any,
+) -> None:
+    """Check a program before the cut: path, notices, time."""
+    from edmsim.files import make_writable, replacing
+    from edmsim.job.check import check as look_at
+    from edmsim.job.check import lines_of
+    from edmsim.job.settings import CutSettings
+    from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
+    from edmsim.recording.figures.path import path_figure
+
+    picture = default_folder(program) / "path.png" if out is None else out
+    if picture.suffix not in (".png", ".svg", ".pdf"):
+        raise InputError("the picture must end in .png, .svg or .pdf", picture)
+    settings = CutSettings.model_validate(options)
+    unknown: dict[str, list[int]] = {}
+
+    try:
+        found = look_at(program, settings)
+    except UnknownWordsError as error:
+        unknown = error.words
+        for word, lines in unknown.items():
+            times = "" if len(lines) == 1 else f", {len(lines)} times"
+            say(f"{program}:{lines[0]}: unknown word {word}{times}")
+        deciding = [word for word in unknown if word not in offered_to_ignore(unknown)]
+        if deciding:
+            these = "it" if len(deciding) == 1 else "them"
+            say(f"{', '.join(deciding)} may decide the contour: correct or delete {these}")
+            raise typer.Exit(BAD_INPUT) from None
+        say("the rest is shown without them, as with --ignore " + ",".join(unknown))
+        found = look_at(program, settings.model_copy(update={"ignore": (*settings.ignore, *unknown)}))
+    for name, text in lines_of(found):
+        print_line(f"{name:<12}{text}")
+    for notice in found.path.notices:
+        print_line(f"note: {notice}")
+    make_writable(picture.parent)
+    figure = path_figure(found.path, program.name, 2e3 * found.machine.auto_offset_mm)
+    with replacing(picture) as partial:
+        figure.savefig(partial, format=picture.suffix.removeprefix("."))
+    print_line(f"Written: {picture}")
+    if unknown:
+        raise typer.Exit(BAD_INPUT)
+
+
+def view(
+    directory: Annotated[Path, typer.Argument(help="Folder of a cut.", show_default=False)],
+    other: Annotated[
+        Path | None, typer.Argument(help="Folder of another cut, shown side by side.", show_default=False)
+    ] = None,
+) -> None:
+    """Play a cut back in rerun, or two side by side."""
+    from edmsim.recording import compare as show_both
+    from edmsim.recording import view as show
+
+    raise typer.Exit(show(directory) if other is None else show_both(directory, other))
+
+
+def report(
+    directory: Annotated[Path, typer.Argument(help="Folder of a cut.", show_default=False)],
+    film: Annotated[Path | None, typer.Option(help="Film of the cut, .mp4 or .gif.")] = None,
+    seconds: Annotated[float, typer.Option(help="Length of the film.")] = 12.0,
+    screenshots: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for pictures of the viewer; needs no screen.")
+    ] = None,
+    figures: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Folder for figures.")] = None,
+    format: Annotated[str, typer.Option(help="Format of the figures: pdf, svg or png.")] = "pdf",
+    contour: Annotated[Path | None, typer.Option(help="File for the cut contour, .dxf .csv or .svg.")] = None,
+    contour_height: Annotated[
+        float | None, typer.Option(help="Height of the contour in mm; default: that of the kerf at mid height.")
+    ] = None,
+    face: Annotated[Path | None, typer.Option(help="File for the part's cut face, .stl or .glb (glTF).")] = None,
+) -> None:
+    """Write a cut's report.html again, or a film, figures, a contour.
+
+    Without options it writes report.html, with options only the files they name.
+    """
+    from edmsim.job.result import remake
+    from edmsim.recording import find_recording, take_screenshots
+    from edmsim.recording.cut_folder import read_cut
+    from edmsim.recording.exports import write_contour, write_faces
+
+    if contour is None and contour_height is not None:
+        raise InputError("--contour-height is that of a contour: give the file with --contour")
+    written: list[Path] = []
+    if film is not None:
+        written.append(_film(directory, film, seconds))
+    if screenshots is not None:
+        with ERR.status("opening the viewer without a window"):
+            written += take_screenshots(find_recording(directory), screenshots)
+    if contour is not None:
+        write_contour(read_cut(directory).scene, contour, contour_height)
+        written.append(contour)
+    if face is not None:
+        write_faces(read_cut(directory).scene, face)
+        written.append(face)
+    if figures is not None or not written:
+        written += remake(directory, figures, format, say)
+    for file in written:
+        print_line(str(file))
+
+
+def _film(directory: Path, film: Path, seconds: float) -> Path:
+    from edmsim.recording import find_recording, render
+    from edmsim.recording.film import check_film
+
+    recording = find_recording(directory)
+    check_film(film, seconds)
+    with ERR.status(f"drawing {film.name}"):
+        render(recording, film, seconds)
+    return film

@@ -1,21 +1,26 @@
-"""``edmsim train`` and ``dataset``: policies, and what they may be learned from."""
+"""Commands of policies and controllers: train, dataset, evaluate."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import INTERRUPTED, OUT, say
-from edmsim.cli.options import takes
+from edmsim.cli.console import OUT, RESUME, Environment, Json, interruptible, print_line
+from edmsim.cli.options import Unset, takes
+from edmsim.errors import InputError
+
+if TYPE_CHECKING:
+    from edmsim.evaluation.transfer import TransferRow
+    from edmsim.learning.score import Score
+    from edmsim.runs import RunTable
 
 
 @takes("seed")
 def train(
-    env_id: Annotated[
-        str, typer.Argument(help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False)
-    ],
+    env_id: Environment,
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
     algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac, tqc or imitation.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Total number of steps; default by environment.")] = None,
@@ -53,29 +58,24 @@ def train(
 ) -> None:
     """Train a policy (extra rl)."""
     from edmsim.envs.registry import resolve
-    from edmsim.evaluation.parts import is_part
+    from edmsim.evaluation.episode import is_part
     from edmsim.learning.command import TrainOptions, run
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
-    try:
+    with interruptible("run the same command with --resume to continue"):
         table = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
-    except KeyboardInterrupt:
-        say("interrupted; run the same command with --resume to continue")
-        raise typer.Exit(INTERRUPTED) from None
     if table is not None:
         OUT.print(table)
     policy = f"policy:{out / 'policy.json'}"
     use = f"Cut with it: edmsim cut PROGRAM --controller {policy} --out DIR"
     if is_part(resolve(env_id)):
         use = f"Compare it: edmsim evaluate {env_id} --controllers {policy}"
-    OUT.print(use, highlight=False, soft_wrap=True, markup=False)
+    print_line(use)
 
 
 @takes("seed")
 def dataset(
-    env_id: Annotated[
-        str, typer.Argument(help="Environment: edmsim/GapFeed-v2 ..., or FILE.py:ID.", show_default=False)
-    ],
+    env_id: Environment,
     out: Annotated[Path, typer.Option(help="Folder for the data sets; an interrupted recording is resumed.")],
     controllers: Annotated[
         str, typer.Option(metavar="A,B", help="Feed controllers: {controllers}.")
@@ -83,20 +83,136 @@ def dataset(
     steps: Annotated[int, typer.Option(help="Windows per controller, rounded up to whole episodes.")] = 100_000,
     **options: Any,
 ) -> None:
-    """Record feed controllers as data sets of Minari, for offline learning (extra offline)."""
-    from edmsim.controllers.named_numbers import listed
+    """Record controllers as data sets of Minari (extra offline)."""
     from edmsim.envs.registry import resolve
     from edmsim.learning.dataset import record
-    from edmsim.progress import ShownProgress
+    from edmsim.numeric import listed
 
-    with ShownProgress() as bar:
-        try:
-            made = record(resolve(env_id), listed(controllers), steps, out, watch=bar.show, **options)
-        except KeyboardInterrupt:
-            say("interrupted; run the same command to continue")
-            raise typer.Exit(INTERRUPTED) from None
+    with interruptible() as bar:
+        made = record(resolve(env_id), listed(controllers), steps, out, watch=bar.show, **options)
     for row in made:
-        OUT.print(f"{row.dataset_id}: {row.episodes} episodes, {row.steps} steps, {row.breaks} with a broken wire, "
-                  f"mean return {row.mean_return:.1f}", highlight=False, soft_wrap=True, markup=False)
-    OUT.print(f"Load them: MINARI_DATASETS_PATH={out} python -c 'import minari; "
-              f"print(minari.load_dataset(\"{made[0].dataset_id}\"))'", highlight=False, soft_wrap=True, markup=False)
+        print_line(
+            f"{row.dataset_id}: {row.episodes} episodes, {row.steps} steps, {row.breaks} with a broken wire, "
+            f"mean return {row.mean_return:.1f}"
+        )
+    print_line(
+        f"Load them: MINARI_DATASETS_PATH={out} python -c 'import minari; "
+        f"print(minari.load_dataset(\"{made[0].dataset_id}\"))'"
+    )
+
+
+USUAL_EPISODES = 20  # held-back episodes that a policy is measured on at every resolution (ours)
+
+
+@takes("resolution", resolution=Unset("Default: that of the environment; for a policy all."))
+def evaluate(
+    env_ids: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[ENV_ID...]", help="Environments: edmsim/GapFeed-v2 ..., FILE.py:ID, or all."),
+    ] = None,
+    controllers: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Feed controllers: {controllers}; default: those of the task.")
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option(help="Number of cuts per controller; default by environment, 20 for a policy.")
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for recordings of all cuts, for edmsim view.")
+    ] = None,
+    leaderboard: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write all cuts to this leaderboard, .json.")
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page with a table and figures, .md.")
+    ] = None,
+    places: Annotated[
+        bool, typer.Option("--places", help="Also compare at finer resolutions and outside the training ranges.")
+    ] = False,
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Evaluate a policy in its own environment, with counts and voltage: a "
+                                          "file, or a name under models/policies. Repeatable."),
+    ] = None,
+    write_card: Annotated[
+        bool, typer.Option("--write-card", help="Write the scores to the policy file.")
+    ] = False,
+    json: Json = False,
+    **options: Any,
+) -> None:
+    """Compare feed controllers on the same randomised machines."""
+    from edmsim.envs.registry import resolve
+    from edmsim.evaluation import leaderboard as boards
+    from edmsim.evaluation.compare import check, evaluate, usual
+    from edmsim.evaluation.compare import env_ids as all_ids
+    from edmsim.evaluation.episode import episodes
+    from edmsim.evaluation.table import as_json, render, write_page
+    from edmsim.evaluation.transfer import USUAL_CUTS, transfer
+    from edmsim.files import make_writable
+    from edmsim.numeric import listed
+    from edmsim.runs import RunTable
+
+    resolution, named = options.get("resolution"), env_ids or []
+    if not named and not policy:
+        raise InputError("name an environment, or a policy with --policy; see edmsim evaluate --help")
+    chosen = {
+        env_id: usual(env_id) if controllers is None else listed(controllers)
+        for env_id in (all_ids() if named == ["all"] else map(resolve, named))
+    }
+    for env_id, laws in chosen.items():
+        check(env_id, laws, episodes(env_id) if seeds is None else seeds, resolution)
+    if page is not None and page.suffix != ".md":
+        raise InputError("a page is Markdown: name it .md", page)
+    if leaderboard is not None:
+        boards.read(leaderboard)  # an invalid file is refused before hours of cuts
+    for file in (leaderboard, page):
+        if file is not None:
+            make_writable(file.parent)
+    out = leaderboard or page
+    runs = None if out is None else out.with_suffix(".runs.jsonl")
+    table, found, moved, scores = RunTable(runs), [], {}, {}
+    with interruptible("finished cuts are lost without --leaderboard or --page" if runs is None else RESUME) as bar:
+        for env_id, laws in chosen.items():
+            watch = bar.of(env_id)
+            made = evaluate(env_id, laws, seeds, resolution=resolution, record=record, watch=watch, table=table)
+            found.append(made)
+            if leaderboard is not None:
+                boards.write(leaderboard, [made])
+            if places:
+                cuts = USUAL_CUTS if seeds is None else seeds
+                moved[env_id] = transfer(env_id, laws, cuts, watch=bar.of(f"{env_id}, places"), table=table)
+        for name in policy or ():
+            scores[name] = _measured(name, seeds, resolution, write_card, bar.show, table)
+    if page is not None:
+        write_page(page, found)
+    if runs is not None:
+        runs.unlink(missing_ok=True)
+    if json:
+        sys.stdout.write(as_json(found, moved, scores) + "\n")
+        return
+    for comparison in found:
+        OUT.print(render(comparison, OUT.width))
+    _show(moved, scores, seeds)
+
+
+def _measured(
+    policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any, table: RunTable
+) -> list[Score]:
+    from edmsim.learning import policy_file
+    from edmsim.learning.score import RESOLUTIONS, measure, write_card
+
+    episodes = USUAL_EPISODES if seeds is None else seeds
+    at = RESOLUTIONS if resolution is None else (resolution,)
+    scores = measure(policy_file.load(policy).card.env_id, policy, episodes, watch, at, table)
+    if write:
+        write_card(policy, scores)
+    return scores
+
+
+def _show(moved: dict[str, list[TransferRow]], scores: dict[str, list[Score]], seeds: int | None) -> None:
+    from edmsim.evaluation import transfer
+    from edmsim.learning import score
+
+    for env_id, rows in moved.items():
+        OUT.print(transfer.render(env_id, rows, transfer.USUAL_CUTS if seeds is None else seeds))
+    for measured in scores.values():
+        OUT.print(score.render(measured))

@@ -1,17 +1,26 @@
-"""``edmsim calibrate`` and ``validate``: the model beside machines and publications."""
+"""Commands that measure the model: calibrate, validate, bench; and warm-up."""
 
 from __future__ import annotations
 
+import json as codec
 import math
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from edmsim.cli.console import INTERRUPTED, OUT, Json, named, say
+from edmsim.cli.console import OUT, Json, interruptible, named, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
-from edmsim.errors import FAILED
+from edmsim.errors import FAILED, InputError
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    _Result = tuple[Mapping[str, object], RenderableType]
+    """In numbers, and as a table."""
+
 
 _BY_LOG = Unset("Default: as in the log.")
 
@@ -34,36 +43,36 @@ def calibrate(
     from edmsim.calibration import DEFAULT_CONSTANTS, read_log, settings_for
     from edmsim.calibration import calibrate as run
     from edmsim.calibration.comparison import CalibrationProgress
+    from edmsim.calibration.fit import held, machine_of
     from edmsim.calibration.output import as_json, check_writable, render, write
-    from edmsim.calibration.set_up import held, machine_of
-    from edmsim.progress import ShownProgress
+    from edmsim.runs import RunTable
 
     check_writable(out)
     table = read_log(log)
     seed = options.pop("seed")
     settings, notices = settings_for(table, **options)
     chosen = DEFAULT_CONSTANTS if fit is None else named(fit)
+    runs = out.with_suffix(".runs.jsonl")
     set_up = machine_of(settings)
     for notice in (*notices, *held(settings, set_up, chosen)):
         say(notice)
-    try:
-        with ShownProgress() as bar:
+    with interruptible() as bar:
 
-            def watch(progress: CalibrationProgress) -> None:
-                misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
-                bar.show("calibrate", text=f"{progress.cuts} cuts simulated{misfit}")
+        def watch(progress: CalibrationProgress) -> None:
+            misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
+            bar.show("calibrate", text=f"{progress.cuts} cuts simulated{misfit}")
 
-            found = run(table, set_up, chosen, seed=seed, resolution=settings.resolution, watch=watch)
-    except KeyboardInterrupt:
-        say("interrupted; nothing was written")
-        raise typer.Exit(INTERRUPTED) from None
+        found = run(
+            table, set_up, chosen, seed=seed, resolution=settings.resolution, table=RunTable(runs), watch=watch
+        )
     files = write(found, table.name, out, [name for name, _ in settings.overrides])
+    runs.unlink(missing_ok=True)
     if json:
         sys.stdout.write(as_json(found, files) + "\n")
         return
     OUT.print(render(found, settings.resolution))
     fitted = " ".join(f"--{part} {file}" for part, file in files.items())
-    OUT.print(f"Cut with it: edmsim cut PROGRAM {fitted} --out DIR", highlight=False, soft_wrap=True, markup=False)
+    print_line(f"Cut with it: edmsim cut PROGRAM {fitted} --out DIR")
 
 
 def validate(
@@ -71,10 +80,9 @@ def validate(
     json: Json = False,
 ) -> None:
     """Compare the model with publications, row by row."""
-    from edmsim.progress import ShownProgress
     from edmsim.validation import report, run
 
-    with ShownProgress() as bar:
+    with interruptible("no row was shown") as bar:
         rows = run(bar.of("validate"))
     if json:
         sys.stdout.write(report.as_json(rows, report.failed(rows) if failed else None) + "\n")
@@ -82,3 +90,123 @@ def validate(
         OUT.print(report.render_failed(rows) if failed else report.render(rows))
     if any(row.unexpected for row in rows):
         raise typer.Exit(FAILED)
+
+
+def bench(
+    against: Annotated[
+        str | None, typer.Option(metavar="REVISION", help="Compare with a revision of this checkout, in pairs.")
+    ] = None,
+    pairs: Annotated[int, typer.Option(min=1, help="Pairs of --against.")] = 10,
+    profile: Annotated[bool, typer.Option("--profile", help="Show the time of each part of a pulse.")] = False,
+    serial: Annotated[bool, typer.Option("--serial", help="Measure edmsim gap --serial.")] = False,
+    training: Annotated[
+        bool, typer.Option("--training", help="Measure a training with PPO, compared with HalfCheetah-v5 (extra rl).")
+    ] = False,
+    figure: Annotated[Path | None, typer.Option(help="Picture of the profile: .png, .svg or .pdf.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Measure the speed of this computer in processor time."""
+    found: dict[str, _Result] = {}
+    with interruptible("no measurement was completed") as bar:
+
+        def watch(phase: str) -> None:
+            bar.show("measure", text=phase)
+
+        if profile or figure is not None:
+            found["profile"] = _profiled(figure, watch)
+        if against is not None:
+            found["against"] = _compared(against, pairs, watch)
+        if serial:
+            found["serial"] = _answered(watch)
+        if training:
+            found["training"] = _trained(watch)
+        if not found:
+            found["speed"] = _measured()
+    if json:
+        numbers = {name: numbers for name, (numbers, _) in found.items()}
+        sys.stdout.write(codec.dumps(numbers if len(found) > 1 else next(iter(numbers.values())), indent=2) + "\n")
+    else:
+        for _, table in found.values():
+            OUT.print(table)
+
+
+def _measured() -> _Result:
+    from edmsim.bench.figures import measure, render
+
+    figures = measure()
+    return figures, render(figures)
+
+
+def _answered(watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.serial import measure, render
+
+    found = measure(watch)
+    return found, render(found)
+
+
+def _trained(watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.training import measure, render
+
+    found = measure(watch)
+    return found, render(found)
+
+
+def _compared(revision: str, count: int, watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.pairs import as_numbers, compare, render
+
+    found = compare(revision, count, watch)
+    return as_numbers(found), render(found)
+
+
+def _profiled(figure: Path | None, watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.profile import as_numbers, draw, profile, render
+    from edmsim.files import make_writable, replacing
+    from edmsim.job.result import FORMATS
+
+    if figure is not None:
+        if figure.suffix.removeprefix(".") not in FORMATS:
+            raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", figure)
+        make_writable(figure.parent)
+    found = profile(watch)
+    if figure is not None:
+        with replacing(figure) as partial:
+            draw(found).savefig(partial, format=figure.suffix.removeprefix("."))
+    return as_numbers(found), render(found)
+
+
+_LINE = "G0 X0 Y0\nG1 X0.5\nM2\n"
+
+
+def warm_up() -> None:
+    """Compile beforehand what cuts and environments would wait for."""
+    from edmsim.plant.kernel.memory import window_function
+    from edmsim.plant.plant import shapes
+    from edmsim.runs import perform
+
+    total = len(shapes()) + 1
+    with interruptible("what is compiled is kept") as bar:
+        bar.show("compile", 0, total)
+        perform(lambda shape: window_function(*shape), shapes(), lambda done, _: bar.show("compile", done, total),
+                threads=2)  # fmt: skip
+        _use_once()
+        bar.show("compile", total, total)
+    OUT.print("All code of cuts and environments is compiled, for all resolutions.")
+
+
+def _use_once() -> None:
+    """Make a cut and a step of an environment: planners, observations and rewards are compiled with their types."""
+    import tempfile
+
+    import gymnasium as gym
+
+    import edmsim
+    import edmsim.envs
+
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "line.ngc"
+        program.write_text(_LINE, encoding="ascii")
+        edmsim.cut(program, offset="none", resolution="fast", max_time_s=0.1)
+    env = gym.make("edmsim/GapFeed-v2", resolution="fast")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    env.close()

@@ -27,6 +27,7 @@ from numba.core import registry as untyped_registry
 from numba.core import sigutils as untyped_sigutils
 from numba.core.compiler_lock import global_compiler_lock as untyped_lock
 from numba.core.typing.templates import AttributeTemplate as UntypedTemplate
+from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array as untyped_populate_array
 
 from edmsim.compiled import cache
@@ -126,12 +127,19 @@ class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
 
 
 class _WholeLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
-    """A function with its parts, in machine code, which are optimised together, and not each before as well."""
+    """A function with its parts, in machine code, which are optimised together, and not each before as well.
+
+    What runs a few times per window gains nothing from vectors, and LLVM's greatest effort takes twice as long.
+    """
 
     add_linking_library = _link_with_parts
 
     def _optimize_functions(self, _module: Any) -> None:
         pass
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager(opt=1, loop_vectorize=False, slp_vectorize=False)
+        passes.run(self._final_module, builder)
 
 
 class _PartCompiler(compiler.Compiler):  # type: ignore[misc]
@@ -213,6 +221,36 @@ def with_parts(function: Any) -> Any:
     function.__class__ = CompiledFunction
     function.translated = set()
     return function
+
+
+def address_of(function: Any, *kinds: Any) -> int:
+    """Return where a compiled function's machine code for some types is; it is compiled if it has none yet."""
+    function.compile(kinds)
+    made = function.overloads[kinds]
+    return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
+
+
+def call_returning(kind: Any) -> Callable[..., Any]:
+    """Return what calls, in compiled code, a function at an `address_of` with a tuple of its arguments.
+
+    Code that calls a large function in this way is compiled without it. The arguments must have the types that the
+    address is for.
+    """
+
+    @intrinsic
+    def call(_typingctx: Any, _function: Any, arguments: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            of = signature.args[1].types
+            target = builder.inttoptr(values[0], context.call_conv.get_function_type(kind, of).as_pointer())
+            passed = cgutils.unpack_tuple(builder, values[1])
+            status, result = context.call_conv.call_function(builder, target, kind, of, passed)
+            with cgutils.if_unlikely(builder, status.is_error):
+                context.call_conv.return_status_propagate(builder, status)
+            return result
+
+        return kind(types.int64, arguments), generate
+
+    return call
 
 
 @contextmanager

@@ -8,12 +8,153 @@ interrupts; they share what is around it: `WindowObservation.of`, `edmsim.cosim.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
 
-from edmsim.controllers.protocols import WindowObservation
-from edmsim.cosim.motion import Motion
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
+from edmsim.controllers.planner.lateral_offset import PathOffset
+from edmsim.controllers.planner.registry import Planner
+from edmsim.controllers.protocols import DrivesSteps, FeedCommand, Step, WindowObservation
 from edmsim.cosim.observers import Observer, Turn
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.plant import Plant
+from edmsim.snapshots import Snapshots
+
+# What moves the wire along its path: motor steps for a window, from a planner or evenly spaced along an axis.
+
+
+class Motion(Protocol):
+    """Makes motor steps, window by window."""
+
+    @property
+    def feed_um_s(self) -> float:
+        """Feed in force at the end of the window that was kept last."""
+
+    @property
+    def path_um(self) -> float:
+        """Length of path behind the wire, over all legs."""
+
+    def plan(self, start_ns: int, end_ns: int, certain: bool) -> Sequence[tuple[int, int, int]]:
+        """Return the steps (time in ns, axis, direction) of a window; if not `certain` it may end before `end_ns`."""
+
+    def keep(self, start_ns: int, end_ns: int) -> None:
+        """Take note of when the window ended: steps planned for later are undone."""
+
+
+class _Speeds(NamedTuple):
+    """Speeds of a window in units: one, and from a time on another."""
+
+    first: int
+    change_ns: int
+    then: int
+
+    def at(self, end_ns: int) -> int:
+        """Return the speed in force at the window's end."""
+        return self.then if self.change_ns < end_ns else self.first
+
+
+class PlannerMotion(Snapshots):
+    """Motion along a leg that a planner turns into steps; a command's feed counts when its latency is over."""
+
+    STATE = ("planner", "rest_until_ns", "command", "_units")
+    command: FeedCommand
+
+    def __init__(
+        self, planner: Planner, drives: DrivesSteps | None, start_um: float, rest_until_ns: int, command: FeedCommand,
+        max_feed_um_s: float, offset: PathOffset, compensation: StepCompensation | None = None,
+    ) -> None:
+        self.planner = planner
+        self.start_um = start_um
+        self.rest_until_ns = rest_until_ns
+        self.command = command
+        self._drives = drives
+        self._limit_um_s = max_feed_um_s
+        self._units = 0
+        self._speeds = _Speeds(0, 0, 0)
+        self._before: Any = None
+        self._offset = offset
+        self._compensation = compensation
+
+    @property
+    def feed_um_s(self) -> float:
+        """Feed in force, in whole speed units of the planner."""
+        return self._units * self.planner.speed_unit_nm_s * 1e-3
+
+    @property
+    def path_um(self) -> float:
+        """Length of path behind the wire, over all legs."""
+        return self.start_um + self.planner.path_um
+
+    def plan(self, start_ns: int, end_ns: int, certain: bool) -> list[Step]:
+        """Return the planner's steps; where the end is not certain, nothing has been driven yet."""
+        self._speeds = self._speeds_from(start_ns)
+        lateral = self._offset.steps(start_ns, self.planner.path_um, self.command.offset_um)
+        if certain:
+            return lateral + self._to_motors(self._drive(self._steps(start_ns, end_ns)))
+        self._before = self.planner.snapshot(), self._compensation and self._compensation.snapshot()
+        return lateral + self._to_motors(self._steps(start_ns, end_ns))
+
+    def keep(self, start_ns: int, end_ns: int) -> None:
+        """Take note of the window's end; a planner that went further goes back there."""
+        if self._before is not None:
+            planner, compensation = self._before
+            self.planner.restore(planner)
+            if self._compensation is not None:
+                self._compensation.restore(compensation)
+            self._before = None
+            self._to_motors(self._drive(self._steps(start_ns, end_ns)))
+        self._units = self._speeds.at(end_ns)
+
+    def _speeds_from(self, start_ns: int) -> _Speeds:
+        """Return the speeds of the window that begins: the last one until the controller is done, then its new."""
+        if start_ns < self.rest_until_ns:
+            return _Speeds(0, start_ns, 0)
+        feed_um_s = max(-self._limit_um_s, min(self._limit_um_s, self.command.feed_um_s))
+        units = round(feed_um_s * 1e3 / self.planner.speed_unit_nm_s)
+        return _Speeds(self._units, start_ns + round(self.command.latency_s * 1e9), units)
+
+    def _steps(self, start_ns: int, end_ns: int) -> list[Step]:
+        speeds = self._speeds
+        change_ns = min(speeds.change_ns, end_ns)
+        if change_ns <= start_ns or speeds.first == speeds.then:
+            return self.planner.advance(start_ns, end_ns, speeds.then)
+        steps = self.planner.advance(start_ns, change_ns, speeds.first)
+        return steps + self.planner.advance(change_ns, end_ns, speeds.then) if change_ns < end_ns else steps
+
+    def _drive(self, steps: list[Step]) -> list[Step]:
+        """Return the steps the motors are to make: a controller that has lines to x and y makes these itself."""
+        if not (self._drives and steps):
+            return steps
+        made = self._drives.drive([step for step in steps if step.axis < 2])
+        led = [step for step in steps if step.axis >= 2]
+        return sorted([*made, *led], key=lambda step: step.time_ns) if led else made
+
+    def _to_motors(self, steps: list[Step]) -> list[Step]:
+        """Return the steps the motors get."""
+        return steps if self._compensation is None else self._compensation.motor_steps(steps, self.path_um)
+
+
+class EvenSteps:
+    """Steps of one axis, evenly spaced; feed (negative runs backwards) and axis may change between windows."""
+
+    def __init__(self, step_um: float, feed_um_s: float) -> None:
+        self.axis = 0
+        self.feed_um_s = feed_um_s
+        self.path_um = 0.0
+        self._step_um = step_um
+        self._step_share = 0.0  # share of the next step that is already due
+
+    def plan(self, start_ns: int, end_ns: int, certain: bool = False) -> list[tuple[int, int, int]]:
+        """Return the steps of the longest window there can be."""
+        per_ns = abs(self.feed_um_s) / self._step_um * 1e-9
+        count = int(self._step_share + per_ns * (end_ns - start_ns))
+        direction = 1 if self.feed_um_s > 0 else -1
+        return [(start_ns + int((k + 1 - self._step_share) / per_ns), self.axis, direction) for k in range(count)]
+
+    def keep(self, start_ns: int, end_ns: int) -> None:
+        """Take note of the window's end."""
+        travel_um = self.feed_um_s * (end_ns - start_ns) * 1e-9
+        self._step_share = (self._step_share + abs(travel_um) / self._step_um) % 1.0
+        self.path_um += travel_um
 
 
 class Cycle:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,17 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim import models
+from edmsim import __version__, models
 from edmsim.controllers import choices, from_text
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.errors import InputError
-from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, cut, episodes
+from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, check_laws, cut, episodes, is_part
 from edmsim.evaluation.lines import lines_of
-from edmsim.evaluation.parts import check_laws, cut_part, is_part
 from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
-from edmsim.progress import in_threads
 from edmsim.recording.report import FigureKind, kinds_of
+from edmsim.runs import RunTable, digests_of, identity, perform
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000  # bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)
@@ -80,7 +80,7 @@ class Comparison:
 
 def evaluate(
     env_id: str, controllers: Sequence[str] | None = None, seeds: int | None = None, *, resolution: str | None = None,
-    record: Path | None = None, watch: Callable[[int, int], None] | None = None,
+    record: Path | None = None, watch: Callable[[int, int], None] | None = None, table: RunTable | None = None,
 ) -> Comparison:
     """Compare controllers on the same cuts, on all cores.
 
@@ -100,6 +100,8 @@ def evaluate(
         Folder for recordings; each cut has its own (`edmsim.evaluation.episode.recording_folder`).
     watch : callable, optional
         Called with the number of finished cuts and of all cuts.
+    table : edmsim.runs.RunTable, optional
+        Finished cuts; an interrupted evaluation resumes from it.
 
     Returns
     -------
@@ -120,25 +122,33 @@ def evaluate(
         make_writable(record)
     lines = lines_of(env_id)
     results = run(env_id, list(dict.fromkeys([*controllers, lines.blind, lines.reference])), seeds, resolution, watch,
-                  record)  # fmt: skip
+                  record, table)  # fmt: skip
     used = arguments_with(env_id).resolution if resolution is None else resolution
     return Comparison.of(env_id, used, held_back(seeds), results)
 
 
 def run(
     env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None,
-    watch: Callable[[int, int], None] | None = None, record: Path | None = None, **options: Any,
+    watch: Callable[[int, int], None] | None = None, record: Path | None = None, table: RunTable | None = None,
+    **options: Any,
 ) -> dict[str, list[Result]]:
     """Make every controller's cuts; see `evaluate` for the arguments. `options` go to the environment."""
     # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
 
-    def make(job: tuple[str, int]) -> Result:
-        if is_part(env_id):
-            return cut_part(env_id, job[1], job[0], resolution, **options)
-        return cut(env_id, job[1], job[0], resolution, record, **options)
+    def make(job: tuple[str, int]) -> dict[str, Any]:
+        return cut(env_id, job[1], job[0], resolution, record, **options)._asdict()
 
-    made = dict(zip(jobs, in_threads(make, jobs, watch), strict=True))
+    def identity_of(job: tuple[str, int]) -> str:
+        files = digests_of([job[0], inspect.getfile(find(env_id)[0])])
+        return identity({
+            "edmsim": __version__, "env_id": env_id, "controller": job[0], "seed": job[1], "resolution": resolution,
+            "options": options, "record": record and str(record), "files": sorted(files.values()),
+        })  # fmt: skip
+
+    rows = perform(make, jobs, watch, table=table or RunTable(), ids=[identity_of(job) for job in jobs])
+    results = (Result(*(row[name] for name in Result._fields)) for row in rows)
+    made = dict(zip(jobs, results, strict=True))
     return {name: [made[name, seed] for seed in held_back(seeds)] for name in controllers}
 
 

@@ -1,4 +1,4 @@
-"""One episode of an environment with one controller, and its result.
+"""One episode of an environment with one controller, or one part with a law or a policy, and its result.
 
 An episode's seed determines everything random in it, hence every controller meets the same episodes. Seeds from
 `HELD_BACK` on are for comparisons; searches of gains use those below.
@@ -8,17 +8,22 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import gymnasium as gym
 import numpy as np
 
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
 from edmsim.cosim.stops import WORDS, StopCause, judge
+from edmsim.envs import pass_laws
 from edmsim.envs.episode import StepResult, Task
+from edmsim.envs.part_task import Part
 from edmsim.envs.registry import base_of, find
 from edmsim.envs.reward import REFERENCE_S
+from edmsim.errors import InputError
 from edmsim.evaluation.lines import lines_of
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.metrology.profile import profile_error
@@ -27,6 +32,7 @@ from edmsim.recording.rerun.playback import RECORDING
 
 if TYPE_CHECKING:
     from edmsim.envs.recorder import EpisodeRecorder
+
 
 HELD_BACK = 1_000_000
 """First seed of the comparisons. No gain is ever looked for at or above it; training draws its seeds from 32 bits and
@@ -75,7 +81,7 @@ class Result(NamedTuple):
     hottest_K : float
         Highest wire temperature.
     ra_um : float
-        Roughness of the face; NaN except for finished parts (`edmsim.evaluation.parts`).
+        Roughness of the face; NaN except for finished parts (`cut_part`).
     """
 
     seed: int
@@ -123,7 +129,8 @@ def cut(
     seed : int
         Seed of all random draws.
     controller : str
-        See `edmsim.controllers.from_text`; by default, gains are those that the search found.
+        See `edmsim.controllers.from_text`; by default, gains are those that the search found. For a part, see
+        `edmsim.envs.pass_laws.from_text`.
     resolution : {"fast", "default", "fine"}, optional
         By default the environment's.
     record : path, optional
@@ -131,6 +138,8 @@ def cut(
     **options
         Arguments that override the environment's own.
     """
+    if is_part(env_id):
+        return cut_part(env_id, seed, controller, resolution, **options)
     if resolution is not None:
         options["resolution"] = resolution
     task = Task(env_id, **options)
@@ -278,3 +287,54 @@ class Episode:
         values = [profile_error(field, contour).stats() for contour in contours]
         squares = [v["rms"] ** 2 for v in values if math.isfinite(v["rms"])]
         return math.sqrt(float(np.mean(squares))) if squares else math.nan
+
+
+_OUTCOMES = {words.info: words.episode for words in WORDS.values()}
+
+
+def is_part(env_id: str) -> bool:
+    """Say whether an environment is decided on pass by pass."""
+    return issubclass(find(env_id)[0], Part)
+
+
+def check_laws(laws: Sequence[str]) -> None:
+    """Raise `InputError` where none is named, or one cannot be made."""
+    for name in laws:
+        if name != ORACLE:
+            pass_laws.from_text(name)
+    if not laws:
+        raise InputError(f"no law is named; choose from {', '.join(pass_laws.names())}")
+
+
+def cut_part(env_id: str, seed: int, law: str, resolution: str | None = None, **options: Any) -> Result:
+    """Cut a part; the reference rehearses it with several constants, and the cut that earns most counts."""
+    if resolution is not None:
+        options["resolution"] = resolution
+    if law != ORACLE:
+        return _cut(env_id, seed, law, law, options)
+    tried = [_cut(env_id, seed, name, ORACLE, options) for name in lines_of(env_id).rehearsed]
+    return max(tried, key=lambda result: result.total_return)
+
+
+def _cut(env_id: str, seed: int, law: str, name: str, options: dict[str, Any]) -> Result:
+    env, decides = gym.make(env_id, **options), pass_laws.from_text(law)
+    observation, info = env.reset(seed=seed)
+    decides.begin()
+    gained = cost = seconds = area_mm2 = 0.0
+    counts = dict.fromkeys(("short", "open", "spark", "arc"), 0)
+    over = False
+    while not over:
+        observation, reward, terminated, truncated, info = env.step(decides.act(observation).astype(np.float32))
+        over = terminated or truncated
+        gained, cost, seconds = gained + float(reward), cost + info["cost"], seconds + info["dt_s"]
+        area_mm2 += info["area_mm2"]
+        counts = {kind: count + info[kind] for kind, count in counts.items()}
+    env.close()
+    pulses = max(sum(counts.values()), 1)
+    known = {key: info[key] if info[key] >= 0.0 else math.nan for key in ("error_um", "ra_um")}
+    outcome = _OUTCOMES[info["cause"]] if info["cause"] else WORDS[StopCause.TIME_LIMIT].episode
+    return Result(
+        seed, name, outcome, seconds, info["path_um"] * 1e-3, area_mm2, 60.0 * area_mm2 / info["time_s"], gained,
+        info["wires_lost"], cost, counts["short"] / pulses, counts["open"] / pulses, math.nan, known["error_um"],
+        math.nan, known["ra_um"],
+    )  # fmt: skip

@@ -7,10 +7,9 @@ and the wall of a simulated cut gives the offsets.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +21,6 @@ from edmsim.controllers import from_text
 from edmsim.cosim.passes import PassRecord, PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
-from edmsim.files import replacing
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import least_period_us, most_current_A, period_range_us
 from edmsim.machine.technology import AtHeight, FoundPass, PassSetting, Technology, machine_of
@@ -33,6 +31,7 @@ from edmsim.program.offset import OffsetOutline, offset_open
 from edmsim.program.outline import Outline
 from edmsim.program.passes import CutPass, PassPlan, on_grid, ways_of
 from edmsim.program.path import CutPath, WireContour
+from edmsim.runs import RunTable
 
 
 class PassTarget(NamedTuple):
@@ -170,16 +169,18 @@ class Cut(NamedTuple):
 
 
 class Search:
-    """The search for the passes of one height; an interrupted search resumes from its journal of found passes."""
+    """The search for the passes of one height; an interrupted search resumes from its table of found passes."""
 
     def __init__(self, job: Job, tell: Callable[[str], None], journal: Path | None = None) -> None:
         job.check()
-        self._job, self._tell, self._journal = job, tell, journal
+        self._job, self._tell = job, tell
         self._first_mm = 0.5
+        self._passes = RunTable(journal, {name: value for name, value in asdict(job).items() if name != "passes"})
 
-    def run(self, resume: bool = False) -> AtHeight:
-        """Search, and return the passes. After Ctrl-C, found passes are in the journal."""
-        found = self._known() if resume else []
+    def run(self) -> AtHeight:
+        """Search, and return the passes. After Ctrl-C, the same search resumes behind the passes in the journal."""
+        known = [row for row in self._passes.rows.values() if len(row["passes"]) <= self._job.passes]
+        found = [PassSetting.model_validate(one) for one in known[-1]["passes"]] if known else []
         metal: KerfField | None = None
         offset_mm = self._first_mm
         for number, target in enumerate(TARGETS[: self._job.passes], 1):
@@ -188,8 +189,8 @@ class Search:
                 cut = self._cut(one, number, offset_mm, metal)
             else:
                 one, cut, offset_mm, found = self._next(target, number, offset_mm, metal, found)
+                self._passes.add({"id": str(number), "passes": [setting.model_dump() for setting in found]})
             metal, offset_mm = cut.metal, offset_mm - one.step_um * 1e-3
-            self._note(found)
         return AtHeight.model_validate({"height_mm": self._job.height_mm, "pass": tuple(found)})
 
     def _next(
@@ -320,37 +321,6 @@ class Search:
             f"{cut.outcome}, {cut.feed_mm_min:.2f} mm/min, Ra {cut.ra_um:.2f} um{left}"
         )
         return cut
-
-    def _note(self, found: Sequence[PassSetting]) -> None:
-        if self._journal is None:
-            return
-        document = {"job": _plain(self._job), "passes": [one.model_dump() for one in found]}
-        with replacing(self._journal) as partial:
-            partial.write_text(json.dumps(document, indent=1), encoding="utf-8")
-
-    def _known(self) -> list[PassSetting]:
-        """Return the passes of the journal."""
-        if self._journal is None or not self._journal.exists():
-            raise InputError("there is no interrupted search to resume", self._journal)
-        try:
-            document = json.loads(self._journal.read_text(encoding="utf-8"))
-            job, passes = document["job"], [PassSetting.model_validate(row) for row in document["passes"]]
-        except (ValueError, LookupError, TypeError) as error:
-            raise InputError(
-                f"the journal of the search is damaged ({error}): search again without --resume", self._journal
-            ) from None
-        own = _plain(self._job)
-        for name, value in own.items():
-            if name != "passes" and job.get(name) != value:
-                raise InputError(
-                    f"the interrupted search was for {name} {job.get(name)!r}, not {value!r}", self._journal
-                )
-        return passes[: self._job.passes]
-
-
-def _plain(job: Job) -> dict[str, Any]:
-    """Return a job's fields, fit for JSON."""
-    return {name: getattr(job, name) for name in Job.__dataclass_fields__}
 
 
 def cut_pass(job: Job, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:

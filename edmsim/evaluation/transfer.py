@@ -11,6 +11,7 @@ from edmsim.envs.arguments import ends_of
 from edmsim.envs.registry import make_family
 from edmsim.evaluation.compare import Figure, check, mean, run
 from edmsim.evaluation.table import shown
+from edmsim.runs import RunTable
 
 if TYPE_CHECKING:
     from edmsim.screen import ScreenTable
@@ -79,7 +80,7 @@ class TransferRow(NamedTuple):
 
 def transfer(
     env_id: str, controllers: Sequence[str], seeds: int = USUAL_CUTS, *,
-    watch: Callable[[int, int], None] | None = None,
+    watch: Callable[[int, int], None] | None = None, table: RunTable | None = None,
 ) -> list[TransferRow]:
     """Compare controllers by the same cuts in each of an environment's `places`.
 
@@ -92,6 +93,8 @@ def transfer(
         Number of held-back seeds, 2 or more: cuts of each controller in each place.
     watch : callable, optional
         Called with the number of finished cuts and of all cuts.
+    table : edmsim.runs.RunTable, optional
+        Finished cuts; see `edmsim.evaluation.compare.evaluate`.
 
     Raises
     ------
@@ -105,7 +108,7 @@ def transfer(
             if watch is not None:
                 watch(before + done, len(everywhere) * each)
 
-        made = run(env_id, controllers, seeds, place.resolution, report_progress, **place.options)
+        made = run(env_id, controllers, seeds, place.resolution, report_progress, table=table, **place.options)
         for name, cuts in made.items():
             returns = np.array([cut.total_return for cut in cuts])
             rates = np.array([cut.rate_mm2_min for cut in cuts])

@@ -1,4 +1,4 @@
-"""Packs the gap as an FMU: what ``edmsim export fmu`` does."""
+"""Packs the gap as an FMU: what ``edmsim gap --fmu`` does."""
 
 from __future__ import annotations
 

@@ -7,10 +7,8 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Protocol
 
 from edmsim.errors import InputError, one_of
-from edmsim.hil.gap import Frame, Gap, Output
-from edmsim.hil.powercore import Pins, PowercoreV2, PowercoreV3
-from edmsim.hil.setpoints import AXES
-from edmsim.hil.spark import Pulser
+from edmsim.hil.boards import Pins, PowercoreV2, PowercoreV3, Pulser
+from edmsim.hil.gap import AXES, Frame, Gap, Output
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 
@@ -102,7 +100,7 @@ class Rig:
     machine : Machine, optional
         Set-up with the board's generator; by default the usual one.
     seed : int
-    gap_um : float, optional
+    gap_um, resolution : optional
         See `Gap`.
 
     Examples

@@ -24,25 +24,7 @@ from edmsim.metrology.shares import error_shares, motor_offsets_um, share_stats,
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording.report import (
-    Corner,
-    Element,
-    ErrorPlace,
-    HeightError,
-    Kerf,
-    KerfSlice,
-    Offset,
-    Origin,
-    PassFigures,
-    ProfileErrors,
-    ReachableError,
-    Report,
-    Spread,
-    Surface,
-    TableShare,
-    Totals,
-    Wall,
-)
+from edmsim.recording import report
 from edmsim.recording.scene import ErrorMap, PassFace, Scene, SceneCorner, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
@@ -55,16 +37,16 @@ _HEIGHT_STEP_UM = 10.0  # the local height is looked up this often along the pat
 class Inspection:
     """Everything measured on the part."""
 
-    part: Report  # with the figures of the part alone
+    part: report.Report  # with the figures of the part alone
     scene: Scene  # geometry of the pictures
     # (windows,): profile error at the place of every window; NaN where none was measured
     error_um: NDArray[np.float64]
 
 
-def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> Totals:
+def totals(simulation: Simulation, windows: WindowTable, wall_time_s: float) -> report.Totals:
     """Return what was counted over the cut."""
     sums, cut = simulation.sums, _cut_alone(simulation, windows)
-    return Totals(
+    return report.Totals(
         machining_time_s=simulation.plant.time_ns * 1e-9,
         wall_time_s=wall_time_s,
         short=sums.short,
@@ -205,34 +187,34 @@ def _error_of_edge(field: KerfField, contour: WireContour) -> ProfileError:
 def _profile_errors(
     contours: tuple[WireContour, ...], profiles: list[ProfileError], left_um: list[NDArray[np.float64]], scene: Scene,
     origin_mm: tuple[float, float],
-) -> ProfileErrors:
+) -> report.ProfileErrors:
     """Set the profile error beside what the wire can reach."""
     reached = [p.error_um - left for p, left in zip(profiles, left_um, strict=True)]
     shares = [edge.shares_um for edge in scene.maps]
 
-    def worst(reachable: bool) -> ErrorPlace:
+    def worst(reachable: bool) -> report.ErrorPlace:
         return _place(worst_place(contours, profiles, left_um, shares, reachable=reachable), origin_mm)
 
     left = _spread([error.ravel() for error in reached])
-    return ProfileErrors(
+    return report.ProfileErrors(
         **_spread([p.error_um.ravel() for p in profiles]), at=worst(False),
-        reachable=ReachableError(**left, at=worst(True)), shares=_share_stats(scene),
+        reachable=report.ReachableError(**left, at=worst(True)), shares=_share_stats(scene),
     )  # fmt: skip
 
 
-def _place(worst: WorstPlace | None, origin_mm: tuple[float, float]) -> ErrorPlace:
+def _place(worst: WorstPlace | None, origin_mm: tuple[float, float]) -> report.ErrorPlace:
     if worst is None:
-        return ErrorPlace()
+        return report.ErrorPlace()
     x_mm, y_mm = worst.x_mm - origin_mm[0], worst.y_mm - origin_mm[1]
-    return ErrorPlace(x_mm, y_mm, worst.error_um, worst.why, worst.made_by)
+    return report.ErrorPlace(x_mm, y_mm, worst.error_um, worst.why, worst.made_by)
 
 
-def _element(found: ElementError, origin_mm: tuple[float, float]) -> Element:
+def _element(found: ElementError, origin_mm: tuple[float, float]) -> report.Element:
     """Return an element in the program's coordinates."""
     row = asdict(found)
     for name, zero_mm in zip(("x_mm", "y_mm", "end_x_mm", "end_y_mm"), origin_mm * 2, strict=True):
         row[f"program_{name}"] = row.pop(name) - zero_mm
-    return Element(**row)
+    return report.Element(**row)
 
 
 def _ways_um(simulation: Simulation, windows: WindowTable) -> list[tuple[NDArray[np.float64], ...]]:
@@ -272,7 +254,7 @@ def _last_ways_um(
     return found
 
 
-def pass_figures(simulation: Simulation) -> tuple[PassFigures, ...]:
+def pass_figures(simulation: Simulation) -> tuple[report.PassFigures, ...]:
     """Return what every pass of a cut did; none of a cut in one pass."""
     records = simulation.passes.records
     return tuple(
@@ -282,7 +264,7 @@ def pass_figures(simulation: Simulation) -> tuple[PassFigures, ...]:
     )
 
 
-def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[PassFigures]:
+def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[report.PassFigures]:
     """Return the figures of the passes along one piece, which follow each other on the same face."""
     machines = [simulation.machine_of(record.number) for record in records]
     walls = [unknown_wall(()) if r.wall is None else r.wall for r in records]
@@ -302,7 +284,7 @@ def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[PassF
             else length_mm * machine.height_mm
         )
         left, pulses = wall.mean_um, max(record.sums.pulses, 1)
-        found.append(PassFigures(
+        found.append(report.PassFigures(
             record.contour, record.number, record.piece, record.reversed, record.begin_s, record.end_s, length_mm,
             60 * face_mm2 / seconds if seconds > 0 else math.nan, record.offset_um,
             record.offset_um - left, left, took, wall.straightness_um, wall.bow_um, wall.ripple_um, wall.ripple_mm,
@@ -337,7 +319,7 @@ def holes_mm(stock: Stock) -> NDArray[np.float64]:
     return np.array(stock.holes_um, np.float64).reshape(-1, 3) * 1e-3
 
 
-def _table(simulation: Simulation, profiles: list[ProfileError]) -> TableShare | None:
+def _table(simulation: Simulation, profiles: list[ProfileError]) -> report.TableShare | None:
     """Return what the table's errors do to the part; None for a perfect table that nothing compensates."""
     machine, elcam = simulation.machine, simulation.elcam
     contours = [contour.at_mid_height() for contour in simulation.path.contours]
@@ -349,7 +331,7 @@ def _table(simulation: Simulation, profiles: list[ProfileError]) -> TableShare |
     found = [table_error(machine, k, p, elcam, at) for k, p, at in zip(contours, profiles, starts, strict=True)]
     cut = [np.isfinite(p.mean_um) for p in profiles]  # only where there is an edge that was cut
     bare = [p.error_um + (t.without_um - t.left_um) for p, t in zip(profiles, found, strict=True)]
-    return TableShare(
+    return report.TableShare(
         without_um=_spread([t.without_um[k] for t, k in zip(found, cut, strict=True)]),
         left_um=_spread([t.left_um[k] for t, k in zip(found, cut, strict=True)]),
         profile_without_um=_spread([b.ravel() for b in bare]),
@@ -357,19 +339,19 @@ def _table(simulation: Simulation, profiles: list[ProfileError]) -> TableShare |
     )
 
 
-def _spread(errors_um: list[NDArray[np.float64]]) -> Spread:
-    return Spread(**error_stats(np.concatenate(errors_um)))
+def _spread(errors_um: list[NDArray[np.float64]]) -> report.Spread:
+    return report.Spread(**error_stats(np.concatenate(errors_um)))
 
 
 def _part(
     simulation: Simulation, profiles: list[ProfileError], scene: Scene, left_um: list[NDArray[np.float64]],
-    table: TableShare | None,
-) -> Report:
+    table: report.TableShare | None,
+) -> report.Report:
     """Return the report with what was measured on the part."""
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
     widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]
-    kerf = Kerf(**width_stats(np.concatenate([w.width_um.ravel() for w in widths])))
+    kerf = report.Kerf(**width_stats(np.concatenate([w.width_um.ravel() for w in widths])))
     ignited = sums.spark + sums.arc
     flatness = machine.base.discharge.crater_flatness.value
     power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
@@ -385,17 +367,17 @@ def _part(
         for number, of_contour in enumerate(zip(contours, profiles, left_um, strict=True), 1)
         for found in element_errors(number, *of_contour)
     )
-    return Report(
-        origin_mm=Origin(*origin_mm), kerf_um=kerf, kerf_section=_section(widths, machine.height_mm),
+    return report.Report(
+        origin_mm=report.Origin(*origin_mm), kerf_um=kerf, kerf_section=_section(widths, machine.height_mm),
         profile_error_um=_profile_errors(contours, profiles, left_um, scene, origin_mm),
-        offset=Offset(offset_mm, mean_um, round(offset_mm - mean_um * 1e-3, 4)),
+        offset=report.Offset(offset_mm, mean_um, round(offset_mm - mean_um * 1e-3, 4)),
         elements=[_element(found, origin_mm) for found in elements], table_error_um=table,
         corners=[
-            Corner(c.x_mm - origin_mm[0], c.y_mm - origin_mm[1], c.x_mm, c.y_mm, c.turn_deg, c.error_um)
+            report.Corner(c.x_mm - origin_mm[0], c.y_mm - origin_mm[1], c.x_mm, c.y_mm, c.turn_deg, c.error_um)
             for c in scene.corners
         ],
         heights=_heights(profiles, machine.height_mm), passes=list(passes),
-        surface=Surface(
+        surface=report.Surface(
             last.ra_um if last else roughness_um(sums.crater_um3 / ignited, flatness) if ignited else None,
             last.heat_affected_um if last else heat_affected_um(machine, discharge_us) if ignited else None,
             electrolysed_um(machine, sums.voltage_s / length_mm, gap_um) if length_mm else None,
@@ -403,7 +385,7 @@ def _part(
     )  # fmt: skip
 
 
-def _heights(profiles: list[ProfileError], height_mm: float) -> list[HeightError]:
+def _heights(profiles: list[ProfileError], height_mm: float) -> list[report.HeightError]:
     """Return the profile error slice by slice, over all contours."""
     error_um = np.concatenate([p.error_um for p in profiles], axis=1)
     slice_mm = height_mm / len(error_um)
@@ -411,7 +393,7 @@ def _heights(profiles: list[ProfileError], height_mm: float) -> list[HeightError
     for number, row in enumerate(error_um):
         known = row[np.isfinite(row)]
         mean, rms = (float(known.mean()), float(np.sqrt(np.mean(known**2)))) if len(known) else (math.nan, math.nan)
-        found.append(HeightError((number + 0.5) * slice_mm, mean, rms))
+        found.append(report.HeightError((number + 0.5) * slice_mm, mean, rms))
     return found
 
 
@@ -422,23 +404,23 @@ def _share_stats(scene: Scene) -> dict[str, dict[str, float]] | None:
     return share_stats(np.concatenate([s for s, _ in split], axis=1), np.concatenate([e for _, e in split]))
 
 
-def _section(widths: list[KerfWidth], height_mm: float) -> list[KerfSlice]:
+def _section(widths: list[KerfWidth], height_mm: float) -> list[report.KerfSlice]:
     """Put the walls measured along all contours together, slice by slice."""
     part = np.concatenate([w.part_um for w in widths], axis=1)
     rest = np.concatenate([w.width_um for w in widths], axis=1) - part
     slice_mm = height_mm / len(part)
     return [
-        KerfSlice((number + 0.5) * slice_mm, int(np.isfinite(ours).sum()), _wall(ours), _wall(others))
+        report.KerfSlice((number + 0.5) * slice_mm, int(np.isfinite(ours).sum()), _wall(ours), _wall(others))
         for number, (ours, others) in enumerate(zip(part, rest, strict=True))
     ]
 
 
-def _wall(distance_um: NDArray[np.float64]) -> Wall:
+def _wall(distance_um: NDArray[np.float64]) -> report.Wall:
     known = distance_um[np.isfinite(distance_um)]
     if not len(known):
-        return Wall()
+        return report.Wall()
     low, high = np.percentile(known, (5, 95))
-    return Wall(float(known.mean()), float(low), float(high))
+    return report.Wall(float(known.mean()), float(low), float(high))
 
 
 def _error_per_window(guides_um: NDArray[np.float64], profiles: list[ProfileError]) -> NDArray[np.float64]:

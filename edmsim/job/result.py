@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import shapely
 
 from edmsim import __version__
-from edmsim.cosim.pulse_sample import PULSES, PulseSample, cutting_feed_um_s, sample_pulses
 from edmsim.cosim.simulation import Simulation
+from edmsim.cosim.straight import PULSES, PulseSample, cutting_feed_um_s, sample_pulses
 from edmsim.errors import EdmsimError, InputError, one_of
 from edmsim.files import locked, make_writable, together
 from edmsim.job.inspection import inspect, totals
@@ -24,9 +24,8 @@ from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
 from edmsim.recording.cut_folder import read_cut
-from edmsim.recording.figures.catalogue import pictures
 from edmsim.recording.figures.profile import profile_png
-from edmsim.recording.html_report import card, write_html
+from edmsim.recording.html_report import card, pictures, write_html
 from edmsim.recording.report import Report, build_report, cut_id, outcome_text, summary
 from edmsim.recording.scene import Scene
 from edmsim.recording.stores import Closeups, Frames
@@ -164,7 +163,7 @@ class CutResult:
             If there is no such figure, or this cut has no single pulses.
         """
         from edmsim.recording.figures import profile_figure
-        from edmsim.recording.figures.catalogue import OF_CUT, OF_SAMPLE
+        from edmsim.recording.html_report import OF_CUT, OF_SAMPLE
 
         if figure in OF_SAMPLE:
             return OF_SAMPLE[figure](sample_like(self.report, self.windows), self.windows, self.report)
@@ -231,7 +230,7 @@ class CutResult:
         InputError
             If the time between samples is not above 0, or the file cannot be written.
         """
-        from edmsim.recording.traces import write_traces
+        from edmsim.recording.stores import write_traces
 
         rows = self.closeups.table()
         write_traces(rows[(rows["t_s"] >= begin_s) & (rows["t_s"] <= end_s)], file, every_us)

@@ -12,9 +12,9 @@ from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
 from edmsim.envs import servo
 from edmsim.envs.knobs import least_setting_us, to_detents
+from edmsim.envs.observation import EXACT
 from edmsim.envs.observation_builder import ObservationBuilder, window_of
 from edmsim.envs.path_follower import SHORTED_S, SHORTED_SHARE, SUB_ENV
-from edmsim.envs.sensors import EXACT
 from edmsim.errors import InputError
 from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.learning.policy_file import Policy

@@ -14,8 +14,7 @@ import numpy as np
 
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import Figure, mean
-from edmsim.evaluation.episode import HELD_BACK, cut
-from edmsim.evaluation.parts import cut_part, is_part
+from edmsim.evaluation.episode import HELD_BACK, cut, cut_part, is_part
 from edmsim.learning.policy_file import locate
 
 FIRST_SEED = HELD_BACK - 100_000

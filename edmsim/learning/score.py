@@ -15,9 +15,9 @@ from edmsim.envs.registry import find
 from edmsim.envs.shift import Shift
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import run
-from edmsim.evaluation.episode import Result
-from edmsim.evaluation.parts import is_part
+from edmsim.evaluation.episode import Result, is_part
 from edmsim.learning import policy_file
+from edmsim.runs import RunTable
 
 if TYPE_CHECKING:
     from edmsim.screen import ScreenTable
@@ -78,7 +78,7 @@ class Score(NamedTuple):
 
 def measure(
     env_id: str, policy: str, episodes: int, watch: Callable[[str, int, int], None] | None = None,
-    resolutions: Sequence[str] = (),
+    resolutions: Sequence[str] = (), table: RunTable | None = None,
 ) -> list[Score]:
     """Return the scores of a policy and its rivals at `resolutions`: by default all, for parts ``fast``.
 
@@ -91,6 +91,8 @@ def measure(
         Number of episodes, 2 or more.
     watch : callable, optional
         Called with a resolution, and its number of finished and of all episodes.
+    table : edmsim.runs.RunTable, optional
+        Finished cuts; see `edmsim.evaluation.compare.evaluate`.
 
     Raises
     ------
@@ -103,7 +105,7 @@ def measure(
     measured = measured_with(env_id)
     for resolution in resolutions or measured.resolutions:
         made_so_far = None if watch is None else partial(watch, f"{policy}, {resolution}")
-        results = run(env_id, [f"policy:{policy}", *measured.rivals], episodes, resolution, made_so_far)
+        results = run(env_id, [f"policy:{policy}", *measured.rivals], episodes, resolution, made_so_far, table=table)
         scores += [score(made, resolution) for made in results.values()]
     return [row._replace(controller="policy") if row.controller.startswith("policy:") else row for row in scores]
 

@@ -1,6 +1,6 @@
 """Technologies: offsets and settings of every pass by workpiece height, as files of `models/technologies` hold them.
 
-A technology is found by simulation (``edmsim technology``). Its passes form a chain: a pass has the same setting
+A technology is found by simulation (``edmsim tune technology``). Its passes form a chain: a pass has the same setting
 however many follow, and offsets are counted from the last pass, the one that meets the drawing.
 """
 
@@ -175,7 +175,7 @@ class Technology(Part):
         if not 1 <= passes <= len(at.passes):
             raise InputError(
                 f"the technology for {self.material} and the wire {self.wire} has 1 to {len(at.passes)} passes for "
-                f"{height_mm:g} mm, not {passes}: choose one of these, or find others with edmsim technology"
+                f"{height_mm:g} mm, not {passes}: choose one of these, or find others with edmsim tune technology"
             )
         settings = at.passes[:passes]
         offset_um = settings[-1].last_offset_um
@@ -194,7 +194,7 @@ class Technology(Part):
         if not known[0] / _BEYOND <= height_mm <= known[-1] * _BEYOND:
             raise InputError(
                 f"the technology for {self.material} and the wire {self.wire} has settings for heights of {listed} "
-                f"mm, too far from {height_mm:g} mm: find some with edmsim technology {self.material} --height "
+                f"mm, too far from {height_mm:g} mm: find some with edmsim tune technology {self.material} --height "
                 f"{height_mm:g}"
             )
         between = known[0] < height_mm < known[-1]
@@ -290,5 +290,5 @@ def technology_for(material: str, machine: str | None = None, wire: str | None =
     ours = "; ".join(f"{one.material}, machine {one.machine}, wire {one.wire}" for one in known)
     raise InputError(
         f"there is no technology for {material}{', ' if chosen else ''}{chosen}; there are: {ours}. Find one with: "
-        f"edmsim technology {material}"
+        f"edmsim tune technology {material}"
     )

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
+from contourpy import contour_generator
 from numpy.typing import NDArray
 from shapely.geometry import MultiLineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
@@ -19,15 +20,6 @@ from edmsim.plant.kernel.state import TILE
 from edmsim.plant.workpiece.kerf_field import FULL, KerfField
 
 _HALF = FULL // 2
-# A square of four neighbouring cell centres: its corners counter-clockwise; its sides (bottom, right, top,
-# left) each from the lower to the upper corner, so that squares that share a side compute equal bits.
-_CORNER_X, _CORNER_Y = np.array([0, 1, 1, 0]), np.array([0, 0, 1, 1])
-_SIDE_FROM, _SIDE_TO = np.array([0, 1, 3, 0]), np.array([1, 2, 2, 3])
-# From which side to which the edge leads, by the corners above the level (1, 2, 4, 8 round the square): those
-# lie on its left. 16 and 17 are 5 and 10, two opposite corners above, with the middle above as well.
-_SIDES = np.array([(0, 0), (0, 3), (1, 0), (1, 3), (2, 1), (0, 3), (2, 0), (2, 3), (3, 2),
-                   (0, 2), (1, 0), (1, 2), (3, 1), (0, 1), (3, 0), (0, 0), (0, 1), (3, 0)])
-_SECOND = {5: (2, 1), 10: (3, 2), 16: (2, 3), 17: (1, 2)}  # the second edge, where there are two
 _RIGHT, _UP = np.array([1, 0]), np.array([0, 1])
 
 
@@ -77,9 +69,14 @@ def edge_segments(field: KerfField, slices: Sequence[int]) -> Iterator[NDArray[n
     squares = _traced_tiles(field)
     stock = _stock_parts(field)
     for number in slices:
-        cells, ends = _trace(_with_neighbours(field, stock[:, number], squares, number))
-        origin = squares[cells[:, 0]] * TILE + cells[:, 1:] + 0.5
-        segments = (origin[:, None, :] + ends) * (field.cell_um / 1000)
+        removed = _with_neighbours(field, stock[:, number], squares, number)
+        lines = [np.empty((0, 2, 2))]
+        for tile in np.flatnonzero((removed.min(axis=(1, 2)) < _HALF) & (removed.max(axis=(1, 2)) >= _HALF)):
+            # contour lines have the higher values on their left, and lines of tiles that share a side meet to the bit
+            for line in contour_generator(z=removed[tile].T).lines(_HALF):
+                points = (squares[tile] * TILE + line + 0.5) * (field.cell_um / 1000)
+                lines.append(np.stack([points[:-1], points[1:]], axis=1))
+        segments = np.concatenate(lines)
         yield segments[(segments[:, 0] != segments[:, 1]).any(axis=1)]
 
 
@@ -90,9 +87,9 @@ def metal_at(field: KerfField, points_um: NDArray[np.float64]) -> NDArray[np.flo
     cell = np.floor(place).astype(np.int64)
     share = place - cell
     total = np.zeros((len(points_um), field.n_slices))
-    for dx, dy in zip(_CORNER_X, _CORNER_Y, strict=True):
-        weight = np.abs(1 - dx - share[:, 0]) * np.abs(1 - dy - share[:, 1])
-        total += weight[:, None] * _cell_parts(field, cell + dx * _RIGHT + dy * _UP)
+    for corner in (0, _RIGHT, _RIGHT + _UP, _UP):
+        weight = np.abs(1 - corner - share).prod(axis=1)
+        total += weight[:, None] * _cell_parts(field, cell + corner)
     return total.T / FULL
 
 
@@ -144,33 +141,3 @@ def _with_neighbours(
     block[:, :TILE, TILE] = removed[_place(field, squares + _UP), :, 0]
     block[:, TILE, TILE] = removed[_place(field, squares + _RIGHT + _UP), 0, 0]
     return block
-
-
-def _trace(block: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Marching squares: cells as ``(block, ix, iy)``, and both ends of their edges from the centre."""
-    high = (block >= _HALF).astype(np.uint8)
-    code = high[:, :-1, :-1] | high[:, 1:, :-1] << 1 | high[:, 1:, 1:] << 2 | high[:, :-1, 1:] << 3
-    cells = np.argwhere((code > 0) & (code < 15))
-    kind = code[tuple(cells.T)]
-    at, ix, iy = (column[:, None] for column in cells.T)
-    corner = block[at, ix + _CORNER_X, iy + _CORNER_Y]
-    middle_high = corner.sum(axis=1) >= 4 * _HALF
-    kind[(kind == 5) & middle_high] = 16
-    kind[(kind == 10) & middle_high] = 17
-    crossing = _crossings(corner)
-    rows, sides = np.arange(len(cells)), _SIDES[kind]
-    for code_of_two, pair in _SECOND.items():
-        double = np.flatnonzero(kind == code_of_two)
-        rows = np.concatenate([rows, double])
-        sides = np.concatenate([sides, np.broadcast_to(pair, (len(double), 2))])
-    return cells[rows], crossing[rows[:, None], sides]
-
-
-def _crossings(corner: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Where the level crosses each side of the squares: (n, 4, 2) in cells; where it does not, any number."""
-    low, high = corner[:, _SIDE_FROM], corner[:, _SIDE_TO]
-    rise = (high - low).astype(np.float64)
-    share = np.divide(_HALF - low, rise, out=np.zeros_like(rise), where=rise != 0)
-    x = _CORNER_X[_SIDE_FROM] + share * (_CORNER_X[_SIDE_TO] - _CORNER_X[_SIDE_FROM])
-    y = _CORNER_Y[_SIDE_FROM] + share * (_CORNER_Y[_SIDE_TO] - _CORNER_Y[_SIDE_FROM])
-    return np.stack([x, y], axis=-1)

@@ -9,16 +9,8 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline, left_of
+from edmsim.metrology import profile
 from edmsim.metrology.edges import metal_at
-from edmsim.metrology.profile import (
-    BLANK_EDGE_MM,
-    GRAIN_UM,
-    clear_of_steps,
-    depth_in_blank,
-    finite_mean,
-    slice_heights_mm,
-    wire_line,
-)
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import WireContour
 
@@ -54,7 +46,7 @@ class KerfWidth:
     @property
     def slice_mean_um(self) -> Floats:
         """Mean width of each slice from the bottom, which shows barrel or taper; NaN if unmeasured."""
-        return finite_mean(self.width_um, axis=1)
+        return profile.finite_mean(self.width_um, axis=1)
 
 
 def width_stats(width_um: Floats) -> dict[str, float]:
@@ -87,11 +79,11 @@ def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) 
     if not wire_diameter_um > 0:
         raise InputError(f"a wire diameter of {wire_diameter_um} um cannot be: it must be above 0")
     if contour.lean is None:
-        line = wire_line(contour)
+        line = profile.wire_line(contour)
         return _widths(field, contour, line, np.arange(KERF_STEP_MM / 2, line.length, KERF_STEP_MM), wire_diameter_um)
-    shares = np.arange(KERF_STEP_MM / 2, wire_line(contour.at_mid_height()).length, KERF_STEP_MM)
-    shares /= wire_line(contour.at_mid_height()).length
-    heights = slice_heights_mm(field, contour.lean.height_mm).tolist()
+    shares = np.arange(KERF_STEP_MM / 2, profile.wire_line(contour.at_mid_height()).length, KERF_STEP_MM)
+    shares /= profile.wire_line(contour.at_mid_height()).length
+    heights = profile.slice_heights_mm(field, contour.lean.height_mm).tolist()
     return _of_slices(field, [contour.at_height(z) for z in heights], shares, wire_diameter_um)
 
 
@@ -100,7 +92,7 @@ def _of_slices(field: KerfField, sections: list[WireContour], shares: Floats, wi
     rows = np.full((2, field.n_slices, len(shares)), np.nan)
     lengths = [0.0]
     for number, section in enumerate(sections):
-        line = wire_line(section)
+        line = profile.wire_line(section)
         found = _widths(field, section, line, shares * line.length, wire_diameter_um, number)
         places = np.rint(np.interp(found.s_mm, shares * line.length, np.arange(len(shares)))).astype(int)
         rows[:, number, places] = found.width_um[0], found.part_um[0]
@@ -119,14 +111,15 @@ def _widths(
         wall_distance_um(field, points * 1000, side * across, MAX_KERF_OVER_WIRE * wire_diameter_um / 2)
         for side in (1.0, -1.0)
     ]
-    solid = clear_of_steps(field, points)
+    solid = profile.clear_of_steps(field, points)
     if number is not None:
         walls, solid = [wall[[number]] for wall in walls], solid[[number]]
     width = walls[0] + walls[1]
-    bad = (np.isnan(width) & (solid >= BLANK_EDGE_MM)).any(axis=0) | (line.bend_deg(s_mm, KERF_STEP_MM) > 10.0)
+    bad = (np.isnan(width) & (solid >= profile.BLANK_EDGE_MM)).any(axis=0)
+    bad |= line.bend_deg(s_mm, KERF_STEP_MM) > 10.0
     marks = np.concatenate([[0.0, line.length], s_mm[bad]])
     clear = line.distance_along(s_mm, marks) >= KERF_CLEARANCE_MM
-    clear &= depth_in_blank(field.stock, points) >= KERF_CLEARANCE_MM
+    clear &= profile.depth_in_blank(field.stock, points) >= KERF_CLEARANCE_MM
     part = walls[0 if contour.part_side == "left" else 1]
     has_kerf = solid[:, clear] >= KERF_CLEARANCE_MM
     return KerfWidth(s_mm[clear], *(np.where(has_kerf, um[:, clear], np.nan) for um in (width, part)))
@@ -140,7 +133,7 @@ def wall_distance_um(field: KerfField, start_um: Floats, direction: Floats, reac
         rays = slice(first, first + 128)
         places = start_um[rays, None, :] + ray[:, None] * direction[rays, None, :]
         metal = metal_at(field, places.reshape(-1, 2)).reshape(field.n_slices, -1, len(ray))
-        out[:, rays] = _first_wall(metal, int(2 * GRAIN_UM / field.cell_um)) * (field.cell_um / 2)
+        out[:, rays] = _first_wall(metal, int(2 * profile.GRAIN_UM / field.cell_um)) * (field.cell_um / 2)
     return out
 
 

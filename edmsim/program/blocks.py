@@ -14,11 +14,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edmsim.errors import InputError
-from edmsim.program.dialects.condition_tables import ConditionTable
-from edmsim.program.dialects.dialect import ISO, Dialect
-from edmsim.program.dialects.freecad import FREECAD, without_line_ends
+from edmsim.program.dialects import FREECAD, ISO, Dialect, without_line_ends
 from edmsim.program.limits import GREATEST_NUMBER, check_count, check_size
-from edmsim.program.registers import register
+from edmsim.program.tables import ConditionTable, register
 
 VALUES = frozenset("NFDHXYIJRPLQ")  # letters whose numbers are used, by a motion or by the code they belong to
 BELONGS: dict[float, str] = {64: "PQ", 39: "IJ", 43: "H", 44: "H", 96: "D"}

@@ -21,10 +21,10 @@ from edmsim.program.arcs import (
     sweep_of,
 )
 from edmsim.program.blocks import BELONGS, IDLE_CODES, INCH_MM, UNITS, Block, OffsetValue, Units
-from edmsim.program.dialects.dialect import ISO, Action, Dialect
+from edmsim.program.dialects import ISO, Action, Dialect
 from edmsim.program.limits import LONGEST_DWELL_S
 from edmsim.program.outline import InForce, Side
-from edmsim.program.registers import Offset, OffsetRegisters, register
+from edmsim.program.tables import Offset, OffsetRegisters, register
 
 
 @dataclass(frozen=True)

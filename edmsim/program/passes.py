@@ -19,10 +19,9 @@ from shapely.ops import substring
 
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
-from edmsim.program.lean import Lean, Way, guides_for
 from edmsim.program.offset import OffsetOutline, dwells_along
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline
-from edmsim.program.taper import GuideHeights, Ruled
+from edmsim.program.taper import GuideHeights, Lean, Ruled, Way, guides_for
 
 AfterTab = Literal["stop", "cut"]
 """``stop``: the machine stops before the tab is cut, and a piece is glued; ``cut``: it goes on, a slug falls."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -18,7 +19,6 @@ from edmsim.geometry import arc_lengths
 from edmsim.machine.machine import Machine
 from edmsim.program.dialects import AUTO
 from edmsim.program.lead_in import check_approach, clears, own_lead_in
-from edmsim.program.lean import Lean, Way, guides_for
 from edmsim.program.limits import check_fits
 from edmsim.program.offset import (
     OffsetOutline,
@@ -32,10 +32,74 @@ from edmsim.program.offset import (
     offset_open,
     offset_outline,
 )
-from edmsim.program.outline import Corners, Outline, Program, signed_area
+from edmsim.program.outline import Corners, Outline, Program, Taper, signed_area
 from edmsim.program.passes import CutPass, PassPlan, Stretch, grouped, on_grid, ways_of, ways_of_group
-from edmsim.program.registers import GREATEST_MM, in_um
-from edmsim.program.taper import GuideHeights, leaning
+from edmsim.program.tables import GREATEST_MM, in_um
+from edmsim.program.taper import GuideHeights, Lean, Way, guides_for, leaning
+
+Floats = NDArray[np.float64]
+
+
+def ruled_between(below: Program, above: Program) -> Program:
+    """Return the program whose walls are ruled between the contours of two, the lower and the upper face."""
+    # every contour below goes with the one above whose middle is nearest; lines and arcs go with each other in
+    # order, so that their beginnings lie as near to each other as they can
+    if len(below.outlines) != len(above.outlines):
+        raise InputError(
+            f"there are {len(below.outlines)} contours below and {len(above.outlines)} above: draw as many",
+            below.source,
+        )
+    left, outlines = list(above.outlines), []
+    for outline in below.outlines:
+        middle = shapely.centroid(shapely.LineString(outline.points_mm))
+        upper = min(left, key=lambda other: middle.distance(shapely.centroid(shapely.LineString(other.points_mm))))
+        left.remove(upper)
+        try:
+            outlines.append(_ruled(outline, upper))
+        except InputError as error:
+            raise InputError(f"{outline.name}: {error.reason}", below.source) from None
+    return replace(below, outlines=tuple(outlines))
+
+
+def _ruled(outline: Outline, upper: Outline) -> Outline:
+    lower_pieces, upper_pieces = _pieces(outline), _pieces(upper)
+    if len(lower_pieces) != len(upper_pieces):
+        raise InputError(
+            f"it has {len(lower_pieces)} lines and arcs, and the contour above it {len(upper_pieces)}: draw as many, "
+            "and split a line or an arc where a corner of the other contour belongs"
+        )
+    starts = np.array([piece[0] for piece in lower_pieces])
+    firsts = np.array([piece[0] for piece in upper_pieces])
+    by = min(range(len(firsts)), key=lambda k: float(np.hypot(*(np.roll(firsts, -k, axis=0) - starts).T).sum()))
+    lines = ([], [])  # type: tuple[list[Floats], list[Floats]]
+    elements: list[int] = []
+    for number, piece in enumerate(lower_pieces):
+        other = upper_pieces[(number + by) % len(upper_pieces)]
+        chords = max(len(piece), len(other)) - 1
+        for line, points in zip(lines, (piece, other), strict=True):
+            line.append(_spread(points, chords)[:-1])
+        elements += [number + 1] * chords
+    lower, above = (np.concatenate([*line, line[0][:1]]) for line in lines)
+    return replace(
+        outline, points_mm=lower, line_numbers=(0,) * len(elements), elements=tuple(elements),
+        taper=Taper(upper_mm=above),
+    )
+
+
+def _pieces(outline: Outline) -> list[Floats]:
+    """Return the points of every line and arc of a closed contour."""
+    firsts = np.flatnonzero(np.diff(outline.elements, prepend=-1)).tolist()
+    return [outline.points_mm[a : b + 1] for a, b in pairwise([*firsts, len(outline.points_mm) - 1])]
+
+
+def _spread(points: Floats, chords: int) -> Floats:
+    """Return the points of a line with `chords` chords, evenly along it."""
+    if len(points) == chords + 1:
+        return points
+    passed = arc_lengths(points)
+    at = np.linspace(0.0, passed[-1], chords + 1)
+    return np.stack([np.interp(at, passed, column) for column in points.T], axis=1)
+
 
 GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
 """File suffixes read as G-code; ``.dxf`` is read as a drawing."""
@@ -57,14 +121,14 @@ def load_program(
     layers, unit
         For drawings: `read_dxf`.
     upper_layer : str, optional
-        A drawing's layer with the contours of the upper face: `edmsim.program.two_contours.ruled_between`.
+        A drawing's layer with the contours of the upper face: `ruled_between`.
     offsets : path, optional
-        Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
+        Table of the offset registers of G-code: `edmsim.program.tables.read_offsets`.
     dialect : str
         Dialect of G-code: `read_gcode`.
     conditions : path, optional
         Table of the machining conditions that G-code calls: `read_conditions` of
-        `edmsim.program.dialects.condition_tables`.
+        `edmsim.program.tables`.
 
     Returns
     -------
@@ -88,15 +152,12 @@ def load_program(
 
         if upper_layer is None:
             return read_dxf(path, layers, unit)
-        from edmsim.program.two_contours import ruled_between
-
         return ruled_between(read_dxf(path, layers, unit, upper_layer), read_dxf(path, [upper_layer], unit))
     if suffix in GCODE_SUFFIXES:
         if layers or unit is not None or upper_layer is not None:
             raise InputError("layers and unit are those of a drawing: G-code has none", path)
-        from edmsim.program.dialects.condition_tables import read_conditions
         from edmsim.program.gcode import read_gcode
-        from edmsim.program.registers import read_offsets
+        from edmsim.program.tables import read_conditions, read_offsets
 
         return read_gcode(
             path, ignore, {} if offsets is None else read_offsets(offsets), dialect,

@@ -11,24 +11,31 @@ import json
 import logging
 import math
 import os
+import shutil
+import tempfile
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
-from edmsim.evaluation.search import training_seeds
 from edmsim.files import make_writable, replacing
 from edmsim.learning import hyperparameters
-from edmsim.sweep.engine import ATTEMPTS, Cluster
-from edmsim.sweep.tune import Bound, bounds, write_found
+from edmsim.learning.hyperparameters import Hyperparameters
+from edmsim.runs import ATTEMPTS, Cluster, RunTable
+from edmsim.sweep.tune import Bound, bounds, judge_policy, training_seeds, write_found
 
-PLAN = "population.json"  # file in which a folder keeps what its population is of
+try:
+    from ray import tune
+    from ray.tune.schedulers import PopulationBasedTraining
+    from ray.tune.search.basic_variant import BasicVariantGenerator
+except ImportError as error:
+    raise InputError(f"a population needs {error.name}: pip install 'edmsim[cluster]'") from None
+
 TABLE = "population.parquet"
 """A row for every learner and generation: worth, windows, settings, and whose checkpoint it went on from."""
-JOURNAL = "population.jsonl"  # the same as it comes in, line by line
+JOURNAL = "population.jsonl"  # the table of runs that becomes it
 RUN = "ray"  # folder of Ray Tune's own files, and of the checkpoints that learners hand over
 LEAST_POPULATION = 4  # under it a quarter is less than one learner
 _OF_LEARNER = ("learner", "parent", "score", "windows")
@@ -84,7 +91,7 @@ def train_population(
         Folder for policy, settings, table and checkpoints, at the same path on every computer of the cluster.
         An interrupted training in it is resumed.
     address : str
-        See `edmsim.sweep.engine.Cluster`.
+        See `edmsim.runs.Cluster`.
     population, generations : int
         Number of learners (4 or more) and of generations; the learners are compared after each.
     steps : int, optional
@@ -106,9 +113,9 @@ def train_population(
     Cluster(address)
     folder = Path(out).absolute()
     make_writable(folder)
-    _same_plan(folder, plan)
-    best = _run(folder, plan, watch)
-    _write(folder, plan, best)
+    journal = RunTable(folder / JOURNAL, asdict(plan))
+    best = _run(folder, plan, journal, watch)
+    _write(folder, plan, best, journal)
     return _result_of(best.metrics)
 
 
@@ -128,23 +135,10 @@ def _plan(name: str, algo: str, population: int, generations: int, steps: int | 
     return Plan(env_id, algo, population, generations, windows, seed, judged_by, parameters.model_dump(mode="json"))
 
 
-def _same_plan(folder: Path, plan: Plan) -> None:
-    """Refuse a folder whose population is of something else, and note what this one is of."""
-    file, text = folder / PLAN, json.dumps(asdict(plan), indent=1) + "\n"
-    if file.exists() and file.read_text(encoding="utf-8") != text:
-        raise InputError("the population in this folder was begun with other arguments: take another folder", file)
-    with replacing(file) as partial:
-        partial.write_text(text, encoding="utf-8")
-
-
-def _run(folder: Path, plan: Plan, watch: Callable[[PopulationResult], None] | None) -> Any:
+def _run(folder: Path, plan: Plan, journal: RunTable, watch: Callable[[PopulationResult], None] | None) -> Any:
     """Train or resume the population with Ray Tune, and return its best result."""
     os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "0")
     os.environ.setdefault("TUNE_WARN_EXCESSIVE_EXPERIMENT_CHECKPOINT_SYNC_THRESHOLD_S", "0")
-    from ray import tune
-
-    from edmsim.sweep.learner import Learner, Watching
-
     logging.getLogger("ray.tune").setLevel(logging.ERROR)
     trainable = tune.with_resources(Learner, {"cpu": 1})
     path = folder / RUN
@@ -152,7 +146,7 @@ def _run(folder: Path, plan: Plan, watch: Callable[[PopulationResult], None] | N
         tuner = tune.Tuner.restore(str(path), trainable=trainable, restart_errored=True)
     else:
         tuner = _tuner(trainable, folder, plan)
-    Watching.watch = staticmethod(_noting(folder, watch))
+    Watching.watch = staticmethod(_noting(journal, watch))
     results = tuner.fit()
     ended = [results[number] for number in range(len(results))]
     done = [result.metrics or {} for result in ended if result.error is None]
@@ -165,12 +159,6 @@ def _run(folder: Path, plan: Plan, watch: Callable[[PopulationResult], None] | N
 
 
 def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
-    from ray import tune
-    from ray.tune.schedulers import PopulationBasedTraining
-    from ray.tune.search.basic_variant import BasicVariantGenerator
-
-    from edmsim.sweep.learner import Watching
-
     space = bounds("training", plan.algo)
     drawn = {key: _domain(bound) for key, bound in space.items()}
     scheduler = PopulationBasedTraining(
@@ -194,8 +182,6 @@ def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
 
 
 def _domain(bound: Bound) -> Any:
-    from ray import tune
-
     return (tune.loguniform if bound.scale == "log" else tune.uniform)(bound.low, bound.high)
 
 
@@ -215,7 +201,7 @@ def _result_of(metrics: Mapping[str, Any]) -> PopulationResult:
     return PopulationResult(values, float(metrics["score"]), int(metrics["training_iteration"]))
 
 
-def _write(folder: Path, plan: Plan, best: Any) -> None:
+def _write(folder: Path, plan: Plan, best: Any, journal: RunTable) -> None:
     """Write the best learner's policy and last settings, and the table of all."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -228,29 +214,94 @@ def _write(folder: Path, plan: Plan, best: Any) -> None:
         f"{plan.windows} windows; the best one's last settings"
     )
     write_found(folder, text, found.value, plan.seeds, "algorithm", found.values, files)
+    rows = sorted(journal.rows.values(), key=lambda row: (row["generation"], row["learner"]))
     with replacing(folder / TABLE) as partial:
-        pq.write_table(pa.Table.from_pylist(_rows(folder)), partial)
+        pq.write_table(pa.Table.from_pylist(rows).drop_columns("id"), partial)
 
 
-def _noting(folder: Path, watch: Callable[[PopulationResult], None] | None) -> Callable[[Mapping[str, Any]], None]:
-    """Return what notes a learner's generation in the journal; a torn line before it does not spoil it."""
+def _noting(
+    journal: RunTable, watch: Callable[[PopulationResult], None] | None
+) -> Callable[[Mapping[str, Any]], None]:
+    """Return what notes a learner's generation in the journal; one repeated after a loss replaces the former."""
 
     def note(metrics: Mapping[str, Any]) -> None:
         result = _result_of(metrics)
         row = {"generation": result.generation, **{key: metrics[key] for key in _OF_LEARNER}, **result.values}
-        with (folder / JOURNAL).open("a", encoding="utf-8") as file:
-            file.write("\n" + json.dumps(row))
+        journal.add({"id": f"{result.generation} {metrics['learner']}", **row})
         if watch is not None:
             watch(result)
 
     return note
 
 
-def _rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the journal's rows by generation and learner; if a generation was repeated after a loss, the last."""
-    rows: dict[tuple[int, int], dict[str, Any]] = {}
-    for line in (folder / JOURNAL).read_text(encoding="utf-8").splitlines():
-        with suppress(ValueError):
-            row = json.loads(line)
-            rows[row["generation"], row["learner"]] = row
-    return [rows[key] for key in sorted(rows)]
+WHOSE = "learner.json"  # file of a checkpoint that says whose it is
+
+
+class Learner(tune.Trainable):  # type: ignore[misc]
+    """Trains on from its own checkpoint, or from another learner's, with the settings it has now."""
+
+    def setup(self, config: dict[str, Any]) -> None:
+        """Begin with nothing learnt."""
+        self._folder = tempfile.TemporaryDirectory()
+        self.reset_config(config)
+
+    def reset_config(self, new_config: dict[str, Any]) -> bool:
+        """Become another learner, which a checkpoint may follow."""
+        self.config = new_config
+        self._last: Path | None = None
+        self._parent = self._number
+        return True
+
+    @property
+    def _number(self) -> int:
+        return int(self.trial_id.rpartition("_")[2])
+
+    def step(self) -> dict[str, Any]:
+        """Train for a generation, and judge the policy."""
+        from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
+
+        plan = self.config["plan"]
+        usual = Hyperparameters.model_validate(plan["parameters"])
+        values = {key: value for key, value in self.config.items() if key != "plan"}
+        parameters = usual.model_copy(update={"algorithm": {**usual.algorithm, **values}})
+        out = Path(tempfile.mkdtemp(dir=self._folder.name))
+        done = 0 if self._last is None else json.loads((self._last / "run.json").read_text(encoding="utf-8"))["done"]
+        trained = train(
+            plan["env_id"], plan["algo"], out, steps=done + plan["windows"], seed=plan["seed"] + self._number,
+            parameters=parameters, begin_from=self._last,
+        )  # fmt: skip
+        command = f"edmsim tune population {plan['env_id']} --algo {plan['algo']} --learners {plan['population']}"
+        score = judge_policy(trained, command, out, plan["seeds"])
+        (self._last,) = out.glob("checkpoint-*")
+        (out / WHOSE).write_text(json.dumps(self._number), encoding="utf-8")
+        for file in (*out.glob("policy.*"), out / WHOSE):
+            shutil.move(file, self._last / file.name)
+        parent, self._parent = self._parent, self._number
+        return {"score": score, "windows": trained.model.num_timesteps, "learner": self._number, "parent": parent}
+
+    def save_checkpoint(self, checkpoint_dir: str) -> None:
+        """Hand over the last checkpoint, with the policy."""
+        assert self._last is not None
+        shutil.copytree(self._last, checkpoint_dir, dirs_exist_ok=True)
+
+    def load_checkpoint(self, checkpoint: Any) -> None:
+        """Take one, of whomever it is."""
+        self._last = Path(tempfile.mkdtemp(dir=self._folder.name)) / "checkpoint"
+        shutil.copytree(checkpoint, self._last)
+        self._parent = int(json.loads((self._last / WHOSE).read_text(encoding="utf-8")))
+
+    def cleanup(self) -> None:
+        """Leave no file behind."""
+        self._folder.cleanup()
+
+
+class Watching(tune.Callback):  # type: ignore[misc]
+    """Tells the driver of every generation of a learner."""
+
+    watch: Callable[[dict[str, Any]], object] = staticmethod(lambda _: None)
+
+    def on_trial_result(
+        self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
+    ) -> None:
+        """Take a result."""
+        Watching.watch(result)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.evaluation.compare import Figure, mean
-from edmsim.sweep.perform import FIGURES
+from edmsim.sweep.run import FIGURES
 from edmsim.sweep.sensitivity import MOST_VALUES, Effect, Sensitivity, VariedSetting, sensitivity
 
 if TYPE_CHECKING:

@@ -1,25 +1,24 @@
 """Results: columns of their table, and their storage.
 
-Each result goes at once into a journal, which moves part by part into a Parquet dataset.
+Each result goes at once into a table of runs, which moves part by part into a Parquet dataset.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import urllib.parse
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 from edmsim.errors import InputError
 from edmsim.files import locked, replacing
 from edmsim.job.settings import CutSettings
-from edmsim.sweep.perform import Outcome
-from edmsim.sweep.runs import SweepRun
+from edmsim.runs import RunTable, read_rows
+from edmsim.sweep.specification import SweepRun
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -27,12 +26,20 @@ if TYPE_CHECKING:
 
 RESULTS = "results"  # folder of the parquet dataset, a folder ``task=...`` in it for each program or environment
 JOURNAL = "journal.jsonl"
+ROW_TEXTS = "id", "task"  # what the rows of a journal must have
 _WHOLE = {"seed", "machine_sample"}
 _KINDS = {name: {field.annotation, *get_args(field.annotation)} for name, field in CutSettings.model_fields.items()}
 _TEXTS = {
     "id", "task", "error", "outcome", "report", "edmsim_version", "host",
     *(name for name, kinds in _KINDS.items() if str in kinds),
 }  # fmt: skip
+
+
+class Outcome(NamedTuple):
+    """What a run leaves."""
+
+    row: dict[str, Any]  # settings, figures and error, by the names of columns; see `read`
+    files: dict[str, bytes]  # recordings by name
 
 
 def as_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
@@ -69,7 +76,7 @@ def read(out: str | Path) -> pa.Table:
     -------
     pyarrow.Table
         One row per run, ordered by id: id, task, seed, settings, constants, ``error`` (null if the run succeeded),
-        ``outcome``, the figures of `edmsim.sweep.perform.FIGURES`, ``report`` (JSON, of cuts),
+        ``outcome``, the figures of `edmsim.sweep.run.FIGURES`, ``report`` (JSON, of cuts),
         ``edmsim_version``, ``wall_time_s`` and ``host``.
 
     Raises
@@ -82,7 +89,7 @@ def read(out: str | Path) -> pa.Table:
     folder = Path(out)
     tables = [_part(file) for file in sorted((folder / RESULTS).glob("*/*.parquet"))]
     written = {identity for table in tables for identity in table["id"].to_pylist()}
-    rest = [row for row in journal_rows(folder) if row["id"] not in written]
+    rest = [row for row in read_rows(folder / JOURNAL, texts=ROW_TEXTS) if row["id"] not in written]
     try:
         if rest:
             tables.append(as_table(rest))
@@ -135,25 +142,6 @@ def _agreeing(tables: list[pa.Table]) -> list[pa.Table]:
     return [table.cast(as_text(table.schema)) for table in tables]
 
 
-def journal_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows of the journal; a last line that was cut off is skipped, another damaged one refused."""
-    try:
-        lines = (folder / JOURNAL).read_bytes().split(b"\n")
-    except FileNotFoundError:
-        return []
-    rows = []
-    for number, line in enumerate(lines[:-1], 1):
-        try:
-            row = json.loads(line)
-            if not (isinstance(row, dict) and all(isinstance(row.get(name), str) for name in ("id", "task"))):
-                raise ValueError("no row of a run")
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"the journal is damaged ({error}): without this line its run is made again",
-                             folder / JOURNAL, number) from None
-        rows.append(row)
-    return rows
-
-
 ROWS_PER_PART = 1000
 """Rows per file of the dataset (ours: some hundred kilobytes; a million runs are a thousand files)."""
 RECORDINGS = "recordings"
@@ -162,8 +150,7 @@ RECORDINGS = "recordings"
 class Store:
     """Results of a sweep in a folder; only one process at a time adds to it."""
 
-    # a row is forced to the disk before `add` returns, so what was reported as done is never done again, whenever the
-    # process dies. Full parts go into the dataset; the journal is emptied after that, and rows in both count once
+    # full parts of the journal go into the dataset; the journal is emptied after that, and rows in both count once
 
     def __init__(self, out: str | Path) -> None:
         self.folder = Path(out)
@@ -173,17 +160,15 @@ class Store:
         for part in self._parts():
             done = read_part(part, ["id", "error"]).to_pydict()
             self.failed |= {name: error is not None for name, error in zip(*done.values(), strict=True)}
-        self._waiting = [row for row in journal_rows(self.folder) if row["id"] not in self.failed]
-        self.failed |= {row["id"]: row.get("error") is not None for row in self._waiting}
-        self._write_journal(self._waiting)  # without a torn last line, and what a part has already
-        self._journal = (self.folder / JOURNAL).open("ab")
+        self._journal = RunTable(self.folder / JOURNAL, texts=ROW_TEXTS)
+        self._journal.keep([row for name, row in self._journal.rows.items() if name not in self.failed])
+        self.failed |= {name: row.get("error") is not None for name, row in self._journal.rows.items()}
 
     def __enter__(self) -> Store:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.flush()
-        self._journal.close()
         self._held.close()
 
     def misses(self, run: SweepRun) -> bool:
@@ -197,12 +182,9 @@ class Store:
             self._record(run, outcome.files)
         if run.id in self.failed:
             return
-        self._journal.write(json.dumps(outcome.row).encode() + b"\n")
-        self._journal.flush()
-        os.fsync(self._journal.fileno())
+        self._journal.add(outcome.row)
         self.failed[run.id] = outcome.row["error"] is not None
-        self._waiting.append(outcome.row)
-        if len(self._waiting) >= ROWS_PER_PART:
+        if len(self._journal.rows) >= ROWS_PER_PART:
             self.flush()
 
     def flush(self) -> None:
@@ -210,7 +192,7 @@ class Store:
         import pyarrow.parquet as pq
 
         by_task: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
-        for row in self._waiting:
+        for row in self._journal.rows.values():
             by_task[row["task"]].append(row)
         for task, rows in by_task.items():
             folder = self.folder / RESULTS / f"task={urllib.parse.quote(task, safe='')}"
@@ -219,10 +201,7 @@ class Store:
             with replacing(folder / f"part-{last + 1:06d}.parquet") as partial:
                 # the folder's name says the task; readers of hive partitions take it from there
                 pq.write_table(as_table(rows).drop_columns("task"), partial, compression="zstd")
-        self._waiting = []
-        self._write_journal([])
-        self._journal.close()
-        self._journal = (self.folder / JOURNAL).open("ab")
+        self._journal.keep(())
 
     def forget_failures(self) -> int:
         """Remove the rows of failed runs, which will be run again, and return their number."""
@@ -254,7 +233,3 @@ class Store:
             (partial / name).write_bytes(content)
         shutil.rmtree(target, ignore_errors=True)
         partial.rename(target)
-
-    def _write_journal(self, rows: list[dict[str, Any]]) -> None:
-        with replacing(self.folder / JOURNAL) as partial:
-            partial.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")

@@ -1,18 +1,26 @@
-"""Search of gains and hyperparameters: ``edmsim tune gains`` and ``edmsim tune training``.
+"""Searches of gains, of the settings of your own controller, and of hyperparameters: ``edmsim tune``.
 
 By Optuna (extra ``tune``), or by differential evolution. The driver asks a study for values, the engine makes the
 trials, and the driver reports their scores. Hence the same search runs on one computer or on a cluster, whose nodes
 need neither Optuna nor a shared file.
+
+Gains are searched in episodes of the straight and the stepped workpiece at resolution ``fast``, on drawn machines
+with training seeds, never those of comparisons. A search maximises the mean return, as a learner does; for the
+oracle, the upper bound, it maximises the cutting rate.
+
+Firmware has dozens of settings that users tune by trial on the machine. `tune_own` tries them on machines drawn
+within the ranges of the gap's uncertain constants, chooses those that do well on the worst machines, and tests them
+once more on other machines.
 """
 
 from __future__ import annotations
 
+import inspect
 import itertools
-import json
 import math
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -21,18 +29,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim import __version__
-from edmsim.controllers import make
+from edmsim.controllers import FeedController, make
 from edmsim.controllers.own import from_file
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, one_of
-from edmsim.evaluation.episode import Episode
-from edmsim.evaluation.search import BOUNDS, POPULATION, run_all, score, training_seeds
+from edmsim.evaluation.episode import HELD_BACK, ORACLE, Episode, Result
 from edmsim.files import make_writable, replacing
 from edmsim.learning.hyperparameters import load
-from edmsim.sweep.engine import Engine, LostJob, Processes
-from edmsim.sweep.perform import said
-from edmsim.user_code import named
+from edmsim.numeric import real
+from edmsim.runs import Engine, LostJob, Processes, RunTable, perform
+from edmsim.sweep.run import said
+from edmsim.user_code import named, run
 
 if TYPE_CHECKING:
     from edmsim.learning.train import Trained
@@ -60,6 +68,73 @@ TRAINING: dict[str, dict[str, Bound]] = {
 }
 TRAINING |= {"tqc": TRAINING["sac"], "ppo-lag": TRAINING["ppo"], "recurrent-ppo": TRAINING["ppo"]}
 """What is searched of a training, and where (ours: a factor of ten to both sides of what stable-baselines3 gives)."""
+
+Ranges = dict[str, tuple[float, float]]
+BOUNDS: dict[str, Ranges] = {
+    "fixed": {"feed_um_s": (1.0, 60.0)},
+    "counts": {
+        "open_target_share": (0.0, 0.2), "short_weight": (0.25, 1.5), "proportional_um_s": (1.0, 15.0),
+        "integral_um_s2": (5.0, 40.0),
+    },
+    "voltage": {
+        "reference_V": (5.0, 20.0), "proportional_um_s_V": (0.1, 8.0), "integral_um_s2_V": (0.1, 20.0),
+        "filter_s": (0.02, 0.3),
+    },
+    "delay": {
+        "reference_us": (1.0, 10.0), "proportional_um_s_us": (0.1, 20.0), "integral_um_s2_us": (0.1, 60.0),
+        "filter_s": (0.02, 0.3),
+    },
+    "fuzzy": {
+        "open_target_share": (0.02, 0.3), "open_width_share": (0.02, 0.3), "short_high_share": (0.3, 0.9),
+        "rate_um_s2": (3.0, 300.0),
+    },
+    "adaptive-off-time": {
+        "open_target_share": (0.0, 0.2), "short_weight": (0.25, 1.5), "integral_um_s2": (5.0, 200.0),
+        "normal_at_10mm": (300.0, 1000.0),
+    },
+    "oracle": {
+        "gap_target_um": (5.0, 35.0), "proportional_um_s_um": (0.3, 12.0), "integral_um_s2_um": (0.5, 40.0),
+        "short_um": (0.0, 30.0),
+    },
+}  # fmt: skip
+"""What is searched of each controller, and where (ours: from timid to reckless). Shorts must count for something, or
+a gap that closes is not noticed. What is found for `counts` hunts at long periods, so it is not shipped."""
+ENV_IDS = ("edmsim/GapFeed-v2", "edmsim/HeightStep-v2")
+SEEDS = 5
+"""Number of training seeds per environment."""
+POPULATION = 8
+"""Gains in a generation of an evolution (ours: five of them take some three minutes a controller on two cores)."""
+
+
+def training_seeds(seed: int, seeds: int = SEEDS) -> range:
+    """Return the training seeds of each environment, from `seed` on.
+
+    Raises `InputError` if `seeds` is below 1, or the seeds reach the held-back ones.
+    """
+    if seeds < 1:
+        raise InputError(f"{seeds} training seeds judge nothing: give 1 or more")
+    if not 0 <= seed <= HELD_BACK - seeds:
+        raise InputError(f"training seeds lie from 0 to {HELD_BACK - 1}: {seed} to {seed + seeds - 1} do not")
+    return range(seed, seed + seeds)
+
+
+def run_all(
+    seeds: Sequence[int], controller: Callable[[], FeedController], threads: int | None = None
+) -> list[Result]:
+    """Make all cuts, each with a new controller, in as many threads as there are cores, or in `threads`."""
+
+    def run(job: tuple[str, int]) -> Result:
+        law = controller()
+        return Episode(Task(job[0], resolution="fast"), law, job[1], law.name).run()
+
+    return perform(run, [(env_id, seed) for env_id in ENV_IDS for seed in seeds], threads=threads)
+
+
+def score(results: Sequence[Result]) -> float:
+    """Return the mean return of the cuts; for the oracle their mean cutting rate in mm2/min."""
+    if results[0].controller == ORACLE:
+        return float(np.mean([result.rate_mm2_min for result in results]))
+    return float(np.mean([result.total_return for result in results]))
 
 
 @dataclass(frozen=True)
@@ -153,9 +228,8 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
     """Write a training's ``policy.json`` and ``policy.npz``; return the policy's mean return on training seeds."""
     from edmsim.evaluation.episode import cut
     from edmsim.learning import policy_file
-    from edmsim.learning.export import export
 
-    card, packed = export(trained, command)
+    card, packed = trained.export(command)
     policy_file.write(card, packed, folder / "policy.json")
     results = [cut(trained.run.env_id, seed, f"policy:{folder / 'policy.json'}", "fast") for seed in seeds]
     return float(np.mean([result.total_return for result in results]))
@@ -163,7 +237,7 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
 
 JOURNAL = "study.journal"  # file of the study, in Optuna's journal storage
 BEST = "best.toml"
-EVOLUTION = "evolution.json"  # file of an evolution: what it is of, and what was tried
+EVOLUTION = "evolution.jsonl"  # table of the trials of an evolution
 METHODS = ("tpe", "evolution")
 
 
@@ -196,7 +270,7 @@ def tune_gains(
     Parameters
     ----------
     name : str
-        A controller of `edmsim.evaluation.search.BOUNDS`.
+        A controller of `edmsim.sweep.tune.BOUNDS`.
     out : path
         Folder for the search and its result; an existing search is resumed. Processes that you start with the same
         folder share one study; as they do not count trials in progress elsewhere, they may make a few more.
@@ -205,7 +279,7 @@ def tune_gains(
         hence the result is never worse on these seeds. ``evolution`` is SciPy's differential evolution (Storn and
         Price 1997); its result does not depend on the number of processors.
     trials : int
-        Number of trials; ``evolution`` makes whole generations of `edmsim.evaluation.search.POPULATION`.
+        Number of trials; ``evolution`` makes whole generations of `edmsim.sweep.tune.POPULATION`.
     seed : int
         First training seed, and seed of the search. On one process the search is reproducible.
     seeds : int
@@ -292,19 +366,14 @@ def _evolved(
     from scipy.stats import qmc
 
     make_writable(folder)
-    file, what = folder / EVOLUTION, {"name": name, "seed": seed, "seeds": list(judged_by)}
-    before: dict[str, Any] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {**what, "tried": []}
-    if {key: before[key] for key in what} != what:
-        raise InputError(f"the search in this folder is of {before['name']}, seeds from {before['seed']} on", folder)
-    tried: dict[tuple[float, ...], float] = {tuple(gains): value for gains, value in before["tried"]}
+    tried = RunTable(folder / EVOLUTION, {"name": name, "seed": seed, "seeds": judged_by})
 
     def judged(gains: dict[str, float]) -> float:
-        key = tuple(gains.values())
-        if key not in tried:
-            tried[key] = score(run_all(judged_by, partial(make, name, **gains)))
-            with replacing(file) as partial_file:
-                partial_file.write_text(json.dumps({**what, "tried": [[k, v] for k, v in tried.items()]}))
-        return tried[key]
+        key = " ".join(f"{value!r}" for value in gains.values())
+        if key not in tried.rows:
+            value = score(run_all(judged_by, partial(make, name, **gains)))
+            tried.add({"id": key, "gains": gains, "value": value})
+        return float(tried.rows[key]["value"])
 
     low, high = np.array(list(BOUNDS[name].values())).T
     calls = itertools.count(1)
@@ -313,8 +382,8 @@ def _evolved(
     def objective(values: NDArray[np.float64]) -> float:
         value = judged(_rounded(name, values))
         if watch is not None:
-            best = max(tried, key=lambda key: tried[key])
-            watch(Tuned(dict(zip(BOUNDS[name], best, strict=True)), tried[best], used, next(calls), 0))
+            best = max(tried.rows.values(), key=lambda row: row["value"])
+            watch(Tuned(best["gains"], best["value"], used, next(calls), 0))
         return -value
 
     generations = max(math.ceil(trials / POPULATION) - 1, 0)
@@ -443,3 +512,182 @@ def write_found(
     for name, content in {BEST: "\n".join(lines).encode(), **files}.items():
         with replacing(folder / name) as partial:
             partial.write_bytes(content)
+
+
+FINALISTS = 8  # trials that are tried once more, besides the settings in use (ours: the best has been lucky, too)
+FRESH = 2  # times as many machines as a trial has had, the same for all (ours)
+_RULE = 'BOUNDS = {"gain": (0.1, 10.0), "window_s": (0.01, 1.0, "log")}'
+
+
+class Spread(NamedTuple):
+    """Returns of settings on drawn machines: mean of the worst quarter, mean, and the 10 and 90 % quantiles."""
+
+    worst: float
+    mean: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, result: TrialResult) -> Spread:
+        """Return the spread of a trial."""
+        returns = np.asarray(result.returns)
+        low, high = np.quantile(returns, (0.1, 0.9)).tolist()
+        return cls(result.value, float(returns.mean()), low, high)
+
+    def __str__(self) -> str:
+        """Return the spread as text."""
+        return (
+            f"worst {100 * WORST_SHARE:.0f} % {self.worst:.4g}, mean {self.mean:.4g}, "
+            f"10 to 90 % {self.low:.4g} to {self.high:.4g}"
+        )
+
+
+class TunedOwn(NamedTuple):
+    """Result of `tune_own`.
+
+    Attributes
+    ----------
+    values : dict
+        The most robust settings.
+    spread, first_spread : Spread
+        Spreads of `values` and of the settings in use, both on machines that the choice did not use.
+    trials, failed : int
+        Number of all trials, and of those that failed.
+    machines : int
+        Number of machines in the spreads.
+    tried_again : dict
+        Values and spread of each finalist by the number of its trial; -1 is the settings in use.
+    """
+
+    values: dict[str, float]
+    spread: Spread
+    first_spread: Spread
+    trials: int
+    failed: int
+    machines: int
+    tried_again: dict[int, tuple[dict[str, float], Spread]]
+
+
+def tune_own(
+    own: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 8, engine: Engine | None = None,
+    watch: Callable[[int, float], None] | None = None, **options: Any,
+) -> TunedOwn:
+    """Search the settings of your own controller on drawn machines.
+
+    Parameters
+    ----------
+    own : str
+        ``FILE.py:CLASS``. The class names the settings and their bounds in `BOUNDS`.
+    out : path
+        Folder for ``best.toml`` and the study; an existing study is resumed.
+    trials : int
+        Number of all trials; the first uses the settings in use.
+    seed : int
+        First training seed, and seed of the search.
+    seeds : int
+        Number of drawn machines per trial; every trial draws others.
+    engine : Engine, optional
+        By default all processors of this computer.
+    watch : callable, optional
+        Called with the number of finished trials and the best score.
+    **options
+        Arguments of the environment GapFeed: ``machine``, ``height_mm``, ``randomise``.
+
+    Raises
+    ------
+    InputError
+        If the file has no such controller, the class has no `BOUNDS`, or an argument is invalid.
+    """
+    own_class = named(own)
+    if own_class is None or not own_class.name:
+        raise InputError(f"'{own}' names no controller of your own: give FILE.py:CLASS")
+    text = f"{Path(own_class.file).absolute()}:{own_class.name}"
+    law = from_file(own_class, {})
+    space = bounds_of(own)
+    if trials < 1:
+        raise InputError(f"{trials} trials find nothing: give 1 or more")
+    fresh = tuple(training_seeds(seed, FRESH * seeds))
+    first_of_trials = seed + FRESH * seeds
+    training_seeds(first_of_trials, (trials + 1) * seeds)
+    options = {"resolution": "fast", **options}
+    Task(OWN_ENV, **options)  # refused here, in one line, and not in every trial
+    folder = Path(out)
+    make_writable(folder)
+    study = open_study(folder, f"own {own_class.name}", seed)
+    if not study.trials:
+        study.enqueue_trial({name: min(max(_value_in_use(law, name), b.low), b.high) for name, b in space.items()})
+    machines = engine or Processes()
+
+    def made(number: int, values: dict[str, float]) -> Trial:
+        # machines of its own: on the same ones a search finds what these bear, and not what most do
+        judged_by = training_seeds(first_of_trials + max(number, 0) * seeds, seeds)
+        return Trial(number, "own", text, values, tuple(judged_by), options=options)
+
+    def ended(trial: Trial, result: TrialResult) -> None:
+        if watch is not None and made_in(study, "COMPLETE"):
+            watch(made_in(study), float(study.best_value))
+
+    run_study(study, space, trials, machines, made, ended)
+    first = made(-1, {name: _value_in_use(law, name) for name in space})
+    spreads = _judged_again([first, *_finalists(study, made)], fresh, machines)
+    chosen = max(spreads, key=lambda number: spreads[number][1].worst)
+    values, spread = spreads[chosen]
+    found = TunedOwn(values, spread, spreads[-1][1], made_in(study), made_in(study, "FAIL"), len(fresh), spreads)
+    what = f"own: {own_class.name}, {spread} on {len(fresh)} drawn machines; in use before: {found.first_spread}"
+    write_found(folder, what, spread.worst, fresh, "parameters", values, {})
+    return found
+
+
+def bounds_of(own: str) -> dict[str, Bound]:
+    """Return the bounds of the settings that a user's class searches; raise `InputError` if they are invalid."""
+    own_class = named(own)
+    assert own_class is not None
+    kind = vars(run(own_class.file))[own_class.name]
+    declared = getattr(kind, "BOUNDS", None)
+    if not isinstance(declared, Mapping) or not declared:
+        raise InputError(f"{own_class.name} does not say what is searched: give it {_RULE}", own_class.file)
+    known = inspect.signature(kind).parameters
+    found = {}
+    for name, ends in declared.items():
+        if name not in known:
+            has = ", ".join(known)
+            raise InputError(f"BOUNDS of {own_class.name} name {name!r}; its parameters are {has}", own_class.file)
+        found[name] = _bound(name, ends, own_class.file)
+    return found
+
+
+def _bound(name: str, ends: Any, file: str) -> Bound:
+    low, high, scale = (*ends, "linear")[:3] if isinstance(ends, tuple | list) and len(ends) in (2, 3) else (0, 0, "")
+    numbers = real(low), real(high)
+    if None not in numbers and scale in ("linear", "log"):
+        bound = Bound(float(low), float(high), scale)
+        if math.isfinite(bound.high - bound.low) and bound.low < bound.high and (scale == "linear" or bound.low > 0):
+            return bound
+    raise InputError(f"{name} is searched from a number to a greater one, not {ends!r}: {_RULE}", file)
+
+
+def _value_in_use(law: object, name: str) -> float:
+    value = real(getattr(law, name, None))
+    if value is None:
+        raise InputError(f"{name} of your controller has no value to begin with: give the parameter a default")
+    return value
+
+
+def _finalists(study: Any, made: Callable[[int, dict[str, float]], Trial]) -> list[Trial]:
+    """Return the best trials of a study."""
+    whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
+    best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
+    return [made(trial.number, {name: float(f"{v:.3g}") for name, v in trial.params.items()}) for trial in best]
+
+
+def _judged_again(
+    trials: list[Trial], fresh: tuple[int, ...], engine: Engine
+) -> dict[int, tuple[dict[str, float], Spread]]:
+    """Return values and spread of trials by number, on machines that they were not chosen by."""
+    found = {}
+    for trial, answer in engine.done(judge_trial, iter([replace(trial, seeds=fresh) for trial in trials])):
+        result = TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
+        if result.error is not None:
+            raise InputError(f"the settings of trial {trial.number} could not be tried again: {result.error}")
+        found[trial.number] = dict(trial.values), Spread.of(result)
+    return found

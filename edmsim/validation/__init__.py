@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from edmsim.errors import InputError, one_of
-from edmsim.progress import in_threads
+from edmsim.runs import perform
 from edmsim.validation.rows import Check, Row
 
 MODULES = (
@@ -51,6 +51,6 @@ def run(watch: Watch | None = None, modules: Sequence[str] = MODULES) -> list[Ro
     InputError
         If a module is unknown.
     """
-    rows = [row for found in in_threads(lambda check: check(SEEDS), checks(modules), watch) for row in found]
+    rows = [row for found in perform(lambda check: check(SEEDS), checks(modules), watch) for row in found]
     topics = list(dict.fromkeys(row.topic for row in rows))
     return sorted(rows, key=lambda row: topics.index(row.topic))

@@ -18,9 +18,11 @@ from edmsim.validation.rows import Check, Row, mean_and_interval
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
 ESTEVES = "Esteves, Sikora, Kuffa, Wegener, Procedia CIRP 113:232 (2022), data in SPARC (ETH, MIT licence)"
+PRINTED = f"{ESTEVES}; its printed depth of 6.265 um misprints 8.265 um"
 SHAPE = "docs/theory/workpiece.md#shape-of-a-crater"
 VOLUME = "docs/theory/workpiece.md#volume-against-current"
 
+MISPRINTED_MODE = "I17"  # the row whose depth is misprinted: see `published`
 FITTED_MODE = "I9"  # the row whose volume fixes the pulse duration, which was not published: the middle one, 110 A
 NO_DURATION = "the source gives no duration of the pulses, on which volume and removal per joule depend"
 SLOPES = ((30.0, 425.0, 1.10), (30.0, 215.0, 0.69), (215.0, 425.0, 2.79))
@@ -47,14 +49,15 @@ class Measured:
 
 
 def published() -> list[Measured]:
-    """Nine current levels of the single-discharge study."""
-    return [
-        Measured(
-            row["mode"], float(row["peak_current_A"]), float(row["area_mean_um2"]), float(row["depth_um"]),
-            float(row["volume_mean_um3"]), float(row["volume_std_um3"]) / float(row["volume_mean_um3"]),
-        )
-        for row in models.published("crater_single_discharge_eth")
-    ]
+    """Nine current levels of the single-discharge study; depths are those of its areas and volumes, 3/2 V / A."""
+    # the study's own relation: so eight printed depths are these to 1e-7 um, and the ninth is 2.0000 um less. The
+    # eight lie within 5e-5 um of a straight line over the area, on which the ninth area has these 2.0000 um more
+    found = []
+    for row in models.published("crater_single_discharge_eth"):
+        area, volume = float(row["area_mean_um2"]), float(row["volume_mean_um3"])
+        current_A, scatter = float(row["peak_current_A"]), float(row["volume_std_um3"]) / volume
+        found.append(Measured(row["mode"], current_A, area, 1.5 * volume / area, volume, scatter))
+    return found
 
 
 def check_shape(seeds: Sequence[int]) -> list[Row]:
@@ -68,7 +71,8 @@ def check_shape(seeds: Sequence[int]) -> list[Row]:
             ("depth", crater.depth, numbers.crater_flatness * diameter, 0.20),
         ):
             rows.append(Row.value(
-                "crater", f"{name} of a crater of {crater.volume:.0f} um3 ({crater.current_A:g} A)", ESTEVES,
+                "crater", f"{name} of a crater of {crater.volume:.0f} um3 ({crater.current_A:g} A)",
+                PRINTED if name == "depth" and crater.mode == MISPRINTED_MODE else ESTEVES,
                 published=measured, simulated=ours, within=within, unit="um", note=SHAPE,
             ))
     return rows

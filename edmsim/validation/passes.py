@@ -9,22 +9,27 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from edmsim.controllers import from_text
 from edmsim.cosim.passes import PassRecord, PassSetup
 from edmsim.cosim.simulation import Simulation
 from edmsim.evaluation.technology import Job, cut_pass, straight_path
 from edmsim.machine.technology import machine_of, technology_for
-from edmsim.metrology.profile import corners, error_stats, profile_error
+from edmsim.metrology.profile import PROFILE_STEP_MM, corners, error_stats, profile_error
 from edmsim.metrology.reach import unreachable_um
 from edmsim.metrology.roughness import face_roughness_um
 from edmsim.validation.rows import Check, Row, mean_and_interval, worst
 
+Floats = NDArray[np.float64]
+
 SHOP = "a job shop's table for 1 to 7 passes, brass 0.254 mm, steel, 25.4 mm high (second hand)"
 TALL = "one cut of the same shop, 76.2 mm high (second hand)"
 TRADE = "accuracy by number of passes: trade page, weak"
+TARGET = "asked of the model, no publication; offsets and feeds of a job shop's table"
 BOW = "a wire between guides under an even lateral load: bow q h^2 / (8 T) (derived)"
-FOUND = "its technology was searched to match this figure: edmsim technology"
+FOUND = "its technology was searched to match this figure: edmsim tune technology"
 PAGE = "docs/theory/passes.md"
 
 OFFSETS_MM = (
@@ -38,7 +43,11 @@ HEIGHT_MM, TALL_MM = 25.4, 76.2
 LENGTH_MM = 1.4  # of the straight cut through all passes (ours: 12 places are measured)
 BOW_STEP_MM = 0.055
 """How much nearer to the wall than the rough pass the trim runs whose bow is measured (ours: it takes some 40 um)."""
-CORNER_MM = 1.0  # length of either side of the corner's edge (ours)
+CORNER_MM, END_MM = 2.0, 0.4
+"""Length of either side of the corner's edge, and of its far end, left out where the cut begins or ends (ours:
+two cut-offs of roughness remain)."""
+CUTOFF_MM = 0.8  # wavelengths below this are roughness and no error of size or form: ISO 21920-3, Ra of 0.1 to 2 um
+CORNERS = 4  # seeds of these cuts (ours: they differ by some tenths of a um)
 ACCURACY_UM = {1: (15.0, 25.0), 2: (8.0, 12.0), 4: (2.0, 3.0)}
 
 
@@ -134,7 +143,7 @@ class Corner(NamedTuple):
     """Errors of an outer 90 degree corner and of its sides against the drawing, in um."""
 
     corner_um: float
-    p95_um: float
+    p95_um: float  # of the sides without their roughness
 
 
 @cache
@@ -150,26 +159,32 @@ def corner(passes: int, seed: int) -> Corner:
     simulation.run()
     contour = path.contours[0]
     measured = profile_error(simulation.plant.field, contour)
-    ends = np.minimum(measured.s_mm, measured.s_mm[-1] - measured.s_mm) < 0.4
+    ends = np.minimum(measured.s_mm, measured.s_mm[-1] - measured.s_mm) < END_MM
     error = np.where(ends, np.nan, measured.error_um - unreachable_um(measured, contour))
     (found,) = corners(contour, replace(measured, error_um=error))
-    return Corner(found["error_um"], error_stats(error)["p95"])
+    sides = [error[:, ~ends & side] for side in (measured.s_mm <= CORNER_MM, measured.s_mm >= CORNER_MM)]
+    return Corner(found["error_um"], error_stats(np.hstack([without_roughness(side) for side in sides]))["p95"])
+
+
+def without_roughness(error_um: Floats) -> Floats:
+    """Return profiles (slices, n) `PROFILE_STEP_MM` apart, as a shop measures a size: without their roughness."""
+    # the Gaussian filter of ISO 16610-21: half of a wave of the cut-off's length passes
+    deviation = CUTOFF_MM * math.sqrt(math.log(2) / 2) / math.pi
+    return np.asarray(gaussian_filter1d(error_um, deviation / PROFILE_STEP_MM, axis=1, mode="reflect"))
 
 
 def accuracy(seeds: Sequence[int]) -> list[Row]:
     """Accuracy by number of passes, and what trims leave of a corner's error."""
-    cuts = {passes: [corner(passes, seed) for seed in seeds[:2]] for passes in (*ACCURACY_UM, 3)}
+    cuts = {passes: [corner(passes, seed) for seed in seeds[:CORNERS]] for passes in (*ACCURACY_UM, 3)}
     rows = []
     for passes, (low, high) in ACCURACY_UM.items():
         value, half = mean_and_interval([cut.p95_um for cut in cuts[passes]])
-        rows.append(Row.band(
-            "passes", f"accuracy of {passes} in all, 95 % of an edge with a corner", TRADE, low=low, high=high,
-            simulated=value, uncertainty=half, unit="um",
-            note=PAGE + "#accuracy",
-        ))  # fmt: skip
+        name = f"accuracy of {passes} in all, 95 % of an edge without its roughness"
+        rows.append(Row.band("passes", name, TRADE, low=low, high=high, simulated=value, uncertainty=half, unit="um",
+                             note=PAGE + "#accuracy"))
     rough, trimmed = (float(np.mean([abs(cut.corner_um) for cut in cuts[passes]])) for passes in (1, 3))
     rows.append(Row.band(
-        "passes", "error of an outer corner after three passes, over that after one", SHOP, low=0.0, high=1 / 3,
+        "passes", "error of an outer corner after three passes, over that after one", TARGET, low=0.0, high=1 / 3,
         published="below a third (asked for)", simulated=trimmed / rough, note=PAGE + "#outer-corners",
     ))  # fmt: skip
     return rows

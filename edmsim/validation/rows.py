@@ -170,6 +170,11 @@ def mean_and_interval(values: Sequence[float]) -> tuple[float, float]:
     return float(data.mean()), float(student.ppf(0.5 + LEVEL / 2, n - 1) * data.std(ddof=1) / math.sqrt(n))
 
 
+def extended(seeds: Sequence[int], count: int) -> Sequence[int]:
+    """Return `count` seeds from the first one on, for a row whose scatter needs more; none of none."""
+    return range(seeds[0], seeds[0] + count) if seeds else ()
+
+
 def worst(compared: Iterable[tuple[float, float, str]]) -> tuple[float, float, str]:
     """Of (published, simulated, name), pick the one whose values differ most, in proportion."""
     return max(compared, key=lambda item: abs(item[1] / item[0] - 1))

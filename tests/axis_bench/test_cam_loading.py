@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from edmsim.controllers.axis.elcam.memory import PhysicalMemory
+from edmsim.controllers.axis.elcam.module import PhysicalMemory
 from edmsim.controllers.axis.elcam.registers import CallStatus, Error, Function, LoadStatus, Mode
 
 from .cam_bench import COUNTS, HAT, X, Y, at, enter, follows, read, rig_of, run, settle, sized, table, write

@@ -12,7 +12,7 @@ from edmsim.axis_bench import AxisBench
 from edmsim.compiled.axis_rows import BRIDGE_DAMAGED, FREEWHEEL, WINDING_DAMAGED
 from edmsim.controllers.axis import ServoModule, Uhu, tuned
 from edmsim.controllers.axis.drive import axis_names, axis_row
-from edmsim.controllers.axis.uhu.registers import O as OVERRUNS
+from edmsim.controllers.axis.uhu import O as OVERRUNS
 
 from .puppet import Puppet, bench_of, command, put_out
 

@@ -12,7 +12,6 @@ from edmsim.bench import controllers as mcu_speed
 from edmsim.bench import envs as speed
 from edmsim.bench import figures as table
 from edmsim.bench import plant as bench
-from edmsim.bench import servo as servo_speed
 from edmsim.bench import vector_envs
 from edmsim.errors import InputError
 
@@ -30,10 +29,9 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
         ("EPISODES", 1),
     ):
         monkeypatch.setattr(speed, name, value)
-    for name, value in (("WINDOWS", 2), ("SETTLE_WINDOWS", 1), ("CALLS", 10), ("REPEATS", 1)):
+    for name, value in (("WINDOWS", 2), ("SETTLE_WINDOWS", 1), ("CALLS", 10), ("REPEATS", 1), ("SPAN_S", 0.05),
+                        ("SERVO_REPEATS", 1)):  # fmt: skip
         monkeypatch.setattr(mcu_speed, name, value)
-    for name, value in (("SPAN_S", 0.05), ("REPEATS", 1)):
-        monkeypatch.setattr(servo_speed, name, value)
     monkeypatch.setattr(table, "cold_start_s", lambda: 0.5)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,16 +21,16 @@ from hypothesis import strategies as st
 import edmsim
 from edmsim.calibration import Fit, Log, calibrate
 from edmsim.calibration.comparison import simulate
-from edmsim.calibration.fit import FittedConstant, remark
+from edmsim.calibration.fit import FittedConstant, machine_of, remark
 from edmsim.calibration.log import COLUMNS, STRETCH_WINDOWS, Stretch, stretches
 from edmsim.calibration.output import correlated, write
-from edmsim.calibration.set_up import machine_of
 from edmsim.cli import app as cli
 from edmsim.cli.console import INTERRUPTED
 from edmsim.cosim.straight import Traverse
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.ranges import share_of, value_at, with_values
 from edmsim.plant.window import PulseWindow
+from edmsim.runs import RunTable
 
 
 def log_of(table: pa.Table) -> Log:
@@ -47,9 +48,33 @@ def short() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def recovered(known: SimpleNamespace) -> Fit:
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """File of the cuts that `recovered` simulates."""
+    return tmp_path_factory.mktemp("fit") / "runs.jsonl"
+
+
+@pytest.fixture(scope="module")
+def recovered(known: SimpleNamespace, runs: Path) -> Fit:
     """Give what is found of two known constants and one that no log of a short time can tell."""
-    return calibrate(log_of(known.table), known.machine, [*known.truth, "wire.strength_MPa"], seed=3)
+    constants = [*known.truth, "wire.strength_MPa"]
+    return calibrate(log_of(known.table), known.machine, constants, seed=3, table=RunTable(runs))
+
+
+@pytest.mark.slow
+def test_a_resumed_fit_equals_the_uninterrupted_one(
+    known: SimpleNamespace, recovered: Fit, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, part = list[int](), tmp_path / "part.jsonl"
+    lines = runs.read_bytes().splitlines(keepends=True)
+    part.write_bytes(b"".join(lines[:-2]) + lines[-2][:40])  # killed while it wrote the last but one
+    monkeypatch.setattr(
+        "edmsim.calibration.comparison.simulate", lambda *args: made.append(1) or simulate(*args)
+    )
+    resumed = calibrate(
+        log_of(known.table), known.machine, [*known.truth, "wire.strength_MPa"], seed=3, table=RunTable(part)
+    )
+    assert (resumed.constants, resumed.misfit) == (recovered.constants, recovered.misfit)
+    assert len(made) == 2
 
 
 @pytest.mark.slow
@@ -277,7 +302,7 @@ def test_a_log_is_compared_at_the_settings_it_was_cut_with(compared: Callable[..
     )  # fmt: skip
     machine, resolution, said = compared(settings)
     assert (machine, resolution) == (settings.load_machine(), "default")
-    assert said == "edmsim: interrupted; nothing was written\n"
+    assert said == "edmsim: interrupted; run the same command to resume\n"
 
 
 def test_options_hold_against_the_log_and_are_reported(compared: Callable[..., Compared]) -> None:
@@ -345,26 +370,31 @@ def test_what_ends_at_a_bound_says_so(share: float, half: float, said: str) -> N
     assert remark(share, half) == said
 
 
-def test_an_interrupted_fit_has_shown_its_progress_and_writes_nothing(
+def test_an_interrupted_fit_has_shown_its_progress_and_resumes(
     log_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cuts = iter(range(3))
 
     def briefly(*_: object) -> np.ndarray:
         if next(cuts, None) is None:
+            time.sleep(0.5)  # the others are reported
             raise KeyboardInterrupt
         return np.full((10, 5), 0.5)
 
     monkeypatch.setattr("edmsim.calibration.comparison.simulate", briefly)
     monkeypatch.setattr("edmsim.progress.LINE_EVERY_S", 0.0)
-    assert run(monkeypatch, log_file, "--out", log_file.parent / "fitted.toml", "--height", "10") == INTERRUPTED
+    command = log_file, "--out", log_file.parent / "fitted.toml", "--height", "10"
+    assert run(monkeypatch, *command) == INTERRUPTED
     shown = capsys.readouterr().err
     assert "calibrate 1 cuts simulated" in shown
-    assert "interrupted; nothing was written" in shown
-    assert [file.name for file in log_file.parent.iterdir()] == ["log.parquet"]
+    assert "interrupted; run the same command to resume" in shown
+    assert {file.name for file in log_file.parent.iterdir()} == {"fitted.runs.jsonl", "log.parquet"}
+    cuts = iter(range(1))
+    assert run(monkeypatch, *command) == INTERRUPTED
+    assert "calibrate 4 cuts simulated" in capsys.readouterr().err
 
 
 def test_a_log_that_tells_no_settings_is_compared_at_the_usual_ones(compared: Callable[..., Compared]) -> None:
     machine, resolution, said = compared(None, "--height", 10)
     assert (machine, resolution) == (edmsim.Machine.load(height_mm=10.0), "fast")
-    assert said == "edmsim: interrupted; nothing was written\n"
+    assert said == "edmsim: interrupted; run the same command to resume\n"

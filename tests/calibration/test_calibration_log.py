@@ -15,13 +15,12 @@ import edmsim
 from edmsim.calibration import Log, read_log
 from edmsim.calibration.comparison import settle_um
 from edmsim.calibration.fit import spread
-from edmsim.calibration.log import BATCH_WINDOWS, COLUMNS, STRETCH_WINDOWS, Stretch, statistics, stretches
+from edmsim.calibration.log import BATCH_WINDOWS, COLUMNS, NEEDED, STRETCH_WINDOWS, Stretch, statistics, stretches
 from edmsim.calibration.output import causes
-from edmsim.calibration.ratios import NEEDED
 from edmsim.errors import InputError
 from edmsim.hil import Rig
-from edmsim.hil.ratio_log import RatioLog
 from edmsim.hil.rig import PlainGenerator
+from edmsim.hil.session import RatioLog
 
 SETTLE = 100
 """Windows of 25.5 ms at 20 um/s in a travel of 51 um."""

@@ -250,7 +250,7 @@ def _results(data: bytes, folder: Path) -> object:
 def _options(data: bytes, _folder: Path) -> object:
     """Read a text as each option that has a language of its own; the first byte says which."""
     from edmsim import controllers
-    from edmsim.consoles.servo.positioner import press_of
+    from edmsim.consoles.positioner import press_of
     from edmsim.controllers import axis
     from edmsim.program.heights import parse_height
     from edmsim.sweep.specification import values_of

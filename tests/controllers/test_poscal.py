@@ -8,9 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.firmware import arithmetic
-from edmsim.controllers.mcu.firmware.poscal import poscal, positi, resolve, velocm
-from edmsim.controllers.mcu.firmware.sine_table import SINE, cosine, direction, look_up, sine
-from edmsim.controllers.planner.poscal import lengthened
+from edmsim.controllers.mcu.firmware.poscal import (
+    SINE,
+    cosine,
+    direction,
+    look_up,
+    poscal,
+    positi,
+    resolve,
+    sine,
+    velocm,
+)
+from edmsim.controllers.planner.kinds import lengthened
 from edmsim.errors import InputError
 
 SPEEDS = st.integers(0, 127)

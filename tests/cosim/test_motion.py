@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim import Machine, Plant
-from edmsim.controllers.axis.path_offset import PathOffset
+from edmsim.controllers.planner.lateral_offset import PathOffset
 from edmsim.controllers.protocols import FeedCommand, Step
-from edmsim.cosim.motion import EvenSteps, PlannerMotion
+from edmsim.cosim.cycle import EvenSteps, PlannerMotion
 from edmsim.cosim.passes import Sums
 from edmsim.cosim.straight import Traverse, cut_straight
 from edmsim.validation.setups import FRAIL, altered, in_a_hole

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.axis.path_offset import PathOffset
+from edmsim.controllers.planner.lateral_offset import PathOffset
 from edmsim.controllers.protocols import FeedCommand
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError

@@ -35,7 +35,6 @@ SHORT: dict[str, tuple[str, ...]] = {
     "dataset": ("--steps", "20"),
     "evaluate": ("--seeds", "2", "--resolution", "fast"),
     "calibrate": ("--json",),
-    "technology": (),
     "validate": (),
     "bench": (),
     "console 1982": ("--resolution", "fast"),
@@ -47,9 +46,9 @@ SHORT: dict[str, tuple[str, ...]] = {
     "sweep show": (),
     "tune gains": ("--trials", "1", "--seeds", "1"),
     "tune own": ("--trials", "1", "--seeds", "1"),
+    "tune technology": (),
     "tune drive": (),
     "gap": ("--seconds", "0.2"),
-    "export": (),
 }
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 

@@ -36,7 +36,8 @@ NOT_RUN = {
     "edmsim tune population edmsim/GapFeed-v2 --learners 8 --generations 10 --steps 200000 --out out/population":
         "tests/sweep/test_sweep_cluster.py trains one",
     "python -m tests.campaigns gcode --only 17": "tests/campaigns/test_campaigns.py gives such inputs",
-    "edmsim technology tool-steel --height 10 --passes 2 --out steel.toml": "tests/evaluation/test_technology.py",
+    "edmsim tune technology tool-steel --height 10 --passes 2 --out steel.toml":
+        "tests/evaluation/test_technology.py",
     "edmsim cut examples/punch.ngc --passes 2 --height 10 --technology steel.toml --out out/punch-2":
         "it takes what the command before it leaves; tests/evaluation/test_technology.py",
     "python examples/learning/adapt.py --machines 32 --shifts 30 --out out/adapt":

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from edmsim.controllers.planner.course import Course
-from edmsim.controllers.planner.exact import FINE_PER_UM
-from edmsim.controllers.planner.record import EXACT, PLANNER
-from edmsim.controllers.planner.run import advance, done
+from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, PLANNER, addresses, advance, done
 from edmsim.envs import path_follower as motion
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
@@ -41,8 +39,10 @@ def run(sub_env, feeds_um_s):
     ahead, nowhere = np.zeros(1, PLANNER), np.zeros((0, 3), np.int64)
     path = course.points_um, course.along_um, course.lengths
     for feed in feeds_um_s:
-        rows["units"] = round(feed * 1e3)
-        motion.plan(np.zeros(1, np.int64), rows, course.row, ahead, *(a[None] for a in path), states, out)
+        motion.plan(
+            np.zeros(1, np.int64), rows, np.array([feed]), 1e3, 1.0, False, addresses().advance, course.row, ahead,
+            *(a[None] for a in path), states, out,
+        )
         steps = out[0, : rows["steps"][0]].copy()
         for _, axis, direction in steps:
             states["commanded_um"][0, axis] += 2.0 * direction

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import time
 from pathlib import Path
 
 import gymnasium
@@ -16,6 +18,8 @@ from edmsim.evaluation.episode import Result, cut
 from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.table import as_json
 from edmsim.evaluation.transfer import places, render, rows_of, transfer
+
+from ..conftest import Run
 
 DOCS = Path(__file__).parents[2] / "docs"
 GAP_FEED = "edmsim/GapFeed-v2"
@@ -34,6 +38,37 @@ def test_a_comparison_comes_back_to_the_digit_and_another_controller_joins_it(sh
     assert file.read_text().count("\n") < 80  # a line per cut
     leaderboard.write(file, [evaluate(GAP_FEED, ["voltage"], 3)])
     assert "counts" not in leaderboard.read(file)[GAP_FEED].results  # of other seeds
+
+
+def test_an_interrupted_evaluation_resumes_to_the_same_leaderboard(tmp_path, edmsim: Run, monkeypatch):
+    cuts = []
+
+    def quickly(env_id, seed, controller, *_):
+        if len(cuts) == 4:
+            cuts.append("interrupted")
+            time.sleep(0.5)  # the others are saved
+            raise KeyboardInterrupt
+        cuts.append((seed, controller))
+        share = (seed % 7 + len(controller)) / 30
+        return Result(
+            seed, controller, "finished", 60 * share, 1.0, 10.0, 10 / share, 100 * share + (controller == "oracle"),
+            0, 0.0, share, 0.2, math.nan, math.nan, 320.0,
+        )  # fmt: skip
+
+    monkeypatch.setattr("edmsim.evaluation.compare.cut", quickly)
+    monkeypatch.setattr("edmsim.runs.processors", lambda: 1)
+    board, whole = tmp_path / "board.json", tmp_path / "whole.json"
+    command = "evaluate", GAP_FEED, "--controllers", "counts", "--seeds", "3", "--leaderboard"
+    interrupted = edmsim(*command, board)
+    assert interrupted.status == 130
+    assert "run the same command to resume" in interrupted.err
+    assert [file.name for file in tmp_path.iterdir()] == ["board.runs.jsonl"]
+    assert edmsim(*command, board).status == 0
+    cuts.remove("interrupted")
+    assert len(cuts) == len(set(cuts)) == 9
+    assert edmsim(*command, whole).status == 0
+    assert board.read_text() == whole.read_text()
+    assert {file.name for file in tmp_path.iterdir()} == {"board.json", "whole.json"}
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"format": "other"}', '{"format": "edmsim-leaderboard-1"}'])

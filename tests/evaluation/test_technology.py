@@ -57,32 +57,32 @@ def test_offsets_let_every_pass_take_its_stock() -> None:
 
 
 def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path: Path) -> None:
-    journal, messages = tmp_path / "steel.journal.json", []
+    journal, messages = tmp_path / "steel.runs.jsonl", []
     whole = Search(Job("tool-steel", passes=3), lambda text: None).run()
     Search(Job("tool-steel", passes=2), lambda text: None, journal).run()
-    resumed = Search(Job("tool-steel", passes=3), messages.append, journal).run(resume=True)
+    resumed = Search(Job("tool-steel", passes=3), messages.append, journal).run()
     assert resumed == whole
     assert sum(text.startswith("pass 1") for text in messages) == 1  # cut once more, for its metal
-    with pytest.raises(InputError, match=r"the interrupted search was for height_mm 25\.4, not 30"):
-        Search(Job("tool-steel", height_mm=30.0, passes=3), messages.append, journal).run(resume=True)
-    journal.write_text("{")
-    with pytest.raises(InputError, match="the journal of the search is damaged"):
-        Search(Job("tool-steel", passes=3), messages.append, journal).run(resume=True)
+    with pytest.raises(InputError, match=r"it has the runs of height_mm 25\.4, not 30"):
+        Search(Job("tool-steel", height_mm=30.0, passes=3), messages.append, journal).run()
+    journal.write_text("{\n")
+    with pytest.raises(InputError, match="the journal is damaged"):
+        Search(Job("tool-steel", passes=3), messages.append, journal).run()
 
 
 def test_the_command_writes_a_technology_and_adds_heights(tmp_path: Path) -> None:
     file, runner = tmp_path / "steel.toml", CliRunner()
     for height in ("30", "20"):
         done = runner.invoke(
-            cli.app, ["technology", "tool-steel", "--height", height, "--passes", "2", "--out", str(file)]
+            cli.app, ["tune", "technology", "tool-steel", "--height", height, "--passes", "2", "--out", str(file)]
         )
         assert done.exit_code == 0, done.output
     found = read_technology(file)
     assert [at.height_mm for at in found.heights] == [20.0, 30.0]
     assert found.table(25.0, 2).offsets_mm[-1] == pytest.approx(0.149)
-    assert not file.with_suffix(".journal.json").exists()
+    assert not file.with_suffix(".runs.jsonl").exists()
     assert json.dumps(found.source)
-    other = runner.invoke(cli.app, ["technology", "copper", "--passes", "1", "--out", str(file)])
+    other = runner.invoke(cli.app, ["tune", "technology", "copper", "--passes", "1", "--out", str(file)])
     assert isinstance(other.exception, InputError)
     assert "holds a technology for material tool-steel, not copper" in str(other.exception)
 

@@ -1,4 +1,4 @@
-"""``edmsim export fmu``: run in FMPy, to the bit like the same cut in Python; states taken and set; refusals."""
+"""``edmsim gap --fmu``: run in FMPy, to the bit like the same cut in Python; states taken and set; refusals."""
 
 from __future__ import annotations
 

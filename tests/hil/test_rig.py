@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 import edmsim
 from edmsim.errors import InputError
 from edmsim.hil import Rig
-from edmsim.hil.gap import Frame, Gap, Output
-from edmsim.hil.powercore import ALERT_PULSES, PowercoreV2, PowercoreV3
-from edmsim.hil.setpoints import VELOCITY_COUNTS_S, Setpoints
-from edmsim.hil.spark import R_OPEN, R_PULSE, R_SHORT, Pulser
+from edmsim.hil.boards import ALERT_PULSES, R_OPEN, R_PULSE, R_SHORT, PowercoreV2, PowercoreV3, Pulser
+from edmsim.hil.gap import VELOCITY_COUNTS_S, Frame, Gap, Output, Setpoints
 from edmsim.plant.kernel.state import OPEN, PULSE, SHORT, SPARK
 
 POWERCORE = edmsim.Machine.load(generator="powercore-v3")

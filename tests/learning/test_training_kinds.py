@@ -28,12 +28,11 @@ pytestmark = [
 
 def exported(tmp_path, env_id, algo, steps=64, **options):
     """Train for some windows; return what was trained, and the policy as it is read from its files."""
-    from edmsim.learning.export import export
     from edmsim.learning.train import train
 
     parameters = TrainOptions(**options).hyperparameters(env_id, algo)
     trained = train(env_id, algo, tmp_path, steps=steps, seed=3, parameters=parameters)
-    policy_file.write(*export(trained, "a test"), tmp_path / "policy.json")
+    policy_file.write(*trained.export("a test"), tmp_path / "policy.json")
     return trained, policy_file.load(str(tmp_path / "policy.json"))
 
 
@@ -115,7 +114,7 @@ def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
 
 def test_a_teacher_says_what_it_would_do_where_the_learner_is():
     from edmsim.envs.sb3 import make_sb3_vec_env
-    from edmsim.learning.imitation import TaughtVecEnv
+    from edmsim.learning.kinds import TaughtVecEnv
 
     taught = TaughtVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, action="speed"), "fixed:feed_um_s=9")
     observed = [taught.reset()]
@@ -179,7 +178,7 @@ def test_costs_beyond_the_limit_raise_their_price():
     from stable_baselines3.common.logger import Logger
 
     from edmsim.envs import make_sb3_vec_env
-    from edmsim.learning.lagrangian import CostVecEnv, Multiplier
+    from edmsim.learning.kinds import CostVecEnv, Multiplier
 
     vec_env = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2), 10.0)
     plain = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2)

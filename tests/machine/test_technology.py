@@ -55,7 +55,7 @@ def test_every_setting_of_every_file_runs() -> None:
 def test_what_it_has_no_settings_for_is_refused_with_what_to_do() -> None:
     with pytest.raises(InputError, match=r"has 1 to 7 passes for 25\.4 mm, not 8: choose one of these"):
         OURS.table(25.4, 8)
-    with pytest.raises(InputError, match="too far from 5 mm: find some with edmsim technology tool-steel --height 5"):
+    with pytest.raises(InputError, match="find some with edmsim tune technology tool-steel --height 5"):
         OURS.table(5.0, 2)
     with pytest.raises(InputError, match=r"there is no technology for copper; there are: .*tool-steel"):
         technology_for("copper")
@@ -89,4 +89,4 @@ def test_a_damaged_file_is_refused_with_its_key(tmp_path: Path, before: str, now
 def test_files_say_where_they_come_from() -> None:
     for name in available_technologies():
         text = (resources.files("edmsim.models") / "technologies" / f"{name}.toml").read_text()
-        assert "edmsim technology" in tomllib.loads(text)["source"]
+        assert "edmsim tune technology" in tomllib.loads(text)["source"]

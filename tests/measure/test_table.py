@@ -10,10 +10,7 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.overrides import with_overrides
 from edmsim.machine.parts import Constant
-from edmsim.measure.figures import table_figure
-from edmsim.measure.guides import measure_guides
-from edmsim.measure.iso_230 import CircularTest, Positioning
-from edmsim.measure.table import measure_table
+from edmsim.measure import CircularTest, Positioning, measure_guides, measure_table, table_figure
 
 
 def test_figures_of_positioning_are_those_of_the_standard():

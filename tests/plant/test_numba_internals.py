@@ -10,13 +10,25 @@ from typing import Any, cast
 import numba
 import pytest
 from numba import types
-from numba.core import caching, cgutils, codegen, compiler, compiler_lock, datamodel, dispatcher, registry, sigutils
+from numba.core import (
+    caching,
+    callconv,
+    cgutils,
+    codegen,
+    compiler,
+    compiler_lock,
+    datamodel,
+    dispatcher,
+    registry,
+    sigutils,
+)  # fmt: skip
 from numba.core.typing import templates
 from numba.np import arrayobj
 
 import edmsim
 from edmsim.compiled import cache
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.compiled.numba_internals import address_of, call_returning
 
 USED = [
     (caching, "IndexDataCacheFile"), (caching.IndexDataCacheFile, "_data_name"),
@@ -24,7 +36,10 @@ USED = [
     (caching.IndexDataCacheFile, "_load_index"), (caching.IndexDataCacheFile, "_open_for_write"),
     (codegen.CPUCodeLibrary, "finalize"), (codegen.CPUCodeLibrary, "_raise_if_finalized"),
     (codegen.CPUCodeLibrary, "_optimize_functions"), (codegen.CPUCodeLibrary, "add_linking_library"),
-    (codegen.CPUCodeLibrary, "_ensure_finalized"),
+    (codegen.CPUCodeLibrary, "_ensure_finalized"), (codegen.CPUCodeLibrary, "_optimize_final_module"),
+    (codegen.JITCPUCodegen, "_module_pass_manager"), (callconv.CPUCallConv, "call_function"),
+    (callconv.CPUCallConv, "get_function_type"), (callconv.CPUCallConv, "return_status_propagate"),
+    (cgutils, "if_unlikely"),
     (codegen.JITCodeLibrary, "get_pointer_to_function"),
     (codegen.JITCPUCodegen, "set_env"), (codegen.JITCPUCodegen, "_create_empty_module"),
     (codegen.JITCodeLibrary, "enable_object_caching"), (compiler, "Compiler"),
@@ -82,6 +97,21 @@ def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it(
     with pytest.raises(ValueError, match="below nought"):
         part(-1.0)
     assert whole(2.0) == 2.0 / 3 + 1.0
+
+
+def test_compiled_code_calls_a_function_at_its_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "folder", tmp_path)
+    part, third = exactly_compiled(_thirds), call_returning(types.float64)
+
+    @exactly_compiled
+    def whole(address: int, x: float) -> float:
+        return third(address, (x,)) + 1.0
+
+    place = address_of(part, types.float64)
+    assert whole(place, 2.0) == 2.0 / 3 + 1.0
+    assert "_thirds" not in "".join(cast(Any, whole).inspect_llvm().values())
+    with pytest.raises(ValueError, match="below nought"):
+        whole(place, -1.0)
 
 
 def test_a_part_is_translated_once_for_all_the_constants_that_it_is_called_with(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 
-from edmsim.cosim.legs import legs_of
+from edmsim.cosim.passes import legs_of
 from edmsim.errors import InputError
 from edmsim.program.outline import Corners
 from edmsim.program.passes import PassPlan

@@ -14,7 +14,7 @@ import shapely
 from ezdxf.filemanagement import readfile
 
 from edmsim.errors import InputError
-from edmsim.recording.contour_file import write_contour
+from edmsim.recording.exports import write_contour
 from edmsim.recording.html_report import elements_table
 from edmsim.recording.report import Element
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from edmsim.errors import InputError
-from edmsim.recording.contour_file import write_contour
-from edmsim.recording.face_file import cut_faces, write_faces
+from edmsim.recording.exports import cut_faces, write_contour, write_faces
 from edmsim.recording.scene import ErrorMap, Scene
 
 trimesh = pytest.importorskip("trimesh")

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import edmsim
-from edmsim.cosim.pulse_sample import KINDS, PulseSample, cutting_feed_um_s, sample_pulses
+from edmsim.cosim.straight import KINDS, PulseSample, cutting_feed_um_s, sample_pulses
 from edmsim.job.result import sample_like
 from edmsim.plant.constants import wire_setup
 from edmsim.recording import Scene, WindowTable

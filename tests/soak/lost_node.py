@@ -13,7 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from edmsim.sweep.table import RESULTS, journal_rows, read
+from edmsim.runs import read_rows
+from edmsim.sweep.table import JOURNAL, RESULTS, read
 
 LINE = "G21 G90\nG0 X0 Y0\nG1 X0.3\nM2\n"
 SPECIFICATION = """\
@@ -63,7 +64,7 @@ def lose(folder: Path, cuts: int = 200) -> dict[str, Any]:
         killed_at = _wait(driver, out, round(DRIVER_KILLED * cuts))
         driver.send_signal(signal.SIGKILL)
         driver.wait()
-        before = {row["id"]: row for row in journal_rows(out)}
+        before = {row["id"]: row for row in read_rows(out / JOURNAL)}
         nodes.add_node(num_cpus=1, node_ip_address="127.0.0.4", object_store_memory=80 * 2**20)
         _finish(ray)
     _finish([*command, str(folder / "here")])
@@ -97,7 +98,7 @@ def _wait(driver: subprocess.Popen[bytes], out: Path, rows: int) -> int:
 
 
 def _done(out: Path) -> int:
-    return len(journal_rows(out)) if out.exists() else 0
+    return len(read_rows(out / JOURNAL)) if out.exists() else 0
 
 
 def _ids(out: Path) -> list[str]:
@@ -106,4 +107,4 @@ def _ids(out: Path) -> list[str]:
 
     parts = sorted((out / RESULTS).glob("*/*.parquet"))
     stored = [name for part in parts for name in pq.read_table(part, partitioning=None)["id"].to_pylist()]
-    return stored + [row["id"] for row in journal_rows(out)]
+    return stored + [row["id"] for row in read_rows(out / JOURNAL)]

@@ -12,9 +12,11 @@ import pytest
 
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters
-from edmsim.sweep.population import train_population
 
 from ..conftest import Run
+
+pytest.importorskip("ray")
+from edmsim.sweep.population import train_population
 
 ENV = "edmsim/GapFeed-v2"
 

@@ -11,8 +11,7 @@ import pytest
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK
 from edmsim.machine.machine import Machine
-from edmsim.sweep.runs import runs_of
-from edmsim.sweep.specification import Specification, read_specification, values_of
+from edmsim.sweep.specification import Specification, read_specification, runs_of, values_of
 
 
 @pytest.mark.parametrize(("written", "meant"), [

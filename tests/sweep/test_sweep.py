@@ -17,12 +17,10 @@ import pyarrow.dataset
 import pytest
 
 from edmsim.errors import InputError
+from edmsim.runs import LostJob, Processes
 from edmsim.sweep import table as stores
-from edmsim.sweep.engine import LostJob, Processes
-from edmsim.sweep.perform import Outcome, blank, perform
-from edmsim.sweep.run import SweepProgress, sweep
-from edmsim.sweep.runs import runs_of
-from edmsim.sweep.specification import Specification
+from edmsim.sweep.run import Outcome, SweepProgress, blank, perform, sweep
+from edmsim.sweep.specification import Specification, runs_of
 from edmsim.sweep.table import JOURNAL, Store, read
 
 CLOCKS = ["wall_time_s", "host"]
@@ -196,7 +194,6 @@ def test_what_was_stored_is_there_once_whenever_the_driver_dies(
     with pytest.raises(InputError, match="another sweep"):
         Store(tmp_path)
     store._held.close()  # the process is gone: nothing was flushed
-    store._journal.close()
     journal = tmp_path / JOURNAL
     # and died between a part and the journal it was made of, with a line half written
     journal.write_bytes(b"".join(json.dumps(o.row).encode() + b"\n" for _, o in made[4:]) + b'{"id": "cut o')
@@ -267,7 +264,7 @@ def test_a_killed_driver_leaves_no_process_and_nothing_is_done_twice(
     file.write_text(spec.model_dump_json())
     code = (
         "import sys; from edmsim.sweep.run import sweep; from edmsim.sweep.specification import Specification\n"
-        "from edmsim.sweep.engine import Processes\n"
+        "from edmsim.runs import Processes\n"
         "from pathlib import Path\n"
         "sweep(Specification.model_validate_json(Path(sys.argv[1]).read_text()), sys.argv[2], engine=Processes(1))"
     )

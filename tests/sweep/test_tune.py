@@ -15,8 +15,8 @@ import pytest
 from edmsim.controllers import from_text
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Result
+from edmsim.runs import LostJob
 from edmsim.sweep import tune
-from edmsim.sweep.engine import LostJob
 from edmsim.sweep.tune import Trial, TrialResult, Tuned, judge_trial, tune_gains, tune_training
 
 
@@ -134,7 +134,7 @@ def test_an_evolution_finds_the_best_gains_and_repeats_itself_also_interrupted(
     with pytest.raises(KeyboardInterrupt):
         search(tmp_path / "again")
     assert search(tmp_path / "again") == found
-    with pytest.raises(InputError, match="of voltage, seeds from 3 on"):
+    with pytest.raises(InputError, match="it has the runs of seed 3, not 4"):
         tune_gains("voltage", tmp_path / "again", method="evolution", seed=4, seeds=1)
 
 

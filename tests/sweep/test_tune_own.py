@@ -11,9 +11,18 @@ import pytest
 
 from edmsim.cli import app as cli
 from edmsim.errors import InputError
-from edmsim.sweep.engine import LostJob
-from edmsim.sweep.own import FINALISTS, FRESH, bounds_of, tune_own
-from edmsim.sweep.tune import Bound, Trial, TrialResult, judge_trial, worst_share_mean
+from edmsim.runs import LostJob
+from edmsim.sweep.tune import (
+    FINALISTS,
+    FRESH,
+    Bound,
+    Trial,
+    TrialResult,
+    bounds_of,
+    judge_trial,
+    tune_own,
+    worst_share_mean,
+)
 
 FIRMWARE = """\
 from dataclasses import dataclass

@@ -12,21 +12,277 @@ from typing import Any
 
 from edmsim.compiled.axis_rows import FAULT, HOLDS_OUTPUT, SHARED_IN, carray, sample
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.controllers.axis.eanpos import moves
 from edmsim.controllers.axis.eanpos import registers as at
-from edmsim.controllers.axis.eanpos.commands import execute
-from edmsim.controllers.axis.eanpos.homing import hold_loaded, search
-from edmsim.controllers.axis.eanpos.moves import (
-    edges_a_sample,
-    fail,
-    place,
-    retarget,
-    speed_unit,
-    take_edges,
-    take_writes,
-    top_speed,
-)
-from edmsim.controllers.axis.eanpos.profile import follow
 from edmsim.controllers.axis.eanpos.registers import Reals, Words
+
+# The homing search of a QEM EANPOS ("preset search", manual 1.3.9): to the cam, back off it, to the zero pulse.
+# In mode 0, an axis 500 units before the cam reaches it at 333 units/s, reverses, and leaves it at 167 units/s.
+# There the count becomes prspos; the axis stops and returns to prspos. In mode 1, the first zero pulse after the
+# cam loads the count. In mode 2 nothing moves: each closing of the cam loads it.
+
+NONE, FAST, TURNING, SLOW, TO_MARK, OVERRUN, RETURNING, REVERSING = range(8)
+"""`HOME_PHASE`: no search; to the cam; stopping on it; off it; to the zero pulse; stopping behind the place that was
+loaded; placing the axis there; stopping to go the other way."""
+
+
+@exactly_compiled
+def _search(reg: Words, real: Reals, direction: int, speed: int, phase: int) -> None:
+    """Move at a speed until something is found."""
+    reg[at.MOVE], reg[at.ST_STILL], reg[at.HOME_PHASE] = at.SEARCHING, 0, phase
+    moves.begin(reg, real, direction, moves.slopes(reg))
+    moves.plan(reg, real, math.inf, speed * moves.speed_unit(reg))
+    real[at.SEARCHED_FROM] = real[at.THEORY]
+
+
+@exactly_compiled
+def give_up(reg: Words) -> None:
+    """End a search without success."""
+    reg[at.HOME_PHASE], reg[at.ST_PRSON] = NONE, 0
+
+
+@exactly_compiled
+def preset(reg: Words, real: Reals) -> None:
+    """Start a search, or turn a running one about (row Q-A28)."""
+    needed = at.HAS_HOME | at.HAS_INDEX if reg[at.PRSMODE] == 1 else at.HAS_HOME
+    if reg[at.RESOURCES] & needed != needed:
+        moves.fail(reg, real, at.RESOURCE_MISSING, reg[at.PRSMODE])
+        return
+    reg[at.ST_PRSOK] = 0
+    if reg[at.PRSMODE] == 2:
+        return
+    again = reg[at.HOME_PHASE] != NONE
+    reg[at.ST_PRSON] = 1
+    if not again:
+        reg[at.HOME_DIR] = -1 if reg[at.PRMDIR] != 0 else 1
+        if reg[at.ST_LOOPON] == 0:
+            moves.catch_up(reg, real)
+    elif reg[at.HOME_PHASE] == FAST:
+        reg[at.HOME_DIR] = -reg[at.HOME_DIR]
+    if reg[at.MOVE] != at.RESTING:
+        moves.brake(reg, real)
+        reg[at.MOVE], reg[at.HOME_PHASE] = at.ENDING, REVERSING
+    else:
+        _set_out(reg, real, again)
+
+
+@exactly_compiled
+def _set_out(reg: Words, real: Reals, again: bool) -> None:
+    """Go to the cam; an axis on the cam at the first PRESET leaves it at once (row Q-53)."""
+    if reg[at.CAM] != 0 and not again:
+        _search(reg, real, -reg[at.HOME_DIR], reg[at.SPRSVEL], SLOW)
+    else:
+        _search(reg, real, reg[at.HOME_DIR], reg[at.PRSVEL], FAST)
+
+
+@exactly_compiled
+def _load(reg: Words, real: Reals, edges_since: int) -> None:
+    """Make the count prspos where the axis was some edges ago; a locked count is not loaded, and the search ends."""
+    moves.brake(reg, real)
+    if reg[at.ST_CNTLOCK] != 0:
+        give_up(reg)
+        return
+    moves.shift(reg, real, reg[at.PRSPOS] * reg[at.PULSE] + edges_since * reg[at.MEASURE], True)
+    reg[at.HOME_PHASE] = OVERRUN
+
+
+@exactly_compiled
+def _edges_since_mark(reg: Words, index_at: int) -> int:
+    edges: int = reg[at.LAST_COUNT] - index_at
+    return -edges if reg[at.ST_CNTREV] != 0 else edges
+
+
+@exactly_compiled
+def search(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) -> None:
+    """Carry a search on by a sample; `cam_before` is the enabling input at the last one, `index_at` the last mark."""
+    phase, rests = reg[at.HOME_PHASE], reg[at.MOVE] == at.RESTING
+    if phase == FAST and reg[at.CAM] > cam_before:
+        moves.brake(reg, real)
+        reg[at.HOME_PHASE] = TURNING
+    elif phase == TURNING and rests:
+        _search(reg, real, -reg[at.HOME_DIR], reg[at.SPRSVEL], SLOW)
+    elif phase == SLOW and reg[at.CAM] < cam_before:
+        reg[at.MARKS] = marks
+        if reg[at.PRSMODE] == 0:
+            _load(reg, real, 0)
+        else:
+            reg[at.HOME_PHASE] = TO_MARK
+            real[at.SEARCHED_FROM] = real[at.THEORY]
+    elif phase == TO_MARK and marks != reg[at.MARKS]:
+        _load(reg, real, _edges_since_mark(reg, index_at))
+    elif phase == OVERRUN and rests:
+        reg[at.SETPOS], reg[at.SETVEL] = reg[at.PRSPOS], reg[at.SPRSVEL]
+        reg[at.TARGET], reg[at.HAS_TARGET] = reg[at.PRSPOS], 1
+        reg[at.HOME_PHASE] = RETURNING
+        moves.travel(reg, real, float(reg[at.PRSPOS]))
+    elif phase == RETURNING and rests:
+        give_up(reg)
+        reg[at.ST_PRSOK] = 1
+    elif phase == REVERSING and rests:
+        _search(reg, real, reg[at.HOME_DIR], reg[at.PRSVEL], FAST)
+    _bound(reg, real)
+
+
+@exactly_compiled
+def _bound(reg: Words, real: Reals) -> None:
+    """Beyond the manual: let no phase of a search go further than a limit."""
+    searched = abs(real[at.THEORY] - real[at.SEARCHED_FROM])
+    if reg[at.MOVE] == at.SEARCHING and reg[at.HOME_LIMIT] > 0 and searched > reg[at.HOME_LIMIT]:
+        what = at.MARK_NOT_FOUND if reg[at.HOME_PHASE] == TO_MARK else at.CAM_NOT_FOUND
+        moves.fail(reg, real, what, reg[at.PRSMODE])
+
+
+@exactly_compiled
+def hold_loaded(reg: Words, real: Reals) -> None:
+    """Mode 2: load prspos while the input is closed, from its first closing after an opening on (row Q-52)."""
+    if reg[at.CAM] == 0:
+        reg[at.MODE2_ARMED] = 1
+    elif reg[at.PRSMODE] == 2 and reg[at.MODE2_ARMED] != 0 and reg[at.ST_CNTLOCK] == 0:
+        if reg[at.MODE2_ARMED] == 1:
+            reg[at.ST_PRSOK], reg[at.MODE2_ARMED] = 1, 2
+        if reg[at.NUMERATOR] != reg[at.PRSPOS] * reg[at.PULSE]:
+            moves.shift(reg, real, reg[at.PRSPOS] * reg[at.PULSE], True)
+
+
+# The 22 commands of a QEM EANPOS: their conditions and effects.
+# The commands of a sample are executed in order of priority, each on the state that the previous one leaves (manual
+# 1.7.2, row Q-59). If a command's conditions fail, it does nothing and raises warning 1 (row Q-23).
+
+_ZERO_AT_INIT = (
+    at.VOUT, at.FFWDREG, at.PROPREG, at.INTEG, at.DERREG, at.DELTA, at.ERRCODE, at.ERRVALUE, at.WRNCODE, at.WRNVALUE,
+    at.FOLLERR, at.VEL, at.FRQ, at.ST_WARNING, at.ST_ERROR,
+)  # fmt: skip
+_N_COMMANDS = len(at.COMMANDS)
+_WITHOUT_CONDITION = (1 << at.RSERR) | (1 << at.RSWRN) | (1 << at.RSPRSOK)
+
+
+@exactly_compiled
+def _may_move(reg: Words) -> bool:
+    """Say whether a move may start: not in emergency, calibration, a search or an error (rows Q-A3, Q-61)."""
+    blocked = reg[at.ST_REGOFF] + reg[at.ST_EMRG] + reg[at.ST_CAL] + reg[at.ST_PRSON] + reg[at.ST_ERROR]
+    return bool(blocked == 0 and reg[at.ST_STILL] == 1)
+
+
+@exactly_compiled
+def _may(reg: Words, command: int) -> bool:
+    """Say whether an initialised device's state allows a command."""
+    if command == at.RESUME:
+        return bool(reg[at.ST_EMRG] == 1)
+    if command in (at.START, at.MANFW, at.MANBW):
+        return _may_move(reg)
+    if command == at.STOP:
+        return bool(reg[at.ST_REGOFF] == 0 and reg[at.ST_EMRG] == 0 and reg[at.ST_STILL] == 0)
+    if command == at.PRESET:
+        blocked = reg[at.ST_REGOFF] + reg[at.ST_EMRG] + reg[at.ST_CAL] + reg[at.ST_ERROR]
+        repeats = reg[at.ST_PRSON] != 0 and reg[at.SINGLE_HOMING] != 0
+        return bool(blocked == 0 and not repeats)
+    if command == at.CALOFF:
+        return bool(reg[at.ST_CAL] == 1)
+    if command == at.REGOFF:
+        return bool(reg[at.ST_STILL] == 1)
+    if command == at.REGON:
+        return bool(reg[at.ST_REGOFF] == 1)
+    if command == at.DELCNT:
+        return bool(reg[at.ST_CAL] == 0 and reg[at.ST_PRSON] == 0)
+    return True
+
+
+@exactly_compiled
+def _stop_all(reg: Words, real: Reals) -> None:
+    """Break off what moves, without a ramp, and any search."""
+    moves.break_off(reg, real)
+    give_up(reg)
+    real[at.INTEGRAL], reg[at.LAST_ERROR] = 0.0, 0
+    real[at.THEORY] = moves.place(reg)
+
+
+@exactly_compiled
+def _initialise(reg: Words, real: Reals) -> None:
+    for register in _ZERO_AT_INIT:
+        reg[register] = 0
+    reg[at.ST_INIT], reg[at.WRITTEN] = 1, 0
+    reg[at.NUMERATOR] = reg[at.POSIT] * reg[at.PULSE]
+    real[at.THEORY], real[at.INTEGRAL] = float(reg[at.POSIT]), 0.0
+    reg[at.HAS_TARGET], reg[at.SINCE_NS], reg[at.EXCEEDED] = 0, -1, 0
+    reg[at.GATE_NS], reg[at.GATE_EDGES] = reg[at.NOW_NS], reg[at.ENCODER]
+    moves.check_resolution(reg, real)
+
+
+@exactly_compiled
+def _on_motion(reg: Words, real: Reals, command: int) -> None:
+    if command == at.EMRG:
+        reg[at.ST_EMRG] = 1
+        _stop_all(reg, real)
+    elif command == at.START:
+        moves.start(reg, real, reg[at.SETPOS])
+    elif command == at.STOP:
+        moves.brake(reg, real)
+        give_up(reg)
+    elif command == at.PRESET:
+        preset(reg, real)
+    elif command in (at.MANFW, at.MANBW):
+        moves.jog(reg, real, 1 if command == at.MANFW else -1)
+    elif command == at.DELCNT and not moves.shift(
+        reg, real, reg[at.NUMERATOR] + reg[at.DELTA] * reg[at.PULSE], False
+    ):
+        moves.warn(reg, at.NOT_EXECUTED, at.DELCNT + 1)
+
+
+@exactly_compiled
+def _on_output(reg: Words, real: Reals, command: int) -> None:
+    if command == at.RESUME:
+        reg[at.ST_EMRG] = 0
+        moves.catch_up(reg, real)
+    elif command == at.LOOPON:
+        reg[at.ST_LOOPON] = 1
+        moves.catch_up(reg, real)
+    elif command == at.LOOPOFF:
+        reg[at.ST_LOOPON] = 0
+    elif command == at.CALON:
+        reg[at.ST_CAL] = 1
+        _stop_all(reg, real)
+    elif command == at.CALOFF:
+        reg[at.ST_CAL], reg[at.VOUT] = 0, 0
+        moves.catch_up(reg, real)
+    elif command == at.REGOFF:
+        reg[at.ST_REGOFF] = 1
+    elif command == at.REGON:
+        reg[at.ST_REGOFF] = 0
+        moves.catch_up(reg, real)
+
+
+@exactly_compiled
+def _on_flags(reg: Words, command: int) -> None:
+    if command in (at.CNTLOCK, at.CNTUNLOCK):
+        reg[at.ST_CNTLOCK] = 1 if command == at.CNTLOCK else 0
+    elif command in (at.CNTREV, at.CNTDIR):
+        reg[at.ST_CNTREV] = 1 if command == at.CNTREV else 0
+    elif command == at.RSERR:
+        reg[at.ST_ERROR] = reg[at.ERRCODE] = reg[at.ERRVALUE] = 0
+    elif command == at.RSWRN:
+        reg[at.ST_WARNING] = reg[at.WRNCODE] = reg[at.WRNVALUE] = 0
+    elif command == at.RSPRSOK:
+        reg[at.ST_PRSOK] = 0
+
+
+@exactly_compiled
+def execute(reg: Words, real: Reals) -> None:
+    """Execute the commands in the mailbox."""
+    mailbox = reg[at.MAILBOX]
+    reg[at.MAILBOX] = 0
+    for command in range(_N_COMMANDS):
+        if mailbox & (1 << command) == 0:
+            continue
+        free = _WITHOUT_CONDITION & (1 << command) != 0
+        if command == at.INIT and reg[at.ST_INIT] == 0:
+            _initialise(reg, real)
+        elif command != at.INIT and (free or (reg[at.ST_INIT] == 1 and _may(reg, command))):
+            _on_motion(reg, real, command)
+            _on_output(reg, real, command)
+            _on_flags(reg, command)
+        elif not (reg[at.ALREADY_SO] != 0 and reg[at.ST_INIT] == 1 and (command in (at.RESUME, at.REGON))):
+            moves.warn(reg, at.NOT_EXECUTED, command + 1)
+
 
 FULL_SCALE = 32768  # codes of 10 V: 16 bits with sign
 _GATE_NS, _HOLD_NS = at.DEVICE["speed_gate_ns"], at.DEVICE["following_hold_ns"]
@@ -44,7 +300,7 @@ def _count(reg: Words, count: int) -> None:
     edges = count - reg[at.LAST_COUNT] if reg[at.FRESH] == 0 else 0
     reg[at.LAST_COUNT], reg[at.FRESH] = count, 0
     if reg[at.ST_INIT] == 1 and reg[at.ST_CNTLOCK] == 0 and reg[at.RESOURCES] & at.HAS_COUNTER:
-        take_edges(reg, -edges if reg[at.ST_CNTREV] != 0 else edges)
+        moves.take_edges(reg, -edges if reg[at.ST_CNTREV] != 0 else edges)
 
 
 @exactly_compiled
@@ -63,14 +319,14 @@ def _follow_steps(reg: Words, real: Reals, edges: int) -> None:
     if reg[at.MOVE] == at.RESTING:
         reg[at.SETPOS] = reg[at.FOLLOWED]
         reg[at.MAILBOX] |= 1 << at.START
-    elif reg[at.MOVE] == at.PLACING and retarget(reg, real, reg[at.FOLLOWED]):
+    elif reg[at.MOVE] == at.PLACING and moves.retarget(reg, real, reg[at.FOLLOWED]):
         reg[at.SETPOS] = reg[at.FOLLOWED]
 
 
 @exactly_compiled
 def _following_error(reg: Words, real: Reals) -> int:
     """Return the error in edges, and judge it (row Q-A26)."""
-    error: int = math.floor((real[at.THEORY] - place(reg)) * reg[at.PULSE] / reg[at.MEASURE] + 0.5)
+    error: int = math.floor((real[at.THEORY] - moves.place(reg)) * reg[at.PULSE] / reg[at.MEASURE] + 0.5)
     reg[at.FOLLERR] = error
     if abs(error) > reg[at.MAXFOLLERR]:
         if reg[at.EXCEEDED] == 0 or reg[at.DELAYS_FOLLOWING] == 0:
@@ -86,7 +342,7 @@ def _following_error(reg: Words, real: Reals) -> int:
 @exactly_compiled
 def _regulate(reg: Words, real: Reals, error: int) -> float:
     """Return the output as a share of 10 V, before the offset (rows Q-44 to Q-46, Q-67)."""
-    top, unit = top_speed(reg), edges_a_sample(reg)
+    top, unit = moves.top_speed(reg), moves.edges_a_sample(reg)
     reg[at.FFWDREG] = reg[at.PROPREG] = reg[at.INTEG] = reg[at.DERREG] = 0
     if unit <= 0.0:  # the output has no scale
         return 0.0
@@ -118,7 +374,7 @@ def _regulate(reg: Words, real: Reals, error: int) -> float:
 def _put_out(reg: Words, real: Reals) -> None:
     """Set the converter's code: kept with the regulation off, 0 in emergency, vout in calibration."""
     if reg[at.ST_EMRG] + reg[at.ST_CAL] + reg[at.ST_REGOFF] > 0:
-        real[at.THEORY], real[at.INTEGRAL] = place(reg), 0.0
+        real[at.THEORY], real[at.INTEGRAL] = moves.place(reg), 0.0
     error = _following_error(reg, real)
     if reg[at.ST_REGOFF] == 1:
         return
@@ -142,7 +398,7 @@ def _measure_speed(reg: Words) -> None:
         return
     edges, seconds = reg[at.ENCODER] - reg[at.GATE_EDGES], since_ns * 1e-9
     reg[at.FRQ] = math.floor(abs(edges) / _EDGES_A_LINE / seconds + 0.5)
-    reg[at.VEL] = math.floor(edges * reg[at.MEASURE] / reg[at.PULSE] / seconds / speed_unit(reg) + 0.5)
+    reg[at.VEL] = math.floor(edges * reg[at.MEASURE] / reg[at.PULSE] / seconds / moves.speed_unit(reg) + 0.5)
     reg[at.GATE_NS], reg[at.GATE_EDGES] = reg[at.NOW_NS], reg[at.ENCODER]
 
 
@@ -170,7 +426,7 @@ def _run(reg: Words, real: Reals, cam_before: int, marks: int, index_at: int) ->
     if reg[at.HOME_PHASE] != 0:
         search(reg, real, cam_before, marks, index_at)
     hold_loaded(reg, real)
-    follow(reg, real)
+    moves.follow(reg, real)
     if reg[at.RESOURCES] & at.HAS_COUNTER == 0 and reg[at.PULSE] > 0:
         reg[at.NUMERATOR] = math.floor(real[at.THEORY] * reg[at.PULSE] + 0.5)
         reg[at.POSIT] = reg[at.NUMERATOR] // reg[at.PULSE]
@@ -186,12 +442,12 @@ def eanpos_sample(drive_at: Any, axis_at: Any) -> None:
     drive, axis = carray(drive_at, 1)[0], carray(axis_at, 1)[0]
     reg, real = drive.reg, drive.real
     reg[at.NOW_NS] = drive.now_ns
-    follow(reg, real)
+    moves.follow(reg, real)
     if reg[at.FRESH] != 0:
         reg[at.EDGES], reg[at.MODE2_ARMED] = drive.setpoint, 0
     _follow_steps(reg, real, drive.setpoint)
     if reg[at.ST_INIT] == 1 and reg[at.WRITTEN] != 0:
-        take_writes(reg, real)
+        moves.take_writes(reg, real)
     _count(reg, axis.count)
     cam_before = reg[at.CAM]
     reg[at.CAM] = axis.home if reg[at.RESOURCES] & at.HAS_HOME else 0
@@ -200,7 +456,7 @@ def eanpos_sample(drive_at: Any, axis_at: Any) -> None:
         execute(reg, real)
     if reg[at.ST_INIT] == 1:
         if axis.lines & SHARED_IN and reg[at.ST_REGOFF] == 0:
-            fail(reg, real, at.OUTPUT_TAKEN, 0)
+            moves.fail(reg, real, at.OUTPUT_TAKEN, 0)
         _run(reg, real, cam_before, axis.indexes, axis.index_at)
     held = reg[at.ST_INIT] == 0 or reg[at.ST_REGOFF] == 1 or reg[at.RESOURCES] & at.HAS_OUTPUT == 0
     drive.command = reg[at.CODE] / FULL_SCALE if reg[at.RESOURCES] & at.HAS_OUTPUT else 0.0

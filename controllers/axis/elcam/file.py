@@ -35,8 +35,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.axis.elcam.memory import BUFFER_VARIABLE
-from edmsim.controllers.axis.elcam.module import CamPlace, Elcam, TableAccess
+from edmsim.controllers.axis.elcam.module import BUFFER_VARIABLE, CamPlace, Elcam, TableAccess
 from edmsim.controllers.axis.elcam.registers import DATA, CallStatus, Descriptor, Error, Function, Mode
 from edmsim.errors import InputError
 from edmsim.numeric import real

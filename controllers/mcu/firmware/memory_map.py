@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from edmsim.controllers.mcu.chips.bus import Bus
 from edmsim.controllers.mcu.chips.pic import ENTRY_BYTES, JUMP_TABLE
 from edmsim.controllers.mcu.firmware.optimise import Settings, State
 
@@ -83,3 +84,29 @@ MAP = (
     Area(JUMP_TABLE, 8 * ENTRY_BYTES, "I0AD TO I7AD, THE JUMP TABLE"),
 )
 """RAM, area by area."""
+
+
+# The optimising routine's constants and variables as words in RAM, where the monitor changes them.
+
+
+def constants(memory: Bus) -> Settings:
+    """Return the constants; the return to a short is no faster than the cut."""
+    found = Settings(*(memory.word(CONSTANTS + 2 * k) for k in range(len(CONSTANT_WORDS))))
+    return found._replace(slow=min(found.slow, found.limit))
+
+
+def set_constants(memory: Bus, settings: Settings) -> None:
+    """Store the routine's constants in RAM; one of the words is MAXVEL."""
+    for k, word in enumerate(settings):
+        memory.store(CONSTANTS + 2 * k, word)
+
+
+def variables(memory: Bus) -> State:
+    """Return the variables."""
+    return State(*(memory.word(VARIABLES + 2 * k) for k in range(len(VARIABLE_WORDS))))
+
+
+def set_variables(memory: Bus, state: State) -> None:
+    """Put what the routine keeps into RAM."""
+    for k, name in enumerate(VARIABLE_WORDS):
+        memory.store(VARIABLES + 2 * k, getattr(state, name))

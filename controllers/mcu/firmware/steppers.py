@@ -13,18 +13,10 @@ from edmsim.controllers.mcu.board import Board
 from edmsim.controllers.mcu.chips import pic, pit
 from edmsim.controllers.mcu.chips.bus import CPORT2, TIMERS
 from edmsim.controllers.mcu.firmware import memory_map as at
+from edmsim.controllers.mcu.firmware import tstates
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD, subsgn
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Displacement, Unit, positi, resolve, unit_um, velocm
 from edmsim.controllers.mcu.firmware.timers import TIMER_COUNT, TickClock, reload_count
-from edmsim.controllers.mcu.firmware.tstates import (
-    CPU_HZ,
-    ENTRY_T,
-    LOAD_T,
-    POSITI_T,
-    PULSE_T,
-    RETURN_T,
-    poscal_t_states,
-)
 from edmsim.controllers.protocols import Step
 from edmsim.snapshots import Snapshots
 
@@ -85,7 +77,7 @@ class Steppers(Snapshots):
             distances.append(subsgn(target, bus.word(area + at.POSITION)))
         (dx, x_direction), (dy, y_direction) = distances
         self._aim = resolve(dx, dy, x_direction * heading, y_direction * heading, self._wrap)
-        cost = poscal_t_states(dx, dy, bus.word(at.MAXVEL))
+        cost = tstates.poscal_t_states(dx, dy, bus.word(at.MAXVEL))
         self.t_states += cost
         return cost
 
@@ -169,20 +161,20 @@ class Steppers(Snapshots):
         move of the program's own an axis at its target gets the speed 0, and its next interrupt does nothing.
         """
         area = at.AREAS[axis]
-        self._spend(ENTRY_T)
+        self._spend(tstates.ENTRY_T)
         velocity = self.signed(area + at.VELOCITY)
         if not velocity:
             return
         if self.own:
             self._load(axis, reload_count(abs(velocity)))
-        self._spend(LOAD_T + PULSE_T)
+        self._spend(tstates.LOAD_T + tstates.PULSE_T)
         direction, pulse = self._bits[axis]
         write = self.board.bus.write
         write(CPORT2, direction << 1 | (velocity > 0))
         write(CPORT2, pulse << 1 | 1)
         write(CPORT2, pulse << 1)
         self._positi(area, velocity > 0)
-        self._spend(POSITI_T + RETURN_T)
+        self._spend(tstates.POSITI_T + tstates.RETURN_T)
         if self.own and not self._to_go(area, velocity):
             self.board.bus.store(area + at.VELOCITY, 0)
 
@@ -222,4 +214,4 @@ class Steppers(Snapshots):
 
 def nanoseconds(t_states: int) -> int:
     """Time that a number of T-states takes, in whole ns."""
-    return t_states * 1_000_000_000 // CPU_HZ
+    return t_states * 1_000_000_000 // tstates.CPU_HZ

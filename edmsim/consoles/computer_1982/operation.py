@@ -11,8 +11,8 @@ from edmsim.controllers.mcu.chips.display import CTRL, SCAN_NS, SHIFT
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON
 from edmsim.controllers.mcu.computer import OFF
 from edmsim.controllers.mcu.dialogue.front_panel import KEYS, FrontPanel, read_keys
+from edmsim.controllers.mcu.dialogue.main_program import Status
 from edmsim.controllers.mcu.dialogue.part_program import Codes, Entry, Setting
-from edmsim.controllers.mcu.dialogue.status import Status
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import set_tension

@@ -17,8 +17,8 @@ from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
 from edmsim.controllers.mcu.computer import STAND_BY as COMPUTER_STAND_BY
 from edmsim.controllers.mcu.dialogue.part_program import Entry, Move, Setting
+from edmsim.controllers.mcu.firmware import memory_map
 from edmsim.controllers.mcu.firmware import memory_map as at
-from edmsim.controllers.mcu.firmware import optimiser_words
 from edmsim.controllers.mcu.firmware.arcs import arc_points
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.optimise import ALARM, TICK_NS, State
@@ -26,7 +26,7 @@ from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982, unit_for
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import seconds
 from edmsim.controllers.mcu.path_run import PathRun
-from edmsim.controllers.planner.record import LITERAL
+from edmsim.controllers.planner.kinds import LITERAL
 from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.cosim.stops import switches_open
@@ -175,7 +175,7 @@ class Rig:
         self.wire = True
         self.windows = 0  # read while cutting
         law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
-        optimiser_words.set_constants(self.board.bus, law._replace(limit=MAX_SPEED))
+        memory_map.set_constants(self.board.bus, law._replace(limit=MAX_SPEED))
         self._events: list[str] = []
         self._planner: Planner | None = None
         self._carriage = [*self.place_um]
@@ -270,8 +270,8 @@ class Rig:
         """Start timers and generator at a planner's position on its route."""
         self.computer.start()
         self._planner, self._route, self.held, self.way = planner, route, None, CUTTING
-        start = min(optimiser_words.constants(self.board.bus).start, self.computer.speed, MAX_SPEED)
-        optimiser_words.set_variables(self.board.bus, State(clock=self.time_ns // TICK_NS & WORD, speed=start))
+        start = min(memory_map.constants(self.board.bus).start, self.computer.speed, MAX_SPEED)
+        memory_map.set_variables(self.board.bus, State(clock=self.time_ns // TICK_NS & WORD, speed=start))
         self._run_at(start)
 
     def begin_jog(self, target: Point) -> None:
@@ -434,7 +434,7 @@ class Rig:
         _, t_states = computer.optimise(now_ns // TICK_NS & WORD, int(path_um) & WORD)
         self.windows += 1
         self._busy_until_ns = now_ns + round(seconds(t_states) * 1e9)
-        if optimiser_words.variables(self.board.bus).phase == ALARM:
+        if memory_map.variables(self.board.bus).phase == ALARM:
             self.trip(STOP_BUTTON, "PERSISTENT SHORT")
             return
         self._take_over(path_um)

@@ -6,31 +6,123 @@ lines are read: WAIT advances it, and the end of the input waits until the machi
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Self
 
-from edmsim.consoles.computer_1982.devices import Interrupts
-from edmsim.consoles.computer_1982.operation import TOGGLE, Operation
-from edmsim.consoles.computer_1982.rig import Rig
+from rich.console import Console, Group
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, Pipe, is_terminal
+from edmsim.consoles.computer_1982.operation import LEGEND, TOGGLE, Operation
+from edmsim.consoles.computer_1982.rig import END_SWITCHES, Rig
+from edmsim.controllers.mcu.board import Faults
 from edmsim.controllers.mcu.chips import bus
+from edmsim.controllers.mcu.chips.display import BANK
+from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
+from edmsim.controllers.mcu.chips.switches import WIRE_BREAK
 from edmsim.controllers.mcu.computer import Computer
-from edmsim.controllers.mcu.dialogue.line_input import (
-    CANCEL,
-    DELETE,
-    LINE_FEED,
-    RETURN,
-    SPACE,
-    TAB,
-    InputBuffer,
-    Line,
-)
-from edmsim.controllers.mcu.dialogue.main_program import MainProgram
+from edmsim.controllers.mcu.dialogue import line_input
+from edmsim.controllers.mcu.dialogue.front_panel import FIELDS
+from edmsim.controllers.mcu.dialogue.main_program import MainProgram, Status
 from edmsim.controllers.mcu.dialogue.monitor import STARTS, Monitor
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.memory_map import CIADR, HOST_IN, TERMINAL_IN
-from edmsim.errors import InputError
+from edmsim.errors import InputError, one_of
+from edmsim.machine.setting import WINDOW_PULSES
+
+# The live view of a real terminal: the 32 digits, the pulses in percent, and the operator's line below them.
+
+_EVERY_S = 0.1
+_BAR_CELLS = 40
+
+
+class View(Keyboard):
+    """A person's terminal with a panel that stays at its lower edge; what is printed scrolls above it."""
+
+    def __init__(self, interrupts: Interrupts, console: Console | None = None) -> None:
+        super().__init__(interrupts)
+        self._console = console or Console(highlight=False)
+        self._live = Live(console=self._console, auto_refresh=False, transient=True)
+        self._partial = ""
+        self._next_s = 0.0
+        self._panel: Panel | None = None
+        self._last_state: tuple[list[int], Status, bool] | None = None
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+
+    def write(self, data: bytes) -> None:
+        """Print finished lines above the panel; keep the begun one in it."""
+        for character in data.decode("ascii", "replace"):
+            if character == "\n":
+                self._live.console.print(Text(self._partial))
+                self._partial = ""
+            elif character == "\b":
+                self._partial = self._partial[:-1]
+            elif character == "\a":
+                self._console.bell()
+            elif character != "\r":
+                self._partial += character
+        # BS, space, BS takes a character back: the space came and went
+        self._draw()
+
+    def refresh(self, operation: Operation) -> None:
+        """Draw the machine, at most ten times a second."""
+        if time.monotonic() < self._next_s:
+            return
+        self._next_s = time.monotonic() + _EVERY_S
+        status = operation.status()._replace(time_s=0.0, voltage_V=0.0, current_A=0.0)
+        state = operation.digits(), status, operation.at_panel
+        if state != self._last_state:
+            self._last_state = state
+            self._panel = panel(*state)
+            self._draw()
+
+    def _draw(self) -> None:
+        if self._panel is not None:
+            self._live.update(Group(self._panel, Text(self._partial + "_")), refresh=True)
+
+
+def panel(digits: list[int], status: Status, at_panel: bool) -> Panel:
+    """Return the digits with their names, the keys where they are pressed, and the pulses of the last window."""
+    keys = [Text(LEGEND, style="yellow")] if at_panel else []
+    shown = Group(_digits(digits), *keys, Text(), _bars(status))
+    return Panel(shown, title=status.state, title_align="left", expand=False)
+
+
+def _digits(shown: list[int]) -> Table:
+    """Two banks of sixteen; what is above 9 is dark."""
+    table = Table.grid(padding=(0, 3))
+    for bank in (0, BANK):
+        fields = {name: place for name, place in FIELDS.items() if bank <= place[0] < bank + BANK}
+        figures = [shown[first : first + count] for first, count in fields.values()]
+        table.add_row(*(Text(name, style="dim") for name in fields))
+        table.add_row(
+            *(Text(" ".join(str(d) if d <= 9 else " " for d in digits), style="bold red") for digits in figures)
+        )
+    return table
+
+
+def _bars(status: Status) -> Table:
+    table = Table.grid(padding=(0, 1))
+    for name, count, colour in (
+        ("short", status.short, "red"), ("open", status.open, "yellow"), ("erosion", status.erosion, "green"),
+    ):  # fmt: skip
+        cells = round(count / WINDOW_PULSES * _BAR_CELLS)
+        bar = Text("█" * cells + "·" * (_BAR_CELLS - cells), style=colour)
+        table.add_row(name, f"{100 * count / WINDOW_PULSES:5.1f} %", bar)
+    return table
 
 
 class SerialLines:
@@ -74,15 +166,15 @@ class SerialLines:
 def read_host(file: Path, lines: SerialLines) -> list[bytes]:
     """Lines of the host's file as LINE takes them from the second channel: 64 characters, in capitals, no echo."""
     data = bytes_of(file)
-    buffer, taken = InputBuffer(), []
-    line = Line(buffer, lambda echo: None)
+    buffer, taken = line_input.InputBuffer(), []
+    line = line_input.Line(buffer, lambda echo: None)
     for number, text in enumerate(lines.heard_from_host(data).splitlines(), 1):
         try:
             for character in text:
-                if not (SPACE <= character < DELETE or character == TAB):
+                if not (line_input.SPACE <= character < line_input.DELETE or character == line_input.TAB):
                     raise InputError(f"{character:02X}H is not a character of a line")
                 line.take(character)
-            line.take(LINE_FEED)
+            line.take(line_input.LINE_FEED)
         except InputError as error:
             raise InputError(f"line {number} of the host's program: {error.reason}") from None
         taken.append(buffer.text)
@@ -165,28 +257,11 @@ PROGRAM_NS = 60_000_000_000  # a script waits no longer for a program that the m
 _IDLE_S = 0.05  # longest wait between two looks at the machine
 
 
-class Screen(Protocol):
-    """Input and output of the operator's bytes."""
-
-    @property
-    def at_end(self) -> bool:
-        """Whether nothing more will come."""
-
-    def read(self, timeout_s: float | None) -> bytes:
-        """Bytes that have come."""
-
-    def write(self, data: bytes) -> None:
-        """Print."""
-
-    def refresh(self, operation: Operation) -> None:
-        """Show the machine as it is now, where there is something to show it on."""
-
-
 class Session:
     """An operator at the machine: live at a speed, or a script; begins in MAIN or, with `monitor`, in the monitor."""
 
     def __init__(
-        self, rig: Rig, screen: Screen, interrupts: Interrupts, *, speed: float | None = None,
+        self, rig: Rig, screen: Pipe, interrupts: Interrupts, *, speed: float | None = None,
         host: Path | None = None, person: bool = False, monitor: bool = False, tapes: Path | None = None,
     ) -> None:
         self.refused = 0  # lines that were refused; a person's are part of the work and leave the exit status
@@ -203,14 +278,14 @@ class Session:
         self._wait_until_ns: int | None = None
         self._waits_for_rest = False
         self._program_until_ns: int | None = None
-        self._buffer = InputBuffer(streams=rig.computer.streams)
-        self._line = Line(self._buffer, self._transmit)
+        self._buffer = line_input.InputBuffer(streams=rig.computer.streams)
+        self._line = line_input.Line(self._buffer, self._transmit)
         self._main = MainProgram(self._operation, self, self._say, rig.board.bus)
         bench = MonitorBench(self._operation, tapes or Path(), self._sent_by_host, self._press_reset, self._to_main)
         self._monitor = Monitor(bench, self._transmit, self._say)
         self._begins_in_monitor = self._in_monitor = monitor
         self._main_waits = False
-        self._character = LINE_FEED
+        self._character = line_input.LINE_FEED
         self._passes_line = False
         self._prompted = False
 
@@ -270,7 +345,7 @@ class Session:
     def _receive(self, timeout_s: float) -> None:
         """Take in what was typed; Ctrl-C acts at once, and what was typed before it is forgotten."""
         typed = self._to_panel(self._screen.read(timeout_s))
-        if typed and self._rig.computer.code.running and not {ETX, CANCEL, RESET} & set(typed):
+        if typed and self._rig.computer.code.running and not {ETX, line_input.CANCEL, RESET} & set(typed):
             for byte in typed:
                 self._rig.board.receive(byte)
             return
@@ -281,9 +356,9 @@ class Session:
             self._interrupts.press()
             data = data[data.rindex(ETX) + 1 :]
         self._pending += data
-        if self._waiting and CANCEL in self._pending:
+        if self._waiting and line_input.CANCEL in self._pending:
             self._end_wait()
-            del self._pending[: self._pending.rindex(CANCEL) + 1]
+            del self._pending[: self._pending.rindex(line_input.CANCEL) + 1]
 
     def _heard(self, data: bytes) -> bytes:
         """Return what the program fetches of what was typed; the reset button needs no program."""
@@ -299,7 +374,7 @@ class Session:
     def _lose(self, error: InputError, character: int) -> None:
         """A stream leads nowhere: only the reset button helps; what a script's line still has is not a command."""
         self._press_reset()
-        self._passes_line = not self._person and character not in (RETURN, LINE_FEED)
+        self._passes_line = not self._person and character not in (line_input.RETURN, line_input.LINE_FEED)
         self._refuse(error.reason)
 
     def _press_reset(self) -> None:
@@ -344,7 +419,7 @@ class Session:
         elif character == EOT:
             self._leaving |= not self._typed
         elif self._passes_line:
-            self._passes_line = character not in (RETURN, LINE_FEED)
+            self._passes_line = character not in (line_input.RETURN, line_input.LINE_FEED)
         else:
             self._prompt()
             self._obey(character)
@@ -359,7 +434,8 @@ class Session:
                 self._main.obey(self._buffer)
         except InputError as error:
             # what a script has behind a mistake is not a command of its own
-            self._passes_line = self._in_monitor and not self._person and character not in (RETURN, LINE_FEED)
+            ends = character in (line_input.RETURN, line_input.LINE_FEED)
+            self._passes_line = self._in_monitor and not self._person and not ends
             self._prompted = False
             self._refuse(error.reason)
         self._tell()
@@ -493,3 +569,52 @@ class Session:
     def leave(self) -> None:
         """End the session."""
         self._leaving = True
+
+
+REAL_TIME = 1.0  # machine seconds per second for a person
+SERIAL_NOISE, DROP_OUT = "serial-noise", "drop-out"  # the faults of 1982, rows T-29 and T-30
+STUCK = {"stuck-end-switch": frozenset(END_SWITCHES), "stuck-wire-sensor": frozenset({WIRE_BREAK})}
+"""Switches that never open, by the fault's name."""
+FAULTS = (SERIAL_NOISE, DROP_OUT, *STUCK)
+
+
+def run(
+    rig: Rig, host: Path | None, speed: float | None, view: bool, monitor: bool = False, tapes: Path | None = None
+) -> int:
+    """Serve the operator at standard input and output; returns the exit status.
+
+    The speed is in machine seconds per second; by default 1 for a person, the highest for a script.
+    """
+    if speed is not None and not speed > 0:
+        raise InputError(f"--speed is above 0, in machine seconds per second, not {speed:g}")
+    if host is not None and not os.access(host, os.R_OK):
+        raise InputError("cannot be read; --host takes a file with the host's program", host)
+    if tapes is not None and not tapes.is_dir():
+        raise InputError("is not a folder; --tapes takes the one in which tapes lie", tapes)
+    begin = partial(Session, rig, host=host, monitor=monitor, tapes=tapes)
+    interrupts = Interrupts()
+    with interrupts.caught():
+        if not is_terminal():
+            return begin(Pipe(interrupts), interrupts, speed=speed).run()
+        keyboard = _screen(interrupts, view)
+        session = begin(keyboard, interrupts, speed=speed or REAL_TIME, person=True)
+        with keyboard.in_character_mode(), keyboard:
+            return session.run()
+
+
+def choose_faults(names: Sequence[str], seed: int) -> Faults:
+    """Make the faults that are to be injected; raises `InputError` if there is no such fault."""
+    for name in names:
+        if name not in FAULTS:
+            raise InputError(f"there is no fault {name!r}; there are {one_of(name, FAULTS)}")
+    return Faults(
+        noise=SerialNoise(seed) if SERIAL_NOISE in names else None,
+        drop_out=DropOut(seed) if DROP_OUT in names else None,
+        stuck=frozenset().union(*(STUCK[name] for name in names if name in STUCK)),
+    )
+
+
+def _screen(interrupts: Interrupts, view: bool) -> Keyboard:
+    if not view or os.environ.get("TERM", "dumb") == "dumb":
+        return Keyboard(interrupts)
+    return View(interrupts)

@@ -7,16 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from edmsim.geometry import arc_lengths
+from edmsim.recording.figures import style
 from edmsim.recording.figures.palette import BLUE, ERROR_STOPS, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
-from edmsim.recording.figures.style import (
-    LABEL_PT,
-    TICK_PT,
-    colour_bar,
-    column_figure,
-    dress,
-    legend,
-    nothing_to_show,
-)
 from edmsim.recording.report import Report
 from edmsim.recording.scene import Scene
 
@@ -46,9 +38,10 @@ def passes_figure(report: Report) -> Figure:
     """
     rows = [row for row in report.passes if row.piece == "profile" and row.left_um is not None]
     if not rows:
-        return nothing_to_show(column_figure(2.0), "no passes: the cut was made in one, or none was finished")
+        none = "no passes: the cut was made in one, or none was finished"
+        return style.nothing_to_show(style.column_figure(2.0), none)
     rows = [row for row in rows if row.contour == rows[0].contour]
-    figure = column_figure(4.4, top_in=0.3)
+    figure = style.column_figure(4.4, top_in=0.3)
     grid = figure.add_gridspec(2, 3, height_ratios=[1.5, 1.0], hspace=0.42, wspace=0.62)
     wall = figure.add_subplot(grid[0, :])
     heights = np.array([row.height_mm for row in report.heights])
@@ -56,8 +49,8 @@ def passes_figure(report: Report) -> Figure:
         own = np.array(row.slices_um, float) - row.left_um
         wall.plot(own, heights, "o-", color=pass_colour(row.number), markersize=2.5, linewidth=1.0,
                   label=f"{row.number}")  # fmt: skip
-    dress(wall, "wall over its mean, µm (+ metal left)", "height, mm")
-    legend(wall, above=True, columns=len(rows), title="wall after pass")
+    style.dress(wall, "wall over its mean, µm (+ metal left)", "height, mm")
+    style.legend(wall, above=True, columns=len(rows), title="wall after pass")
     numbers = [row.number for row in rows]
     panels: tuple[tuple[str, list[Any]], ...] = (
         ("time, min", [(row.end_s - row.begin_s) / 60 for row in rows]),
@@ -67,8 +60,8 @@ def passes_figure(report: Report) -> Figure:
     for k, (name, values) in enumerate(panels):
         axes = figure.add_subplot(grid[1, k])
         axes.bar(numbers, values, color=[pass_colour(number) for number in numbers], width=0.7)
-        dress(axes, "pass", "")
-        axes.set_title(name, fontsize=TICK_PT, color=INK, loc="left", pad=2)
+        style.dress(axes, "pass", "")
+        axes.set_title(name, fontsize=style.TICK_PT, color=INK, loc="left", pad=2)
         axes.set_xticks(numbers)
     return figure
 
@@ -90,9 +83,9 @@ def face_figure(scene: Scene) -> Figure:
 
     faces = [edge for edge in scene.maps if edge.face_um is not None and np.isfinite(edge.face_um).any()]
     if not faces:
-        return nothing_to_show(column_figure(2.0), "no face: no edge of the part was measured")
+        return style.nothing_to_show(style.column_figure(2.0), "no face: no edge of the part was measured")
     shown = faces[:4]
-    figure = column_figure(0.95 + 1.05 * len(shown), top_in=0.55)
+    figure = style.column_figure(0.95 + 1.05 * len(shown), top_in=0.55)
     known = np.concatenate(
         [np.abs(edge.face_um[np.isfinite(edge.face_um)]) for edge in shown if edge.face_um is not None]
     )
@@ -109,8 +102,8 @@ def face_figure(scene: Scene) -> Figure:
         axes.pcolormesh(
             ends, heights, edge.face_um, cmap=colours, norm=Normalize(-limit, limit), rasterized=True, shading="flat"
         )
-        dress(axes, "", "height, mm")
+        style.dress(axes, "", "height, mm")
         axes.grid(visible=False)
-    panels[-1].set_xlabel("along the nominal edge, mm", fontsize=LABEL_PT, color=MUTED)
-    colour_bar(figure, panels[0].collections[0], "profile error, µm: − undercut, + metal left")
+    panels[-1].set_xlabel("along the nominal edge, mm", fontsize=style.LABEL_PT, color=MUTED)
+    style.colour_bar(figure, panels[0].collections[0], "profile error, µm: − undercut, + metal left")
     return figure

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.cosim.pulse_sample import KINDS, PulseSample
+from edmsim.cosim.straight import KINDS, PulseSample
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, LINE, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.recording.figures.profile import bands, draw_shares, mark_pauses, time_unit
 from edmsim.recording.figures.style import LABEL_PT, colour_bar, column_figure, dress, legend, nothing_to_show
@@ -131,7 +131,7 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
     Parameters
     ----------
     sample : PulseSample
-        Single pulses: `edmsim.cosim.pulse_sample`.
+        Single pulses: `edmsim.cosim.straight`.
     windows : pyarrow.Table, optional
         A cut's table of windows; adds their mean delays.
 

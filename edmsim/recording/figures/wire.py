@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.cosim.pulse_sample import PulseSample
+from edmsim.cosim.straight import PulseSample
 from edmsim.errors import InputError
 from edmsim.recording.figures.palette import BLUE, GRID, INK, ORANGE, VERMILION
 from edmsim.recording.figures.style import TICK_PT, column_figure, dress, legend

@@ -22,6 +22,9 @@ from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.blueprint import (
+    COST,
+    RETURN,
+    TOTAL,
     Sizes,
     events_view,
     gap_view,
@@ -31,7 +34,6 @@ from edmsim.recording.rerun.blueprint import (
     workpiece_view,
 )
 from edmsim.recording.rerun.playback import APPLICATION, Playback, find_recording, read_chunks
-from edmsim.recording.rerun.steps import COST, RETURN, TOTAL
 from edmsim.recording.rerun.stream import PATH, TIME, saved
 
 if TYPE_CHECKING:

@@ -20,10 +20,9 @@ from edmsim.recording.report import PassFigures, Report, duration_text, outcome_
 from edmsim.recording.rerun import gap as log_gap
 from edmsim.recording.rerun import gap as log_gas
 from edmsim.recording.rerun import machine as log_machine
-from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, Series, blueprint, sizes_of
+from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, Series, Steps, blueprint, sizes_of
 from edmsim.recording.rerun.machine import KERF_FRAMES, Shapes, bodies_of, growing_kerf
 from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
-from edmsim.recording.rerun.steps import Steps
 from edmsim.recording.rerun.stream import indexes, saved
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.stores import AROUND, PULSES, Closeups, Frames

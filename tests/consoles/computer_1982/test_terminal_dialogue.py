@@ -9,8 +9,7 @@ from rich.console import Console
 
 from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.operation import Operation
-from edmsim.consoles.computer_1982.session import Session
-from edmsim.consoles.computer_1982.view import panel
+from edmsim.consoles.computer_1982.session import Session, panel
 from edmsim.controllers.mcu.dialogue.main_program import ALIASES, JOB, WORDS, MainProgram
 
 from .conftest import Script

@@ -7,9 +7,9 @@ import re
 import pytest
 
 import edmsim
-from edmsim.consoles.computer_1982.command import choose_faults
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.rig import Rig
+from edmsim.consoles.computer_1982.session import choose_faults
 from edmsim.controllers.mcu.board import Faults
 from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.firmware import memory_map as at

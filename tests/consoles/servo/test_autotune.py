@@ -10,8 +10,17 @@ import pytest
 from PIL import Image
 
 from edmsim.axis_bench import AxisBench
-from edmsim.consoles.servo.autotune import STEP_COUNTS, AxisResponse, Oscillation, Tuning, autotune, oscillation_of
-from edmsim.consoles.servo.operator import AxisTrace, ModuleOperator, UhuOperator
+from edmsim.consoles.autotune import (
+    STEP_COUNTS,
+    AxisResponse,
+    AxisTrace,
+    ModuleOperator,
+    Oscillation,
+    Tuning,
+    UhuOperator,
+    autotune,
+    oscillation_of,
+)
 from edmsim.controllers.axis import CHIPS, tuned
 from edmsim.controllers.axis.drive import axis_row, data_of
 from edmsim.errors import InputError
@@ -122,7 +131,7 @@ def test_the_command_prints_what_to_type_and_draws_before_and_after(tmp_path: Pa
         assert motor.tobytes() == axis_row("table").tobytes()
         return tuning(drive, "table")
 
-    monkeypatch.setattr("edmsim.consoles.servo.autotune.autotune", found)
+    monkeypatch.setattr("edmsim.consoles.autotune.autotune", found)
     done = piped(b"", "tune", "drive", "servo-module", "--axis", "table", "--out", tmp_path / "steps.png")
     assert done.returncode == 0
     assert done.text[0].splitlines() == list(tuning("servo-module", "table").lines)

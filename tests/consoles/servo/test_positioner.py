@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from edmsim.consoles.servo.positioner import Press, Station, press_of, run_and_tell
+from edmsim.consoles.positioner import Press, Station, press_of, run_and_tell
 from edmsim.errors import InputError
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "positioner"

@@ -10,9 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from edmsim.consoles.servo.command import bench_for
-from edmsim.consoles.servo.scope import Scope
-from edmsim.consoles.servo.session import run_script
+from edmsim.consoles.servo import Scope, bench_for, run_script
 from edmsim.errors import InputError
 from edmsim.recording.rerun import viewer
 

@@ -14,8 +14,7 @@ from contextlib import contextmanager
 import pytest
 
 import edmsim
-from edmsim.consoles.servo.command import bench_for
-from edmsim.consoles.servo.session import sent_for
+from edmsim.consoles.servo import bench_for, sent_for
 
 COMMAND = [sys.executable, "-m", "edmsim", "console", "servo"]
 

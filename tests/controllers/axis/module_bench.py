@@ -6,8 +6,8 @@ import re
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import ServoModule
+from edmsim.controllers.axis import servo_module as at
 from edmsim.controllers.axis.drive import axis_row
-from edmsim.controllers.axis.servo_module import registers as at
 
 NO_TRIP = 40_000
 """An error limit above 32767."""

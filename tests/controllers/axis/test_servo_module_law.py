@@ -7,9 +7,9 @@ import pytest
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import ServoModule
+from edmsim.controllers.axis import servo_module as at
+from edmsim.controllers.axis import servo_module as servo_module_law
 from edmsim.controllers.axis.drive import axis_row
-from edmsim.controllers.axis.servo_module import law as servo_module_law
-from edmsim.controllers.axis.servo_module import registers as at
 
 from .module_bench import NO_TRIP, get, locked, on_bench, say, status
 from .uhu_bench import stepped

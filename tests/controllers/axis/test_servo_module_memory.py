@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from edmsim.controllers.axis import ServoModule
+from edmsim.controllers.axis import servo_module as at
 from edmsim.controllers.axis.drive import axis_row
-from edmsim.controllers.axis.servo_module import registers as at
 
 from .module_bench import on_bench, say, status, words
 from .uhu_bench import stepped

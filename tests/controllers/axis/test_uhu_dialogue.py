@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import tuned as commissioned
 from edmsim.controllers.axis.drive import axis_row
-from edmsim.controllers.axis.uhu import Uhu
-from edmsim.controllers.axis.uhu.registers import LATCHED, TARGET
+from edmsim.controllers.axis.uhu import LATCHED, TARGET, Uhu
 from edmsim.machine.machine import Machine
 from edmsim.plant.plant import Plant
 

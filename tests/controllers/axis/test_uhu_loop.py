@@ -7,9 +7,8 @@ import pytest
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
-from edmsim.controllers.axis.uhu import Uhu
-from edmsim.controllers.axis.uhu.registers import LATCHED, REFERENCE, SPEED_DIVISOR, TARGET, TRACKING
-from edmsim.controllers.axis.uhu.registers import O as OVERRUNS
+from edmsim.controllers.axis.uhu import LATCHED, REFERENCE, SPEED_DIVISOR, TARGET, TRACKING, Uhu
+from edmsim.controllers.axis.uhu import O as OVERRUNS
 from edmsim.errors import InputError
 
 from .uhu_bench import ask, bench_with, count, error, moved, register, start_stream, stepped, traced, tuned

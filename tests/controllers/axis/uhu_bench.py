@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
-from edmsim.controllers.axis.uhu import Uhu
-from edmsim.controllers.axis.uhu.registers import POSITION, TARGET
+from edmsim.controllers.axis.uhu import POSITION, TARGET, Uhu
 
 BANNER = b"UHU Servo Controller 3.00 (c) Snr: 134\r\nEEPROM: OK\r\nHelp by (?)\r\n>"
 BAD_BANNER = BANNER.replace(b"OK", b"Error!")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from edmsim.consoles.servo.positioner import Station
+from edmsim.consoles.positioner import Station
 from edmsim.controllers.qcl import QclError, read_configuration, read_program
 
 FOLDER = Path(__file__).parent / "manual"

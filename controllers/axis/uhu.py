@@ -1,0 +1,501 @@
+"""The UHU Servo Controller 3.00: a position servo on an ATtiny2313, tuned over a serial line.
+
+Source: the manual of 25.9.05 (rows U-1 to U-70); all constants are in ``models/drives/uhu.toml``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import cache
+from types import MappingProxyType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.compiled import axis_rows
+from edmsim.compiled.jit import exactly_compiled
+from edmsim.controllers.axis import extensions, parameters
+from edmsim.controllers.axis.drive import Screw, axis_row, data_of, new_record, restart, set_period
+from edmsim.controllers.axis.parameters import Registers, law_with, tuned_values
+from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor, command_in, number_in
+
+# The UHU's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
+
+P, I, D, H, X, T, N, E, M, O, C = range(11)  # noqa: E741
+"""Registers of the parameters, in the order of the help text."""
+SETTINGS = (
+    CONTROL_FULL, INTEGRAL_DIVISOR, SPEED_DIVISOR, FILTER_OFFSET, STREAM_EVERY, STREAM_ZERO, CALCULATION_NS,
+    INTERRUPT_NS, STEP_SENSE, ENCODER_SENSE,
+) = tuple(range(11, 21))  # fmt: skip
+"""Registers of what the manual leaves open, in the order of the table ``law`` in ``models/drives/uhu.toml``."""
+(
+    TARGET, LAST_EDGES, REFERENCE, POSITION, SPEED, CHANGE, INTEGRAL, CONTROL, LAST_ILLEGAL, LAST_INTERRUPTS,
+    ZERO_COUNT,
+) = range(21, 32)  # fmt: skip
+"""What the loop remembers: setpoint in counts and the step edges in it, the reference that X holds back (counts times
+SPEED_DIVISOR), position, speed and its change at the last sample, the integrator and the control variable (both
+times 256), the illegal transitions counted in O, the encoder's edges that took time, and its count where the chip
+counts 0."""
+LATCHED, RESTART = 32, 33
+"""Why the output is off, bits of what follows; and the reset that the next sample carries out."""
+TRACKING, ERROR_INPUT, TIMED_OUT, BAD_BANK = 1, 2, 4, 8
+OWN_FAULTS = TRACKING | TIMED_OUT | BAD_BANK
+SOFT, HARD = 1, 2
+STREAM_ON, STREAM_WAIT = 34, 35  # whether the stream of tracking errors is on, and intervals since its last byte
+
+
+# The UHU's recalculation, in whole numbers: an extended PID with feedback of speed and of speed's change.
+# Gains are 16-bit words of 8.8 fixed point (row U-12). The control variable is in units of T, 255 of them for the
+# full range of the duty cycle, with eight more bits inside the loop. The manual's log names a 16-bit limiter and 16
+# x 16 multiplication; here nothing wraps: the error is limited to 16 bits, sums have 64.
+
+_ONE = 256
+_LARGEST_ERROR = 32767
+_LARGEST_WORD = 65535
+
+
+@exactly_compiled
+def take_steps(reg: NDArray[np.int64], edges: int) -> None:
+    """Let the step edges since the last call move the setpoint, each by M + 1 counts (row U-22)."""
+    reg[TARGET] += reg[STEP_SENSE] * (edges - reg[LAST_EDGES]) * (reg[M] + 1)
+    reg[LAST_EDGES] = edges
+
+
+@exactly_compiled
+def reset_loop(reg: NDArray[np.int64], edges: int, count: int, illegal: int) -> None:
+    """Carry out a reset: the setpoint becomes the position (row U-A25); a hard reset counts from 0 again."""
+    if reg[RESTART] == HARD:
+        reg[ZERO_COUNT] = reg[ENCODER_SENSE] * count
+        reg[LAST_ILLEGAL] = illegal
+    reg[RESTART] = 0
+    reg[TARGET] = reg[POSITION] = reg[ENCODER_SENSE] * count - reg[ZERO_COUNT]
+    reg[REFERENCE] = reg[TARGET] * reg[SPEED_DIVISOR]
+    reg[LAST_EDGES] = edges
+    reg[SPEED] = reg[CHANGE] = reg[INTEGRAL] = reg[CONTROL] = 0
+
+
+@exactly_compiled
+def judge(reg: NDArray[np.int64], illegal: int, error_input_low: bool) -> None:
+    """Count false transitions of the encoder, and latch what shuts the output off (rows U-6, U-21, U-50)."""
+    reg[O] = min(reg[O] + illegal - reg[LAST_ILLEGAL], _LARGEST_WORD)
+    reg[LAST_ILLEGAL] = illegal
+    if error_input_low and reg[LATCHED] & OWN_FAULTS == 0:
+        reg[LATCHED] |= ERROR_INPUT
+    if reg[LATCHED] == 0 and abs(reg[TARGET] - reg[POSITION]) >= reg[E]:
+        reg[LATCHED] |= TRACKING
+
+
+@exactly_compiled
+def measure(reg: NDArray[np.int64], count: int) -> None:
+    """Take position, speed and speed's change, the first and second differences."""
+    position = reg[ENCODER_SENSE] * count - reg[ZERO_COUNT]
+    speed = position - reg[POSITION]
+    reg[CHANGE], reg[SPEED], reg[POSITION] = speed - reg[SPEED], speed, position
+
+
+@exactly_compiled
+def control(reg: NDArray[np.int64], now_ns: int) -> int:
+    """Return the control variable, -T to T; the reference follows the setpoint by X at most (row U-A29)."""
+    behind = reg[TARGET] * reg[SPEED_DIVISOR] - reg[REFERENCE]
+    reg[REFERENCE] += min(max(behind, -reg[X]), reg[X])
+    reference = reg[REFERENCE] // reg[SPEED_DIVISOR]
+    extensions.derive_command(reg, reference)
+    error = reference - reg[POSITION]
+    error = min(max(error, -_LARGEST_ERROR), _LARGEST_ERROR)
+    most = min(reg[T], reg[CONTROL_FULL])
+    limit = most * _ONE
+    if not extensions.holds_integrator(reg, error):
+        grown = reg[INTEGRAL] + reg[I] * error * _ONE // reg[INTEGRAL_DIVISOR]
+        reg[INTEGRAL] = min(max(grown, -limit), limit)
+    damping = reg[D] * reg[SPEED] + reg[H] * reg[CHANGE]
+    demand = reg[P] * error + reg[INTEGRAL] - damping + extensions.feed_forward(reg)
+    extensions.note_limit(reg, now_ns, 1 if demand >= limit else -1 if demand <= -limit else 0)
+    demand = min(max(demand, -limit), limit)
+    reg[CONTROL] += (demand - reg[CONTROL]) * reg[N] // (reg[N] + reg[FILTER_OFFSET])
+    return int(min(max((reg[CONTROL] + _ONE // 2) // _ONE, -most), most))
+
+
+@exactly_compiled
+def stream_byte(reg: NDArray[np.int64]) -> int:
+    """Return the tracking error as a byte with bit 7 set, 0 when none is due (rows U-34 to U-36)."""
+    if reg[STREAM_ON] == 0:
+        return 0
+    reg[STREAM_WAIT] += 1
+    if reg[STREAM_WAIT] < reg[STREAM_EVERY]:
+        return 0
+    reg[STREAM_WAIT] = 0
+    value = reg[STREAM_ZERO] + reg[TARGET] - reg[POSITION]
+    return int(128 + min(max(value, 0), 127))
+
+
+# The UHU's serial dialogue, to the character (rows U-7 to U-13, U-A13 to U-A18).
+# A line is a letter and a whole number. A letter alone prints its line of the help and waits for the number::
+#     >P600           >P
+#     OK              (P)rop.      900: 600
+#     >               OK
+# The help lists a counter, but C is the cycle: ``COUNTER``, typed in full, prints the encoder's count (ours).
+
+PROMPT = b">"
+_LOAD, _SAVE, _GO = "L", "S", "G"
+_COMMAND_LINES = {_LOAD: "(L)oad       [0,1,2]", _SAVE: "(S)ave       [0,1,2]", _GO: "(G)o         [Wert]"}
+"""Lines of the help behind those of the parameters; [Wert] is German for value, as printed (row U-10)."""
+_COUNTER = "COUNTER"
+_LAST_LINES = ("(C)ounter", "(R)eset")
+"""The first is a remainder of an older version, whose letter is the cycle's now (row U-A9)."""
+_OK, _UNKNOWN, _BAD_BANK = "OK", "?", "EEPROM: Error!"
+_LARGEST_GO = 32_000
+_BANKS = range(3)
+_WORDS = range(1 << 16)
+
+
+class Dialogue:
+    """The terminal of one drive; `labels` precede the parameters' values, in the order of the help."""
+
+    def __init__(self, labels: dict[str, str], serial_number: int) -> None:
+        self._labels = labels
+        self._serial_number = serial_number
+        self._editor = LineEditor(echo=True)
+        self._pending = ""
+
+    def start(self, bank_is_good: bool) -> bytes:
+        """Return the start-up text, and forget what was typed."""
+        self._editor.clear()
+        self._pending = ""
+        state = "OK" if bank_is_good else "Error!"
+        lines = f"UHU Servo Controller 3.00 (c) Snr: {self._serial_number}", f"EEPROM: {state}", "Help by (?)"
+        return _text(*lines) + PROMPT
+
+    def take(self, chip: Uhu, byte: int) -> bytes:
+        """Take a byte from the terminal, act on it if it ends a line, and return what is sent back."""
+        echo, line = self._editor.take(byte)
+        return echo if line is None else echo + self._answer(chip, line)
+
+    def receive_error(self) -> None:
+        """Let the line that is being typed count for nothing: a byte of it was not received well."""
+        self._editor.spoil()
+
+    def _answer(self, chip: Uhu, line: str) -> bytes:
+        pending, self._pending = self._pending, ""
+        if not line:
+            return PROMPT
+        if pending:
+            return self._set(chip, pending, number_in(line))
+        if line == _COUNTER:
+            return _reply(f"{_LAST_LINES[0]:13}{chip.position}")
+        command = command_in(line)
+        if command is None:
+            return _reply(_UNKNOWN)
+        letter, number = command
+        if letter in self._labels or letter in _COMMAND_LINES:
+            return self._ask(chip, letter) if number is None else self._set(chip, letter, number)
+        return self._act(chip, letter) if number is None else _reply(_UNKNOWN)
+
+    def _ask(self, chip: Uhu, letter: str) -> bytes:
+        self._pending = letter
+        return f"{self._line(chip, letter)}: ".encode("ascii")
+
+    def _line(self, chip: Uhu, letter: str) -> str:
+        return _COMMAND_LINES.get(letter) or f"{self._labels[letter]}{chip.value(letter)}"
+
+    def _set(self, chip: Uhu, letter: str, number: int | None) -> bytes:
+        if letter == _GO:
+            known = number is not None and abs(number) <= _LARGEST_GO
+        else:
+            known = number in (_BANKS if letter in _COMMAND_LINES else _WORDS)
+        if number is None or not known:
+            return _reply(_UNKNOWN)
+        if letter == _LOAD:
+            return _reply(_OK if chip.load(number) else _BAD_BANK)
+        if letter == _SAVE:
+            chip.save(number)
+        elif letter == _GO:
+            chip.go(number)
+        else:
+            chip.enter(letter, number)
+        return _reply(_OK)
+
+    def _act(self, chip: Uhu, letter: str) -> bytes:
+        if letter == "+":
+            return chip.power_up()
+        if letter == "A":
+            chip.stream(True)
+            return PROMPT
+        if letter in "#?":
+            parameters = [self._line(chip, shown) for shown in self._labels]
+            return _text(*parameters, *_COMMAND_LINES.values(), *_LAST_LINES) + PROMPT
+        actions: dict[str, Callable[[], None]] = {"R": chip.soft_reset, "Z": lambda: chip.stream(False)}
+        if letter not in actions:
+            return _reply(_UNKNOWN)
+        actions[letter]()
+        return _reply(_OK)
+
+
+def _text(*lines: str) -> bytes:
+    return b"".join(line.encode("ascii") + NEW_LINE for line in lines)
+
+
+def _reply(line: str) -> bytes:
+    return _text(line) + PROMPT
+
+
+_DUTY_RANGE = 0  # place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase
+_N_BANKS, _LARGEST = 3, 65535
+_NOT_STORED = "overruns"
+
+
+@axis_rows.sample
+def _recalculate(drive_at: Any, axis_at: Any) -> None:
+    drive, axis = axis_rows.carray(drive_at, 1)[0], axis_rows.carray(axis_at, 1)[0]
+    reg = drive.reg
+    output = 0
+    if drive.event == axis_rows.WATCHDOG:
+        reg[LATCHED] |= TIMED_OUT
+        drive.delay_ns = 0
+    else:
+        interrupts = axis.edges - reg[LAST_INTERRUPTS] + abs(drive.setpoint - reg[LAST_EDGES])
+        reg[LAST_INTERRUPTS] = axis.edges
+        drive.delay_ns = reg[CALCULATION_NS]
+        drive.busy_ns = reg[CALCULATION_NS] + interrupts * reg[INTERRUPT_NS]
+        low = axis.lines & axis_rows.FAULT_IN != 0
+        if reg[RESTART] != 0:
+            low = False  # its own error output, let go only now, may hold the net low
+            reset_loop(reg, drive.setpoint, axis.count, axis.illegal)
+            extensions.start_command(reg, reg[TARGET])
+        take_steps(reg, drive.setpoint)
+        measure(reg, axis.count)
+        judge(reg, axis.illegal, low)
+        if reg[LATCHED] == 0:
+            output = control(reg, drive.now_ns)
+        else:
+            extensions.note_limit(reg, drive.now_ns, 0)
+        error = reg[TARGET] - reg[POSITION]
+        extensions.record_sample(reg, drive.memory, error, reg[SPEED], output, reg[LATCHED] != 0)
+        sent = stream_byte(reg)
+        if sent != 0:
+            axis_rows.put_byte(drive, sent)
+    drive.command = drive.real[_DUTY_RANGE] * output / reg[CONTROL_FULL]
+    if reg[LATCHED] == 0:
+        drive.lines = axis_rows.LED
+    else:
+        own = axis_rows.FAULT_OUT if reg[LATCHED] & OWN_FAULTS else 0
+        drive.lines = axis_rows.FAULT | axis_rows.FREEWHEEL | axis_rows.ERROR_LED | own
+
+
+@cache
+def _data() -> dict[str, Any]:
+    return data_of("uhu")
+
+
+def _period_ns(cycle: int) -> tuple[int, int]:
+    """Return the recalculation interval as a fraction: C = 50 is 533 333.3 ns; 0 acts as 1 (rows U-4, U-A23)."""
+    clock = _data()["clock"]
+    num, den = max(cycle, 1) * clock["prescaler"] * 1_000_000_000, clock["crystal_Hz"]
+    common = math.gcd(num, den)
+    return num // common, den // common
+
+
+def _fresh(law: Mapping[str, int]) -> NDArray[np.void]:
+    """Return the record of a chip that was just reset, with the preset parameters, before its EEPROM was read."""
+    data = _data()
+    pins = data["pins"]
+    values = [parameter["value"] for parameter in data["parameter"]]
+    record = new_record(_period_ns(values[C]))
+    reg = record["reg"][0]
+    reg[: len(values)] = values
+    reg[list(SETTINGS)] = list(law.values())[: len(SETTINGS)]
+    reg[RESTART] = HARD
+    record["real"][0, _DUTY_RANGE] = pins["duty_high"] - pins["duty_low"]
+    record["lines"] = axis_rows.FREEWHEEL
+    record["watchdog_ns"] = data["clock"]["watchdog_ms"] * 1_000_000
+    record["pwm_ns"] = 1_000_000_000 // law["pwm_Hz"]
+    record["count_rate_Hz"] = law["edge_rate_Hz"]
+    return record
+
+
+class Uhu:
+    r"""A UHU servo controller.
+
+    Parameters
+    ----------
+    motor : record array (1,), optional
+        Motor, supply and encoder, a row of `edmsim.compiled.axis_rows.MOTOR`; by default those of the table.
+    stored : mapping of str to int, optional
+        Parameters in bank 0 at power-up, by name; the others have their presets. By default the drive is in its
+        condition upon delivery: no bank is valid, and the output is off until a reset by ``R``.
+    law : mapping of str to int, optional
+        Overrides of the table ``law`` of ``models/drives/uhu.toml``, which the manual leaves open, for example
+        ``{"encoder_sense": -1}``.
+
+    Attributes
+    ----------
+    parameters : mapping of str to int
+        Parameters set by the terminal's letters, by name; words 0 to 65535. A ``cycle`` typed at the terminal acts
+        from the next interval, one set here from the next reset.
+    extensions : Extensions
+        Functions beyond its manual, see `edmsim.controllers.axis.extensions`.
+
+    Raises
+    ------
+    InputError
+        `stored` or `law` has an unknown name, or `stored` a number out of range.
+
+    Examples
+    --------
+    >>> drive = Uhu()
+    >>> drive.line(b"R\r")
+    b'R\r\nOK\r\n>'
+    """
+
+    name = "uhu"
+
+    def __init__(
+        self,
+        motor: NDArray[np.void] | None = None,
+        stored: Mapping[str, int] | None = None,
+        law: Mapping[str, int] | None = None,
+    ) -> None:
+        data = _data()
+        self._law = law_with(data["law"], law or {}, "UHU")
+        self.record = _fresh(self._law)
+        self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
+        self.baud = data["clock"]["crystal_Hz"] / 16 / data["serial"]["baud_divisor"]
+        table = data["parameter"]
+        self._letters = {row["letter"]: row["name"] for row in table}
+        self.parameters = Registers(self, {row["name"]: (place, 0, _LARGEST) for place, row in enumerate(table)})
+        self.extensions = extensions.Extensions(self, wraps=False)
+        self._stored = [row["name"] for row in table if row["name"] != _NOT_STORED]
+        self._dialogue = Dialogue({row["letter"]: row["label"] for row in table}, data["identity"]["serial_number"])
+        for bank in range(_N_BANKS):
+            self.save(bank, false_checksum=True)
+        if stored is not None:
+            self.parameters.update(stored)
+            self.save(0)
+        self.power_up()
+
+    @classmethod
+    def tuned(
+        cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
+    ) -> Self:
+        """Return a drive tuned for an axis of `axis_row`; bank 0 has its parameters, with overrides by `changes`.
+
+        With a machine's screw, a step is the machine's, rounded to a whole number of counts.
+
+        Raises
+        ------
+        InputError
+            No tuning exists for that axis, or a parameter is unknown.
+        """
+        values = tuned_values(_data(), "UHU", axis, changes, screw)
+        return cls(axis_row(axis), values)
+
+    @property
+    def sample(self) -> axis_rows.SampleFunction:
+        """The recalculation, the same for every UHU."""
+        return _recalculate
+
+    @property
+    def counts_per_step(self) -> float:
+        """Encoder counts per step edge, M + 1."""
+        return float((self._reg[M] + 1) * self._reg[STEP_SENSE] * self._reg[ENCODER_SENSE])
+
+    def why_stopped(self) -> str:
+        """Return why its output is off (row U-50)."""
+        watchdog_ms = _data()["clock"]["watchdog_ms"]
+        causes = {
+            TRACKING: f"its following error reached the limit E of {self._reg[E]} counts",
+            TIMED_OUT: f"its watchdog saw no recalculation for {watchdog_ms} ms",
+            BAD_BANK: "its parameters could not be read",
+        }
+        return ", ".join(text for bit, text in causes.items() if self._reg[LATCHED] & bit)
+
+    def line(self, text: bytes) -> bytes:
+        """Receive typed text; return its echo and the answers."""
+        return b"".join(self._dialogue.take(self, byte) for byte in text)
+
+    def receive_error(self) -> None:
+        """Discard the current line, as a byte came without a stop bit."""
+        self._dialogue.receive_error()
+
+    def power_up(self) -> bytes:
+        """Start as after power-up, a low reset pin or ``+``: load bank 0 and return the start-up text (row U-39)."""
+        fresh = _fresh(self._law)
+        fresh["reg"][0, extensions.EXTENSION_WORDS] = self._reg[extensions.EXTENSION_WORDS]
+        restart(self.record, fresh)
+        stored = self._read(0)
+        if stored.words is not None:
+            self._use(stored.words)
+        set_period(self.record, *_period_ns(self.parameters["cycle"]))
+        self._reg[LATCHED] = 0 if stored.valid else BAD_BANK
+        return self._dialogue.start(stored.valid)
+
+    @property
+    def position(self) -> int:
+        """Position in counts from that at power-up; the terminal prints it as ``COUNTER``."""
+        return int(self._reg[POSITION])
+
+    def value(self, letter: str) -> int:
+        """Return a letter's parameter."""
+        return self.parameters[self._letters[letter]]
+
+    def enter(self, letter: str, value: int) -> None:
+        """Set a letter's parameter, at once."""
+        take_steps(self._reg, int(self.record["setpoint"][0]))
+        self.parameters[self._letters[letter]] = value
+        self._time_next()
+
+    def load(self, bank: int) -> bool:
+        """Load a bank; if it is invalid, leave the parameters and switch the output off (rows U-69, U-A21)."""
+        stored = self._read(bank)
+        if stored.words is None or not stored.valid:
+            self._reg[LATCHED] |= BAD_BANK
+            return False
+        take_steps(self._reg, int(self.record["setpoint"][0]))
+        self._use(stored.words)
+        self._time_next()
+        return True
+
+    def save(self, bank: int, *, false_checksum: bool = False) -> None:
+        """Save the parameters to a bank without any check (row U-47)."""
+        words = [self.parameters[name] for name in self._stored]
+        self.record["eeprom"][0, self._place(bank)] = list(parameters.encode(words, false_checksum=false_checksum))
+
+    def go(self, counts: int) -> None:
+        """Move the setpoint; X limits the speed (row U-30)."""
+        self._reg[TARGET] += counts
+
+    def soft_reset(self) -> None:
+        """Switch the output on with the present parameters and the setpoint at the axis (rows U-31, U-A25).
+
+        The timer of the recalculation restarts (log 2.16).
+        """
+        self._reg[LATCHED] = 0
+        self._reg[RESTART] = max(int(self._reg[RESTART]), SOFT)
+        self.stream(False)
+        set_period(self.record, *_period_ns(self.parameters["cycle"]))
+
+    def stream(self, on: bool) -> None:
+        """Start or stop the stream of tracking errors (row U-33)."""
+        self._reg[STREAM_ON], self._reg[STREAM_WAIT] = int(on), 0
+
+    @property
+    def _reg(self) -> NDArray[np.int64]:
+        registers: NDArray[np.int64] = self.record["reg"][0]
+        return registers
+
+    def _place(self, bank: int) -> slice:
+        size = parameters.size_of(len(self._stored))
+        return slice(bank * size, (bank + 1) * size)
+
+    def _read(self, bank: int) -> parameters.Stored:
+        return parameters.decode(self.record["eeprom"][0, self._place(bank)].tobytes())
+
+    def _use(self, words: tuple[int, ...]) -> None:
+        self.parameters.update(zip(self._stored, words, strict=True))
+
+    def _time_next(self) -> None:
+        """Let C be the length of the intervals after the present one."""
+        record = self.record
+        record["num"], record["den"] = _period_ns(self.parameters["cycle"])
+        record["epoch_ns"], record["index"] = record["due_ns"], 0

@@ -1,5 +1,0 @@
-"""The UHU Servo Controller 3.00."""
-
-from edmsim.controllers.axis.uhu.drive import Uhu
-
-__all__ = ["Uhu"]

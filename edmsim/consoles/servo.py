@@ -1,0 +1,298 @@
+"""``edmsim console servo``: a drive on its bench for a person, a script or a program; scope, tuning."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import time
+import tty
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.axis_bench import AxisBench
+from edmsim.axis_bench.motion import SAMPLE_ROW
+from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, is_terminal
+from edmsim.controllers.axis import CHIPS
+from edmsim.controllers.axis import tuned as tuned_drive
+from edmsim.controllers.axis.drive import axis_names, axis_row, data_of
+from edmsim.controllers.axis.uhu import Uhu
+from edmsim.errors import InputError, one_of
+from edmsim.files import make_writable
+from edmsim.recording.rerun.viewer import LiveViewer
+
+# The scope of the UHU's terminal program: the tracking error as a curve over a moving time line, drawn by rerun.
+
+_TIME = "simulated_time"
+_CURVES = "duty", "current_A", "place_um", "speed_rad_s"  # curves besides the stream: columns of the bench's notes
+_BATCH_S = 0.1
+"""Simulated time of what is drawn at once (ours); every piece has a head: with 100 a second files were four times
+as large."""
+
+
+class Scope:
+    """Curves of a drive in rerun, live or in a recording; `streams` is whether the drive sends its tracking error."""
+
+    def __init__(self, live: bool, file: Path | None, streams: bool = True) -> None:
+        import rerun as rr
+        import rerun.blueprint as rrb
+
+        if file is not None:
+            make_writable(file.parent)
+            if file.is_dir():
+                raise InputError("the recording is to be a file, for example scope.rrd, and this is a folder", file)
+        error = [rrb.TimeSeriesView(name="tracking error, counts", contents=["/tracking_error"])]
+        views = [
+            *(error if streams else []),
+            *(rrb.TimeSeriesView(name=name.replace("_", " "), contents=[f"/{name}"]) for name in _CURVES),
+        ]
+        self._zero = int(data_of("uhu")["law"]["stream_zero"])
+        self._recording = rr.RecordingStream("edmsim_servo")
+        self._heard: list[tuple[int, float]] = []
+        self._samples: list[NDArray[np.void]] = []
+        self._drawn_s = 0.0
+        self._viewer = LiveViewer("the scope", "--record FILE.rrd keeps the curves") if live else None
+        # what to tell the user of the viewer; empty if none runs
+        self.notice = self._viewer.notice if self._viewer else ""
+        sinks: list[rr.GrpcSink | rr.FileSink] = [rr.GrpcSink(self._viewer.source)] if self._viewer else []
+        sinks += [rr.FileSink(str(file))] if file is not None else []
+        self._recording.set_sinks(*sinks, default_blueprint=rrb.Blueprint(rrb.Vertical(*views)))
+
+    def draw(self, heard: Sequence[tuple[int, float]], samples: NDArray[np.void]) -> None:
+        """Take bytes with their times, those of the analyser with bit 7, and the bench's notes; draw when enough."""
+        self._heard += [(byte, at_s) for byte, at_s in heard if byte >= _DATA]
+        self._samples.append(samples)
+        if len(samples) and samples["time_ns"][-1] * 1e-9 >= self._drawn_s + _BATCH_S:
+            self._draw_batch()
+
+    def _draw_batch(self) -> None:
+        heard, self._heard = self._heard, []
+        blocks, self._samples = self._samples, []
+        if heard:
+            errors = np.array([byte - _DATA - self._zero for byte, _ in heard])
+            self._send("tracking_error", np.array([at_s for _, at_s in heard]), errors)
+        samples = np.concatenate(blocks) if blocks else np.zeros(0, SAMPLE_ROW)
+        if len(samples):
+            self._drawn_s = samples["time_ns"][-1] * 1e-9
+            for name in _CURVES:
+                self._send(name, samples["time_ns"] * 1e-9, samples[name])
+
+    def _send(self, name: str, times_s: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+        import rerun as rr
+
+        when = [rr.TimeColumn(_TIME, duration=times_s)]
+        curve = rr.Scalars.columns(scalars=values.astype(np.float64))
+        self._recording.send_columns(name, indexes=when, columns=curve)
+
+    def close(self) -> None:
+        """Draw what is left, write it, and let the viewer go."""
+        self._draw_batch()
+        self._recording.flush()
+        self._recording.disconnect()
+        if self._viewer is not None:
+            self._viewer.close()
+
+
+_MACHINE_AXES = ("x", "y")
+_MACHINE_MOTOR = "table"  # motor on the screws of the machine's own axes, as ``edmsim cut --drive`` has it
+
+
+def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
+    """Return a bench with a drive, as delivered or tuned, on a motor's own axis or on the machine's.
+
+    The axes ``x`` and ``y`` are those of the DEM-15, moved by MuJoCo with its screw, mass and travel, from its
+    middle.
+    """
+    if name not in CHIPS:
+        raise InputError(f"there is no drive {name!r} with a serial line; choose one of {one_of(name, CHIPS)}")
+    machine_axis = axis in _MACHINE_AXES
+    if not machine_axis and axis not in axis_names():
+        raise InputError(f"there is no axis {axis!r}; choose one of {one_of(axis, (*_MACHINE_AXES, *axis_names()))}")
+    motor = _MACHINE_MOTOR if machine_axis else axis
+    drive = tuned_drive(name, motor) if tuned else CHIPS[name](axis_row(motor))
+    return AxisBench({axis: drive}, mechanics="mujoco") if machine_axis else AxisBench({"x": drive})
+
+
+# A drive at a terminal: the bench runs in simulated real time, and bytes take their time as on a wire.
+# A pseudo-terminal is a serial port of this computer without a wire. Keys follow the UHU's terminal program (rows
+# U-37 and U-60): the space bar for the analyser, cursors for quick moves, ESC to leave. Other keys go to the drive.
+
+LEAVE = b"\x1b"  # ESC, where no more follows: it ends the program
+_MOVES = {
+    b"\x1b[C": 32, b"\x1b[A": 32, b"\x1b[D": -32, b"\x1b[B": -32,
+    b"\x1b[1;5C": 64, b"\x1b[1;5A": 64, b"\x1b[1;5D": -64, b"\x1b[1;5B": -64,
+}  # fmt: skip
+"""Counts of the cursor keys, and of those with Ctrl, as terminals send them: right and up are positive."""
+
+
+def sent_for(keys: bytes, streams: bool, analysing: bool) -> tuple[bytes, bool, bool]:
+    r"""Return what keys send to a drive, whether its analyser is on then, and whether the program is to be left.
+
+    A drive that `streams` has an analyser (``A`` and ``Z``) and moves by ``G``, as the UHU; the servo module moves by
+    ``+`` and ``-``.
+
+    >>> sent_for(b" ", True, False)
+    (b'A\r', True, False)
+    >>> sent_for(b"\x1b[1;5D", False, False)
+    (b'-64\r', False, False)
+    """
+    if keys == LEAVE:
+        return b"", analysing, True
+    if keys in _MOVES:
+        counts = _MOVES[keys]
+        return (b"G%d\r" if streams else b"%+d\r") % counts, analysing, False
+    if keys == b" " and streams:
+        return b"Z\r" if analysing else b"A\r", not analysing, False
+    return keys.replace(b"\n", b"\r"), analysing, False
+
+
+_CHUNK = 4096
+
+
+class PseudoTerminal:
+    """Both ends of a pseudo-terminal, in raw mode; a terminal program opens its `name`, as ``/dev/pts/3``."""
+
+    def __init__(self) -> None:
+        self._ours, self._theirs = os.openpty()  # theirs stays open here, so that it outlasts who opens and closes it
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.name = os.ttyname(self._theirs)
+
+    def fileno(self) -> int:
+        """Return the descriptor of this side, to wait for with others."""
+        return self._ours
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """Return the bytes that have come; none after the timeout."""
+        if not select.select([self._ours], [], [], timeout_s)[0]:
+            return b""
+        return os.read(self._ours, _CHUNK)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; if the system's buffer is full, unread bytes are lost, as on an open line."""
+        while data and (sent := self.send(data)):
+            data = data[sent:]
+
+    def send(self, data: bytes) -> int:
+        """Send as many bytes as there is room for, and return how many."""
+        try:
+            return os.write(self._ours, data)
+        except BlockingIOError:
+            return 0
+
+    def close(self) -> None:
+        """Let the pseudo-terminal go."""
+        for end in (self._ours, self._theirs):
+            os.close(end)
+
+
+FRAME_S = 0.01  # simulated time between two looks at the terminal (ours): far below what a person notices
+_START_S, _LAST_S = 0.1, 0.1  # time for the start-up text, and for the last answer, of a script (ours)
+_STDIN = 0
+_DATA = 0x80  # bytes from here on are the analyser's (row U-35)
+
+
+def serve(
+    bench: AxisBench, *, pty: bool, speed: float | None, scope: Scope | None, say: Callable[[str], None]
+) -> None:
+    """Serve the terminal of the drive on x: a person's at a speed, a pseudo-terminal, or a script without pauses."""
+    if speed is not None and not speed > 0:
+        raise InputError(f"--speed is above 0, in simulated seconds per second, not {speed:g}")
+    interrupts = Interrupts()
+    with interrupts.caught():
+        if pty:
+            port = PseudoTerminal()
+            say(f"the drive's serial port is {port.name}; Ctrl-C ends it")
+            try:
+                _run(bench, port, interrupts, speed or 1.0, scope)
+            finally:
+                port.close()
+        elif is_terminal():
+            keyboard = _DriveKeyboard(bench, interrupts)
+            say("ESC leaves")
+            with keyboard.in_character_mode():
+                _run(bench, keyboard, interrupts, speed or 1.0, scope)
+        else:
+            run_script(bench, _read_script(), scope)
+
+
+def _run(
+    bench: AxisBench, device: Keyboard | PseudoTerminal, interrupts: Interrupts, speed: float, scope: Scope | None
+) -> None:
+    began, from_s = time.monotonic(), bench.time_s
+    while not interrupts.pending and not (isinstance(device, _DriveKeyboard) and device.left):
+        due = began + (bench.time_s - from_s) / speed
+        bench.send(device.read(max(due - time.monotonic(), 0.0)))
+        device.write(_advance(bench, scope))
+
+
+def _advance(bench: AxisBench, scope: Scope | None) -> bytes:
+    """Let a frame pass and return what the drive has sent."""
+    bench.run(FRAME_S)
+    if scope is None:
+        return bench.received()
+    heard = bench.received_at()
+    scope.draw(heard, bench.samples())
+    return bytes(value for value, _ in heard)
+
+
+def _read_script() -> bytes:
+    """Read standard input to its end; one that is closed has nothing."""
+    if sys.stdin is None:
+        return b""
+    with open(_STDIN, "rb", closefd=False) as opened:
+        return opened.read()
+
+
+def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:
+    """Send a script line by line, each when the drive has answered the one before, and print all it sends."""
+    _pause(bench, _START_S, scope)
+    for line in script.splitlines():
+        bench.send(line + b"\r")
+        quiet = 0
+        while quiet < 3:
+            heard = _advance(bench, scope)
+            _print(heard)
+            quiet = 0 if any(byte < _DATA for byte in heard) or bench.sending() else quiet + 1
+    _pause(bench, _LAST_S, scope)
+
+
+def _pause(bench: AxisBench, seconds: float, scope: Scope | None) -> None:
+    until_s = bench.time_s + seconds
+    while bench.time_s < until_s:
+        _print(_advance(bench, scope))
+
+
+def _print(data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(sys.stdout.fileno(), view) :]
+
+
+class _DriveKeyboard(Keyboard):
+    """A person's keys as the UHU's terminal program sends them, and the drive's text without the analyser's bytes.
+
+    What a drive does not echo is echoed here, as the servo module's guide has a terminal set up.
+    """
+
+    def __init__(self, bench: AxisBench, interrupts: Interrupts) -> None:
+        super().__init__(interrupts)
+        self._streams = isinstance(bench.drive(), Uhu)
+        self._analysing = False
+        self.left = False
+
+    def read(self, timeout_s: float | None) -> bytes:
+        """Return what the keys pressed send."""
+        keys = super().read(timeout_s)
+        sent, self._analysing, self.left = sent_for(keys, self._streams, self._analysing)
+        self.left |= self.at_end
+        if not self._streams:
+            super().write(sent.replace(b"\r", b"\r\n"))
+        return sent
+
+    def write(self, data: bytes) -> None:
+        """Print the drive's text."""
+        super().write(bytes(byte for byte in data if byte < _DATA))

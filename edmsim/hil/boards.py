@@ -1,0 +1,430 @@
+"""The boards of open machines: Powercore V2 and V3 of Rack Robotics, and PULSER of the Spark project."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from typing import ClassVar
+
+import numpy as np
+
+from edmsim.hil.gap import Frame, Output
+from edmsim.plant.kernel.state import OPEN, SHORT
+
+# Power supplies of Rack Robotics: the pins of Powercore V2, the serial line and the pins of Powercore V3.
+# What the boards answer and how they count follows their manuals and firmware (Powercore-V2.0; V3, 1.0.0-beta).
+
+Pins = dict[str, float]
+
+ALERT_PULSES = 512  # pulses whose sparks the duty of ALRT counts (Powercore V2)
+AMP_V_A = 0.012  # volts per ampere on AMP (Powercore V2)
+
+
+class PowercoreV2:
+    """Powercore V2: no serial line; ALRT is the share of sparks among the last 512 pulses, AMP the current.
+
+    A current trip marks an ignition, so a short counts as a spark: the current flows in both.
+    """
+
+    name: ClassVar[str] = "powercore-v2"
+    generator: ClassVar[str] = "powercore-v2"
+    listens: ClassVar[bool] = True
+
+    def __init__(self) -> None:
+        self.enabled = True
+        self._last: deque[bool] = deque([False] * ALERT_PULSES, ALERT_PULSES)
+        self._amps = 0.0
+
+    def output(self) -> Output:
+        """Ask for some 10 ms of pulses."""
+        return Output(18, self.enabled, 32.0, 544.0)
+
+    def see(self, frame: Frame) -> None:
+        """Count sparks."""
+        if frame.on:
+            self._last.extend((frame.pulses["kind"] != OPEN).tolist())
+        self._amps = frame.window.mean_current_A
+
+    def line(self, text: str) -> str:
+        """Answer nothing: there is no serial line."""
+        return ""
+
+    def unasked(self) -> str:
+        """Send nothing."""
+        return ""
+
+    def pins(self) -> Pins:
+        """Return duty of ALRT, 0 to 1, and volts of AMP, averaged over a frame."""
+        return {"ALRT": sum(self._last) / ALERT_PULSES, "AMP": AMP_V_A * self._amps}
+
+
+VERSION = "1.0.0-beta"
+SUPPLY_V, POWER_LIMIT_W, TRIP_A, MOST_INPUT_A = 48.0, 75.0, 8.0, 7.3
+"""Input voltage; power above which pulses are skipped; current of a discharge; input current of a fault."""
+INTERVAL_PULSES, MOST_SUCCESS = 10, 0.8
+"""Pulses over which the success rate is taken, and the rate from which pulses are skipped."""
+SHORTED_SKIP_S, POWER_SKIP_S, TELEMETRY_S, SAMPLE_S, BOOT_S, EDGE_S = 0.25, 0.01, 1.0, 0.01, 2.0, 1.0
+_TICK_S = 1e-6  # times are sums of floats
+INPUT_SAMPLES = 100  # samples of the input current that its average is of: a second
+DUTY, FREQUENCY_HZ, VOLTAGE_V, ON_US, LEAST_OFF_US = (0.01, 0.12), (5e3, 1e4), (64.0, 100.0), (1.0, 25.0), 88.0
+_HELP = (
+    "ERROR: Unknown command",
+    "Accepted commands:",
+    "  SEND_TELEMETRY - Send current device status and parameters over serial",
+    "  SET_ALL_PARAMETERS <discharges> <dutyCycle> <frequency> <initVoltage> - Set all isopulse parameters at once",
+    "  EDGE_DETECTION_MODE - Enter edge detection mode",
+    "  RESET_DEVICE - Reset the device",
+    "  EDM_ISOFREQUENCY_MODE - Enter EDM Isofrequency Mode",
+)
+_NUMBER = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)", re.ASCII)
+_WHOLE = re.compile(r"\s*([-+]?\d+)", re.ASCII)  # numbers as C reads them: of spaces and digits, only those of ASCII
+
+
+def _number(text: str) -> float:
+    """Read a number as the board does: what a text begins with, 0 if it begins with none."""
+    found = _NUMBER.match(text)
+    return float(found[1]) if found else 0.0
+
+
+def _whole(text: str) -> int:
+    """Read a whole number likewise, clamped to 32 bits."""
+    found = _WHOLE.match(text)
+    return max(-(2**31), min(2**31 - 1, int(found[1]))) if found else 0
+
+
+class PowercoreV3:
+    """Powercore V3: lines at 115,200 baud, FEEDBACK and enable."""
+
+    name: ClassVar[str] = "powercore"
+    generator: ClassVar[str] = "powercore-v3"
+
+    def __init__(self) -> None:
+        self.enabled = True
+        self._time_s = 0.0
+        self._power_up()
+        self._ready_s = 0.0  # the bench begins when it has started
+        self._send("Setup complete")
+
+    def _power_up(self) -> None:
+        self._target, self._duty, self._hertz, self._volts = 0, 0.1, 10_000.0, 80.0
+        self._edge_mode = self._edge_detected = self._fault = self._done = False
+        self._ready_s, self._ready_line = self._time_s + BOOT_S, "Setup complete"
+        self._samples: deque[float] = deque(maxlen=INPUT_SAMPLES)
+        self._sample_s = self._telemetry_s = self._time_s
+        self._charge_A_s = 0.0
+        self._feedback = 0.0
+        self._amps = self._volts_burning = self._success = 0.0
+        self._discharges = 0
+        self._out: list[str] = []
+
+    def _send(self, *lines: str) -> None:
+        self._out += [line + "\r\n" for line in lines]
+
+    @property
+    def _input_A(self) -> float:
+        return sum(self._samples) / len(self._samples) if self._samples else 0.0
+
+    @property
+    def listens(self) -> bool:
+        """Whether it reads its line now: not while it starts, or waits with its output off."""
+        return self._time_s >= self._ready_s
+
+    def output(self) -> Output:
+        """Ask for as many pulses as a success rate is taken of."""
+        off = not self.listens or not self.enabled or self._fault or self._done or self._edge_detected
+        if self._edge_mode:
+            return Output(INTERVAL_PULSES, not off, 5.0, 100.0, SUPPLY_V)
+        period_us = 1e6 / self._hertz
+        return Output(INTERVAL_PULSES, not off, period_us * self._duty, period_us, self._volts)
+
+    def see(self, frame: Frame) -> None:
+        """Count discharges, take samples of the input current, skip pulses."""
+        seconds = frame.window.duration_ns * 1e-9
+        waited = not self.listens
+        self._time_s += seconds
+        self._charge_A_s += frame.window.mean_current_A * seconds
+        if waited:
+            if self.listens:
+                self._end_wait()
+            return
+        self._keep_house()
+        if frame.on:
+            self._count(frame)
+
+    def _end_wait(self) -> None:
+        if self._edge_detected and self._feedback == 1.0:
+            self._feedback, self._ready_s = 0.0, self._time_s + EDGE_S
+            return
+        if self._ready_line:
+            self._send(self._ready_line)
+        self._edge_detected = False
+
+    def _keep_house(self) -> None:
+        """Do what the board does every 10 ms, and send telemetry once a second."""
+        if self._time_s - self._sample_s >= SAMPLE_S - _TICK_S:
+            self._samples.append(self._charge_A_s / (self._time_s - self._sample_s))
+            self._sample_s, self._charge_A_s = self._time_s, 0.0
+            self._fault |= self._input_A > MOST_INPUT_A
+            if not self._edge_mode:
+                used = min(self._input_A * SUPPLY_V / POWER_LIMIT_W, 1.0)
+                operates = self.enabled and not self._fault and not self._done
+                self._feedback = 1.0 - used if operates else 0.0
+        if not self.enabled:
+            self._discharges, self._done = 0, False
+        if self._time_s - self._telemetry_s >= TELEMETRY_S - _TICK_S:
+            self._telemetry_s = self._time_s
+            self._telemetry()
+
+    def _count(self, frame: Frame) -> None:
+        timing, kinds = frame.timing, frame.pulses["kind"]
+        amps = np.where(kinds == SHORT, timing.short_A, timing.current_A)[kinds != OPEN]
+        volts = np.where(kinds == SHORT, 0.0, timing.burning_V)[kinds != OPEN]
+        tripped = amps > TRIP_A
+        if self._edge_mode:
+            if tripped.any():
+                self._edge_detected, self._feedback, self._ready_line = True, 1.0, ""
+                self._ready_s = self._time_s + EDGE_S
+                self._send("EDGE DETECTED")
+            return
+        for current, voltage in zip(amps[tripped].tolist(), volts[tripped].tolist(), strict=True):
+            self._amps = 0.9 * self._amps + 0.1 * current
+            self._volts_burning = 0.9 * self._volts_burning + 0.1 * voltage
+        count = int(tripped.sum())
+        self._discharges += count
+        if self._target and self._discharges >= self._target:
+            self._done, self._feedback = True, 0.0
+            self._send(f"Number of discharges requested reached: {self._discharges}")
+            return
+        rate = count / INTERVAL_PULSES
+        self._success = 0.99 * self._success + 0.01 * rate
+        if rate >= MOST_SUCCESS:
+            self._skip("discharge success rate threshold exceeded", SHORTED_SKIP_S)
+        elif self._input_A * SUPPLY_V > POWER_LIMIT_W:
+            self._skip("power setpoint exceeded", POWER_SKIP_S)
+
+    def _skip(self, why: str, seconds: float) -> None:
+        self._send(f"Pulse skipping: {why}")
+        self._ready_s, self._ready_line = self._time_s + seconds, "Pulse skipping complete"
+
+    def line(self, text: str) -> str:
+        """Answer a line; while the board waits it answers when it has waited."""
+        words = text.strip()
+        if words == "SEND_TELEMETRY":
+            self._telemetry()
+        elif words.startswith("SET_ALL_PARAMETERS"):
+            self._set(words)
+        elif words.startswith("EDGE_DETECTION_MODE"):
+            self._edge_mode, self._edge_detected, self._feedback = True, False, 0.0
+        elif words == "EDM_ISOFREQUENCY_MODE":
+            self._edge_mode = False
+            self._send("EDM_ISOFREQUENCY_MODE entered")
+        elif words == "RESET_DEVICE":
+            self._power_up()
+            self._send("Rebooting device")
+        else:
+            self._send(*_HELP)
+        return self.unasked()
+
+    def unasked(self) -> str:
+        """Return what the board has to say."""
+        said, self._out = "".join(self._out), []
+        return said
+
+    def pins(self) -> Pins:
+        """Return the duty of FEEDBACK, 0 to 1."""
+        return {"FEEDBACK": self._feedback}
+
+    def _set(self, words: str) -> None:
+        tokens = words.split(" ", 4)
+        if len(tokens) != 5:
+            self._send(
+                "ERROR: Invalid number of parameters",
+                "Expected 4 parameters: <discharges> <dutyCycle> <frequency> <initVoltage>",
+            )
+            return
+        target = _whole(tokens[1])
+        duty, hertz, volts = (_number(token) for token in tokens[2:])
+        if wrong := _wrong(target, duty, hertz, volts):
+            self._send(f"ERROR: {wrong}")
+            return
+        self._target, self._duty, self._hertz, self._volts = target, duty, float(int(hertz)), float(int(volts))
+        self._done = False
+        self._send("OK: Parameters set")
+
+    def _telemetry(self) -> None:
+        operating = self.enabled and not self._fault
+        state = (
+            "STARTUP"
+            if not self.listens and self._ready_line == "Setup complete"
+            else "FAULT"
+            if self._fault
+            else "IDLE"
+        )
+        # the board sends no end of line behind the state of operation
+        self._out.append(f"FIRMWARE_VERSION {VERSION}\r\nSTATE " + ("OPERATING: " if operating else f"{state}\r\n"))
+        self._send(
+            f"FAULT {'POWER_OUT_OF_RANGE_FAULT' if self._fault else 'NONE'}",
+            f"INPUT_CURRENT {self._input_A:.2f} A",
+            f"INPUT_POWER {int(self._input_A * SUPPLY_V)}W ",
+        )
+        if self._edge_mode:
+            self._send("EDGE DETECTED" if self._edge_detected else "NO EDGE DETECTED YET")
+            return
+        power_W = int(self._volts_burning * self._amps * self._duty * self._success)
+        target = f"Discharges Requested:{self._target}" if self._target else "Infinite Discharges Requested"
+        self._send(
+            f"AVG_DISCHARGE_CURRENT:{self._amps:.2f} A", f"AVG_DISCHARGE_VOLTAGE:{self._volts_burning:.2f} V",
+            f"AVG_OUTPUT_POWER:{power_W} W", f"DISCHARGES_SINCE_OPERATION_STARTED:{self._discharges}",
+            f"AVG_DISCHARGE_SUCCESS_RATE:{int(self._success * 100)}%",
+            f"DISCHARGE_SUCCESS_RATE_THRESHOLD:{int(MOST_SUCCESS * 100)}%", "ISOPULSE PARAMETERS: ", target,
+            f"Machining Duty Cycle:{self._duty:.3f}", f"Machining Frequency:{self._hertz:.0f} Hz",
+            f"Initiation Voltage:{self._volts:.0f} V", "-" * 32,
+        )  # fmt: skip
+
+
+def _wrong(target: int, duty: float, hertz: float, volts: float) -> str:
+    """Say what the board refuses of its parameters; nothing if it takes them."""
+    if target < 0:
+        return "Invalid discharges value"
+    bounds = (
+        ("duty cycle", "", duty, DUTY), ("frequency", " Hz", hertz, FREQUENCY_HZ),
+        ("initiation voltage", " V", volts, VOLTAGE_V),
+    )  # fmt: skip
+    for name, unit, value, (low, high) in bounds:
+        if not low <= value <= high or not math.isfinite(value):
+            return f"Invalid {name} (must be between {low:.2f} and {high:.2f}{unit})"
+    on_us = 1e6 / hertz * duty
+    if not ON_US[0] <= on_us <= ON_US[1]:
+        return f"Calculated on-time ({on_us:.2f} us) is outside valid range"
+    off_us = 1e6 / hertz - on_us
+    return f"Calculated off-time ({off_us:.2f} us) is too short" if off_us < LEAST_OFF_US else ""
+
+
+# PULSER, the discharge board of the Spark project, by its registers (manual of PULSER, its first boards).
+# An I2C bus has no lines of text: here a read is ``r REGISTER [COUNT]`` and a write ``w REGISTER VALUE ...``, as a
+# USB bridge would take them; `Pulser.read` and `Pulser.write` are the same without text.
+
+POLARITY, PULSE_CURRENT, TEMPERATURE, PULSE_DUR, MAX_DUTY = range(1, 6)
+CKP_N_PULSE, T_IGNITION, T_IGNITION_SD, R_PULSE, R_SHORT, R_OPEN = range(0x10, 0x16)
+TEST = 0x80
+_RANGES = {PULSE_CURRENT: (1, 80), PULSE_DUR: (5, 100), MAX_DUTY: (1, 95)}
+_INVALID = 255
+_CURRENT_CHANGE_S, _POLARITY_CHANGE_S = 0.001, 0.02
+"""How long the driver is suppressed after a change while it is active."""
+_IGNITION_UNIT_US, _MOST_IGNITION_US = 5.0, 1000.0
+_LEAST_PAUSE_US = 5.0  # shortest pause (manual: "a few us")
+_FRAME_US = 5000.0  # pulses of a frame take about that long (ours: hosts poll at 10 Hz to 1 kHz)
+_WATER_C = 25  # temperature of the heatsink that the register shows (ours: the board's cooling is not modelled)
+
+
+class Pulser:
+    """The board's registers, each of a byte; `enabled` is the level of GATE, without which no current flows."""
+
+    name: ClassVar[str] = "spark"
+    generator: ClassVar[str] = "spark-pulser"
+    listens: ClassVar[bool] = True
+
+    def __init__(self) -> None:
+        self.enabled = True
+        self._set = {POLARITY: 0, PULSE_CURRENT: 10, PULSE_DUR: 50, MAX_DUTY: 25, TEST: 0}
+        self._shown = dict.fromkeys((CKP_N_PULSE, R_PULSE, R_SHORT, R_OPEN), 0)
+        self._shown |= dict.fromkeys((T_IGNITION, T_IGNITION_SD), _INVALID)
+        self._time_s = self._quiet_until_s = 0.0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._pulses = 0
+        self._delays: list[float] = []
+        self._us = np.zeros(4)
+        """Pulse, short, open, all of the operating time."""
+
+    def output(self) -> Output:
+        """Ask for about 5 ms of pulses."""
+        on_us = 10.0 * self._set[PULSE_DUR]
+        pause_us = max(on_us * (100.0 / self._set[MAX_DUTY] - 1.0), _LEAST_PAUSE_US)
+        on = self.enabled and self._set[POLARITY] != 0 and self._time_s >= self._quiet_until_s
+        pulses = min(max(int(_FRAME_US / (on_us + pause_us)), 1), 50)
+        return Output(pulses, on, on_us, on_us + pause_us, None, 0.1 * self._set[PULSE_CURRENT])
+
+    def see(self, frame: Frame) -> None:
+        """Add up where the time went."""
+        self._time_s += frame.window.duration_ns * 1e-9
+        if not frame.on:
+            return
+        pulses, kinds = frame.pulses, frame.pulses["kind"]
+        shorted, ignited = kinds == SHORT, (kinds != OPEN) & (kinds != SHORT)
+        delays, burns = pulses["delay_us"].astype(float), pulses["conducting_us"].astype(float)
+        lengths = np.diff(pulses["start_us"].astype(float), append=frame.window.duration_ns * 1e-3)
+        # what the board waits after a short counts as short
+        self._us += burns[ignited].sum(), lengths[shorted].sum(), delays[~shorted].sum(), lengths.sum()
+        self._pulses += int(ignited.sum())
+        self._delays += np.minimum(delays[ignited], _MOST_IGNITION_US).tolist()
+
+    def read(self, register: int, count: int = 1) -> bytes:
+        """Read registers one after the other; `CKP_N_PULSE` shows a new interval and begins the next."""
+        found = []
+        for at in range(register, register + count):
+            if at == CKP_N_PULSE:
+                self._flip()
+            found.append(self._value(at & 0xFF))
+        return bytes(found)
+
+    def write(self, register: int, value: int) -> None:
+        """Write a register: an invalid value becomes the nearest valid one, an invalid polarity OFF."""
+        if register == POLARITY:
+            value = value if value <= 4 else 0
+        elif register in _RANGES:
+            low, high = _RANGES[register]
+            value = min(max(value, low), high)
+        elif register != TEST:
+            return
+        changed, was_on = self._set[register] != value, self._set[POLARITY] != 0
+        self._set[register] = value
+        if changed and was_on and register in (POLARITY, PULSE_CURRENT):
+            quiet_s = _POLARITY_CHANGE_S if register == POLARITY else _CURRENT_CHANGE_S
+            self._quiet_until_s = self._time_s + quiet_s
+
+    def line(self, text: str) -> str:
+        """Answer ``r REGISTER [COUNT]`` or ``w REGISTER VALUE ...``; numbers are decimal or as 0x10."""
+        words = text.split()
+        try:
+            numbers = [int(word, 0) for word in words[1:]]
+        except ValueError:
+            numbers = []
+        fine = bool(numbers) and all(0 <= number <= 0xFF for number in numbers)
+        if fine and words[0] == "r" and len(numbers) <= 2 and (len(numbers) == 1 or numbers[1] > 0):
+            read = self.read(numbers[0], numbers[1] if len(numbers) == 2 else 1)
+            return f"0x{numbers[0]:02x}: {' '.join(map(str, read))}\r\n"
+        if fine and words[0] == "w" and len(numbers) >= 2:
+            for k, value in enumerate(numbers[1:]):
+                self.write((numbers[0] + k) & 0xFF, value)
+            return "ok\r\n"
+        return "ERROR: give r REGISTER [COUNT] or w REGISTER VALUE ..., bytes as 18 or 0x12\r\n"
+
+    def unasked(self) -> str:
+        """Send nothing: a bus speaks when it is asked."""
+        return ""
+
+    def pins(self) -> Pins:
+        """Return nothing: the board has no outputs but its bus."""
+        return {}
+
+    def _value(self, register: int) -> int:
+        if register == TEMPERATURE:
+            return _WATER_C
+        return self._set.get(register, self._shown.get(register, 0))
+
+    def _flip(self) -> None:
+        """Show the interval that is over, and begin the next one."""
+        pulse, short, open_, total = self._us.tolist()
+        shares = (pulse / total, short / total, open_ / total) if total else (0.0, 0.0, 0.0)
+        for register, share in zip((R_PULSE, R_SHORT, R_OPEN), shares, strict=True):
+            self._shown[register] = min(int(255 * share + 0.5), 255)
+        self._shown[CKP_N_PULSE] = min(self._pulses, 255)
+        delays = np.array(self._delays)
+        for register, value in ((T_IGNITION, delays.mean()), (T_IGNITION_SD, delays.std())) if len(delays) else ():
+            self._shown[register] = min(math.floor(value / _IGNITION_UNIT_US + 0.5), _INVALID - 1)
+        if not len(delays):
+            self._shown[T_IGNITION] = self._shown[T_IGNITION_SD] = _INVALID
+        self._begin()

@@ -1,0 +1,556 @@
+"""The machine measured: its table as ISO 230 asks, its wire guides from a test cut.
+
+>>> from edmsim.machine.machine import Machine
+>>> found = measure_table(Machine.load("worn-table"), seed=1)
+>>> f"{found.squareness_um_m:.0f} um/m"
+'400 um/m'
+>>> left = measure_table(Machine.load("worn-table"), seed=2, compensation=load_tables(found.tables()))
+>>> round(found.along["x", "x"].figures()["accuracy"]), round(left.along["x", "x"].figures()["accuracy"])
+(21, 3)
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.controllers import from_text
+from edmsim.controllers.axis.drive import data_of
+from edmsim.controllers.axis.elcam.file import ErrorTable, load_tables
+from edmsim.controllers.axis.elcam.step_compensation import StepCompensation
+from edmsim.cosim.simulation import Progress, Simulation
+from edmsim.errors import EdmsimError, InputError
+from edmsim.geometry import arc_lengths
+from edmsim.job.cut import guides_of
+from edmsim.machine.machine import Machine
+from edmsim.metrology.profile import ProfileError, profile_error, slice_heights_mm
+from edmsim.plant.axes.still_table import StillTable
+from edmsim.program.outline import Outline, Program, Taper
+from edmsim.program.path import plan_path
+from edmsim.recording.figures.palette import BLUE, GRID, MUTED, VERMILION
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
+    from rich.console import RenderableType
+
+    from edmsim.controllers.axis.elcam.module import Elcam
+    from edmsim.recording.scene import ErrorMap
+
+__all__ = ["TableMeasurement", "load_tables", "measure_table"]
+
+
+# A machine's table as ISO 230 evaluates it: positioning of an axis (230-2), and the circular test (230-4).
+# Targets are approached from both sides, several times; deviations are where the axis truly is less its target, and
+# a compensation table holds the opposite. The circular test says how round, and how large, a circle is that two
+# axes go round together.
+
+Floats = NDArray[np.float64]
+COVERAGE = 2.0  # standard deviations on either side of a mean that repeatability and accuracy take in (ISO 230-2)
+
+
+@dataclass(frozen=True)
+class Positioning:
+    """Deviations of an axis and the standard's figures, in um; targets in mm.
+
+    Attributes
+    ----------
+    targets_mm : array (targets,)
+    up_um, down_um : array (runs, targets)
+        Deviations at targets approached from below and from above.
+    """
+
+    targets_mm: Floats
+    up_um: Floats
+    down_um: Floats
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be evaluated."""
+        shape = self.up_um.shape
+        if shape != self.down_um.shape or len(shape) != 2 or shape[1:] != self.targets_mm.shape or shape[0] < 2:
+            raise InputError(f"deviations need two runs or more to every target either way, not a shape of {shape}")
+
+    @property
+    def mean_up_um(self) -> Floats:
+        """Mean deviation of every target approached from below."""
+        return np.asarray(self.up_um.mean(axis=0))
+
+    @property
+    def mean_down_um(self) -> Floats:
+        """Mean deviation of every target approached from above."""
+        return np.asarray(self.down_um.mean(axis=0))
+
+    @property
+    def spread_up_um(self) -> Floats:
+        """Standard deviation of the runs to every target from below."""
+        return np.asarray(self.up_um.std(axis=0, ddof=1))
+
+    @property
+    def spread_down_um(self) -> Floats:
+        """Standard deviation of the runs to every target from above."""
+        return np.asarray(self.down_um.std(axis=0, ddof=1))
+
+    @property
+    def mean_um(self) -> Floats:
+        """Bidirectional mean deviation of every target."""
+        return 0.5 * (self.mean_up_um + self.mean_down_um)
+
+    @property
+    def reversal_um(self) -> Floats:
+        """Reversal value of every target: mean from below less mean from above."""
+        return self.mean_up_um - self.mean_down_um
+
+    def figures(self) -> dict[str, float]:
+        """Return the figures of the standard by name, in um.
+
+        ``accuracy`` (A), ``systematic`` (E), ``mean_range`` (M), ``reversal`` (B, the greatest), ``mean_reversal``,
+        ``repeatability`` (R, bidirectional), ``repeatability_up`` and ``_down``.
+        """
+        up, down = self.mean_up_um, self.mean_down_um
+        spread_up, spread_down = COVERAGE * self.spread_up_um, COVERAGE * self.spread_down_um
+        high = np.maximum(up + spread_up, down + spread_down)
+        low = np.minimum(up - spread_up, down - spread_down)
+        both = np.maximum(spread_up + spread_down + np.abs(self.reversal_um), 2 * np.maximum(spread_up, spread_down))
+        return {
+            "accuracy": float(high.max() - low.min()),
+            "systematic": float(np.maximum(up, down).max() - np.minimum(up, down).min()),
+            "mean_range": float(np.ptp(self.mean_um)),
+            "reversal": float(np.abs(self.reversal_um).max()),
+            "mean_reversal": float(self.reversal_um.mean()),
+            "repeatability": float(both.max()),
+            "repeatability_up": float(2 * spread_up.max()),
+            "repeatability_down": float(2 * spread_down.max()),
+        }
+
+
+@dataclass(frozen=True)
+class CircularTest:
+    """True places of the table on a circle, in both directions.
+
+    Attributes
+    ----------
+    radius_mm : float
+        Programmed.
+    anticlockwise_um, clockwise_um : array (n, 2)
+        Places from the programmed centre, at equal steps of the angle from +x, both in anticlockwise order.
+    """
+
+    radius_mm: float
+    anticlockwise_um: Floats
+    clockwise_um: Floats
+
+    @property
+    def angle_rad(self) -> Floats:
+        """Programmed angle of every place."""
+        return np.asarray(2 * np.pi * np.arange(len(self.anticlockwise_um)) / len(self.anticlockwise_um))
+
+    def deviation_um(self, clockwise: bool = False) -> Floats:
+        """Return the radius of every place about the least-squares centre, less the programmed one, in um."""
+        places = self.clockwise_um if clockwise else self.anticlockwise_um
+        return np.asarray(np.hypot(*(places - _centre(places)).T) - self.radius_mm * 1e3)
+
+    def figures(self) -> dict[str, float]:
+        """Return the figures of the standard by name, in um.
+
+        ``circular_deviation`` and ``circular_deviation_clockwise`` (G, about the least-squares centre),
+        ``hysteresis`` (H, largest difference of the directions), ``radial_high`` and ``radial_low`` (F) of both.
+        """
+        first, second = self.deviation_um(), self.deviation_um(clockwise=True)
+        centre = 0.5 * (_centre(self.anticlockwise_um) + _centre(self.clockwise_um))
+        radii = [np.hypot(*(places - centre).T) for places in (self.anticlockwise_um, self.clockwise_um)]
+        about_programmed = np.concatenate([
+            np.hypot(*places.T) - self.radius_mm * 1e3 for places in (self.anticlockwise_um, self.clockwise_um)
+        ])  # fmt: skip
+        return {
+            "circular_deviation": float(np.ptp(first)),
+            "circular_deviation_clockwise": float(np.ptp(second)),
+            "hysteresis": float(np.abs(radii[0] - radii[1]).max()),
+            "radial_high": float(about_programmed.max()),
+            "radial_low": float(about_programmed.min()),
+        }
+
+
+def _centre(places: Floats) -> Floats:
+    """Centre of the circle nearest to some places, by two steps of Gauss and Newton."""
+    centre = places.mean(axis=0)
+    for _ in range(2):
+        away = places - centre
+        radii = np.hypot(*away.T)
+        normal = np.column_stack([away / radii[:, None], np.ones(len(places))])
+        centre = centre + np.linalg.lstsq(normal, radii, rcond=None)[0][:2]
+    return np.asarray(centre)
+
+
+# Measuring a machine's table as with a laser interferometer, and the compensation tables that follow from it.
+
+
+_INTERFEROMETER = data_of("interferometer")
+_BEYOND_MM = 1.0  # how far the first and the last point of a compensation table lie outside the travel (ours)
+
+
+@dataclass(frozen=True)
+class TableMeasurement:
+    """Measurements of a table.
+
+    Attributes
+    ----------
+    travel_mm : float
+    along : dict of (str, str) to Positioning
+        By the axis of the deviation and the axis that moved: positioning if they are equal, otherwise
+        straightness and squareness.
+    circle : CircularTest
+    """
+
+    travel_mm: float
+    along: dict[tuple[str, str], Positioning]
+    circle: CircularTest
+
+    @property
+    def squareness_um_m(self) -> float:
+        """Angle between the ways of x and y beyond 90 degrees, in um per m (urad)."""
+        across = [found for (axis, master), found in self.along.items() if axis != master]
+        slopes = [np.polyfit(found.targets_mm, found.mean_um, 1)[0] for found in across]
+        return float(-1e3 * sum(slopes))
+
+    def tables(self, cubic: bool = False) -> list[ErrorTable]:
+        """Return the compensation tables: the negative deviations, constant beyond the ends.
+
+        Parameters
+        ----------
+        cubic : bool
+            Interpolate with cubics.
+        """
+        made = []
+        for (axis, master), found in self.along.items():
+            x = np.concatenate([[-_BEYOND_MM], found.targets_mm, [self.travel_mm + _BEYOND_MM]])
+            error = np.pad(-found.mean_um, 1, mode="edge")
+            reversal = -float(found.reversal_um.mean())
+            if axis != master or abs(reversal) < _INTERFEROMETER["reading"]["noise_um"]:
+                reversal = 0.0
+            made.append(ErrorTable(axis, master, np.column_stack([x, error]), reversal, cubic))
+        return made
+
+
+class _Bench:
+    """The table with an interferometer on it, and a compensation, if there is one."""
+
+    def __init__(self, machine: Machine, compensation: Elcam | None, rng: np.random.Generator) -> None:
+        self._table, self._rng = StillTable(machine), rng
+        self._step_um = machine.base.table.step_um.value
+        self._compensation = None if compensation is None else StepCompensation(compensation, self._step_um)
+        self.centre_um = machine.base.table.centre_um
+
+    def deviation_um(self, x_um: float, y_um: float) -> Floats:
+        """Move to a place, and return by how much the readings of both axes are off it."""
+        motors = (x_um, y_um) if self._compensation is None else self._compensation.begin((x_um, y_um))
+        x, y = self._table.move(motors)
+        noise = self._rng.normal(0.0, _INTERFEROMETER["reading"]["noise_um"], 2)
+        return np.array((x - x_um, y - y_um)) + noise
+
+    def whole_steps(self, um: float) -> float:
+        """Return the place of the nearest motor step."""
+        return round(um / self._step_um) * self._step_um
+
+
+def measure_table(
+    machine: Machine, *, interval_mm: float | None = None, runs: int | None = None, seed: int = 0,
+    compensation: Elcam | None = None,
+) -> TableMeasurement:
+    """Measure a machine's table at rest, each axis through the middle, and round a circle.
+
+    Parameters
+    ----------
+    machine : Machine
+    interval_mm : float, optional
+        Between targets, 0.02 mm to a quarter of the travel; by default 0.5.
+    runs : int, optional
+        To every target from each side, 2 to 100; by default 5.
+    seed : int
+        Of the noise of the readings.
+    compensation : Elcam, optional
+        The control's compensation, from `edmsim.controllers.axis.elcam.file.load_tables`.
+
+    Raises
+    ------
+    InputError
+        If interval or number of runs is out of range.
+    """
+    data = _INTERFEROMETER["run"]
+    travel_mm = machine.base.table.travel_mm.value
+    interval_mm = data["interval_mm"] if interval_mm is None else interval_mm
+    runs = data["runs"] if runs is None else runs
+    if not 0.02 <= interval_mm <= travel_mm / 4:
+        raise InputError(f"an interval of {interval_mm:g} mm is not within 0.02..{travel_mm / 4:g} mm")
+    if not 2 <= runs <= 100:
+        raise InputError(f"{runs} runs are not within 2..100: a spread needs two")
+    bench = _Bench(machine, compensation, np.random.default_rng(seed))
+    places = np.arange(interval_mm / 2, travel_mm, interval_mm)
+    targets = np.array([bench.whole_steps(mm * 1e3) for mm in places])
+    along = {}
+    for k, master in enumerate(("x", "y")):
+        up, down = _traverses(bench, k, targets, runs)
+        for j, axis in enumerate(("x", "y")):
+            along[axis, master] = Positioning(targets * 1e-3, up[:, :, j], down[:, :, j])
+    radius_um = min(data["circle_mm"], travel_mm / 3) * 1e3
+    angle = 2 * np.pi * np.arange(data["circle_places"]) / data["circle_places"]
+    circle = np.column_stack([np.cos(angle), np.sin(angle)]) * radius_um
+    return TableMeasurement(
+        travel_mm, along, CircularTest(radius_um * 1e-3, _round(bench, circle), _round(bench, circle[::-1])[::-1])
+    )
+
+
+def _traverses(bench: _Bench, k: int, targets: Floats, runs: int) -> tuple[Floats, Floats]:
+    """Go to and fro along an axis, (runs, targets, 2) deviations of both axes upwards and downwards."""
+    passes = []
+    beyond = 0.25 * (targets[1] - targets[0])  # beyond the ends, so that every target is come upon from one side
+    for way in (targets, targets[::-1]) * runs:
+        start = way[0] - np.sign(way[1] - way[0]) * beyond
+        passes.append(np.array([bench.deviation_um(*_at(bench, k, float(um))) for um in (start, *way)])[1:])
+    return np.array(passes[::2]), np.array(passes[1::2])[:, ::-1]
+
+
+def _at(bench: _Bench, k: int, um: float) -> tuple[float, float]:
+    x, y = bench.centre_um
+    return (um, y) if k == 0 else (x, um)
+
+
+def _round(bench: _Bench, circle: Sequence[Floats] | Floats) -> Floats:
+    """Go round twice, and return the places of the second time from the programmed centre."""
+    x0, y0 = bench.centre_um
+    places = []
+    for x, y in [*circle, *circle]:
+        at = bench.whole_steps(x0 + float(x)), bench.whole_steps(y0 + float(y))
+        places.append(np.array((float(at[0]) - x0, float(at[1]) - y0)) + bench.deviation_um(*at))
+    return np.array(places[len(circle) :])
+
+
+_NAMES = {
+    "accuracy": "accuracy A", "systematic": "systematic deviation E", "mean_range": "range of means M",
+    "reversal": "greatest reversal value B", "mean_reversal": "mean reversal value",
+    "repeatability": "repeatability R",
+    "repeatability_up": "repeatability from below", "repeatability_down": "repeatability from above",
+}  # fmt: skip
+_OF_CIRCLE = {
+    "circular_deviation": "circular deviation G", "circular_deviation_clockwise": "circular deviation G, clockwise",
+    "hysteresis": "hysteresis H", "radial_high": "radial deviation F, greatest",
+    "radial_low": "radial deviation F, least",
+}  # fmt: skip
+
+
+def headline(found: TableMeasurement) -> list[str]:
+    """Return the most telling figures as sentences."""
+    lines = [
+        f"Accuracy (ISO 230-2) of {axis}: {found.along[axis, axis].figures()['accuracy']:.1f} um."
+        for axis in ("x", "y")
+    ]
+    return [*lines, f"Out of square by {found.squareness_um_m:.0f} um/m."]
+
+
+def as_json(found: TableMeasurement) -> str:
+    """Return all figures in um as JSON."""
+    figures = {axis: found.along[axis, axis].figures() for axis in ("x", "y")}
+    return json.dumps(
+        {**figures, "squareness_um_m": found.squareness_um_m, "circle": found.circle.figures()}, indent=2
+    )
+
+
+def render(found: TableMeasurement) -> RenderableType:
+    """Return all figures as a table for the terminal."""
+    from edmsim.screen import ScreenTable
+
+    table = ScreenTable(
+        "ISO 230-2, um", numbers=("x", "y"), title=f"{len(found.along['x', 'x'].targets_mm)} targets an axis"
+    )
+    x, y = (found.along[axis, axis].figures() for axis in ("x", "y"))
+    for name, words in _NAMES.items():
+        table.add_row(words, f"{x[name]:.2f}", f"{y[name]:.2f}")
+    table.add_section()
+    table.add_row("out of square, um/m", f"{found.squareness_um_m:.1f}", "")
+    table.add_section()
+    circle = found.circle.figures()
+    for name, words in _OF_CIRCLE.items():
+        table.add_row(f"{words} (ISO 230-4)", f"{circle[name]:.2f}", "")
+    return table
+
+
+_COLOURS = VERMILION, BLUE
+_SMOOTHED_MM = 1.0  # length along the edge over which the wall is averaged: its roughness is several um (ours)
+_STEP_MM = 0.02
+
+
+def table_figure(measured: Mapping[str, TableMeasurement]) -> Figure:
+    """Draw measurements of a table, once or before and after compensation.
+
+    Parameters
+    ----------
+    measured : mapping of str to TableMeasurement
+        By name in the legend, at most two.
+
+    Returns
+    -------
+    Figure
+        Deviations of x and of y along their own axes, in both directions (thin lines) and their mean; of y along x;
+        and the circular test.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 6.4), layout="constrained")
+    for place, (pair, title) in enumerate(
+        {("x", "x"): "x along x", ("y", "y"): "y along y", ("y", "x"): "y along x"}.items(), 1
+    ):
+        axes = figure.add_subplot(2, 2, place)
+        for colour, (name, found) in zip(_COLOURS, measured.items(), strict=False):
+            _draw(axes, found.along[pair], name, colour)
+        axes.set(title=title, xlabel="target, mm", ylabel="deviation, um")
+        axes.grid(color=GRID)
+    polar: PolarAxes = figure.add_subplot(2, 2, 4, projection="polar")  # type: ignore[assignment]
+    _draw_circles(polar, {name: found.circle for name, found in measured.items()})
+    return figure
+
+
+def _draw(axes: object, found: Positioning, name: str, colour: str) -> None:
+    plot = axes.plot  # type: ignore[attr-defined]
+    for mean in (found.mean_up_um, found.mean_down_um):
+        plot(found.targets_mm, mean, color=colour, lw=0.5, alpha=0.6)
+    plot(found.targets_mm, found.mean_um, color=colour, lw=1.3, label=name)
+    axes.legend(fontsize=8)  # type: ignore[attr-defined]
+
+
+def _draw_circles(axes: PolarAxes, circles: Mapping[str, CircularTest]) -> None:
+    most = max(float(np.abs(c.deviation_um(way)).max()) for c in circles.values() for way in (False, True))
+    for colour, circle in zip(_COLOURS, circles.values(), strict=False):
+        angle = np.append(circle.angle_rad, 2 * np.pi)
+        for clockwise, style in ((False, "-"), (True, ":")):
+            deviation = circle.deviation_um(clockwise)
+            axes.plot(angle, np.append(deviation, deviation[0]), style, color=colour, lw=1.1)
+    axes.plot(np.linspace(0, 2 * np.pi, 181), np.zeros(181), color=MUTED, lw=0.8)
+    axes.set_ylim(-3 * most, 1.5 * most)
+    radius = next(iter(circles.values())).radius_mm
+    axes.set_title(f"radius on a circle of {radius:g} mm, um (clockwise dotted)", fontsize=9)
+
+
+def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, ErrorMap]) -> Figure:
+    """Draw a table's pitch error before and after compensation, and its effect on the wall of a part.
+
+    Parameters
+    ----------
+    measured : mapping of str to TableMeasurement
+        By name, at most two.
+    cuts : mapping of str to ErrorMap
+        The same contour, cut with both and with a perfect table (``"perfect table"``), which is subtracted from
+        the others: wire and process are the same.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
+    drawn = figure.subplot_mosaic([["x", "y"], ["part", "part"]])
+    for pair in (("x", "x"), ("y", "x")):
+        axes = drawn[pair[0]]
+        for colour, (name, found) in zip(_COLOURS, measured.items(), strict=False):
+            _draw(axes, found.along[pair], name, colour)
+        axes.set(title=f"{pair[0]} along {pair[1]}", xlabel="target, mm", ylabel="deviation, um")
+        axes.grid(color=GRID)
+    axes = drawn["part"]
+    perfect = cuts["perfect table"].error_um
+    names = [name for name in cuts if name != "perfect table"]
+    for colour, name in zip(_COLOURS, names, strict=False):
+        cut = cuts[name]
+        along_mm = arc_lengths(cut.points_mm)
+        axes.plot(along_mm, _smoothed(cut.error_um - perfect), color=colour, lw=1.3, label=name)
+    axes.set(title="the part's wall, less that of a perfect table", xlabel="along the edge, mm", ylabel="error, um")
+    axes.grid(color=GRID)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return running means of what is finite."""
+    window = np.ones(round(_SMOOTHED_MM / _STEP_MM))
+    known = np.isfinite(values)
+    count = np.convolve(known, window, "same")
+    total = np.convolve(np.where(known, values, 0.0), window, "same")
+    return np.asarray(np.divide(total, count, out=np.full(len(values), np.nan), where=count > 0))
+
+
+# Where a machine's wire guides are, found from a test cut: a block whose walls lean to one side.
+# A guide that is higher or lower than the control knows moves a leaning wall, towards the part on one side of the
+# block and away from it on the other. What the gap takes is the same on both, and goes out.
+
+SIDE_MM = 3.0  # sides of the block (ours: most of each lies away from its corners)
+CORNER_MM = 0.6  # so near to its corners a wall is not looked at (ours: what is cut twice there, or from the side)
+
+
+class GuidesFound(NamedTuple):
+    """What a test cut says of the guides."""
+
+    # how much higher the guides are than the machine's file says
+    lower_mm: float
+    upper_mm: float
+    uncertainty_mm: tuple[float, float]  # standard errors of these
+    # (slices,): by how much the walls were moved the way they lean, slice by slice
+    heights_mm: NDArray[np.float64]
+    shift_um: NDArray[np.float64]
+
+
+def block(angle_deg: float) -> Program:
+    """Return the program of the block: its walls along y lean towards -x, those along x do not."""
+    half = SIDE_MM / 2
+    points = half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], np.float64)
+    outline = Outline(
+        points, (0,) * 4, True, "right", "left", np.empty((0, 2)), elements=(1, 2, 3, 4),
+        taper=Taper((0.0, angle_deg, 0.0, -angle_deg), corners="sharp"),
+    )
+    return Program((outline,), (), "test block")
+
+
+def measure_guides(
+    machine: Machine, angle_deg: float = 10.0, errors_mm: tuple[float, float] = (0.0, 0.0), *, seed: int = 0,
+    resolution: str = "fast", watch: Callable[[Progress], None] | None = None,
+) -> GuidesFound:
+    """Cut a block whose walls lean by an angle, and find from them where the guides are, less the errors known."""
+    if not 1.0 <= angle_deg <= 30.0:
+        raise InputError(f"a test block's walls cannot lean by {angle_deg:g} degrees: give 1 to 30")
+    guides = guides_of(machine, errors_mm)
+    travel_um = round(machine.base.table.travel_mm.value * 1e3)
+    path = plan_path(
+        block(angle_deg), auto_offset_mm=machine.auto_offset_mm, table_um=travel_um, guides=[guides],
+        lead_in_mm=1.0 + machine.height_mm * math.tan(math.radians(angle_deg)),
+    )
+    cut = Simulation(machine, path, from_text("counts"), planner="exact", seed=seed, resolution=resolution)
+    outcome = cut.run(watch)
+    if outcome != "finished":
+        raise EdmsimError(f"the test block was not cut to its end: {cut.reason or outcome}")
+    assert guides is not None
+    contour = path.contours[0]
+    profile = profile_error(cut.plant.field, contour)
+    shift_um = _shift_um(profile)
+    heights_mm = slice_heights_mm(cut.plant.field, machine.height_mm)
+    tangent = math.tan(math.radians(angle_deg))
+    low_mm, high_mm = guides.bends_mm(np.array([[tangent, 0.0]]))[0].tolist()
+    distance_mm = high_mm - low_mm
+    share = shift_um * 1e-3 / (tangent * distance_mm)
+    (rise, start), covariance = np.polyfit(heights_mm, share, 1, cov="unscaled")
+    spread = float(np.std(share - (start + rise * heights_mm), ddof=2))
+    steep = 1.0 / distance_mm + rise
+    places = [(at + low_mm / distance_mm - start) / steep for at in (0.0, 1.0)]
+    known = [np.array([place, 1.0]) for place in places]
+    errors = [spread * math.sqrt(float(row @ covariance @ row)) / steep for row in known]
+    return GuidesFound(
+        errors_mm[0] + places[0] - low_mm, errors_mm[1] + places[1] - high_mm, (errors[0], errors[1]), heights_mm,
+        shift_um,
+    )
+
+
+def _shift_um(profile: ProfileError) -> NDArray[np.float64]:
+    """Return by how much the leaning walls lie further towards -x than they should, slice by slice."""
+    middle = (profile.points_mm.min(axis=0) + profile.points_mm.max(axis=0)) / 2
+    x, y = (profile.points_mm - middle).T
+    counted = (np.abs(y) < SIDE_MM / 2 - CORNER_MM) & ~profile.at_lead_in
+    left, right = (np.nanmedian(profile.error_um[:, counted & side], axis=1) for side in (x < 0, x > 0))
+    return np.asarray((left - right) / 2)

@@ -1,0 +1,232 @@
+"""The dialects of G-code: a record for each, and how the dialect of a program is recognised."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from edmsim.errors import InputError, one_of
+
+Action = Literal[
+    "thread", "cut off", "adaptive", "constant", "end", "idle", "no taper", "taper left", "taper right", "conical",
+    "cylindrical", "two planes off", "two planes left", "two planes right",
+]
+"""What a code does. "idle": nothing to a contour, as tank, water and wire on and off."""
+
+Codes = Mapping[tuple[str, float], Action]
+TAPER: Codes = {("G", 50): "no taper", ("G", 51): "taper left", ("G", 52): "taper right"}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """A dialect: words and what they mean."""
+
+    name: str  # as ``--dialect`` has it
+    machines: str  # the machines it is for, in notices
+    # codes that only this dialect has, or to which it gives a meaning, and what they do
+    codes: Codes = field(default_factory=dict)
+    condition: str = ""  # letter that calls a machining condition; empty where none does
+    # columns of its table of conditions, in their usual order; empty where programs hold no table
+    columns: tuple[str, ...] = ()
+    angle: str = ""  # letter of a taper's angle in degrees; empty where there is none
+    signed_angle: bool = False  # whether the angle leans the wire without G51 or G52, by its sign
+    # how the second plane is written: U V from X Y, U V as coordinates, or a move behind a colon
+    upper: Literal["relative", "absolute", "colon"] | None = None
+    planes: bool = False  # whether TP and TN give the heights of the two planes
+    registers_in_um: bool = False  # whether ``H001=100`` are um, in whatever unit the coordinates are
+    ends_blocks: bool = False  # whether ``;`` ends a block, so that another may follow on the line
+    numbered: bool = False  # whether subprograms begin at N numbers as well as at O numbers
+    # what the dialect is recognised by: regular expressions of which all of one tuple are found in the program,
+    # in upper case, without comments and blanks
+    evidence: tuple[tuple[str, ...], ...] = ()
+    comment: str = ""  # a regular expression that is found in its comments; empty if they tell nothing
+
+    @property
+    def letters(self) -> str:
+        """Letters whose numbers are used here, besides those of all dialects."""
+        return self.angle + {"relative": "UVK", "absolute": "UV"}.get(self.upper or "", "")
+
+    def action_of(self, code: tuple[str, float]) -> Action | None:
+        """Return what a code does here, None where it has its usual meaning or none."""
+        return self.codes.get(code)
+
+    def found_in(self, words: str, comments: str) -> str | None:
+        """Return what a program, in upper case without comments and blanks, is recognised by; None if by nothing."""
+        for alternative in self.evidence:
+            found = [re.search(pattern, words, re.MULTILINE) for pattern in alternative]
+            if all(found):
+                return " and ".join(match[0] for match in found if match)
+        remark = re.search(self.comment, comments, re.IGNORECASE) if self.comment else None
+        return f"the comment '{remark[0]}'" if remark else None
+
+
+ISO = Dialect("iso", "any machine")
+"""The words that controls have in common; for programs in which no other dialect is recognised."""
+
+
+# Charmilles Robofil: offsets and settings by number from the control's tables, G28 and G29 for tapered corners.
+
+CHARMILLES = Dialect(
+    "charmilles",
+    "Charmilles Robofil machines",
+    codes={**TAPER, ("G", 28): "conical", ("G", 29): "cylindrical", ("M", 20): "thread", ("M", 21): "cut off"},
+    condition="S",
+    angle="A",
+    evidence=((r"G2[89](?!\d)",),),
+)  # fmt: skip
+
+
+# Fanuc: D calls the offset, S the condition, T is a taper's angle; U V and K L are the upper plane's.
+
+FANUC = Dialect(
+    "fanuc",
+    "machines with a Fanuc control",
+    codes={**TAPER, ("M", 60): "thread", ("M", 50): "cut off"},
+    condition="S",
+    angle="T",
+    upper="relative",
+    evidence=(
+        (r"G5[12](?!\d).*?T[\d.]+",), (r"[UV][-+\d.]+.*?[KL][-+\d.]+",), (r"[KL][-+\d.]+.*?[UV][-+\d.]+",),
+        (r"S0*1(?!\d)", r"S0*2(?!\d)", r"D0*1(?![\d=])", r"D0*2(?![\d=])"),
+    ),
+)
+
+
+# FreeCAD's post processor for wire EDM: any line end, comments behind any sign, coordinates in any scale.
+
+FREECAD = Dialect("freecad", "FreeCAD's wire post", comment=r"FreeCAD|begin preamble")
+
+_COORDINATE = re.compile(r"[XYIJ][-+]?[\d.]", re.IGNORECASE)
+_LINE_END = re.compile(r"(?<![^\d.\s()])[^\d.\s()]++$")
+_MARKS = r"[^\w\s%/();#\[]"
+# every blank and mark is looked at once: a line of nothing but blanks would else take hours
+_MARKED_COMMENT = re.compile(rf"(?<!\s)(?:\s++|(?=N)|(?<!{_MARKS}))(?:N\d++)?+\s*+{_MARKS}++\s*+(?=\()")
+_INCHES = re.compile(r"\(machine:[^)]*\bin/min\)", re.IGNORECASE)
+
+
+def without_line_ends(lines: Sequence[str]) -> list[str]:
+    """Take off what stands at the end of every line with coordinates, and signs that a comment begins with."""
+    # what some of these lines lack is no line end, and neither is a single letter: they may be words that were spoilt
+    bare = [re.sub(r"\([^()]*\)", "", line.partition(";")[0]).rstrip() for line in lines]
+    ends = [_LINE_END.search(line) for line in bare if _COORDINATE.search(line)]
+    found = {end and end[0] for end in ends}
+    end = found.pop() if len(found) == 1 and len(ends) > 1 else None
+    cut = lines if end is None or re.fullmatch("[A-Za-z]", end) else [
+        line.rstrip()[: -len(end)] if line.rstrip().endswith(end) else line for line in lines
+    ]  # fmt: skip
+    return [_MARKED_COMMENT.sub("", line) for line in cut]
+
+
+def has_inch_comment(text: str) -> bool:
+    """Say whether its comments name inches as the unit."""
+    return _INCHES.search(text) is not None
+
+
+# LinuxCNC with four axes, as cutters of foam with a hot wire have them: U V are coordinates of the upper plane.
+
+LINUXCNC = Dialect(
+    "linuxcnc",
+    "LinuxCNC with four axes",
+    upper="absolute",
+    evidence=((r"[UV][-+\d.]+", r"G64(?!\d)"),),
+    comment=r"linuxcnc|foam|hot.?wire|\b(?:UV|XY).?plane",
+)
+
+_PLANE = re.compile(r"\b(XY|UV)[ -]?PLANE\D*?([-+]?(?:\d+\.?\d*|\.\d+))", re.IGNORECASE)
+
+
+def plane_heights(comments: Iterable[str]) -> dict[str, float]:
+    """Return the heights that comments give the planes, as ``(UV plane Z20)``: by ``XY`` and ``UV``, as written."""
+    return {found[1].upper(): float(found[2]) for text in comments for found in _PLANE.finditer(text)}
+
+
+# Mitsubishi FA: offsets as sums of registers, a condition number per pass, M codes for tank, water and power.
+
+MITSUBISHI = Dialect(
+    "mitsubishi",
+    "Mitsubishi machines of the series FA",
+    codes={
+        **TAPER,
+        ("M", 20): "thread", ("M", 21): "cut off", ("M", 58): "idle", ("M", 90): "adaptive", ("M", 91): "constant",
+    },
+    condition="E",
+    angle="A",
+    signed_angle=True,
+    upper="relative",
+    evidence=((r"H\d{1,4}=[-+\d.]*\+H\d{1,4}",), (r"E\d{3,4}(?![\d=])", r"M(?:2[01]|58|78|8[0-9]|9[01])(?!\d)")),
+)  # fmt: skip
+
+
+# SKD2, the control of fast-wire machines: offsets in um, conditions in a table at the head, a stop per pass.
+
+SKD2 = Dialect(
+    "skd2",
+    "fast-wire machines with an SKD2",
+    condition="E",
+    columns=("W_SP", "I_MAX", "PUL_ON", "P_RATIO", "VOLTAGE", "AUXILIARY", "SPEED"),
+    registers_in_um=True,
+    ends_blocks=True,
+    numbered=True,
+    evidence=((r"^E\d{3}=",), (r"E\d{3}(?![\d=])", r"H\d{3}=\+?\d+(?![.\d])")),
+)
+
+
+# Sodick: conditions and offsets in tables at the head, both planes of a tapered cut in one block.
+
+SODICK = Dialect(
+    "sodick",
+    "Sodick machines",
+    codes={
+        **TAPER, ("G", 140): "two planes off", ("G", 141): "two planes left", ("G", 142): "two planes right",
+        ("T", 90): "cut off", ("T", 91): "thread", ("M", 199): "end",
+    },
+    condition="C",
+    columns=("ON", "OFF", "IP", "HRP", "MAO", "SV", "V", "SF", "C", "PIK", "CTRL", "WK", "WT", "WS", "WP"),
+    angle="A",
+    upper="colon",
+    planes=True,
+    ends_blocks=True,
+    numbered=True,
+    evidence=(
+        (r"^C\d{3}=",), (r"H\d{3}(?!\d)", r"C\d{3}(?!\d)"), (r"G14[012](?!\d)",), (r"T[PN]=?[-+\d.]",),
+        (r"M199(?!\d)",), (r"G5[12](?!\d)", r"A[\d.]", r"H\d{3}(?!\d)"),
+    ),
+)  # fmt: skip
+
+
+DIALECTS = {
+    dialect.name: dialect for dialect in (SODICK, MITSUBISHI, SKD2, CHARMILLES, FANUC, LINUXCNC, FREECAD, ISO)
+}  # fmt: skip
+"""By name, in the order in which they are looked for in a program."""
+AUTO = "auto"
+
+_COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
+
+
+def check_dialect(name: str) -> str:
+    """Return the name of a dialect; raises `InputError` for an unknown one."""
+    if name not in (AUTO, *DIALECTS):
+        raise InputError(f"unknown dialect '{name}'; there are: {one_of(name, (AUTO, *DIALECTS))}")
+    return name
+
+
+def comments_of(text: str) -> list[str]:
+    """Return the comments of a program."""
+    return ["".join(found) for found in _COMMENT.findall(text)]
+
+
+def dialect_of(text: str, requested: str) -> tuple[Dialect, list[str]]:
+    """Return the dialect of a program, and notices about it; ``auto`` recognises it by words that no other has."""
+    if check_dialect(requested) != AUTO:
+        return DIALECTS[requested], [f"dialect {requested} ({DIALECTS[requested].machines}), as requested"]
+    words = "\n".join("".join(_COMMENT.sub("", line).split()) for line in text.upper().splitlines())
+    comments = "\n".join(comments_of(text))
+    for dialect in DIALECTS.values():
+        found = dialect.found_in(words, comments)
+        if found is not None and (dialect is not LINUXCNC or re.search(r"[UV][-+\d.]", words)):
+            short = found if len(found) < 60 else f"{found[:57]}..."
+            return dialect, [f"dialect {dialect.name} ({dialect.machines}), recognised by {' '.join(short.split())}; "
+                             "--dialect selects another"]  # fmt: skip
+    return ISO, []

@@ -1,0 +1,284 @@
+"""Tables that a program refers to: offset registers and machining conditions, in the program or a user's file."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from edmsim.errors import InputError, one_of
+from edmsim.numeric import real
+from edmsim.program.dialects import Dialect
+
+# Offset registers: what D1 or H1 of a program mean, from the program itself or from a file.
+
+_ZERO = frozenset({"D0", "H0"})
+_NAME = re.compile(r"([DH])0*(\d{1,4})")
+GREATEST_MM = 10.0  # of an offset (ours: no wire is thicker)
+
+
+def register(letter: str, number: str | float) -> str:
+    """Return a register's name as tables have it, ``D1`` for ``D01`` or ``D1.``."""
+    return f"{letter}{int(number)}"
+
+
+def read_offsets(file: str | Path) -> dict[str, float]:
+    """Read a table of offsets: lines like ``D1 = 0.155`` in mm; ``#`` begins a comment.
+
+    Returns
+    -------
+    dict of str to float
+        By register, in mm.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or a line invalid.
+    """
+    path = Path(file)
+    return checked_offsets(read_table(path, "a table of offsets with lines as D1 = 0.155"), path)
+
+
+def read_table(path: Path, what: str) -> dict[str, Any]:
+    """Read a user's TOML file; raises `InputError` that says what it is to be."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError(f"no such file: give {what}", path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read: {error}", path) from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"not {what}: {error}", path) from None
+
+
+def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = None) -> dict[str, float]:
+    """Return offsets in mm by register; raises `InputError` for invalid names and values."""
+    table: dict[str, float] = {}
+    for name, value in offsets.items():
+        found = _NAME.fullmatch(name.strip().upper())
+        if found is None:
+            raise InputError(f"there is no offset register {name!r}: name them D1, D2 or H1, H2", file)
+        offset_mm = real(value)
+        if offset_mm is None or not 0 <= offset_mm <= GREATEST_MM:
+            raise InputError(f"the offset {name} is {value!r}: give 0 to {GREATEST_MM:g} mm{in_um(value)}", file)
+        table[register(found[1], found[2])] = float(offset_mm)
+    return table
+
+
+def in_um(value: object) -> str:
+    """Return a hint for an offset that is too large for mm and is probably in um."""
+    meant_mm = (real(value) or 0.0) / 1e3
+    return f"; {value:g} um are {meant_mm:g} mm" if GREATEST_MM < 1e3 * meant_mm <= 1e3 * GREATEST_MM else ""
+
+
+class Offset(NamedTuple):
+    """A register and the value in mm that it has when a move is compensated by it."""
+
+    register: str
+    mm: float
+
+    def __str__(self) -> str:
+        """Return both, for messages."""
+        return f"{self.register} {self.mm:g} mm"
+
+
+class OffsetRegisters:
+    """The registers of a program while it is read; what the program itself says comes before those of a file."""
+
+    def __init__(self, offsets: Mapping[str, float], defined: Collection[str], file: str, zero: bool = False) -> None:
+        self._table = dict(offsets)
+        self._zero = zero
+        self._defined = frozenset(defined)
+        self._file = file
+        self._called: str | None = None
+
+    def define(self, name: str, offset_mm: float, line: int) -> None:
+        """Take over what the program says of a register."""
+        if not (math.isfinite(offset_mm) and 0 <= offset_mm <= GREATEST_MM):
+            raise InputError(f"the offset {name} is {offset_mm:g} mm: give 0 to {GREATEST_MM:g} mm", self._file, line)
+        self._table[name] = offset_mm
+
+    def value_of(self, name: str, used_by: str, line: int) -> float:
+        """Return a register that another is made of, in mm."""
+        if name not in self._table:
+            reason = f"{used_by} is made of {name}, which has no value there: write {name}=0. before it"
+            raise InputError(f"{reason}, or give it by --offsets", self._file, line)
+        return self._table[name]
+
+    def call(self, names: list[str], line: int) -> list[str]:
+        """Take D and H words of a block, and return what to tell of them."""
+        if self._zero and self._table:
+            self._table |= {name: 0.0 for name in names if name in _ZERO and name not in self._table}
+        known = [name for name in names if name in self._table]
+        if len(known) > 1:
+            raise InputError(f"{' and '.join(known)} are both offsets: call one in a block", self._file, line)
+        if known:
+            self._called = known[0]
+        elif not self._defined.isdisjoint(names):
+            name = next(name for name in names if name in self._defined)
+            reason = f"the offset {name} is called before the program gives it a value: give it earlier"
+            raise InputError(reason, self._file, line)
+        elif names and self._table:
+            there = ", ".join(sorted(self._table))
+            reason = f"the offset register {names[0]} is not in the table: there are {there}"
+            raise InputError(reason, self._file, line)
+        return [
+            f"offset register {name} is {self._table[name]:g} mm" if name in known
+            else f"offset register {name} is not in the program: the offset is the one given for the cut"
+            for name in names if name in known or not known
+        ]  # fmt: skip
+
+    @property
+    def in_force(self) -> Offset | None:
+        """The register called last, with its value; None if the program calls none that has a value."""
+        return None if self._called is None else Offset(self._called, self._table[self._called])
+
+
+# Tables of machining conditions: the one at the head of a program, and a user's with settings for each condition.
+
+_COMMENT = re.compile(r"\(([^()]*)\)")
+_FEWEST_COLUMNS = 3
+_CALLED = re.compile(r"([A-Z])0*(\d{1,4})", re.ASCII)
+
+SETTINGS: dict[str, tuple[float, float]] = {
+    "t_on_us": (0.0, 1e4), "t_period_us": (0.0, 1e5), "open_voltage_V": (0.0, 1e3), "peak_current_A": (0.0, 1e4),
+    "resistance_ohm": (0.0, 1e4), "tension_N": (0.0, 100.0), "wire_speed_m_s": (0.0, 100.0),
+    "flushing_lower_Pa": (0.0, 1e8), "flushing_upper_Pa": (0.0, 1e8), "open_target_share": (0.0, 1.0),
+    "feed_um_s": (0.0, 1e4),
+}  # fmt: skip
+"""What a user's table may say of a condition, and between which numbers (ours: beyond them a unit was mistaken). What
+a machine can be set to is checked where it is set."""
+_MAY_BE_ZERO = frozenset({"flushing_lower_Pa", "flushing_upper_Pa", "open_target_share"})
+
+
+def key_of(name: str) -> str:
+    """Return a condition's name without leading zeros: ``C1`` for ``C001``."""
+    found = _CALLED.fullmatch(name.strip().upper())
+    return f"{found[1]}{found[2]}" if found else name.strip().upper()
+
+
+class ConditionTable:
+    """The table of conditions in a program, line by line; `values` are by condition and column, as written."""
+
+    def __init__(self, dialect: Dialect, file: str) -> None:
+        self.values: dict[str, dict[str, float]] = {}
+        self._columns, self._known, self._file = dialect.columns, frozenset(dialect.columns), file
+        self._line = re.compile(rf"\s*(?:N\d+\s*)?({dialect.condition or 'C'}\d{{1,4}})\s*=(.*)")
+
+    def read_line(self, raw: str, line: int) -> bool:
+        """Take a line of the table, or see columns in a comment; say whether the line is one of the table."""
+        if not self._columns:
+            return False
+        for comment in _COMMENT.findall(raw.upper()):
+            names = comment.split()
+            if len(names) >= _FEWEST_COLUMNS and self._known.issuperset(names):
+                self._columns = tuple(names)
+        found = self._line.fullmatch(_COMMENT.sub("", raw).partition(";")[0].upper())
+        if found is None:
+            return False
+        name, written = found[1], found[2].split()
+        if name in self.values:
+            raise InputError(f"the condition {name} occurs twice in the table: remove one", self._file, line)
+        if len(written) != len(self._columns):
+            reason = f"the condition {name} has {len(written)} values, its table {len(self._columns)} columns"
+            raise InputError(f"{reason}: write one each for {' '.join(self._columns)}", self._file, line)
+        self.values[name] = {
+            column: self._number(name, column, text, line)
+            for column, text in zip(self._columns, written, strict=True)
+        }
+        return True
+
+    def _number(self, name: str, column: str, text: str, line: int) -> float:
+        try:
+            return float(text)
+        except ValueError:
+            reason = f"the condition {name} has {text[:12]!r} for {column}: write a number"
+            raise InputError(reason, self._file, line) from None
+
+
+def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
+    """Read settings of machining conditions from TOML.
+
+    Parameters
+    ----------
+    file : path
+        A section per condition, ``[C001]``, with lines like ``t_on_us = 1.2``; `SETTINGS` lists the keys.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        By condition without leading zeros, ``C1``, and setting.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, a name unknown, a number out of range, or both feeds are set.
+    """
+    path = Path(file)
+    sections = read_table(path, "a table of conditions, [C001] and t_on_us = 1.2")
+    table: dict[str, dict[str, float]] = {}
+    for name, settings in sections.items():
+        if _CALLED.fullmatch(name.strip().upper()) is None or not isinstance(settings, dict):
+            raise InputError(f"invalid condition name {name!r}: write it as in the program, [C001] or [E1221]", path)
+        if key_of(name) in table:
+            raise InputError(f"the condition {name} occurs twice: remove one", path)
+        if not settings:
+            raise InputError(f"the condition {name} is empty: give t_on_us or another setting", path)
+        if settings.keys() >= {"open_target_share", "feed_um_s"}:
+            reason = f"the condition {name} has a set point and a constant feed: give one"
+            raise InputError(reason, path)
+        table[key_of(name)] = {key: _setting(name, key, value, path) for key, value in settings.items()}
+    if not table:
+        raise InputError("the table is empty: give a section for each condition, [C001] and t_on_us = 1.2", path)
+    return table
+
+
+def _setting(name: str, key: str, value: object, path: Path) -> float:
+    if key not in SETTINGS:
+        raise InputError(f"unknown setting '{key}' of condition {name}; there are: {one_of(key, SETTINGS)}", path)
+    number, (least, most) = real(value), SETTINGS[key]
+    if number is None or not least <= number <= most or (number == least and key not in _MAY_BE_ZERO):
+        above = f"{least:g}" if key in _MAY_BE_ZERO else f"above {least:g}"
+        raise InputError(f"the condition {name}: {key} = {value!r} is out of range, give {above} to {most:g}", path)
+    return float(number)
+
+
+def settings_for(
+    called: Mapping[str, int], table: Mapping[str, Mapping[str, float]], in_program: Collection[str], source: str
+) -> dict[str, dict[str, float]]:
+    """Return the settings of the conditions that a program calls, by name as written there.
+
+    Parameters
+    ----------
+    called : mapping of str to int
+        Conditions, each with the line of its first call.
+    table : mapping
+        From `read_conditions`; empty without a table.
+    in_program : collection of str
+        Conditions in the program's own table.
+    source : str
+        The program, for error messages.
+
+    Raises
+    ------
+    InputError
+        If neither of the tables has a condition; names the line.
+    """
+    known = {key_of(name) for name in in_program}
+    found: dict[str, dict[str, float]] = {}
+    for name, line in called.items():
+        key = key_of(name)
+        if key in table:
+            found[name] = dict(table[key])
+        elif table or (known and key not in known):
+            there = _named(table) if table else _named(in_program)
+            where = "the table of conditions" if table else "the program's table"
+            raise InputError(f"the condition {name} is not in {where}: there are {there}", source, line)
+    return found
+
+
+def _named(names: Iterable[str]) -> str:
+    return ", ".join(sorted(names))

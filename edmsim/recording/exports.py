@@ -1,0 +1,241 @@
+"""A cut as files for other programs: its face as STL or glTF, its contour as DXF, CSV or SVG."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.errors import InputError
+from edmsim.files import make_writable, replacing
+from edmsim.geometry import arc_lengths
+from edmsim.recording.figures import palette
+from edmsim.recording.scene import Scene
+
+# The cut face of the part as a mesh for other programs: STL or glTF, its points found slice by slice.
+
+Floats = NDArray[np.float64]
+
+FACE_STEP_MM = 0.02  # distance of the points along the edge (ours: that of the profile error)
+FARTHEST_MM = 0.15  # further from the edge as drawn there is no wall of it (ours: half a kerf)
+
+
+SPECK_SHARE = 0.01  # share of the wire's cross-section below which a closed edge is a speck (ours: a crater or two)
+
+
+class Face(NamedTuple):
+    """The cut face along one contour, from the lower face of the workpiece to the upper one."""
+
+    # (rows, n, 3): row by row upwards: the lower face, the middle of every slice, the upper face. NaN where
+    # nothing was cut.
+    points_mm: Floats
+    error_um: Floats  # (rows, n): distance from the wall as drawn, in the plane of the row: positive is metal left
+    closed: bool
+
+    def at(self, height_mm: float) -> Floats:
+        """Return the line (n, 2) of the face at a height, without what was not cut."""
+        heights = np.nanmean(self.points_mm[:, :, 2], axis=1)
+        k = min(max(int(np.searchsorted(heights, height_mm)) - 1, 0), len(heights) - 2)
+        share = (height_mm - heights[k]) / (heights[k + 1] - heights[k])
+        line = (1 - share) * self.points_mm[k, :, :2] + share * self.points_mm[k + 1, :, :2]
+        return np.asarray(line[np.isfinite(line).all(axis=1)])
+
+
+def cut_faces(scene: Scene) -> list[Face]:
+    """Return the cut face of every contour."""
+    from scipy.spatial import cKDTree
+
+    count = len(scene.cut_edges_mm)
+    if count == 0:
+        return []
+    heights = (np.arange(count) + 0.5) / count * scene.height_mm
+    trees = []
+    for lines in scene.cut_edges_mm:
+        dense = [_dense(line) for line in lines if is_whole(line, scene)]
+        points = np.concatenate([np.zeros((0, 2)), *dense])
+        trees.append((points, cKDTree(points) if len(points) else None))
+    found = []
+    for number, edge in enumerate(scene.maps):
+        walls = scene.walls_mm[number] if scene.walls_mm else (edge.nominal_mm, edge.nominal_mm)
+        shares = _stations(walls)
+        rows, errors = [], []
+        for height, (points, tree) in zip(heights, trees, strict=True):
+            nominal = _on(walls, shares, height / scene.height_mm)
+            wall = np.full((len(nominal), 3), np.nan)
+            if tree is not None:
+                away, nearest = (np.asarray(of) for of in tree.query(nominal))
+                wall[away <= FARTHEST_MM, :2] = points[nearest[away <= FARTHEST_MM]]
+            wall[:, 2] = height
+            rows.append(wall)
+            errors.append(_signed_um(wall[:, :2], nominal, edge.part_side))
+        rows = [rows[0] * (1, 1, 0), *rows, rows[-1] * (1, 1, 0) + (0, 0, scene.height_mm)]
+        closed = bool(np.allclose(edge.nominal_mm[0], edge.nominal_mm[-1]))
+        found.append(Face(np.stack(rows), np.stack([errors[0], *errors, errors[-1]]), closed))
+    return found
+
+
+def is_whole(line: NDArray[np.float64], scene: Scene) -> bool:
+    """Whether a closed edge is more than a speck."""
+    return _area_mm2(line) >= SPECK_SHARE * math.pi / 4 * (scene.wire_diameter_um * 1e-3) ** 2
+
+
+def _area_mm2(line: NDArray[np.float64]) -> float:
+    (x, y) = (line - line[0]).T
+    return abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1])) / 2
+
+
+def _dense(line: Floats) -> Floats:
+    """Return points along a line, 2 um apart."""
+    passed = arc_lengths(line)
+    at = np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1)
+    return np.stack([np.interp(at, passed, column) for column in line.T], axis=1)
+
+
+def _stations(walls: tuple[Floats, ...]) -> Floats:
+    """Return places along two lines with as many points, as numbers of points and parts of them."""
+    steps = np.max([np.hypot(*np.diff(line, axis=0).T) for line in walls], axis=0)
+    places = [k + np.arange(n) / n for k, n in enumerate(np.maximum(np.ceil(steps / FACE_STEP_MM), 1).astype(int))]
+    return np.concatenate([*places, [len(steps)]])
+
+
+def _on(walls: tuple[Floats, ...], shares: Floats, height_share: float) -> Floats:
+    """Return the points (n, 2) at such places and at a share of the height."""
+    line = (1 - height_share) * walls[0] + height_share * walls[1]
+    return np.stack([np.interp(shares, np.arange(len(line)), column) for column in line.T], axis=1)
+
+
+def _signed_um(wall: Floats, nominal: Floats, part_side: str) -> Floats:
+    along = np.gradient(nominal, axis=0)
+    left = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    outward = left if part_side == "right" else -left
+    off = wall - nominal
+    return np.asarray(1e3 * np.hypot(*off.T) * np.sign((off * outward).sum(axis=1)))
+
+
+def write_faces(scene: Scene, file: str | Path) -> None:
+    """Write the cut faces of the part: ``.stl``, or ``.glb`` coloured by the profile error."""
+    # STL in mm of the program, z from the lower face; glTF in metres, y upwards, as its specification wants
+    target = Path(file)
+    if target.suffix.lower() not in (".stl", ".glb"):
+        raise InputError("a cut face is written as .stl .glb", target)
+    try:
+        from trimesh import Trimesh
+    except ImportError:
+        raise InputError('meshes are written with trimesh: pip install "edmsim[mesh]"', target) from None
+    scene = scene.in_program()
+    points, triangles, errors = _triangles(cut_faces(scene))
+    if not len(triangles):
+        raise InputError("there is no cut face in this cut", target)
+    is_gltf = target.suffix.lower() == ".glb"
+    if is_gltf:
+        points = points[:, [0, 2, 1]] * (1e-3, 1e-3, -1e-3)
+    colours = palette.error_rgb(errors, scene.error_limit_um()) if is_gltf else None
+    mesh = Trimesh(points, triangles, vertex_colors=colours, process=False)
+    make_writable(target.parent)
+    with replacing(target) as partial:
+        mesh.export(str(partial), file_type=target.suffix.lower().removeprefix("."))
+
+
+def _triangles(faces: list[Face]) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Return points (k, 3), triangles (m, 3) and errors (k,) of faces; what was not cut has no triangles."""
+    points, triangles, errors, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros(0)], 0
+    for face in faces:
+        rows, n = face.error_um.shape
+        number = count + np.arange(rows * n).reshape(rows, n)
+        a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
+        made = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
+        flat = face.points_mm.reshape(-1, 3)
+        known = np.asarray(np.isfinite(flat).all(axis=1))
+        triangles.append(made[known[made - count].all(axis=1)])
+        points.append(np.where(known[:, None], flat, 0.0))
+        errors.append(np.where(known, face.error_um.reshape(-1), 0.0))
+        count += rows * n
+    return np.concatenate(points), np.concatenate(triangles), np.concatenate(errors)
+
+
+# The contour of a cut as a file for other programs: DXF, CSV or SVG, in the program's coordinates.
+
+_COLOURS = {"CUT": (1, "#d55e00"), "NOMINAL": (7, "#1f2933")}
+"""Of both layers: index of AutoCAD, and for SVG."""
+
+
+def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None) -> None:
+    """Write the cut edges as ``.dxf``, ``.csv`` or ``.svg``, and the edges as drawn, in mm of the program."""
+    # at a height over the workpiece's lower face only the part's wall, between the slices next to it; by
+    # default all edges of the kerf at mid height
+    writers = {".dxf": _write_dxf, ".csv": _write_csv, ".svg": _write_svg}
+    target = Path(file)
+    if target.suffix.lower() not in writers:
+        raise InputError(f"a contour is written as {' '.join(writers)}", target)
+    scene = scene.in_program()
+    if height_mm is None:
+        edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
+        layers = {
+            "CUT": [line for line in edges if is_whole(line, scene)],
+            "NOMINAL": [edge.nominal_mm for edge in scene.maps],
+        }
+    else:
+        layers = _at_height(scene, height_mm, target)
+    make_writable(target.parent)
+    with replacing(target) as partial:
+        writers[target.suffix.lower()](layers, partial)
+
+
+def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[NDArray[np.float64]]]:
+    if not 0 <= height_mm <= scene.height_mm:
+        raise InputError(
+            f"there is no contour {height_mm:g} mm high: the workpiece has 0 to {scene.height_mm:g} mm", target
+        )
+    share = height_mm / scene.height_mm
+    walls = [(1 - share) * below + share * above for below, above in scene.walls_mm]
+    return {
+        "CUT": [face.at(height_mm) for face in cut_faces(scene)],
+        "NOMINAL": walls or [edge.nominal_mm for edge in scene.maps],
+    }
+
+
+def _is_closed(line: NDArray[np.float64]) -> bool:
+    return len(line) > 2 and bool(np.allclose(line[0], line[-1], atol=1e-6))
+
+
+def _write_dxf(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
+    from ezdxf.filemanagement import new
+
+    document = new("R2010", units=4)
+    for layer, lines in layers.items():
+        document.layers.add(layer, color=_COLOURS[layer][0])
+        for line in lines:
+            closed = _is_closed(line)
+            points = (line[:-1] if closed else line).tolist()
+            document.modelspace().add_lwpolyline(points, close=closed, dxfattribs={"layer": layer})
+    document.saveas(file)
+
+
+def _write_csv(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
+    with file.open("w", newline="", encoding="utf-8") as opened:
+        rows = csv.writer(opened)
+        rows.writerow(["layer", "line", "x_mm", "y_mm"])
+        for layer, lines in layers.items():
+            for number, line in enumerate(lines, 1):
+                rows.writerows([layer, number, f"{x:.5f}", f"{y:.5f}"] for x, y in line)
+
+
+def _write_svg(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
+    points = np.concatenate([line for lines in layers.values() for line in lines])
+    (x0, y0), (x1, y1) = points.min(axis=0) - 0.5, points.max(axis=0) + 0.5
+    width, height = x1 - x0, y1 - y0
+    text = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.3f}mm" height="{height:.3f}mm" '
+        f'viewBox="{x0:.5f} {-y1:.5f} {width:.5f} {height:.5f}">'
+    ]
+    for layer, lines in layers.items():
+        style = f'class="{layer.lower()}" fill="none" stroke="{_COLOURS[layer][1]}" stroke-width="0.01"'
+        for line in lines:
+            way = " L".join(f"{x:.5f},{-y:.5f}" for x, y in line)  # Y of a picture points down
+            text.append(f'<path {style} d="M{way}{" Z" if _is_closed(line) else ""}"/>')
+    file.write_text("\n".join([*text, "</svg>\n"]), encoding="utf-8")

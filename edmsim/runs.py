@@ -1,0 +1,435 @@
+"""Many runs: the table of those that are finished, and the pools that make the others.
+
+Threads suit cuts, as the pulse loop leaves Python to other threads. Processes suit the code of users, which may die;
+those of a Ray cluster need the extra ``cluster``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import pickle
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, BinaryIO, Protocol
+
+from edmsim import user_code
+from edmsim.errors import InputError
+from edmsim.files import replacing
+
+Row = dict[str, Any]
+
+
+class RunTable:
+    """Finished runs: a row for each by its ``id``, in a file to which rows are appended, or in memory only.
+
+    A row is on the disk before `add` returns, so whenever the process dies, no run that was reported as finished is
+    made again.
+
+    Parameters
+    ----------
+    file : path, optional
+        Lines of JSON.
+    of : mapping, optional
+        What the runs are of, if their ids do not say it.
+    texts : sequence of str
+        Texts that every row has.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, has runs of something else, or cannot be written.
+    """
+
+    def __init__(
+        self, file: Path | None = None, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)
+    ) -> None:
+        self.rows: dict[str, Row] = {} if file is None else {row["id"]: row for row in read_rows(file, of, texts)}
+        self._file, self._of, self._lock = file, of, threading.Lock()
+        if file is not None and file.exists():
+            self.keep(self.rows.values())  # without a last line that was cut off
+
+    def add(self, row: Row) -> None:
+        """Save a finished run; one with the same id is replaced."""
+        with self._lock:
+            if self._file is not None:
+                if not self._file.exists():
+                    self.keep(self.rows.values())
+                with self._file.open("ab") as opened:
+                    opened.write(json.dumps(row).encode() + b"\n")
+                    opened.flush()
+                    os.fsync(opened.fileno())
+            self.rows[row["id"]] = row
+
+    def keep(self, rows: Iterable[Row]) -> None:
+        """Replace all rows by these."""
+        self.rows = {row["id"]: row for row in rows}
+        if self._file is not None:
+            lines = [*([] if self._of is None else [{"of": self._of}]), *self.rows.values()]
+            with replacing(self._file) as partial:
+                partial.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+def read_rows(file: Path, of: Mapping[str, Any] | None = None, texts: Sequence[str] = ("id",)) -> list[Row]:
+    """Return the rows of a table, even while runs are made; each has these texts. A last line cut off is skipped."""
+    try:
+        lines = file.read_bytes().split(b"\n")[:-1]
+    except FileNotFoundError:
+        return []
+    rows = []
+    for number, line in enumerate(lines, 1):
+        try:
+            row = json.loads(line)
+            if of is not None and number == 1:
+                _check_same(row["of"], json.loads(json.dumps(of)), file)
+                continue
+            if not (isinstance(row, dict) and all(isinstance(row.get(name), str) for name in texts)):
+                raise ValueError("no row of a run")
+        except (ValueError, LookupError, TypeError, RecursionError) as error:
+            raise InputError(f"the journal is damaged ({error}): without this line its run is made again", file,
+                             number) from None  # fmt: skip
+        rows.append(row)
+    return rows
+
+
+def _check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: Path) -> None:
+    for name, value in now.items():
+        if before[name] != value:
+            reason = f"it has the runs of {name} {before[name]!r}, not {value!r}"
+            raise InputError(f"{reason}: finish those, give another place, or delete it", file)
+
+
+def digest(file: str) -> str | None:
+    """Return a fingerprint of a file as it is now; None if there is none."""
+    try:
+        status = Path(file).stat()
+        return _digest(file, status.st_mtime_ns, status.st_size)
+    except OSError:
+        return None
+
+
+@lru_cache(maxsize=1024)
+def _digest(file: str, _time_ns: int, _size: int) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+
+
+def digests_of(values: Iterable[Any]) -> dict[str, str]:
+    """Return the digests of program, constants, controller, policy and tables, wherever a value names a file."""
+    named = {}
+    for value in values:
+        if isinstance(value, str):
+            own = user_code.named(value)
+            file = value.removeprefix("policy:") if own is None else own.file
+            if (found := digest(file)) is not None:
+                named[file] = found
+    return named
+
+
+def identity(content: Mapping[str, Any]) -> str:
+    """Return the id of a run: a digest of everything that decides its result."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+
+
+def perform(
+    work: Callable[[Any], Any], jobs: Sequence[Any], watch: Callable[[int, int], None] | None = None, *,
+    threads: int | None = None, table: RunTable | None = None, ids: Sequence[str] = (),
+) -> list[Any]:
+    """Do jobs on all cores, and return the answers in order; an error in one, or an interruption, ends them all.
+
+    Parameters
+    ----------
+    watch : callable, optional
+        Called with the jobs done and to do.
+    threads : int, optional
+        By default one per available processor.
+    table : RunTable, optional
+        Jobs that it has are not done again; the others are added. Answers are its rows.
+    ids : sequence of str
+        Ids of the jobs in the table.
+    """
+    rows: Mapping[str, Row] = {} if table is None else table.rows
+    answers: dict[int, Any] = {number: rows[name] for number, name in enumerate(ids) if name in rows}
+
+    def saved(numbered: tuple[int, Any]) -> Any:
+        answer = work(numbered[1])
+        if table is None:
+            return answer
+        row = {"id": ids[numbered[0]], **answer}
+        table.add(row)  # here, so that runs are saved that end when an interruption has ended the loop below
+        return row
+
+    left = [numbered for numbered in enumerate(jobs) if numbered[0] not in answers]
+    for (number, _), answer in Threads(threads).done(saved, left):
+        answers[number] = answer
+        if watch is not None:
+            watch(len(answers), len(jobs))
+    return [answers[number] for number in range(len(jobs))]
+
+
+ATTEMPTS = 3  # how often a job is begun whose process or computer is lost, before it counts as failed (ours)
+Function = Callable[[Any], Any]
+"""What is done with a job: a function of a module that every computer has; job and answer can be pickled."""
+
+
+class LostJob:
+    """Stands for the answer to a job whose process or computer was lost each time; says why."""
+
+    def __init__(self, why: str) -> None:
+        self.why = f"{why}; given up after {ATTEMPTS} attempts"
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Engine(Protocol):
+    """Runs the jobs of a sweep.
+
+    An engine takes jobs from the iterator only as it finishes others (back-pressure; threads take all at once), and
+    yields answers in the order in which jobs finish. The function must not raise, but in threads.
+    """
+
+    def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+        """Yield each job with its answer or `LostJob`; closing the iterator drops the remaining jobs."""
+        ...
+
+
+class Threads:
+    """Runs jobs in threads of this process, by default one per available processor; an error in one ends them all."""
+
+    def __init__(self, count: int | None = None) -> None:
+        self._count = count or processors()
+
+    def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+        """See `Engine.done`."""
+        with ThreadPoolExecutor(self._count) as pool:
+            running = {pool.submit(function, job): job for job in jobs}
+            try:
+                for ended in as_completed(running):
+                    yield running[ended], ended.result()
+            finally:
+                pool.shutdown(cancel_futures=True)
+
+
+class Processes:
+    """Runs jobs in processes on this computer.
+
+    Parameters
+    ----------
+    count : int, optional
+        Number of processes; by default one per available processor.
+
+    Raises
+    ------
+    InputError
+        If `count` is below 1.
+    """
+
+    def __init__(self, count: int | None = None) -> None:
+        self.count = processors() if count is None else count
+        if self.count < 1:
+            raise InputError(f"{self.count} processes make no run: give 1 or more")
+
+    def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+        """See `Engine.done`; the first job runs alone, which avoids compiling the same code twice."""
+        answers: queue.SimpleQueue[tuple[Any, Any]] = queue.SimpleQueue()
+        workers: list[_Worker] = []
+        busy, most = 0, 1
+        try:
+            for job in jobs:
+                idle = next((worker for worker in workers if not worker.busy), None)
+                if idle is None:
+                    idle = _Worker(function, answers)
+                    workers.append(idle)
+                idle.give(job)
+                busy += 1
+                if busy == most:
+                    yield answers.get()
+                    busy, most = busy - 1, self.count
+            for _ in range(busy):
+                yield answers.get()
+        finally:
+            for worker in workers:
+                worker.stop()
+
+
+class _Worker:
+    """A process, and a thread that talks to it; a process that dies is replaced, and its job begun again."""
+
+    def __init__(self, function: Function, answers: queue.SimpleQueue[tuple[Any, Any]]) -> None:
+        self._name = f"{function.__module__}:{function.__qualname__}"
+        self._answers = answers
+        self._jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopped = False
+        self.busy = False
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def give(self, job: Any) -> None:
+        """Run a job in the process."""
+        self.busy = True
+        self._jobs.put((job,))
+
+    def stop(self) -> None:
+        """End thread and process, whatever they do."""
+        self._stopped = True
+        self._jobs.put(None)
+        if (process := self._process) is not None:
+            process.kill()
+        self._thread.join()
+
+    def _serve(self) -> None:
+        while (numbered := self._jobs.get()) is not None and not self._stopped:
+            answer = self._answered(numbered[0])
+            self.busy = False
+            self._answers.put((numbered[0], answer))
+        self._end()
+
+    def _answered(self, job: Any) -> Any:
+        why = ""
+        for _ in range(ATTEMPTS):
+            process = self._process = self._process or self._begin()
+            if self._stopped:
+                break
+            assert process.stdin is not None
+            assert process.stdout is not None
+            try:
+                pickle.dump(job, process.stdin)
+                process.stdin.flush()
+                return pickle.load(process.stdout)
+            except (EOFError, OSError, pickle.UnpicklingError):
+                self._end()
+                why = f"the process that made the run ended with status {process.returncode}"
+        return LostJob(why)
+
+    def _begin(self) -> subprocess.Popen[bytes]:
+        # what this process can import, a worker can; a library's own threads would only wait for each other
+        path = os.pathsep.join(place or os.getcwd() for place in sys.path)
+        environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+        return subprocess.Popen(
+            [sys.executable, "-c", "from edmsim.runs import serve; serve()", self._name], stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, env=environment, start_new_session=True,
+        )  # fmt: skip
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is None:
+            return
+        process.kill()
+        for stream in (process.stdin, process.stdout):
+            if stream is not None:
+                with suppress(OSError):
+                    stream.close()
+        process.wait()
+
+
+def serve() -> None:
+    """Run the jobs of a pipe until it is closed, which also ends a job in progress: the main program of a process."""
+    module, _, attribute = sys.argv[1].partition(":")
+    function = getattr(import_module(module), attribute)
+    source = os.fdopen(os.dup(0), "rb")
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a user's code prints goes where a person sees it, and not between the answers
+    jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    threading.Thread(target=_read, args=(source, jobs), daemon=True).start()
+    while True:
+        pickle.dump(function(jobs.get()), answers)
+        answers.flush()
+
+
+def _read(source: BinaryIO, jobs: queue.SimpleQueue[Any]) -> None:
+    while True:
+        try:
+            jobs.put(pickle.load(source))
+        except (EOFError, OSError):
+            os._exit(0)
+
+
+IN_FLIGHT = 2
+"""Jobs handed out per processor (ours): one that runs, and one that waits there while the answer travels."""
+LOOK_S = 2.0  # how often, at least, it is looked how many processors there are
+
+
+class Cluster:
+    """Runs jobs on a Ray cluster, one per processor.
+
+    Every computer needs this version of edmsim, and the files of the runs (programs, your constants and
+    controllers) at the same paths: in a shared folder or Ray's working directory. Only this process writes results.
+
+    Parameters
+    ----------
+    address : str
+        ``HOST:PORT``, or ``"auto"`` for the cluster that this computer belongs to.
+
+    Raises
+    ------
+    InputError
+        If Ray is not installed, or the cluster is not found.
+    """
+
+    def __init__(self, address: str = "auto") -> None:
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics unless the user asks
+        # Ray will change who hides the GPUs; runs use none
+        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+        try:
+            import ray
+        except ImportError as error:
+            raise InputError(f"a cluster needs {error.name}: pip install 'edmsim[cluster]'") from None
+        self._ray: Any = ray
+        if not ray.is_initialized():
+            try:
+                host = address.rpartition(":")[0]
+                # of a cluster within one computer Ray would ask at the address other computers know it by
+                here: dict[str, Any] = {"_node_ip_address": host} if host.startswith("127.") else {}
+                ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **here)
+            except (ConnectionError, ValueError, RuntimeError) as error:
+                reason = str(error).split(". ")[0]
+                raise InputError(f"there is no Ray cluster at '{address}' ({reason}); start one: ray start") from None
+
+    @property
+    def count(self) -> int:
+        """Number of processors that the cluster has now."""
+        return max(int(self._ray.cluster_resources().get("CPU", 0)), 1)
+
+    def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+        """See `Engine.done`; if a computer is lost, its jobs start again on another."""
+        ray = self._ray
+        remote = ray.remote(num_cpus=1, max_retries=ATTEMPTS - 1, scheduling_strategy="SPREAD")(function)
+        waiting = iter(jobs)
+        out: dict[Any, Any] = {}
+        more = True
+        try:
+            while True:
+                while more and len(out) < IN_FLIGHT * self.count:
+                    try:
+                        job = next(waiting)
+                    except StopIteration:
+                        more = False
+                    else:
+                        out[remote.remote(job)] = job
+                if not out:
+                    return
+                ready, _ = ray.wait(list(out), num_returns=1, timeout=LOOK_S)
+                for reference in ready:
+                    yield out.pop(reference), self._answer(reference)
+        finally:
+            for reference in out:
+                ray.cancel(reference, force=True)
+
+    def _answer(self, reference: Any) -> Any:
+        try:
+            return self._ray.get(reference)
+        except self._ray.exceptions.RayError as error:
+            return LostJob(str(error).strip().split("\n")[0] or type(error).__name__)

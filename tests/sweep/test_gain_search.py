@@ -1,0 +1,66 @@
+"""The search of gains: it finds, it repeats itself, and it stays away from the held-back seeds."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+
+import pytest
+
+from edmsim import models
+from edmsim.controllers import make
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import HELD_BACK, Result
+from edmsim.sweep import tune
+from edmsim.sweep.tune import BOUNDS, training_seeds
+
+
+@pytest.fixture(autouse=True)
+def short(short_episodes: None) -> None:
+    """Cut a fraction as long."""
+
+
+def result(controller: str, rate: float, reward: float) -> Result:
+    return Result(
+        0, controller, "finished", 60.0, 1.0, 10.0, rate, reward, 0, 0.0, 0.1, 0.2, math.nan, math.nan, 320.0
+    )
+
+
+@pytest.mark.slow
+def test_gains_are_scored_on_real_cuts_the_same_every_time() -> None:
+    made = [tune.run_all(training_seeds(3, 1), lambda: make("voltage", reference_V=9.0)) for _ in range(2)]
+    assert str(made[0]) == str(made[1])  # as text, in which one NaN is like another
+    assert len(made[0]) == len(tune.ENV_IDS)
+    assert tune.score(made[0]) > 0
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_every_feed_that_is_searched_can_be_run(end: int) -> None:
+    made = tune.run_all(training_seeds(3, 1), lambda: make("fixed", feed_um_s=BOUNDS["fixed"]["feed_um_s"][end]))
+    assert len(made) == len(tune.ENV_IDS)
+
+
+def test_the_oracle_is_scored_by_its_rate_the_others_by_their_return() -> None:
+    assert tune.score([result("oracle", 10.0, 1.0), result("oracle", 20.0, 1.0)]) == 15.0
+    assert tune.score([result("counts", 10.0, 1.0), result("counts", 20.0, 2.0)]) == 1.5
+
+
+def test_held_back_seeds_are_never_trained_on() -> None:
+    assert max(training_seeds(HELD_BACK - 2, 2)) == HELD_BACK - 1
+    for seed in (-1, HELD_BACK - 1, HELD_BACK):
+        with pytest.raises(InputError, match="training seeds lie from 0"):
+            training_seeds(seed, 2)
+
+
+@pytest.mark.parametrize("name", sorted(set(BOUNDS) - {"counts"}))
+def test_the_found_gains_are_used_and_name_their_command(name: str) -> None:
+    text = models.path(f"gains/{name}.toml").read_text(encoding="utf-8")
+    assert f"edmsim tune gains {name} --method evolution" in text
+    gains = tomllib.loads(text)["gains"]
+    assert set(gains) == set(BOUNDS[name])
+    for gain, value in gains.items():
+        low, high = BOUNDS[name][gain]
+        assert low <= value <= high
+        assert getattr(make(name), gain) == value
+    assert getattr(make(name, **{gain: low}), gain) == low
+
