@@ -111,7 +111,7 @@ def plan(
         row, feed = rows[i], feeds_um_s[i]
         limited = -limit_um_s if feed < -limit_um_s else (limit_um_s if feed > limit_um_s else feed)
         units = np.rint(limited * 1e3 / unit_nm_s)
-        row.units = int(units)
+        row.units = np.int64(units)
         row.feed_um_s = units * unit_nm_s * 1e-3 if counts else feed
         ahead[0] = planners[i]
         now = states[i].time_ns

@@ -190,7 +190,7 @@ FINE_PER_UM = 10**12  # attometres (nm/s times ns) in a um: the unit of the leng
 @exactly_compiled
 def segment_at(along: Floats, last: int, place_um: float, start: int) -> int:
     """Segment of the path, 0 to the last, in which a length lies, looked for from another on."""
-    k = min(max(start, 0), last)
+    k = 0 if start < 0 else (last if start > last else start)
     while k < last and place_um > along[k + 1]:
         k += 1
     while k > 0 and place_um < along[k]:
