@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from edmsim.controllers import from_text
-from edmsim.envs.attached_controller import target_share
+from edmsim.envs.environment import target_share
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.task import Family
 from edmsim.errors import InputError

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from edmsim.controllers import from_text, make
-from edmsim.cosim.straight import cut_straight
+from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
 from edmsim.validation.rows import Check, Row, extended, mean_and_interval
@@ -115,16 +115,17 @@ def _changed(name: str, changes: Mapping[str, float], seeds: Sequence[int]) -> R
 
 def concentration(seeds: Sequence[int]) -> list[Row]:
     """Mori's rig: in how many runs the wire breaks."""
-    runs = [_mori_breaks(seed) for seed in seeds]
+    runs = [mori_cut(mori_rig(), seed).broken for seed in seeds]
     return [
         Row.band("rupture", "share of runs that break, 1 mm wide piece, pause 4 us", MORI, low=1.0, high=1.0,
                  published="15 of 15", simulated=sum(runs) / len(runs), note=f"{PAGE}#wire-rupture")
     ]
 
 
-def _mori_breaks(seed: int) -> bool:
+def mori_cut(machine: Machine, seed: int) -> Cut:
+    """Cut with Mori's rig, or a variant of it."""
     controller = make("counts", start_feed_um_s=20.0, integral_um_s2=200.0, filter_s=0.05)
-    return cut_straight(mori_rig(), controller, seed, settle_s=0.5, seconds=2.0).broken
+    return cut_straight(machine, controller, seed, settle_s=0.5, seconds=2.0)
 
 
 THIN_MM, MIDDLE_MM, THICK_MM = 20.0, 60.0, 100.0  # heights of Sato's trials

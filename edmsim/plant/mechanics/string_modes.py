@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from edmsim import models
 from edmsim.compiled import cache
 from edmsim.errors import InputError
-from edmsim.machine.files import mjcf_version
+from edmsim.machine.machine import mjcf_version
 from edmsim.plant.mechanics.model import (
     Array,
     ModalModel,
