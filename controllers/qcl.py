@@ -11,12 +11,12 @@ r"""QCL, the language of QEM's QMOVE controls: the configurations and programs o
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, MutableMapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-from edmsim.controllers.axis.eanpos.drive import Resources, parameter_name, state_name
+from edmsim.controllers.axis.eanpos.drive import Eanpos, Resources, parameter_name, state_name
 from edmsim.controllers.axis.eanpos.registers import COMMANDS, DEVICE
 from edmsim.errors import InputError
 
@@ -560,25 +560,6 @@ LONGEST_PASS = 10_000  # statements of a pass at most (ours): a loop without WAI
 LONGEST_MS = 2**31 - 1  # a timer's time at most (ours: a long)
 
 
-class Device(Protocol):
-    """The control's view of a device."""
-
-    @property
-    def parameters(self) -> MutableMapping[str, int]:
-        """Parameters by name."""
-
-    @property
-    def states(self) -> Mapping[str, bool]:
-        """States by name."""
-
-    @property
-    def pending(self) -> bool:
-        """Whether a command waits for the next sample."""
-
-    def command(self, name: str) -> None:
-        """Give a command."""
-
-
 class _WaitsFor(Exception):
     """A device has to take its sample before it can be read."""
 
@@ -591,7 +572,7 @@ class Control:
     configuration : Configuration
     program : QclProgram
         A program for this configuration.
-    devices : mapping of str to Device
+    devices : mapping of str to Eanpos
         Devices by their configured names, in lower case.
 
     Attributes
@@ -610,7 +591,7 @@ class Control:
     """
 
     def __init__(
-        self, configuration: Configuration, program: QclProgram, devices: Mapping[str, Device] | None = None
+        self, configuration: Configuration, program: QclProgram, devices: Mapping[str, Eanpos] | None = None
     ) -> None:
         self._configuration, self._program = configuration, program
         self._devices = dict(devices or {})

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from edmsim.envs.contour import Contour
     from edmsim.envs.corner import Corner
     from edmsim.envs.discrete import DiscreteFeed, DiscreteFeedVector
+    from edmsim.envs.environment import EdmEnv, EdmVectorEnv
     from edmsim.envs.episode import StepResult, Task
     from edmsim.envs.gap_feed import GapFeed
     from edmsim.envs.height_step import HeightStep
@@ -28,39 +29,19 @@ if TYPE_CHECKING:
     from edmsim.envs.sb3 import make_sb3_vec_env
     from edmsim.envs.scenario import Scenario
     from edmsim.envs.shift import MaxRateShift, ThinWireShift
-    from edmsim.envs.single import EdmEnv
     from edmsim.envs.task import Family
     from edmsim.envs.thin_wire import ThinWire
     from edmsim.envs.trim import Trim
-    from edmsim.envs.vector import EdmVectorEnv
 
 _HOMES = {
-    "Contour": "contour",
-    "Corner": "corner",
-    "DiscreteFeed": "discrete",
-    "DiscreteFeedVector": "discrete",
-    "EdmEnv": "single",
-    "EdmVectorEnv": "vector",
-    "Family": "task",
-    "GapFeed": "gap_feed",
-    "HeightStep": "height_step",
-    "MaxRate": "max_rate",
-    "MaxRateShift": "shift",
-    "Part": "part_task",
-    "PartWeights": "part_task",
-    "RecordEpisodes": "record_episodes",
-    "RecordRerun": "record",
-    "Scenario": "scenario",
-    "Sensors": "observation",
-    "StepResult": "episode",
-    "Task": "episode",
-    "ThinWire": "thin_wire",
-    "ThinWireShift": "shift",
-    "Trim": "trim",
-    "Weights": "reward",
-    "make_sb3_vec_env": "sb3",
-    "register": "registry",
-}
+    "Contour": "contour", "Corner": "corner", "DiscreteFeed": "discrete", "DiscreteFeedVector": "discrete",
+    "EdmEnv": "environment", "EdmVectorEnv": "environment", "Family": "task", "GapFeed": "gap_feed",
+    "HeightStep": "height_step", "MaxRate": "max_rate", "MaxRateShift": "shift", "Part": "part_task",
+    "PartWeights": "part_task", "RecordEpisodes": "record_episodes", "RecordRerun": "record",
+    "Scenario": "scenario", "Sensors": "observation", "StepResult": "episode", "Task": "episode",
+    "ThinWire": "thin_wire", "ThinWireShift": "shift", "Trim": "trim", "Weights": "reward",
+    "make_sb3_vec_env": "sb3", "register": "registry",
+}  # fmt: skip
 __all__ = [
     "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
     "HeightStep", "MaxRate", "MaxRateShift", "Part", "PartWeights", "RecordEpisodes", "RecordRerun", "Scenario",

@@ -11,12 +11,11 @@ from typing import ClassVar
 import numpy as np
 
 from edmsim.envs.arguments import Range, argument, shows_arguments
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Scenario, even_height
-from edmsim.envs.single import EdmEnv
 from edmsim.envs.task import Family
-from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import CutPath, plan_path
@@ -77,13 +76,6 @@ class ContourEnv(EdmEnv):
     Starting state
     --------------
     The wire is in the start hole of the first contour. The program has no random draws.
-
-    Versions
-    --------
-    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
-    wire earns nothing; dials are observed and not drawn.
-    v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
-    withdrawn.
     """
 
     task = Contour

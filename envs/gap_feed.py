@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from edmsim.envs.arguments import above_zero, argument, shows_arguments
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.page import page
 from edmsim.envs.scenario import Scenario, even_height
-from edmsim.envs.single import EdmEnv
 from edmsim.envs.task import Family, Floats
-from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import started_slot
 
@@ -64,13 +63,6 @@ class GapFeedEnv(EdmEnv):
     Starting state
     --------------
     The wire is in the middle of the table, in a slot, 25 um from the metal.
-
-    Versions
-    --------
-    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
-    wire earns nothing; dials are observed and not drawn.
-    v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
-    withdrawn.
     """
 
     task = GapFeed

@@ -8,11 +8,10 @@ import numpy as np
 import shapely
 
 from edmsim.envs.arguments import above_zero, argument, ends_of, shows_arguments, within
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
 from edmsim.envs.scenario import Scenario
-from edmsim.envs.single import EdmEnv
-from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 from edmsim.plant.workpiece.height_steps import LowerRegion
@@ -83,13 +82,6 @@ class HeightStepEnv(EdmEnv):
     The wire is in the middle of the table, in a slot, 25 um from the metal. The first band has the greatest height.
     The length of each band is drawn uniformly from ``band_mm``, the height of each further band uniformly from
     ``low_share`` to 1 times the greatest.
-
-    Versions
-    --------
-    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
-    wire earns nothing; dials are observed and not drawn.
-    v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
-    withdrawn.
     """
 
     task = HeightStep

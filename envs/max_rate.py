@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments, within
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.height_step import HeightStep
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
-from edmsim.envs.single import EdmEnv
-from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import with_constants
 from edmsim.machine.setting import LIMITS

@@ -289,24 +289,19 @@ def show(
         values[7] = s.travel_um / (duration_us * 1e-6) / max_feed_um_s
         values[8] = math.log10(s.t_on_us) / 3.0
         values[9] = math.log10(s.t_period_us) / 4.0
+        noise_share, step = scale.noise_share, scale.step
         for k in range(_VOLTAGE, _DELAY + 1):
-            values[k] = _measured(scale, values[k])
+            if noise_share > 0.0:
+                values[k] += noise_share * normal(uniform(scale.key, scale.draws))
+                scale.draws += np.uint64(1)
+            if step > 0.0:
+                values[k] = np.rint(values[k] / step) * step
         for k in range(values.shape[0]):
             value, low, high = values[k], _LOW[k], _HIGH[k]
             entries[0, k] = low if value < low else (high if value > high else value)
         fifths = s.fifths
         for k in range(values.shape[0], entries.shape[1]):
             entries[0, k] = fifths[k - values.shape[0]] / (ignitions if ignitions > 1 else 1)
-
-
-@exactly_compiled
-def _measured(scale: Any, value: float) -> float:
-    """Return what a sub-environment's sensor and its converter make of a value."""
-    noise_share, step = scale.noise_share, scale.step
-    if noise_share > 0.0:
-        value += noise_share * normal(uniform(scale.key, scale.draws))
-        scale.draws += np.uint64(1)
-    return float(np.rint(value / step) * step) if step > 0.0 else value
 
 
 def values_of(entries: Sequence[Entry], of: Any, count: int) -> NDArray[np.float32]:

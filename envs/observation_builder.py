@@ -73,7 +73,7 @@ class ObservationBuilder(Snapshots):
 
     def begin_step(self, active: NDArray[np.int64]) -> None:
         """Begin a step of some episodes, of which nothing has been seen yet."""
-        self.sums[active] = np.zeros((), SHOWN)
+        self.sums.view(np.int64).reshape(len(self.sums), -1)[active] = 0  # as records it would take ten times as long
 
     def add(self, active: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
         """Add a window of some episodes; `rows` are all `path_follower.SUB_ENV`, `windows` `kernel.state.WINDOW`."""

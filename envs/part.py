@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.page import page_by
 from edmsim.envs.part_page import written
 from edmsim.envs.part_task import Part
-from edmsim.envs.single import EdmEnv
-from edmsim.envs.vector import EdmVectorEnv
 
 
 @page_by(written)

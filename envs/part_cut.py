@@ -11,9 +11,8 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
-from edmsim.job.cut import planned
+from edmsim.job.cut import approach_of, planned, setup_of, with_passes
 from edmsim.job.inspection import pass_figures
-from edmsim.job.passes import approach_of, setup_of, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.technology import PassSetting, PassTable

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.planner.exact import FINE_PER_UM, segment_at
+from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, LIMIT, advance_at, done_at, path_um_at, segment_at
 from edmsim.controllers.planner.lateral_offset import next_steps
-from edmsim.controllers.planner.record import EXACT, LIMIT
-from edmsim.controllers.planner.run import advance_at, done_at, path_um_at
 from edmsim.cosim.stops import StopCause, judge, switches_open
 
 _SEARCH_UM = 300.0
@@ -113,7 +111,7 @@ def plan(
         row, feed = rows[i], feeds_um_s[i]
         limited = -limit_um_s if feed < -limit_um_s else (limit_um_s if feed > limit_um_s else feed)
         units = np.rint(limited * 1e3 / unit_nm_s)
-        row.units = int(units)
+        row.units = np.int64(units)
         row.feed_um_s = units * unit_nm_s * 1e-3 if counts else feed
         ahead[0] = planners[i]
         now = states[i].time_ns
@@ -182,7 +180,7 @@ def follow(
 
     ``cause`` tells `DONE` at the end of a leg, and knows nothing of `OUT_OF_RANGE`. `nowhere` (0, 3) is room for no
     steps: those of the window are made. `heights` hold from `height_from` on. For the first three numbers see
-    `planner.run.Addresses`.
+    `kinds.Addresses`.
     """
     for j in range(indices.shape[0]):
         i = indices[j]

@@ -9,8 +9,8 @@ import gymnasium as gym
 import numpy as np
 
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.recorder import EpisodeRecorder
-from edmsim.envs.single import EdmEnv
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.numeric import whole_from

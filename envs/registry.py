@@ -24,7 +24,7 @@ _VERSIONS = dict.fromkeys(_FILES, 2) | dict.fromkeys(("MaxRate", "ThinWire", "Tr
     ("Part", "MaxRateShift", "ThinWireShift"), 0
 )
 """Present versions. The last change was that debris ignites the gap: nothing earned before compares."""
-_GENERAL = "edmsim.envs.single:EdmEnv", "edmsim.envs.vector:EdmVectorEnv"
+_GENERAL = "edmsim.envs.environment:EdmEnv", "edmsim.envs.environment:EdmVectorEnv"
 _WITHDRAWN = "edmsim.envs.registry:withdrawn"
 _REFERENCES = {
     "GapFeed": 1772.0, "HeightStep": 1523.0, "Corner": 1524.0, "Contour": 2407.0, "MaxRate": 4083.0,

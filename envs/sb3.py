@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from edmsim.envs.vector import EdmVectorEnv, SubEnvView
+from edmsim.envs.environment import EdmVectorEnv, SubEnvView
 from edmsim.errors import InputError
 from edmsim.numeric import whole, whole_from
 

@@ -8,15 +8,14 @@ from typing import ClassVar
 import numpy as np
 
 from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments, within
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.height_step import HeightStep
 from edmsim.envs.max_rate import MaxRate
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Drift, Scenario
-from edmsim.envs.single import EdmEnv
 from edmsim.envs.task import ROOM_MM
 from edmsim.envs.thin_wire import ThinWire
-from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import with_constants
 from edmsim.plant.workpiece.blanks import SLOT_UM

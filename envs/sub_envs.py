@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.planner.course import Course
-from edmsim.controllers.planner.record import PLANNER
+from edmsim.controllers.planner.kinds import PLANNER, addresses
 from edmsim.controllers.planner.registry import kind_of, position_unit
-from edmsim.controllers.planner.run import addresses
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.envs.knobs import to_detents
 from edmsim.envs.path_follower import (

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from edmsim.envs.arguments import Range
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
-from edmsim.envs.single import EdmEnv
-from edmsim.envs.vector import EdmVectorEnv
 from edmsim.machine.machine import Machine
 
 

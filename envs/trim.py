@@ -9,12 +9,11 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments
+from edmsim.envs.environment import EdmEnv, EdmVectorEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Scenario, even_height
-from edmsim.envs.single import EdmEnv
-from edmsim.envs.vector import EdmVectorEnv
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import wavy_wall

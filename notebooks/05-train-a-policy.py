@@ -43,7 +43,6 @@ import edmsim
 from edmsim.evaluation.compare import evaluate
 from edmsim.evaluation.table import markdown_table
 from edmsim.learning import policy_file
-from edmsim.learning.export import export
 from edmsim.learning.train import train
 from edmsim.recording.figures.palette import BLUE, ORANGE, PURPLE, VERMILION
 
@@ -73,7 +72,7 @@ print(f"the shipped policy was trained with {shipped.steps} windows, the one her
 curve = []
 trained = train(ENV, "ppo", Path("trained"), steps=steps, seed=seed,
                 watch=lambda progress: curve.append((progress.steps, progress.mean_return)))
-card, arrays = export(trained, f"edmsim train {ENV} --algo ppo --steps {steps} --seed {seed}")
+card, arrays = trained.export(f"edmsim train {ENV} --algo ppo --steps {steps} --seed {seed}")
 policy_file.write(card, arrays, Path("trained/policy.json"))
 print(sorted(file.name for file in Path("trained").glob("policy.*")), f"after {card.steps} windows")
 

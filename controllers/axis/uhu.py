@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,38 +150,6 @@ _BANKS = range(3)
 _WORDS = range(1 << 16)
 
 
-class UhuActions(Protocol):
-    """The dialogue's drive."""
-
-    @property
-    def position(self) -> int:
-        """Position in counts from that at power-up."""
-
-    def value(self, letter: str) -> int:
-        """Return a parameter."""
-
-    def enter(self, letter: str, value: int) -> None:
-        """Set a parameter to a word."""
-
-    def load(self, bank: int) -> bool:
-        """Load a bank; return whether it could be read. If not, the output is off."""
-
-    def save(self, bank: int) -> None:
-        """Store the parameters in a bank."""
-
-    def go(self, counts: int) -> None:
-        """Move the setpoint."""
-
-    def soft_reset(self) -> None:
-        """Switch the output on with the parameters there are."""
-
-    def hard_reset(self) -> bytes:
-        """Start again as at power-up; return the start-up text."""
-
-    def stream(self, on: bool) -> None:
-        """Start or end the stream of tracking errors."""
-
-
 class Dialogue:
     """The terminal of one drive; `labels` precede the parameters' values, in the order of the help."""
 
@@ -199,7 +167,7 @@ class Dialogue:
         lines = f"UHU Servo Controller 3.00 (c) Snr: {self._serial_number}", f"EEPROM: {state}", "Help by (?)"
         return _text(*lines) + PROMPT
 
-    def take(self, chip: UhuActions, byte: int) -> bytes:
+    def take(self, chip: Uhu, byte: int) -> bytes:
         """Take a byte from the terminal, act on it if it ends a line, and return what is sent back."""
         echo, line = self._editor.take(byte)
         return echo if line is None else echo + self._answer(chip, line)
@@ -208,7 +176,7 @@ class Dialogue:
         """Let the line that is being typed count for nothing: a byte of it was not received well."""
         self._editor.spoil()
 
-    def _answer(self, chip: UhuActions, line: str) -> bytes:
+    def _answer(self, chip: Uhu, line: str) -> bytes:
         pending, self._pending = self._pending, ""
         if not line:
             return PROMPT
@@ -224,14 +192,14 @@ class Dialogue:
             return self._ask(chip, letter) if number is None else self._set(chip, letter, number)
         return self._act(chip, letter) if number is None else _reply(_UNKNOWN)
 
-    def _ask(self, chip: UhuActions, letter: str) -> bytes:
+    def _ask(self, chip: Uhu, letter: str) -> bytes:
         self._pending = letter
         return f"{self._line(chip, letter)}: ".encode("ascii")
 
-    def _line(self, chip: UhuActions, letter: str) -> str:
+    def _line(self, chip: Uhu, letter: str) -> str:
         return _COMMAND_LINES.get(letter) or f"{self._labels[letter]}{chip.value(letter)}"
 
-    def _set(self, chip: UhuActions, letter: str, number: int | None) -> bytes:
+    def _set(self, chip: Uhu, letter: str, number: int | None) -> bytes:
         if letter == _GO:
             known = number is not None and abs(number) <= _LARGEST_GO
         else:
@@ -248,9 +216,9 @@ class Dialogue:
             chip.enter(letter, number)
         return _reply(_OK)
 
-    def _act(self, chip: UhuActions, letter: str) -> bytes:
+    def _act(self, chip: Uhu, letter: str) -> bytes:
         if letter == "+":
-            return chip.hard_reset()
+            return chip.power_up()
         if letter == "A":
             chip.stream(True)
             return PROMPT
@@ -506,10 +474,6 @@ class Uhu:
         self._reg[RESTART] = max(int(self._reg[RESTART]), SOFT)
         self.stream(False)
         set_period(self.record, *_period_ns(self.parameters["cycle"]))
-
-    def hard_reset(self) -> bytes:
-        """Same as `power_up`."""
-        return self.power_up()
 
     def stream(self, on: bool) -> None:
         """Start or stop the stream of tracking errors (row U-33)."""

@@ -27,7 +27,7 @@ from edmsim.controllers.mcu.firmware.generator_control import before_corner
 from edmsim.controllers.mcu.firmware.optimise import Settings
 from edmsim.controllers.mcu.firmware.poscal import Unit, check_1982, unit_for, unit_um
 from edmsim.controllers.mcu.path_run import PathRun
-from edmsim.controllers.planner.record import LITERAL
+from edmsim.controllers.planner.kinds import LITERAL
 from edmsim.controllers.planner.registry import Planner, kind_of
 from edmsim.controllers.protocols import FeedCommand, Step, WindowObservation
 from edmsim.geometry import CORNER_DEG, Polyline

@@ -12,9 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit, unit_um
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S, TIMER_COUNT, timer_clock_hz
-from edmsim.controllers.planner.dda import NM
-from edmsim.controllers.planner.record import DDA, EXACT, PLANNER, Floats, Ints
-from edmsim.controllers.planner.run import begin
+from edmsim.controllers.planner.kinds import DDA, EXACT, NM, PLANNER, Floats, Ints, begin
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
 

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit
-from edmsim.controllers.planner.exact import FINE_PER_UM
-from edmsim.controllers.planner.record import EXACT, LITERAL
+from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, LITERAL
 from edmsim.controllers.planner.registry import Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.planner.course import Course
-from edmsim.controllers.planner.exact import segment_at
-from edmsim.controllers.planner.record import EXACT
+from edmsim.controllers.planner.kinds import EXACT, segment_at
 from edmsim.controllers.protocols import Step
 from edmsim.snapshots import Snapshots
 

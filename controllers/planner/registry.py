@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit, soft_limit, unit_for
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
-from edmsim.controllers.planner import run
+from edmsim.controllers.planner import kinds
 from edmsim.controllers.planner.course import Course
-from edmsim.controllers.planner.dda import NM
-from edmsim.controllers.planner.record import CHANGES, DDA, EXACT, LIMIT, LITERAL, POSCAL, SINE_TABLE, position_um
+from edmsim.controllers.planner.kinds import CHANGES, DDA, EXACT, LIMIT, LITERAL, NM, POSCAL, SINE_TABLE, position_um
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError, one_of
 
@@ -94,27 +93,27 @@ class RowPlanner:
     def path_um(self) -> float:
         """Length travelled along the path in um."""
         _, points, along, _ = self._course
-        return run.path_um(self._row, points, along)
+        return kinds.path_um(self._row, points, along)
 
     @property
     def done(self) -> bool:
         """Whether the path's end is reached."""
         _, points, along, lengths = self._course
-        return run.done(self._row, points, along, lengths)
+        return kinds.done(self._row, points, along, lengths)
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
         """Steps in a window of time; see `Planner.advance`."""
         self._check_window(start_ns, end_ns, speed_units)
         _, points, along, lengths = self._course
         before = self._row.copy()
-        made = run.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
+        made = kinds.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
         if made == LIMIT:
             size_um = int(self._row["unit_um"])
             raise soft_limit(next(v for v in self.position_um if not 0 <= v <= WORD * size_um), size_um)
         if made > len(self._room):
             self._room = np.zeros((made, 3), np.int64)
             self._course.row[0] = before
-            run.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
+            kinds.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
         return [Step(*step) for step in self._room[:made].tolist()]
 
     def snapshot(self) -> PlannerState:

@@ -27,6 +27,7 @@ from edmsim.evaluation import leaderboard
 from edmsim.evaluation.compare import Comparison, Figure, figures_of, held_back, mean
 from edmsim.evaluation.episode import Result, cut
 from edmsim.evaluation.lines import OF_TASK, ORACLE_GAPS_UM, lines_of
+from edmsim.runs import RunTable
 
 DOCS = Path(__file__).parents[1]
 FOUND, PAGE, CUTS = DOCS / "headroom.json", DOCS / "headroom.md", Path("out/headroom")
@@ -151,32 +152,26 @@ class Cuts:
 
     def __init__(self, task: str) -> None:
         self.task = task
-        self._file = CUTS / f"{task}.jsonl"
         self._made: dict[tuple[str, int], dict[str, Any]] = {}
         CUTS.mkdir(parents=True, exist_ok=True)
         board = leaderboard.read(BOARD).get(env_id_of(task))
         for result in (made for cuts in board.results.values() for made in cuts) if board else ():
             self._made[result.controller, result.seed] = row_of(result)
-        lines = self._file.read_text(encoding="utf-8").splitlines() if self._file.exists() else []
-        for line in lines:
-            if line.endswith("}"):  # a line cut off by an interrupt is made again
-                row = json.loads(line)
-                self._made[row["controller"], row["seed"]] = row
+        self._table = RunTable(CUTS / f"{task}.jsonl")
+        for row in self._table.rows.values():
+            self._made[row["controller"], row["seed"]] = row
 
     def make(self, names: Sequence[str], seeds: Sequence[int]) -> None:
         """Make what is missing of controllers x seeds, one after the other, and say how far it is."""
         missing = [(name, seed) for seed in seeds for name in names if (name, seed) not in self._made]
         began = time.monotonic()
-        with self._file.open("a", encoding="utf-8") as file:
-            for done, (name, seed) in enumerate(missing, 1):
-                result = cut(env_id_of(self.task), seed, name)
-                row = row_of(result)
-                file.write(json.dumps(row) + "\n")
-                file.flush()
-                self._made[name, seed] = row
-                left_s = (time.monotonic() - began) / done * (len(missing) - done)
-                sys.stderr.write(f"{self.task}: {done} of {len(missing)} cuts, {left_s / 60:.0f} min left; "
-                                 f"{name} {row['return']:.0f}\n")
+        for done, (name, seed) in enumerate(missing, 1):
+            row = {"id": f"{name} {seed}", **row_of(cut(env_id_of(self.task), seed, name))}
+            self._table.add(row)
+            self._made[name, seed] = row
+            left_s = (time.monotonic() - began) / done * (len(missing) - done)
+            sys.stderr.write(f"{self.task}: {done} of {len(missing)} cuts, {left_s / 60:.0f} min left; "
+                             f"{name} {row['return']:.0f}\n")
 
     def has(self, name: str, seed: int) -> bool:
         """Whether a cut has been made."""

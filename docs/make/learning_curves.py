@@ -21,7 +21,7 @@ from tasks import PAGES, with_block
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation import leaderboard
 from edmsim.evaluation.lines import lines_of
-from edmsim.learning.curve import in_words
+from edmsim.learning.command import in_words
 from edmsim.recording.figures.palette import BLUE, MUTED
 
 ROOT = Path(__file__).parents[2]

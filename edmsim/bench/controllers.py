@@ -1,4 +1,4 @@
-"""Speed of the 1982 controller: its figures in ``edmsim bench``."""
+"""Speed of controllers: the computer of 1982, servo drives, a positioner, cam tables; figures of ``edmsim bench``."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ import time
 
 import numpy as np
 
+from edmsim.axis_bench import AxisBench
 from edmsim.controllers import make
+from edmsim.controllers.axis import CHIPS, tuned
+from edmsim.controllers.axis.elcam.module import CamPlace, Elcam
+from edmsim.controllers.axis.elcam.registers import Function, Mode
 from edmsim.controllers.mcu.firmware.poscal import poscal
 from edmsim.cosim.simulation import Simulation
+from edmsim.errors import EdmsimError
 from edmsim.machine.machine import Machine
 from edmsim.program.path import CutPath, WireContour
 
@@ -67,3 +72,57 @@ def poscal_calls_per_s() -> float:
             poscal(position, target, 127)
         best = min(best, time.process_time() - started)
     return CALLS / best
+
+
+SPAN_S = 1.0  # simulated time of such a run
+SERVO_REPEATS = 6  # runs per figure of a servo
+
+
+def servo_realtime_factor() -> float:
+    """Simulated seconds per second of the processor: the slower of two drives that move an axis to and fro."""
+    return min(_factor(name) for name in CHIPS)
+
+
+def positioner_realtime_factor() -> float:
+    """Simulated seconds per second of the processor: an EANPOS at a sample of 1 ms that moves an axis to and fro."""
+    return _factor("eanpos")
+
+
+def _factor(name: str) -> float:
+    bench = AxisBench({"x": tuned(name)})
+    bench.run(0.1)
+    best_s = float("inf")
+    for _ in range(SERVO_REPEATS):
+        bench.steps("x", 100, 300.0, 3_000.0)
+        bench.steps("x", -100, 300.0, 3_000.0)
+        started = time.process_time()
+        bench.run(SPAN_S)
+        best_s = min(best_s, time.process_time() - started)
+    return SPAN_S / best_s
+
+
+POINTS = 1_000_000
+"""Points of the table."""
+LOOKUPS = 2000
+"""Places looked up."""
+
+
+def elcam_figures() -> dict[str, float]:
+    """Processor time: seconds to load a table of a million points, microseconds of a cycle that follows it."""
+    points = np.column_stack([np.arange(POINTS, dtype=float), np.arange(POINTS) % 7.0])
+    data, master = points.tobytes(), CamPlace()
+    elcam = Elcam([CamPlace(), master], buffer_bytes=len(data))
+    at = elcam.at(0)
+    for function, value in ((Function.BUFFER_SIZE, POINTS), (Function.AXIS, 0), (Function.MASTER, 1)):
+        at.write_int(function, value)
+    started = time.process_time()
+    code = at.load(data)
+    status = at.write_int(Function.MODE, Mode.RUN)
+    load_s = time.process_time() - started
+    if code or status:
+        raise EdmsimError(f"a cam table of {POINTS} points was refused: {code!r}, {status!r}")
+    started = time.process_time()
+    for k in range(LOOKUPS):
+        master.setpoint = 7919.7 * k % POINTS
+        elcam.follow()
+    return {"elcam_load_s": load_s, "elcam_lookup_us": (time.process_time() - started) / LOOKUPS * 1e6}

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from edmsim.bench.controllers import controller_overhead, literal_realtime_factor, poscal_calls_per_s
-from edmsim.bench.elcam import elcam_figures
+from edmsim.bench.controllers import (
+    controller_overhead,
+    elcam_figures,
+    literal_realtime_factor,
+    poscal_calls_per_s,
+    positioner_realtime_factor,
+    servo_realtime_factor,
+)
 from edmsim.bench.envs import (
     drawn_machines,
     env_steps_per_s,
+    half_cheetah_comparison,
     turned_knobs_cost,
     vector_env_steps_per_s,
 )
@@ -20,8 +27,6 @@ from edmsim.bench.plant import (
     ray_sums_per_s,
     thread_scaling,
 )
-from edmsim.bench.servo import positioner_realtime_factor, servo_realtime_factor
-from edmsim.bench.vector_envs import half_cheetah_comparison
 from edmsim.machine.machine import Machine
 
 if TYPE_CHECKING:

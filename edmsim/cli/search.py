@@ -225,8 +225,7 @@ def own(
     **options: Any,
 ) -> None:  # fmt: skip
     """Search for settings of your controller (extra tune)."""
-    from edmsim.sweep.own import tune_own
-    from edmsim.sweep.tune import BEST
+    from edmsim.sweep.tune import BEST, tune_own
 
     height = {key: options.pop(key) for key in ("height_mm",) if key in options}
     machine = {"name" if key == "machine" else key: value for key, value in options.items()}

@@ -179,17 +179,15 @@ _LINE = "G0 X0 Y0\nG1 X0.5\nM2\n"
 
 def warm_up() -> None:
     """Compile beforehand what cuts and environments would wait for."""
-    from concurrent.futures import ThreadPoolExecutor
-
     from edmsim.plant.kernel.memory import window_function
     from edmsim.plant.plant import shapes
-    from edmsim.progress import ShownProgress
+    from edmsim.runs import perform
 
     total = len(shapes()) + 1
-    with ShownProgress() as bar, ThreadPoolExecutor(2) as pool:
+    with interruptible("what is compiled is kept") as bar:
         bar.show("compile", 0, total)
-        for done, _ in enumerate(pool.map(lambda shape: window_function(*shape), shapes()), 1):
-            bar.show("compile", done, total)
+        perform(lambda shape: window_function(*shape), shapes(), lambda done, _: bar.show("compile", done, total),
+                threads=2)  # fmt: skip
         _use_once()
         bar.show("compile", total, total)
     OUT.print("All code of cuts and environments is compiled, for all resolutions.")
@@ -198,7 +196,6 @@ def warm_up() -> None:
 def _use_once() -> None:
     """Make a cut and a step of an environment: planners, observations and rewards are compiled with their types."""
     import tempfile
-    from pathlib import Path
 
     import gymnasium as gym
 

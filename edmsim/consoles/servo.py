@@ -9,7 +9,6 @@ import time
 import tty
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,14 +195,6 @@ _STDIN = 0
 _DATA = 0x80  # bytes from here on are the analyser's (row U-35)
 
 
-class _Device(Protocol):
-    def read(self, timeout_s: float | None) -> bytes:
-        """Bytes that have come; none after the timeout."""
-
-    def write(self, data: bytes) -> None:
-        """Send some bytes."""
-
-
 def serve(
     bench: AxisBench, *, pty: bool, speed: float | None, scope: Scope | None, say: Callable[[str], None]
 ) -> None:
@@ -228,7 +219,9 @@ def serve(
             run_script(bench, _read_script(), scope)
 
 
-def _run(bench: AxisBench, device: _Device, interrupts: Interrupts, speed: float, scope: Scope | None) -> None:
+def _run(
+    bench: AxisBench, device: Keyboard | PseudoTerminal, interrupts: Interrupts, speed: float, scope: Scope | None
+) -> None:
     began, from_s = time.monotonic(), bench.time_s
     while not interrupts.pending and not (isinstance(device, _DriveKeyboard) and device.left):
         due = began + (bench.time_s - from_s) / speed

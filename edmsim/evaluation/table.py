@@ -190,7 +190,6 @@ def write_page(file: Path, comparisons: Sequence[Comparison]) -> None:
 def draw_returns(made: Comparison) -> Drawing:
     """Draw the returns of every controller, the best mean on top: a dot for a machine, the mean with its interval."""
     # a machine has the same height within the row of each controller
-    # a machine has the same height within the row of each controller
     from matplotlib.figure import Figure as Drawing
 
     names = ranked(made, "total_return")

@@ -11,8 +11,7 @@ from typing import Literal
 import numpy as np
 
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S
-from edmsim.job.cut import planned, read_program
-from edmsim.job.passes import Passes, with_passes
+from edmsim.job.cut import Passes, planned, read_program, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import mean_current_A

@@ -230,7 +230,7 @@ class CutResult:
         InputError
             If the time between samples is not above 0, or the file cannot be written.
         """
-        from edmsim.recording.traces import write_traces
+        from edmsim.recording.stores import write_traces
 
         rows = self.closeups.table()
         write_traces(rows[(rows["t_s"] >= begin_s) & (rows["t_s"] <= end_s)], file, every_us)

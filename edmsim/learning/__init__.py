@@ -6,19 +6,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from edmsim.learning.export import export_sb3
-    from edmsim.learning.start import start_sb3
+    from edmsim.learning.sb3_policy import export_sb3, start_sb3
 
-_HOMES = {"export_sb3": "export", "start_sb3": "start"}
 __all__ = ["export_sb3", "start_sb3"]
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first used: both need the extra ``rl``."""
-    if name not in _HOMES:
+    if name not in __all__:
         raise AttributeError(f"module 'edmsim.learning' has no attribute '{name}'")
     try:
-        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+        value = getattr(import_module(f"{__name__}.sb3_policy"), name)
     except ImportError as error:
         from edmsim.errors import InputError
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file, safe
-from edmsim.learning.curve import in_words
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import measure, render
+from edmsim.runs import RunTable
 
 if TYPE_CHECKING:
     from edmsim.learning.train import TrainingProgress
@@ -100,11 +103,9 @@ def run(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, parameters=parameters,
             callbacks=_recorders(options, out), begin_from=options.policy(),
         )
-        from edmsim.learning.export import export
-
         done = trained.run
         words = f"{done.env_id if named == env_id else env_id} --algo {algo} --steps {done.steps} --seed {seed}"
-        card, packed = export(trained, f"edmsim train {words}{options.words()}")
+        card, packed = trained.export(f"edmsim train {words}{options.words()}")
         policy_file.write(card, packed, file)
         if returns:
             bar.show("train", done.steps, done.steps, f"return {in_words(*zip(*returns, strict=True))}")
@@ -114,8 +115,10 @@ def run(
             card, packed = policy_file.load(str(file)).card, file.with_suffix(".npz").read_bytes()
         if not episodes:
             return None
-        scores = measure(done.env_id, str(file), episodes, bar.show)
+        runs = out / "score.runs.jsonl"  # of the cuts of an interrupted scoring
+        scores = measure(done.env_id, str(file), episodes, bar.show, table=RunTable(runs))
     policy_file.write(card.model_copy(update={"scores": [row._asdict() for row in scores]}), packed, file)
+    runs.unlink(missing_ok=True)
     return render(scores)
 
 
@@ -127,3 +130,33 @@ def _recorders(options: TrainOptions, out: Path) -> list[Any]:
 
     every = EVERY if options.record_every is None else options.record_every
     return [RecordEpisodes(out / "episodes", every, options.live)]
+
+
+AT_ENDS = 10
+"""Points of a curve's first and last part; their means say where it begins and ends (ours: single ones are noise)."""
+RISEN = 0.2  # share of the whole rise from which on a curve has begun to rise (ours)
+LEAST_RISE = 3.0  # least rise that counts, over the spread of the first part (ours)
+
+
+def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
+    """Say from when on a learning curve rises: mean returns (NaN before the first ended) over steps or decisions.
+
+    >>> in_words([1_000, 2_000, 3_000, 4_000, 5_000], [0.0, 1.0, 0.0, 60.0, 100.0])
+    'flat until about 3,000 steps, then from 0 to 100'
+    >>> in_words([1_000, 2_000, 3_000], [5.0, 5.0, 4.0])
+    'flat to the end, 3,000 steps: from 5 to 4'
+    """
+    known = [(step, value) for step, value in zip(steps, returns, strict=True) if not math.isnan(value)]
+    if not known:
+        return "no episode has ended"
+    at, values = (np.array(column, float) for column in zip(*known, strict=True))
+    part = max(len(values) // AT_ENDS, 1)
+    begin, end = float(np.median(values[:part])), float(np.median(values[-part:]))
+    if end - begin <= LEAST_RISE * float(np.ptp(values[:part])) or end <= begin:
+        return f"flat to the end, {at[-1]:,.0f} steps: from {begin:.0f} to {end:.0f}"
+    below = np.flatnonzero(values < begin + RISEN * (end - begin))
+    last = int(below[-1]) if len(below) else 0
+    if last < part:
+        return f"rising from the begin, from {begin:.0f} to {end:.0f}"
+    digits = -max(int(math.log10(max(at[last], 1.0))) - 1, 0)
+    return f"flat until about {round(at[last], digits):,.0f} steps, then from {begin:.0f} to {end:.0f}"

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import from_text
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.registry import env_id_of, find
-from edmsim.envs.single import EdmEnv
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import check_controllers
 from edmsim.evaluation.episode import HELD_BACK, is_part

@@ -46,7 +46,7 @@ class Network(_Strict):
 
 
 class Lagrangian(_Strict):
-    """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.lagrangian`).
+    """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.kinds`).
 
     Attributes
     ----------
@@ -77,13 +77,13 @@ class Hyperparameters(_Strict):
     lagrangian : Lagrangian, optional
         Only for Lagrangian PPO.
     residual : str, optional
-        Classic law whose feed the policy corrects (see `edmsim.learning.residual`).
+        Classic law whose feed the policy corrects (see `edmsim.learning.kinds`).
     residual_um_s : float
         Change of that feed per action of 1 (ours: a fifth of a cutting feed, which leaves the law in control).
     teacher : str, optional
-        Imitation: controller to imitate (see `edmsim.learning.imitation`).
+        Imitation: controller to imitate (see `edmsim.learning.kinds`).
     privileged_critic : bool
-        PPO: whether the value network observes the true state (see `edmsim.learning.privileged`).
+        PPO: whether the value network observes the true state (see `edmsim.learning.kinds`).
     """
 
     steps: Annotated[WholeNumber, Field(gt=0)]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from edmsim.controllers import from_text
-from edmsim.envs.attached_controller import target_share
+from edmsim.envs.environment import target_share
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
@@ -25,11 +25,16 @@ try:
     from stable_baselines3.common.vec_env import VecNormalize
 
     from edmsim.envs.sb3 import make_sb3_vec_env
-    from edmsim.learning.imitation import Imitation, TaughtVecEnv
-    from edmsim.learning.lagrangian import CostVecEnv, Multiplier
-    from edmsim.learning.privileged import AsymmetricPolicy, PrivilegedVecEnv
-    from edmsim.learning.residual import ResidualVecEnv
-    from edmsim.learning.sb3_parts import ACTIVATIONS
+    from edmsim.learning.kinds import (
+        AsymmetricPolicy,
+        CostVecEnv,
+        Imitation,
+        Multiplier,
+        PrivilegedVecEnv,
+        ResidualVecEnv,
+        TaughtVecEnv,
+    )
+    from edmsim.learning.sb3_policy import ACTIVATIONS
 except ImportError as error:
     raise InputError(f"training needs {error.name}: pip install 'edmsim[rl]'") from error
 

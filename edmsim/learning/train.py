@@ -16,7 +16,7 @@ from edmsim.errors import InputError
 from edmsim.files import locked
 from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
-from edmsim.learning.policy_file import Policy
+from edmsim.learning.policy_file import Card, Policy
 
 try:
     import tensorboard  # noqa: F401 - stable-baselines3 writes its logs with it
@@ -25,7 +25,7 @@ try:
     from stable_baselines3.common.logger import configure
 
     from edmsim.learning import learners
-    from edmsim.learning.start import start_sb3
+    from edmsim.learning.sb3_policy import exported, start_sb3
 except ImportError as error:
     raise InputError(f"training needs {error.name}: pip install 'edmsim[rl]'") from error
 
@@ -82,6 +82,10 @@ class Trained(NamedTuple):
     model: Any
     normalise: Any
     vec_env: learners.TrainingEnvs
+
+    def export(self, command: str) -> tuple[Card, bytes]:
+        """Return the policy as `policy_file.write` wants it; `command` is what made it."""
+        return exported(self.model, self.normalise, self.run.algo, command, self.run.seed)
 
 
 def train(

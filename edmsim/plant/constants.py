@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.machine.files import mjcf_version
+from edmsim.machine.machine import mjcf_version
 from edmsim.machine.setting import (
     WINDOW_PULSES,
     flushing_Pa,

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edmsim.errors import InputError
-from edmsim.program.condition_tables import ConditionTable
 from edmsim.program.dialects import FREECAD, ISO, Dialect, without_line_ends
 from edmsim.program.limits import GREATEST_NUMBER, check_count, check_size
-from edmsim.program.registers import register
+from edmsim.program.tables import ConditionTable, register
 
 VALUES = frozenset("NFDHXYIJRPLQ")  # letters whose numbers are used, by a motion or by the code they belong to
 BELONGS: dict[float, str] = {64: "PQ", 39: "IJ", 43: "H", 44: "H", 96: "D"}
@@ -320,7 +319,11 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
         line, tuple(words.codes), words.values, words.pointed, None if words.decimals < 0 else words.decimals,
         deletable, tuple(words.idle), tuple(words.dropped), tuple(words.offsets), words.condition, upper, words.label,
     )  # fmt: skip
-    return block if words.any_word or upper is not None else None
+    leaves_a_trace = (
+        words.codes or words.values or words.idle or words.dropped or words.offsets or words.condition
+        or words.label is not None or upper is not None
+    )  # fmt: skip
+    return block if leaves_a_trace else None
 
 
 @dataclass
@@ -349,13 +352,6 @@ class _Words:
         if letter in "XYIJRUV":
             self.pointed |= "." in number
             self.decimals = max(self.decimals, len(number.partition(".")[2]))
-
-    @property
-    def any_word(self) -> bool:
-        """Whether there is a word that leaves a trace."""
-        return bool(self.codes or self.values or self.idle or self.dropped or self.offsets or self.condition) or (
-            self.label is not None
-        )
 
 
 def _offset_value(found: re.Match[str], file: str, line: int) -> OffsetValue:

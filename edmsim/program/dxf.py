@@ -26,8 +26,18 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.program.chains import Chain, joined_contours, spot, without_duplicates
-from edmsim.program.entities import CUT, POLYLINES, SHAPES, UNDRAWN, named, pieces_of
+from edmsim.program.entities import (
+    CUT,
+    POLYLINES,
+    SHAPES,
+    UNDRAWN,
+    Chain,
+    joined_contours,
+    named,
+    pieces_of,
+    spot,
+    without_duplicates,
+)
 from edmsim.program.limits import MOST_POINTS, check_contours, check_count, check_points, check_size
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline, Program, refuse_self_crossing, signed_area
 

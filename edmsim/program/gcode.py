@@ -33,7 +33,6 @@ from edmsim.program.blocks import (
     read_text,
     units_of,
 )
-from edmsim.program.condition_tables import settings_for
 from edmsim.program.interpreter import Interpreter, Motions, Reading, prefer_absolute, reading_of, registers_set
 from edmsim.program.limits import check_contours, check_count, check_points
 from edmsim.program.outline import (
@@ -49,7 +48,7 @@ from edmsim.program.outline import (
     signed_area,
     vertices_of,
 )
-from edmsim.program.registers import OffsetRegisters
+from edmsim.program.tables import OffsetRegisters, settings_for
 
 # A run taken apart into its passes: the same profile cut again, to and fro, with other offsets and conditions.
 # A pass is what is cut under one side and one offset; moves without compensation between two of them lead from the
@@ -555,7 +554,7 @@ def read_gcode(
     dialect : str
         Name in `edmsim.program.dialects.DIALECTS`; ``auto`` recognises it by words that only one machine has.
     conditions : mapping of str to mapping of str to float, optional
-        Settings of conditions, from `edmsim.program.condition_tables.read_conditions`.
+        Settings of conditions, from `edmsim.program.tables.read_conditions`.
 
     Returns
     -------

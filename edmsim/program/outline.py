@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.program.registers import Offset
+from edmsim.program.tables import Offset
 
 JOIN_TOLERANCE_MM = 0.005
 """Ends closer than this many mm are one point (ours: rounding of programs, well below the gap)."""
@@ -142,7 +142,7 @@ class Program:
         The program's table of machining conditions, by condition and column as written.
     settings : mapping of str to mapping of str to float
         Settings from your table of conditions, by condition as the program writes it and key of
-        `edmsim.program.condition_tables.SETTINGS`. Empty without such a table.
+        `edmsim.program.tables.SETTINGS`. Empty without such a table.
     """
 
     outlines: tuple[Outline, ...]

@@ -34,7 +34,7 @@ from edmsim.program.offset import (
 )
 from edmsim.program.outline import Corners, Outline, Program, Taper, signed_area
 from edmsim.program.passes import CutPass, PassPlan, Stretch, grouped, on_grid, ways_of, ways_of_group
-from edmsim.program.registers import GREATEST_MM, in_um
+from edmsim.program.tables import GREATEST_MM, in_um
 from edmsim.program.taper import GuideHeights, Lean, Way, guides_for, leaning
 
 Floats = NDArray[np.float64]
@@ -123,12 +123,12 @@ def load_program(
     upper_layer : str, optional
         A drawing's layer with the contours of the upper face: `ruled_between`.
     offsets : path, optional
-        Table of the offset registers of G-code: `edmsim.program.registers.read_offsets`.
+        Table of the offset registers of G-code: `edmsim.program.tables.read_offsets`.
     dialect : str
         Dialect of G-code: `read_gcode`.
     conditions : path, optional
         Table of the machining conditions that G-code calls: `read_conditions` of
-        `edmsim.program.condition_tables`.
+        `edmsim.program.tables`.
 
     Returns
     -------
@@ -156,9 +156,8 @@ def load_program(
     if suffix in GCODE_SUFFIXES:
         if layers or unit is not None or upper_layer is not None:
             raise InputError("layers and unit are those of a drawing: G-code has none", path)
-        from edmsim.program.condition_tables import read_conditions
         from edmsim.program.gcode import read_gcode
-        from edmsim.program.registers import read_offsets
+        from edmsim.program.tables import read_conditions, read_offsets
 
         return read_gcode(
             path, ignore, {} if offsets is None else read_offsets(offsets), dialect,

@@ -24,7 +24,7 @@ REASONS = {
         "and two are five times as accurate as on the trade page.",
     ("passes", "outer-corners"):
         "The third pass removes 45 um. At a constant feed its pulses find little metal at a corner except the tip, "
-        "and round it, on any path. After two and after four passes a fifth of the rough cut's error remains.",
+        "and round it, on any path. After two and after four passes a quarter of the rough cut's error remains.",
     ("ignition", "two-regimes"):
         "Two studies of one group disagree below 12 um. The model follows the later one, in which narrow gaps ignite "
         "much faster.",
@@ -44,8 +44,8 @@ REASONS = {
         "The tenth of the heat that the wire gets, which matches Sato's limit on 80 mm, is too little to break it in "
         "still water at 11 A.",
     ("vibration", "vibration"):
-        "Flowing water exerts no force on a wire along a wall, and hardly affects its motion; the terms of a running "
-        "string are left out as negligible.",
+        "With more flushing there is less debris, so the gap is narrower, and less gas, so more discharges push. The "
+        "terms of a running string are left out as negligible.",
     ("stable rate", "greatest-stable-rate"):
         "A workpiece of 120 mm gathers too little gas to stop the cut earlier than one of 40 mm. A thin wire "
         "survives more power than in shops, which do not run at the limit.",

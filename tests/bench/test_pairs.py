@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from edmsim.bench import pairs, revisions, subject
+from edmsim.bench import pairs, subject
 from edmsim.compiled.cache import user_folder
 from edmsim.errors import EdmsimError, InputError
 
@@ -44,7 +44,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     module.write_text("SPEED = 4.0\n")
     monkeypatch.setenv("RUNS", str(tmp_path / "runs"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(revisions, "ROOT", root)
+    monkeypatch.setattr(pairs, "ROOT", root)
     monkeypatch.setattr(pairs, "ROOT", root)
     monkeypatch.setattr(pairs, "PROGRAM", program)
     return root
@@ -91,10 +91,10 @@ def test_a_revision_that_does_not_run_is_named_with_its_last_line(checkout: Path
 
 @pytest.mark.slow
 def test_only_one_comparison_with_a_revision_is_under_way(checkout: Path) -> None:
-    commit = revisions.commit_of("HEAD")
+    commit = pairs.commit_of("HEAD")
     with (
-        revisions.checkout(commit),
-        pytest.raises(InputError, match="another comparison is at work"), revisions.checkout(commit),
+        pairs.checkout(commit),
+        pytest.raises(InputError, match="another comparison is at work"), pairs.checkout(commit),
     ):
         pass
 
@@ -102,7 +102,7 @@ def test_only_one_comparison_with_a_revision_is_under_way(checkout: Path) -> Non
 def test_an_unknown_revision_is_refused(checkout: Path) -> None:
     for name in ("nosuch", "--all", ""):
         with pytest.raises(InputError, match=f"has no revision '{name}': name a commit, a tag or a branch"):
-            revisions.commit_of(name)
+            pairs.commit_of(name)
 
 
 def test_without_a_checkout_there_is_nothing_to_compare_with(
@@ -111,15 +111,15 @@ def test_without_a_checkout_there_is_nothing_to_compare_with(
     elsewhere = checkout.parent / "site-packages"
     elsewhere.mkdir()
     for place in (elsewhere, checkout / "edmsim"):  # the latter: installed within the checkout of something else
-        monkeypatch.setattr(revisions, "ROOT", place)
+        monkeypatch.setattr(pairs, "ROOT", place)
         with pytest.raises(InputError, match=f"needs edmsim installed from its git checkout .* runs from {place}"):
-            revisions.commit_of("HEAD")
+            pairs.commit_of("HEAD")
 
 
 def test_without_git_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InputError, match="install git"):
-        revisions.commit_of("HEAD")
+        pairs.commit_of("HEAD")
 
 
 def test_a_comparison_is_a_table_and_numbers() -> None:
@@ -139,7 +139,7 @@ def test_a_comparison_is_a_table_and_numbers() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(400)  # where nothing is compiled yet
 def test_the_program_measures_this_checkout(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    monkeypatch.setattr("sys.argv", ["subject.py", str(revisions.ROOT), *pairs.COMPILING])
+    monkeypatch.setattr("sys.argv", ["subject.py", str(pairs.ROOT), *pairs.COMPILING])
     subject.main()
     rates = json.loads(capsys.readouterr().out)
     assert list(rates) == [

@@ -19,7 +19,7 @@ from edmsim.controllers.mcu.firmware.poscal import (
     sine,
     velocm,
 )
-from edmsim.controllers.planner.poscal import lengthened
+from edmsim.controllers.planner.kinds import lengthened
 from edmsim.errors import InputError
 
 SPEEDS = st.integers(0, 127)

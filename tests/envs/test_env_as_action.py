@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from edmsim.controllers import FeedCommand, make
-from edmsim.envs.attached_controller import as_action
+from edmsim.envs.environment import as_action
 from edmsim.envs.registry import make_family
 from edmsim.envs.servo import target_of
 from edmsim.errors import InputError

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from edmsim.controllers.planner.course import Course
-from edmsim.controllers.planner.exact import FINE_PER_UM
-from edmsim.controllers.planner.record import EXACT, PLANNER
-from edmsim.controllers.planner.run import addresses, advance, done
+from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, PLANNER, addresses, advance, done
 from edmsim.envs import path_follower as motion
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine

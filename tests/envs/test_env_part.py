@@ -270,7 +270,6 @@ def test_a_policy_of_parts_is_described_by_the_environment_of_edmsim():
 def test_a_training_writes_a_policy_that_decides_on_passes(small, tmp_path):
     pytest.importorskip("stable_baselines3")
     from edmsim.learning import hyperparameters, policy_file
-    from edmsim.learning.export import export
     from edmsim.learning.train import train
 
     known = hyperparameters.load(ID, "ppo")
@@ -278,7 +277,7 @@ def test_a_training_writes_a_policy_that_decides_on_passes(small, tmp_path):
         **known.algorithm, "n_steps": 2, "batch_size": 4, "n_epochs": 1,
     }})  # fmt: skip
     trained = train(ID, "ppo", tmp_path, steps=4, seed=1, parameters=short)
-    policy_file.write(*export(trained, "edmsim train"), tmp_path / "policy.json")
+    policy_file.write(*trained.export("edmsim train"), tmp_path / "policy.json")
     made = cut_part(ID, 1, f"policy:{tmp_path / 'policy.json'}", **small)
     assert made.outcome == "finished"
     with pytest.raises(InputError, match="pass by pass"):

@@ -56,7 +56,7 @@ def test_name_with_its_module_needs_no_import():
 
 @pytest.mark.slow
 def test_registering_loads_no_environment():
-    code = "import sys, edmsim; print('edmsim.envs.single' in sys.modules, 'numba' in sys.modules)"
+    code = "import sys, edmsim; print('edmsim.envs.environment' in sys.modules, 'numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from edmsim.learning.curve import in_words
+from edmsim.learning.command import in_words
 
 
 def test_a_curve_says_when_it_rises():

@@ -59,13 +59,12 @@ def test_exploring_begins_around_the_first_action(short_training, tmp_path):
 @needs_rl
 @pytest.mark.parametrize("algo", hyperparameters.ALGORITHMS)
 def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
-    from edmsim.learning.export import export
     from edmsim.learning.train import train
 
     messages = []
     trained = train("edmsim/Corner-v2", algo, tmp_path, steps=128, seed=3, watch=messages.append)
     file = tmp_path / "policy.json"
-    policy_file.write(*export(trained, "a test"), file)
+    policy_file.write(*trained.export("a test"), file)
     policy = policy_file.load(str(file))
     space = trained.model.observation_space
     observations = np.random.default_rng(0).uniform(space.low, space.high, (200, *space.shape)).astype(np.float32)
@@ -110,11 +109,10 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
 @pytest.mark.slow
 @needs_rl
 def test_same_seed_same_policy(short_training, tmp_path):
-    from edmsim.learning.export import export
     from edmsim.learning.train import train
 
     def packed(folder, seed):
-        return export(train("edmsim/GapFeed-v2", "ppo", tmp_path / folder, steps=128, seed=seed), "a test")[1]
+        return train("edmsim/GapFeed-v2", "ppo", tmp_path / folder, steps=128, seed=seed).export("a test")[1]
 
     first = packed("a", 1)
     assert packed("b", 1) == first

@@ -11,6 +11,7 @@ import pytest
 
 from edmsim.controllers.protocols import tell
 from edmsim.envs.episode import Task
+from edmsim.envs.gap_feed import GapFeed
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
 from edmsim.learning.command import TrainOptions
@@ -28,12 +29,11 @@ pytestmark = [
 
 def exported(tmp_path, env_id, algo, steps=64, **options):
     """Train for some windows; return what was trained, and the policy as it is read from its files."""
-    from edmsim.learning.export import export
     from edmsim.learning.train import train
 
     parameters = TrainOptions(**options).hyperparameters(env_id, algo)
     trained = train(env_id, algo, tmp_path, steps=steps, seed=3, parameters=parameters)
-    policy_file.write(*export(trained, "a test"), tmp_path / "policy.json")
+    policy_file.write(*trained.export("a test"), tmp_path / "policy.json")
     return trained, policy_file.load(str(tmp_path / "policy.json"))
 
 
@@ -70,6 +70,12 @@ def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_t
     second.restore(json.loads(json.dumps(first.snapshot())))
     assert second.update(observed) == first.update(observed)
     assert first.reset(task.max_feed_um_s) == start
+
+
+def test_a_correction_beyond_an_action_of_1_adds_no_more_than_1():
+    residual, family = policy_file.Residual(law="counts", range_um_s=5.0), GapFeed()
+    assert residual.action(family, 10.0, 3.0) == residual.action(family, 10.0, 1.0) == np.float32(0.15)
+    assert residual.action(family, 10.0, -3.0) == residual.action(family, 10.0, -1.0) == np.float32(0.05)
 
 
 @pytest.mark.slow
@@ -115,7 +121,7 @@ def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
 
 def test_a_teacher_says_what_it_would_do_where_the_learner_is():
     from edmsim.envs.sb3 import make_sb3_vec_env
-    from edmsim.learning.imitation import TaughtVecEnv
+    from edmsim.learning.kinds import TaughtVecEnv
 
     taught = TaughtVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, action="speed"), "fixed:feed_um_s=9")
     observed = [taught.reset()]
@@ -179,7 +185,7 @@ def test_costs_beyond_the_limit_raise_their_price():
     from stable_baselines3.common.logger import Logger
 
     from edmsim.envs import make_sb3_vec_env
-    from edmsim.learning.lagrangian import CostVecEnv, Multiplier
+    from edmsim.learning.kinds import CostVecEnv, Multiplier
 
     vec_env = CostVecEnv(make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2), 10.0)
     plain = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=1, max_episode_steps=2)

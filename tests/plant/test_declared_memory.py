@@ -18,6 +18,8 @@ def test_allocated_arrays_are_as_declared():
     assert a.edge_um.dtype == np.float32
     assert a.sway.shape == (4, 8)
     assert a.first.dtype == np.int64
+    assert not any(array.any() or array.ctypes.data % 64 for array in a)  # zeros, each on a cache line of its own
+    assert len({array.ctypes.data for array in a}) == len(a)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,10 @@
 import dataclasses
 import math
+import pickle
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from edmsim import models
+from edmsim.compiled import cache
 from edmsim.errors import InputError
 from edmsim.plant.mechanics.model import (
     MODEL_FILE,
@@ -19,6 +22,7 @@ from edmsim.plant.mechanics.model import (
     reduce_model,
 )
 from edmsim.plant.mechanics.modes import linearise
+from edmsim.plant.mechanics.string_modes import _reference as reference
 from edmsim.plant.mechanics.string_modes import modes_with, string_modes
 from tests.plant.oscillators import propagator_table
 
@@ -124,6 +128,21 @@ def test_wires_one_after_another_have_the_modes_of_each_modelled_alone() -> None
         for field in dataclasses.fields(ModalModel):
             expected, found = (np.asarray(getattr(modes, field.name)) for modes in (alone, one_of_many))
             assert found.tobytes() == expected.tobytes(), field.name
+
+
+def test_our_machine_is_cached_and_read_without_mujoco_the_next_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache, "folder", tmp_path)
+    reference.__wrapped__(MODEL_FILE, 0)
+    (stored,) = tmp_path.iterdir()
+    first = pickle.dumps(reference.__wrapped__(MODEL_FILE, 0))
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert pickle.dumps(reference.__wrapped__(MODEL_FILE, 0)) == first
+    stored.write_bytes(b"damaged")
+    monkeypatch.undo()
+    monkeypatch.setattr(cache, "folder", tmp_path)
+    assert pickle.dumps(reference.__wrapped__(MODEL_FILE, 0)) == first
 
 
 def nodal_load(node_heights: Array, low: float, high: float) -> Array:

@@ -12,7 +12,7 @@ from edmsim.errors import InputError
 from edmsim.job.settings import CutSettings
 from edmsim.machine.options import Choices
 from edmsim.program import load_program
-from edmsim.program.condition_tables import SETTINGS, key_of, read_conditions
+from edmsim.program.tables import SETTINGS, key_of, read_conditions
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "dialects"
 PUNCH = EXAMPLES / "punch-sodick.nc"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from edmsim.program.condition_tables import SETTINGS
 from edmsim.program.dialects import DIALECTS
 from edmsim.program.gcode import read_gcode
+from edmsim.program.tables import SETTINGS
 
 DOCS = Path(__file__).parents[2] / "docs" / "dialects"
 NAMES = sorted(set(DIALECTS) - {"iso"})

@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from edmsim.errors import InputError
-from edmsim.program.chains import Chain, joined_contours, without_duplicates
 from edmsim.program.dxf import read_dxf
+from edmsim.program.entities import Chain, joined_contours, without_duplicates
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Program
 from edmsim.program.path import plan_path
 

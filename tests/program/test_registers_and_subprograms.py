@@ -14,7 +14,7 @@ from edmsim.errors import InputError
 from edmsim.program import load_program, plan_path
 from edmsim.program.outline import Program
 from edmsim.program.path import CutPath
-from edmsim.program.registers import checked_offsets, read_offsets
+from edmsim.program.tables import checked_offsets, read_offsets
 
 SQUARE = "G21 G92 X5 Y-2.\n{}\nG41 {} G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
 

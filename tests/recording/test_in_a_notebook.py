@@ -16,7 +16,7 @@ from PIL import Image
 import edmsim
 from edmsim.errors import InputError
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording.traces import traces
+from edmsim.recording.stores import traces
 
 PNG = b"\x89PNG"
 

@@ -19,7 +19,7 @@ from edmsim.recording.figures.pulses import pulses_figure
 from edmsim.recording.report import summary
 from edmsim.recording.rerun.gap import SCOPE_PULSES, VOLTAGE_HEIGHT
 from edmsim.recording.rerun.write import write_recording
-from edmsim.recording.traces import traces
+from edmsim.recording.stores import traces
 from edmsim.recording.windows import NAMES, column
 
 

@@ -12,7 +12,7 @@ from edmsim.plant.kernel.state import OPEN
 from edmsim.recording import Playback
 from edmsim.recording.rerun.gap import AGES, SCOPE_PULSES, discharges, faded
 from edmsim.recording.rerun.write import write_recording
-from edmsim.recording.traces import traces
+from edmsim.recording.stores import traces
 
 
 @pytest.fixture(scope="module")

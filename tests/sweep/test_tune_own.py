@@ -12,8 +12,17 @@ import pytest
 from edmsim.cli import app as cli
 from edmsim.errors import InputError
 from edmsim.runs import LostJob
-from edmsim.sweep.own import FINALISTS, FRESH, bounds_of, tune_own
-from edmsim.sweep.tune import Bound, Trial, TrialResult, judge_trial, worst_share_mean
+from edmsim.sweep.tune import (
+    FINALISTS,
+    FRESH,
+    Bound,
+    Trial,
+    TrialResult,
+    bounds_of,
+    judge_trial,
+    tune_own,
+    worst_share_mean,
+)
 
 FIRMWARE = """\
 from dataclasses import dataclass
@@ -85,6 +94,9 @@ def test_the_choice_is_robust_and_its_spread_is_of_other_machines(tmp_path):
     assert observed[-1][0] == 25
     best = tomllib.loads((tmp_path / "study" / "best.toml").read_text())["parameters"]
     assert best == found.values
+    same = Machines()
+    assert tune_own(own, tmp_path / "study", trials=25, seeds=4, engine=same) == found
+    assert not same.observed  # the finalists' cuts are not made again, either
     more = Machines()
     tune_own(own, tmp_path / "study", trials=27, seeds=4, engine=more)
     assert [trial.number for trial in more.observed if len(trial.seeds) == 4] == [25, 26]  # the study goes on

@@ -13,6 +13,7 @@ import pytest
 from edmsim import models
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
+from edmsim.metrology.profile import PROFILE_STEP_MM
 from edmsim.plant.constants import gap_law
 from edmsim.plant.gap.debris import flow_speed_m_s
 from edmsim.plant.gap.generator import timing
@@ -25,6 +26,7 @@ from edmsim.validation import (
     heat,
     ignition,
     lag,
+    passes,
     pulse_ratios,
     resolutions,
     setups,
@@ -32,7 +34,7 @@ from edmsim.validation import (
     strings,
     water,
 )
-from edmsim.validation.rows import Row
+from edmsim.validation.rows import Row, extended
 from edmsim.validation.setups import FRAIL, STILL, altered, in_a_hole, single_discharges
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
@@ -233,6 +235,19 @@ def test_laws_of_the_string_hold():
 
 def test_the_pull_is_that_of_a_cylinder_before_a_plane():
     assert failing(strings.check_electrostatic_pull(())) == []
+
+
+@pytest.mark.parametrize(("wave_mm", "left"), [(0.2, 0.0), (passes.CUTOFF_MM, 0.5), (8.0, 0.993)])
+def test_an_edge_without_roughness_has_half_of_a_wave_of_the_cut_off(wave_mm, left):
+    along_mm = np.arange(0.0, 24.0, PROFILE_STEP_MM)
+    wave = np.sin(2 * np.pi * along_mm / wave_mm)
+    found = passes.without_roughness(np.stack([wave, wave + 3.0]))[:, 400:800]
+    assert found.max(axis=1) == pytest.approx([left, left + 3.0], abs=0.002)
+
+
+def test_a_row_with_more_seeds_begins_with_those_of_all():
+    assert list(extended((3, 4), 4)) == [3, 4, 5, 6]
+    assert list(extended((), 4)) == []
 
 
 def test_a_heavier_wire_has_another_frequency():

@@ -26,7 +26,7 @@ from edmsim.controllers.mcu.firmware.poscal import STEP_UM, check_1982, unit_for
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED
 from edmsim.controllers.mcu.firmware.tstates import seconds
 from edmsim.controllers.mcu.path_run import PathRun
-from edmsim.controllers.planner.record import LITERAL
+from edmsim.controllers.planner.kinds import LITERAL
 from edmsim.controllers.planner.registry import PLANNERS, Planner, kind_of, make_planner
 from edmsim.controllers.protocols import Step
 from edmsim.cosim.stops import switches_open

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Self
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -257,28 +257,11 @@ PROGRAM_NS = 60_000_000_000  # a script waits no longer for a program that the m
 _IDLE_S = 0.05  # longest wait between two looks at the machine
 
 
-class Screen(Protocol):
-    """Input and output of the operator's bytes."""
-
-    @property
-    def at_end(self) -> bool:
-        """Whether nothing more will come."""
-
-    def read(self, timeout_s: float | None) -> bytes:
-        """Bytes that have come."""
-
-    def write(self, data: bytes) -> None:
-        """Print."""
-
-    def refresh(self, operation: Operation) -> None:
-        """Show the machine as it is now, where there is something to show it on."""
-
-
 class Session:
     """An operator at the machine: live at a speed, or a script; begins in MAIN or, with `monitor`, in the monitor."""
 
     def __init__(
-        self, rig: Rig, screen: Screen, interrupts: Interrupts, *, speed: float | None = None,
+        self, rig: Rig, screen: Pipe, interrupts: Interrupts, *, speed: float | None = None,
         host: Path | None = None, person: bool = False, monitor: bool = False, tapes: Path | None = None,
     ) -> None:
         self.refused = 0  # lines that were refused; a person's are part of the work and leave the exit status

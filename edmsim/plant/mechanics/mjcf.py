@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from edmsim import models
 from edmsim.errors import InputError
-from edmsim.machine.files import mjcf_version
+from edmsim.machine.machine import mjcf_version
 
 if TYPE_CHECKING:
     import mujoco

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import functools
+import hashlib
+import pickle
+from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from edmsim import models
+from edmsim.compiled import cache
 from edmsim.errors import InputError
-from edmsim.machine.files import mjcf_version
+from edmsim.machine.machine import mjcf_version
 from edmsim.plant.mechanics.model import (
     Array,
     ModalModel,
@@ -46,8 +53,8 @@ def string_modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m
 
 def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
     """Return the bits of `string_modes` in a tenth of the time: the table's modes are those of any wire."""
-    version = mjcf_version(model_file)
-    table, known = _table(model_file, version, n_modes), _reference(model_file, version)
+    as_of = mjcf_version(model_file)
+    table, known = _table(model_file, as_of, n_modes), _reference(model_file, as_of)
     new, across = _nodes_of(wire, known), known.across
     mass, damping, diagonal = across.mass.copy(), across.damping.copy(), np.arange(len(new.mass_kg))
     mass[diagonal, diagonal] += new.mass_kg - known.nodes.mass_kg
@@ -101,6 +108,20 @@ def _table(model_file: str, _version: int, n_modes: int) -> ModalModel:
 
 @functools.lru_cache(maxsize=8)
 def _reference(model_file: str, _version: int) -> _Reference:
+    """Return a file's machine; ours is cached between runs, as MuJoCo takes a quarter of a second to load."""
+    if Path(model_file).is_absolute():
+        return _read_machine(model_file)
+    source = models.path(model_file).read_bytes() + version("mujoco").encode()
+    file = cache.folder / f"machine-{hashlib.sha256(source).hexdigest()[:16]}.pickle"
+    content = cache.read_signed(file)
+    if content is None:
+        content = pickle.dumps(_read_machine(model_file))
+        with suppress(OSError):  # what cannot be stored is read again the next time
+            cache.write_signed(file, content)
+    return cast("_Reference", pickle.loads(content))
+
+
+def _read_machine(model_file: str) -> _Reference:
     wire, model = _REFERENCE_WIRE, build_model(_REFERENCE_WIRE, model_file)
     heights_m, guide_distance_m = wire_heights(model)
     linear, blocks = machine_at_rest(model, len(heights_m))

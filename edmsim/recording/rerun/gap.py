@@ -18,7 +18,7 @@ from edmsim.recording.figures import palette
 from edmsim.recording.rerun.machine import Shapes, wire_strips
 from edmsim.recording.rerun.stream import class_rgb, faded, indexes, on_screen, turned
 from edmsim.recording.scene import Scene
-from edmsim.recording.traces import traces
+from edmsim.recording.stores import traces
 from edmsim.recording.windows import column, travel_direction
 
 if TYPE_CHECKING:

@@ -1,8 +1,13 @@
-"""The native vector environment: the plants of all sub-environments run in one compiled call."""
+"""Gymnasium's two kinds of environment, single and vector, and what runs their episodes.
+
+Sub-environments step window by window, parts pass by pass. Parts are loaded where they are made: what cuts programs
+takes longer to load than sub-environments.
+"""
 
 from __future__ import annotations
 
 import copy
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import fields
@@ -16,23 +21,327 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from edmsim.controllers import FeedController, SeesTruth
+from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
 from edmsim.envs.arguments import checked_actions, checked_options, plain
-from edmsim.envs.batch import action_space_of, observation_space_of, reward_space_of
-from edmsim.envs.engine import engine_of, picture_of, sub_envs_of
+from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
-from edmsim.envs.single import EdmEnv
-from edmsim.envs.task import EnvArguments
+from edmsim.envs.sub_envs import SubEnvs
+from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import whole_from
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from edmsim.controllers import FeedController
-    from edmsim.envs.attached_controller import AttachedController
+    from edmsim.envs.parts import Parts
     from edmsim.envs.recorder import EpisodeRecorder
 
+    Engine = Batch | Parts  # both have the members that Gymnasium's environments need
+
+
+# A feed controller that watches a sub-environment: it sees what a machine shows, and says what it would command.
+
+
+def as_action(
+    family: Family, controller: FeedController, command: FeedCommand, first_us: Sequence[float],
+    now_us: Sequence[float], feed_um_s: float,
+) -> NDArray[np.float32]:
+    """Return the action within -1..1 for what a controller wants; refuse where the environment has none."""
+    if family.action == "servo":
+        low, high = family.servo_target_share
+        entries = [2.0 * (target_share(controller) - low) / (high - low) - 1.0]
+    elif family.action == "speed":
+        entries = [command.feed_um_s / family.max_feed_um_s]
+    else:
+        entries = [(command.feed_um_s - feed_um_s) / family.max_change_um_s]
+    on_us, period_us = (
+        now if chosen is None else chosen
+        for chosen, now in zip((command.t_on_us, command.t_period_us), now_us, strict=True)
+    )
+    octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
+    octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
+    if not family.knobs and any(octaves.values()):
+        raise InputError("a controller turns the generator's knobs, and this environment has none: leave it out")
+    entries += [octaves[name] / family.setting_octaves for name in family.knobs]
+    if family.offset_um is not None:
+        entries.append(command.offset_um / family.offset_um)
+    return np.clip(np.array(entries, np.float32), -1.0, 1.0)
+
+
+def target_share(controller: FeedController) -> float:
+    """Return the share of open pulses that a controller holds; raises `InputError` where it holds none."""
+    target: float | None = getattr(controller, "open_target_share", None)
+    if target is None:
+        raise InputError(f"{controller.name} holds no share of open pulses: the environment's servo asks for one")
+    return target
+
+
+class AttachedController:
+    """A feed controller that is shown every window until `stop`; whether its commands are run is up to the caller."""
+
+    def __init__(self, sub_envs: SubEnvs, index: int, controller: FeedController) -> None:
+        self._sub_envs, self._index, self._controller = sub_envs, index, controller
+        self._leg = self._lost = 0
+        self._command = FeedCommand(0.0)
+        sub_envs.watchers[index].append(self._see)
+
+    def stop(self) -> None:
+        """Look no more."""
+        self._sub_envs.watchers[self._index].remove(self._see)
+
+    def begin(self) -> FeedCommand:
+        """Begin the leg that the sub-environment is on; returns the command for its first window."""
+        sub_envs, index = self._sub_envs, self._index
+        scenario = sub_envs.scenarios[index]
+        assert scenario is not None
+        self._leg, self._lost = sub_envs.leg[index], int(sub_envs.rows[index]["wires_lost"])
+        start_um = float(sub_envs.rows[index]["before_um"])
+        tell(self._controller, scenario.machine, scenario.legs_um[self._leg], start_um)
+        self._take(self._controller.reset(sub_envs.family.greatest_feed_um_s))
+        return self._command
+
+    def command(self) -> FeedCommand:
+        """Return what it commands for the next window, after all that the sub-environment has had."""
+        sub_envs, index, controller = self._sub_envs, self._index, self._controller
+        if self._leg != sub_envs.leg[index]:
+            return self.begin()
+        if self._lost != sub_envs.rows[index]["wires_lost"]:
+            self._lost = int(sub_envs.rows[index]["wires_lost"])
+            if isinstance(controller, SeesBreaks):
+                self._take(controller.wire_lost())
+            else:
+                self._take(controller.reset(sub_envs.family.greatest_feed_um_s))
+        return self._command
+
+    def action(self) -> NDArray[np.float32]:
+        """Return the action of the environment that commands what it wants: see `as_action`."""
+        sub_envs, row = self._sub_envs, self._sub_envs.rows[self._index]
+        scenario = sub_envs.scenarios[self._index]
+        assert scenario is not None
+        first_us = scenario.machine.t_on_us, scenario.machine.t_period_us
+        now_us, feed_um_s = row["setting_us"].tolist(), float(row["feed_um_s"])
+        return as_action(sub_envs.family, self._controller, self.command(), first_us, now_us, feed_um_s)
+
+    def _see(self) -> None:
+        """Show it the window that the sub-environment has just had."""
+        self.command()  # a leg or wire that the last window ended is over before this one
+        window = self._sub_envs.fleet.plants[self._index].window()
+        if window.pulses != WINDOW_PULSES:
+            return
+        if isinstance(self._controller, SeesTruth):
+            self._controller.see(window)
+        self._take(self._controller.update(self._sub_envs.observation(self._index)))
+
+    def _take(self, command: FeedCommand) -> None:
+        self._command = check_command(self._controller.name, command)
+
+
+def engine_of(family: EnvArguments, count: int, threads: int) -> Engine:
+    """Return what runs `count` episodes side by side."""
+    if isinstance(family, Family):
+        return Batch(family, count, threads)
+    from edmsim.envs.part_task import Part
+    from edmsim.envs.parts import Parts
+
+    assert isinstance(family, Part)
+    return Parts(family, count, threads)
+
+
+def sub_envs_of(engine: Engine) -> SubEnvs:
+    """Return the sub-environments that step window by window; raises `InputError` where there are none."""
+    if isinstance(engine, Batch):
+        return engine.sub_envs
+    raise InputError(
+        "Part is decided on pass by pass: no feed controller can look on, and no recorder; edmsim cut --passes "
+        "records the same part"
+    )
+
+
+def picture_of(engine: Engine, renderer: Renderer, index: int) -> NDArray[np.uint8]:
+    """Return a sub-environment's picture, uint8 (480, 640, 3)."""
+    if isinstance(engine, Batch):
+        return renderer.picture(engine, index)
+    from edmsim.envs.part_picture import picture
+
+    return picture(engine.episode(index))
+
+
+# One environment: a vector environment of one sub-environment with the API of Gymnasium's `Env`.
+
+_ONLY = np.zeros(1, np.int64)
+
+
+class _PlainSpec:
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Keep the specification that Gymnasium notes in a form that JSON can write."""
+        if name == "spec" and value is not None:
+            value.kwargs = plain(value.kwargs)
+        super().__setattr__(name, value)
+
+
+class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """Cut metal. A step is a window of 255 pulses, all windows that begin within `Family.decision_s`, or a pass.
+
+    Use ``gymnasium.make("edmsim/GapFeed-v2", ...)``, which makes the subclass `GapFeedEnv`. The subclasses describe
+    every entry of action, observation and reward.
+
+    Parameters
+    ----------
+    task : str or type, optional
+        A `Family` or `Part`, its short name or the id of an environment; by default that of the class.
+    render_mode : {"rgb_array", "human"}, optional
+    **options
+        Its arguments, in the forms of `EnvArguments.of`.
+
+    Attributes
+    ----------
+    family : EnvArguments
+        The arguments in force.
+    reward_space : gymnasium.spaces.Box
+        Space of the reward, one entry per objective, as in MO-Gymnasium.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used.
+    TypeError
+        If an argument is unknown.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
+        "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS,
+    }
+
+    task: ClassVar[str | type[EnvArguments]] = ""
+
+    def __init__(
+        self, task: str | type[EnvArguments] | None = None, render_mode: str | None = None, **options: Any
+    ) -> None:
+        self.family: EnvArguments = arguments_with(self.task if task is None else task, **options)
+        self.render_mode = check_render_mode(render_mode)
+        self.action_space = action_space_of(self.family)
+        self.observation_space = observation_space_of(self.family)
+        self.reward_space = reward_space_of(self.family)
+        self._batch = engine_of(self.family, 1, 1)
+        self._of_episode: dict[str, Any] = {}
+        self._running = False
+        self._started = False
+        self._renderer = Renderer()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode.
+
+        Parameters
+        ----------
+        seed : int, optional
+            The same seed gives the same episodes from here on; without a seed, the generator is not reset.
+        options : dict, optional
+            ``{"machine": edmsim.Machine}`` cuts with that machine instead of a drawn one.
+        """
+        checked = checked_options(options, ("machine",))
+        super().reset(seed=None if seed is None else whole_from("seed", seed, 0))
+        info = self._batch.begin(0, self.np_random, checked.get("machine"), anew=seed is not None)
+        self._running = self._started = True
+        self._batch.clear()
+        self._of_episode = info
+        if self.render_mode == "human":
+            self.render()
+        return self._batch.observations()[0], self._info()
+
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], Any, bool, bool, dict[str, Any]]:
+        """Run a step: the windows until the next action.
+
+        Returns
+        -------
+        observation, reward, terminated, truncated, info
+            The reward is a float, or with objectives an array float32 of one for each.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            Before the first reset, or after the episode's end.
+        gymnasium.error.InvalidAction
+            If an action has not the shape of the action space, or is NaN.
+        """
+        if not self._running:
+            why = "the episode has ended" if self._started else "no episode has begun"
+            raise ResetNeeded(f"{why}: call reset() before step()")
+        batch = self._batch
+        actions = checked_actions(action, self.action_space.shape or ())[None]
+        reward = batch.step(_ONLY, actions)[0]
+        terminated = bool(batch.ended[0])
+        truncated = not terminated and bool(batch.out_of_time[0])
+        self._running = not (terminated or truncated)
+        if self.render_mode == "human":
+            self.render()
+        reward_out = reward.astype(np.float32) if self.family.objectives else float(reward)
+        return batch.observations()[0], reward_out, terminated, truncated, self._info()
+
+    def _info(self) -> dict[str, Any]:
+        """Return the info of a step or a reset, which have the same keys: records of Minari want that."""
+        batch = self._batch
+        info: dict[str, Any] = {name: value[0].item() for name, value in batch.infos().items()}
+        info["reward_terms"] = {name: value.item() for name, value in batch.reward_terms().items()}
+        info |= {name: value[0] for name, value in batch.words().items()}
+        return info | self._of_episode | {"drawn": dict(self._of_episode["drawn"])}
+
+    def attach_controller(self, controller: FeedController) -> AttachedController:
+        """Attach a feed controller to this environment: see `AttachedController`."""
+        return AttachedController(sub_envs_of(self._batch), 0, controller)
+
+    def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
+        """Return a recorder of the episode that has just begun; `RecordRerun` records with it.
+
+        Parameters
+        ----------
+        actions : sequence of str, optional
+            Names of the entries of the recorded actions; those of the family by default.
+        """
+        from edmsim.envs.recorder import EpisodeRecorder
+
+        return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
+
+    def change(self, **options: Any) -> None:
+        """Change arguments for the next episodes, for a curriculum.
+
+        Parameters
+        ----------
+        **options
+            Arguments to change; those that make spaces or plants cannot change (see `EnvArguments.changed`).
+        """
+        self.family = self.family.changed(**options)
+        self._batch.change(self.family)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return an image (height, width, 3), or show it; None without a render mode.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            Before the first reset.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("render() was called without a render_mode; give one to gymnasium.make")
+            return None
+        if not self._started:
+            raise ResetNeeded("no episode has begun: call reset() before render()")
+        picture = picture_of(self._batch, self._renderer, 0)
+        if self.render_mode == "human":
+            self._renderer.show(picture)
+            return None
+        return picture
+
+    def close(self) -> None:
+        """Close the window of ``render_mode="human"``, if there is one."""
+        self._renderer.close()
+
+
+# The native vector environment: the plants of all sub-environments run in one compiled call.
 
 # A sub-environment of a vector environment as the single environment that it stands for.
 
@@ -46,7 +355,7 @@ class SubEnvView:
     Gymnasium has it.
     """
 
-    def __init__(self, env: Any, index: int) -> None:
+    def __init__(self, env: EdmVectorEnv, index: int) -> None:
         self._env, self._index = env, index
         self._spaces = copy.deepcopy((env.single_action_space, env.single_observation_space, env.reward_space))
         self._random: np.random.Generator | None = None
@@ -60,14 +369,12 @@ class SubEnvView:
     @property
     def family(self) -> EnvArguments:
         """The arguments in force."""
-        family: EnvArguments = self._env.family
-        return family
+        return self._env.family
 
     @property
     def render_mode(self) -> str | None:
         """As of all sub-environments."""
-        mode: str | None = self._env.render_mode
-        return mode
+        return self._env.render_mode
 
     @property
     def unwrapped(self) -> SubEnvView:
@@ -77,7 +384,7 @@ class SubEnvView:
     @property
     def spec(self) -> gym.envs.registration.EnvSpec | None:
         """Specification of a single environment like it."""
-        spec: gym.envs.registration.EnvSpec | None = copy.deepcopy(self._env.spec)
+        spec = copy.deepcopy(self._env.spec)
         if spec is not None:
             spec.kwargs = {name: value for name, value in spec.kwargs.items() if name not in _OF_VECTORS}
             spec.max_episode_steps = self._env.max_episode_steps
@@ -113,25 +420,21 @@ class SubEnvView:
     @property
     def np_random_seed(self) -> int:
         """Seed of that generator."""
-        if self._random is None:
-            self.begin_draws(None)
+        _ = self.np_random  # it begins if it has not
         return self._seed
 
     def attach_controller(self, controller: FeedController) -> AttachedController:
         """Return a feed controller's place at the sub-environment: see `AttachedController`."""
-        law: AttachedController = self._env.attach_controller(self._index, controller)
-        return law
+        return self._env.attach_controller(self._index, controller)
 
     def recorder(self, actions: Sequence[str] | None = None) -> EpisodeRecorder:
         """Return a recorder of the episode that the sub-environment has just begun; see `EdmEnv.recorder`."""
-        recorder: EpisodeRecorder = self._env.recorder(self._index, actions)
-        return recorder
+        return self._env.recorder(self._index, actions)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of the sub-environment; with ``"human"`` sub-environment 0 is shown, and no other."""
         if self._env.render_mode == "rgb_array":
-            picture: NDArray[np.uint8] = self._env.picture(self._index)
-            return picture
+            return self._env.picture(self._index)
         if self._index == 0:
             self._env.render()
         return None
@@ -140,7 +443,7 @@ class SubEnvView:
 Flags = NDArray[np.bool_]
 
 
-class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
     """Many cuts at once. A step is a window of 255 pulses, all windows within `Family.decision_s`, or a pass.
 
     Use ``gymnasium.make_vec("edmsim/GapFeed-v2", num_envs=64, vectorization_mode="vector_entry_point", ...)``.
@@ -310,7 +613,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         if self.watch is not None:
             self.watch(actions, infos, self._ended)
         if again.any():
-            self._merge(infos, self._begin(again))
+            infos.update(self._begin(again))  # the names of resets' infos are other than those of steps
         elif self._ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             infos = self._begin_at_once(infos, self._ended.copy())
         if self.render_mode == "human":
@@ -329,8 +632,6 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
 
     def attach_controller(self, index: int, controller: FeedController) -> AttachedController:
         """Attach a feed controller to a sub-environment: see `AttachedController`."""
-        from edmsim.envs.attached_controller import AttachedController
-
         return AttachedController(sub_envs_of(self._batch), index, controller)
 
     def recorder(self, index: int, actions: Sequence[str] | None = None) -> EpisodeRecorder:
@@ -368,20 +669,11 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         for view, value in zip(self._views, each, strict=True):
             view.take(name, value)
 
+
     def change(self, **options: Any) -> None:
         """Change arguments for the next episodes of all sub-environments, for a curriculum; see `EdmEnv.change`."""
         self.family = self.family.changed(**options)
         self._batch.change(self.family)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Keep the specification that Gymnasium notes in a form that JSON can write."""
-        if name == "spec" and value is not None:
-            value.kwargs = plain(value.kwargs)
-        super().__setattr__(name, value)
-
-    def _merge(self, infos: dict[str, Any], started: dict[str, Any]) -> None:
-        """Add the infos of resets, whose names are other than those of steps."""
-        infos.update(started)
 
     def _begin_at_once(self, infos: dict[str, Any], ended: Flags) -> dict[str, Any]:
         """Begin the next episodes in the same step; final_obs and final_info keep what the last ones showed."""
@@ -392,7 +684,7 @@ class EdmVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[A
         final_info, infos = _only(infos, ended), _only(infos, ~ended)
         infos["final_obs"], infos["_final_obs"] = final, ended
         infos["final_info"], infos["_final_info"] = final_info, ended.copy()
-        self._merge(infos, self._begin(ended))
+        infos.update(self._begin(ended))
         return infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:

@@ -1,0 +1,592 @@
+"""The planners in compiled code: their row, the way each kind makes steps, and one call for all kinds."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import boolean, float64, from_dtype, int64
+from numpy.typing import NDArray
+
+from edmsim.compiled.jit import exactly_compiled
+from edmsim.compiled.numba_internals import address_of, call_returning
+from edmsim.controllers.mcu.firmware.arithmetic import WORD, subsgn
+from edmsim.controllers.mcu.firmware.poscal import Displacement, counted, look_up, resolve, velocm
+from edmsim.controllers.mcu.firmware.timers import (
+    NEVER,
+    STEP_PHASE,
+    TIMER_COUNT,
+    loaded,
+    run_phase,
+    tick_before,
+    tick_time_ns,
+    ticks_to_overflow,
+)
+
+# A planner's data in compiled code: a row of numbers and the corners of its path.
+
+POSCAL, LITERAL, DDA, SINE_TABLE, EXACT = range(5)  # kinds of planners
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Row = Any  # one row of `PLANNER`; compiled code writes to it
+
+PLANNER = np.dtype(
+    [
+        ("kind", "i8"),  # one of the five above
+        ("last_move", "i8"),  # index of the path's last straight move
+        ("unit_um", "i8"),  # travel of one unit of position
+        ("hertz", "i8"),  # the clock is hertz / per
+        ("per", "i8"),
+        ("step_um", "f8"),  # travel of a motor step
+        ("from_um", "f8", 2),  # where the planner began
+        # what changes while it runs, see `CHANGES`
+        ("move", "i8"),  # the one the wire is on
+        ("counter", "i8", 2),  # steps made, those back deducted
+        ("along", "i8"),  # length run in 1 / 10^12 um (`EXACT`), or within the move in step_um / 65536 (`DDA`)
+        ("timer", "i8", 2),  # to the next step: an accumulator's phase, or ticks left of a reload counter (`LITERAL`)
+        ("rate", "i8", 2),  # axis speeds in units / 128
+        ("aim", "i8", 5),  # fields of the `Displacement` they come from, but its halvings
+        ("carrot_is_end", "i8"),  # whether that leads to the move's end
+        ("heading", "i8"),  # of the last command
+        ("speed", "i8"),  # of the last command, in units
+    ]
+)
+"""Numbers of one planner."""
+
+CHANGES = ("move", "counter", "along", "timer", "rate", "aim", "carrot_is_end", "heading", "speed")
+"""Fields that change while a planner runs."""
+
+LIMIT = -1  # what is returned in place of a number of steps if one would leave what the counters count
+
+
+@exactly_compiled
+def place_um(row: Row, axis: int) -> int:
+    """Position counter of an axis in whole um; that of `LITERAL` wraps at 16 bits."""
+    place = int(row.from_um[axis]) + int(row.step_um) * row.counter[axis]
+    if row.kind == LITERAL:
+        return int(counted(place // row.unit_um, 0, True) * row.unit_um)
+    return int(place)
+
+
+@exactly_compiled
+def position_um(row: Row, axis: int) -> float:
+    """Position counter of an axis in um, whatever its steps are."""
+    if row.kind == LITERAL:
+        return float(place_um(row, axis))
+    return float(row.from_um[axis] + row.step_um * row.counter[axis])
+
+
+@exactly_compiled
+def count(row: Row, axis: int, direction: int) -> bool:
+    """Count a step; False if it would leave what 16 bits count and the counter does not wrap."""
+    row.counter[axis] += direction
+    return bool(row.kind == LITERAL or 0 <= position_um(row, axis) <= WORD * row.unit_um)
+
+
+@exactly_compiled
+def note(row: Row, out: Ints, made: int, tick: int, axis: int, direction: int) -> int:
+    """Write a step behind those made, if there is room; return how many there are."""
+    if made < out.shape[0]:
+        out[made, 0], out[made, 1], out[made, 2] = tick_time_ns(tick, row.hertz, row.per), axis, direction
+    return made + 1
+
+
+@exactly_compiled
+def aim_at(row: Row, way: Displacement) -> None:
+    """Keep the vector that leads on."""
+    row.aim[0], row.aim[1], row.aim[2] = way.x, way.y, way.length
+    row.aim[3], row.aim[4] = way.x_direction, way.y_direction
+
+
+@exactly_compiled
+def aimed(row: Row) -> Displacement:
+    """Return the vector kept."""
+    return Displacement(row.aim[0], row.aim[1], row.aim[2], row.aim[3], row.aim[4], 0)
+
+
+# An ideal line generator: each axis stays within half a step of a point that runs along the path.
+# Lengths along the path are whole numbers of 65 536ths of a motor step. At every tick of the clock, the point moves
+# by the speed in units. An axis steps when it is over half a step behind.
+
+NM = 1000  # nanometres in a um: steps and corners of this planner are whole numbers of them
+_HALF_WORD = 1 << 16
+
+
+@exactly_compiled
+def run_dda(row: Row, points: Floats, lengths: Ints, tick: int, last: int, speed: int, out: Ints) -> int:
+    """Run from one tick to another; return the number of steps, or `LIMIT`."""
+    made, heading = 0, 1 if speed > 0 else -1
+    budget, travelled = abs(speed) * (last - tick), 0
+    while True:
+        x, y = _until_step(row, points, lengths, 0, heading), _until_step(row, points, lengths, 1, heading)
+        ahead, axis = (x, 0) if x <= y else (y, 1)
+        room = lengths[row.move] - row.along if heading > 0 else row.along
+        way = min(ahead, room)
+        if way > budget - travelled:
+            row.along += heading * (budget - travelled)
+            return made
+        row.along += heading * way
+        travelled += way
+        if ahead <= room:
+            direction = heading if points[row.move + 1, axis] > points[row.move, axis] else -heading
+            if not count(row, axis, direction):
+                return LIMIT
+            # The point passes the threshold between two ticks; the motor hears of it at the later one.
+            made = note(row, out, made, tick - (-travelled // abs(speed)), axis, direction)
+        elif 0 <= row.move + heading <= row.last_move:
+            row.move += heading
+            row.along = 0 if heading > 0 else lengths[row.move]
+        else:
+            return made
+
+
+@exactly_compiled
+def dda_path_um(row: Row, along: Floats) -> float:
+    """Length run, in um."""
+    return float(along[row.move] + row.along * row.step_um / TIMER_COUNT)
+
+
+@exactly_compiled
+def _nm(um: float) -> int:
+    return round(um * NM)
+
+
+@exactly_compiled
+def _until_step(row: Row, points: Floats, lengths: Ints, axis: int, heading: int) -> int:
+    """Length until the running point is more than half a step ahead of an axis."""
+    run = _nm(points[row.move + 1, axis] - points[row.move, axis]) * heading
+    if run == 0:
+        return NEVER
+    # Measured from the end the point comes from, in the axis' own direction of travel.
+    length, step = lengths[row.move], _nm(row.step_um)
+    origin = _nm(points[row.move, axis] if heading > 0 else points[row.move + 1, axis])
+    behind = (_nm(row.from_um[axis]) + step * row.counter[axis] - origin) * (1 if run > 0 else -1)
+    passed = row.along if heading > 0 else length - row.along
+    return int(max(_scaled(length, 2 * behind + step, 2 * abs(run)) + 1 - passed, 0))
+
+
+@exactly_compiled
+def _scaled(length: int, share: int, of: int) -> int:
+    """A length times a share of a whole, rounded down; the product alone would not fit 64 bits."""
+    whole = share // of
+    rest = share - whole * of
+    high, low = length // _HALF_WORD, length % _HALF_WORD
+    part = rest * high // of
+    return whole * length + part * _HALF_WORD + ((rest * high - part * of) * _HALF_WORD + rest * low) // of
+
+
+# An exact planner: it accumulates the length of path in whole attometres, without rounding errors.
+# It has no clock and no 16-bit counters. A feed is any whole number of nm/s; a step or a corner is any number of
+# um. An axis steps when the path crosses the middle between two of its steps. The steps of both axes are in time
+# order.
+
+FINE_PER_UM = 10**12  # attometres (nm/s times ns) in a um: the unit of the length behind the wire
+
+
+@exactly_compiled
+def segment_at(along: Floats, last: int, place_um: float, start: int) -> int:
+    """Segment of the path, 0 to the last, in which a length lies, looked for from another on."""
+    k = 0 if start < 0 else (last if start > last else start)
+    while k < last and place_um > along[k + 1]:
+        k += 1
+    while k > 0 and place_um < along[k]:
+        k -= 1
+    return k
+
+
+@exactly_compiled
+def run_exact(row: Row, points: Floats, along: Floats, start_ns: int, end_ns: int, speed: int, out: Ints) -> int:
+    """Run for a window of time at a feed in nm/s; return the number of steps."""
+    feed, place = speed * 1e-3, row.along / FINE_PER_UM
+    end = min(max(place + feed * (end_ns - start_ns) * 1e-9, 0.0), along[row.last_move + 1])
+    made = _steps(row, points, along, place, end, feed, start_ns, end_ns, out)
+    behind = row.along + speed * (end_ns - start_ns)
+    row.along = min(max(behind, 0), path_end(row, along))
+    row.move = segment_at(along, row.last_move, row.along / FINE_PER_UM, row.move)
+    return made
+
+
+@exactly_compiled
+def path_end(row: Row, along: Floats) -> int:
+    """Length of the whole path in attometres."""
+    end: float = along[row.last_move + 1] * FINE_PER_UM
+    return math.floor(end)
+
+
+@exactly_compiled
+def _steps(
+    row: Row, points: Floats, along: Floats, place_um: float, end_um: float, feed_um_s: float, start_ns: int,
+    end_ns: int, out: Ints,
+) -> int:
+    """Count the steps from one length of the path to another, but those not due yet; return their number."""
+    forward = end_um >= place_um
+    step, last = row.step_um, row.last_move
+    first_x, first_y = math.floor(row.from_um[0] / step + 0.5), math.floor(row.from_um[1] / step + 0.5)
+    # the start lies on the grid of steps, whichever that is
+    off_x, off_y = row.from_um[0] - first_x * step, row.from_um[1] - first_y * step
+    x, y = first_x + row.counter[0], first_y + row.counter[1]
+    made, here, before = 0, place_um, start_ns
+    k = segment_at(along, last, place_um, row.move)
+    while True:
+        there = min(end_um, along[k + 1]) if forward else max(end_um, along[k])
+        length = along[k + 1] - along[k]
+        x0, y0 = points[k, 0] - off_x, points[k, 1] - off_y
+        dx, dy = (points[k + 1, 0] - points[k, 0]) / length, (points[k + 1, 1] - points[k, 1]) / length
+        x1 = math.floor((x0 + dx * (there - along[k])) / step + 0.5)
+        y1 = math.floor((y0 + dy * (there - along[k])) / step + 0.5)
+        while x != x1 or y != y1:
+            at_x = at_y = math.inf
+            if x != x1:
+                edge = (x + (0.5 if x1 > x else -0.5)) * step
+                at_x = abs((edge - x0) / dx + along[k] - here) if dx != 0.0 else 0.0
+            if y != y1:
+                edge = (y + (0.5 if y1 > y else -0.5)) * step
+                at_y = abs((edge - y0) / dy + along[k] - here) if dy != 0.0 else 0.0
+            axis = 0 if at_x <= at_y else 1
+            on_way = min(min(at_x, at_y), abs(there - here)) + abs(here - place_um)
+            at_ns = start_ns + (math.ceil(on_way / abs(feed_um_s) * 1e9) if feed_um_s != 0.0 else 0)
+            before = max(before, at_ns)
+            if before >= end_ns:
+                return made  # the next window begins with it
+            if axis == 0:
+                direction = 1 if x1 > x else -1
+                x += direction
+            else:
+                direction = 1 if y1 > y else -1
+                y += direction
+            row.counter[axis] += direction
+            if made < out.shape[0]:
+                out[made, 0], out[made, 1], out[made, 2] = before, axis, direction
+            made += 1
+        here = there
+        if here == end_um or (forward and k == last) or (not forward and k == 0):
+            return made
+        k += 1 if forward else -1
+
+
+# The default planner: POSCAL re-aimed at every step at a point a little ahead on the present move.
+# The thesis computes POSCAL once per move and leaves the line by up to hundreds of um (rows T-G11, T-G12). Here the
+# same integer routines aim at a point a little ahead, as its text foresees ("the tangent may change at every
+# step"). Three things are ours: this point, the vector in quarter um, for a precise length (row T-G10), and the
+# path speed doubled up to 128..255 for VELOCM, which makes directions at low speed as precise as at high speed
+# (rows T-G9, T-A4).
+# The planner with the sine table aims at the same point, with directions from the table instead of a square root
+# (row T-72). A direction is right to half an entry plus the rounding of sine and cosine, 0.3 degrees. As each step
+# aims again, the path is as accurate as with POSCAL.
+
+# The planner of 1982: POSCAL once per move and a reload counter per axis, with all their faults.
+# POSCAL computes the direction once, at the start of a move, and each axis stops at its own target. A component
+# that REDUC drops never moves (row T-G11), axis speeds are whole units (row T-G9), and the sum of squares wraps at
+# 16 bits (row T-G6), so the wire leaves the line (row T-G12). A change of speed repeats VELOCM alone; the timers
+# use it from their next interrupt on. A backward move runs the same vector in reverse.
+
+
+@exactly_compiled
+def begin_literal(row: Row, points: Floats) -> None:
+    """Stand at the path's start and aim at the end of its first move."""
+    _aim(row, points, 1)
+
+
+@exactly_compiled
+def run_literal(row: Row, points: Floats, tick: int, last: int, speed: int, out: Ints) -> int:
+    """Run from one tick to another; return the number of steps."""
+    made, heading = 0, 1 if speed > 0 else -1
+    while tick < last and _begin_move(row, points, heading):
+        _set_rates(row, points, abs(speed), heading)
+        due = last - tick
+        for axis in range(2):
+            if row.rate[axis] != 0:
+                row.timer[axis] = loaded(row.timer[axis], row.rate[axis])
+                due = min(due, row.timer[axis])
+        tick += due
+        for axis in range(2):
+            if row.rate[axis] != 0:
+                row.timer[axis] -= due
+                if row.timer[axis] == 0:
+                    direction = heading * row.aim[3 + axis]
+                    count(row, axis, direction)
+                    made = note(row, out, made, tick, axis, direction)
+    return made
+
+
+@exactly_compiled
+def literal_done(row: Row, points: Floats) -> bool:
+    """Whether the last move is over: each axis at its target, or lost by REDUC."""
+    return row.move == row.last_move and not (_to_go(row, points, 0, 1) or _to_go(row, points, 1, 1))
+
+
+@exactly_compiled
+def _aim(row: Row, points: Floats, heading: int) -> None:
+    """POSCAL's vector from here to the end of a move, turned to point forwards along the path."""
+    target, unit = row.move + (heading > 0), row.unit_um
+    x, x_direction = subsgn(int(points[target, 0]) // unit, place_um(row, 0) // unit)
+    y, y_direction = subsgn(int(points[target, 1]) // unit, place_um(row, 1) // unit)
+    aim_at(row, resolve(x, y, x_direction * heading, y_direction * heading, True))
+
+
+@exactly_compiled
+def _begin_move(row: Row, points: Floats, heading: int) -> bool:
+    """Pass to the next moves while this one is over; False where the path ends."""
+    while not (_to_go(row, points, 0, heading) or _to_go(row, points, 1, heading)):
+        if not 0 <= row.move + heading <= row.last_move:
+            return False
+        row.move += heading
+        _aim(row, points, heading)
+    return True
+
+
+@exactly_compiled
+def _to_go(row: Row, points: Floats, axis: int, heading: int) -> bool:
+    """Whether an axis still moves: its component survived REDUC, its target is over half a step ahead."""
+    left = (int(points[row.move + (heading > 0), axis]) - place_um(row, axis)) * row.aim[3 + axis] * heading
+    return bool(row.aim[axis] > 0 and 2 * left > row.step_um)
+
+
+@exactly_compiled
+def _set_rates(row: Row, points: Floats, speed: int, heading: int) -> None:
+    """VELOCM with the stored vector, in whole units; an axis that has arrived stops and its counter is unloaded."""
+    x, y = velocm(aimed(row), speed)
+    row.rate[0], row.rate[1] = abs(x), abs(y)
+    for axis in range(2):
+        if not _to_go(row, points, axis, heading):
+            row.rate[axis] = row.timer[axis] = 0
+
+
+QUARTER = 4  # vectors are aimed in quarters of 1 um
+
+CARROT_UM = 32  # distance of the carrot ahead of the wire in um (ours): 128 quarters, which suits POSCAL's 8 bits
+
+SMALLEST_VECTOR = 91  # vectors with a shorter longer component are doubled before their length is taken (row T-G10)
+
+
+@exactly_compiled
+def begin_poscal(row: Row, points: Floats) -> None:
+    """Stand at the path's start and aim along it."""
+    row.heading = 1
+    _steer(row, points)
+
+
+@exactly_compiled
+def run_poscal(row: Row, points: Floats, tick: int, last: int, speed: int, out: Ints) -> int:
+    """Run from one tick to another; return the number of steps, or `LIMIT`."""
+    made = 0
+    _command(row, points, speed)
+    while tick < last and not at_end(row, points):
+        to_step = min(ticks_to_overflow(row.timer[0], row.rate[0]), ticks_to_overflow(row.timer[1], row.rate[1]))
+        to_steer = min(to_step, _ticks_to_arrival(row, points))
+        due = min(to_steer, last - tick)
+        tick += due
+        for axis in range(2):
+            row.timer[axis], direction = run_phase(row.timer[axis], row.rate[axis], due)
+            if direction != 0:
+                if not count(row, axis, direction):
+                    return LIMIT
+                made = note(row, out, made, tick, axis, direction)
+        if due == to_steer:
+            _steer(row, points)
+    return made
+
+
+@exactly_compiled
+def at_end(row: Row, points: Floats) -> bool:
+    """Whether the counters have come to the path's end in the present heading, as near as an axis steps."""
+    return _on_last_move(row) and near(row, points, row.move + (row.heading > 0))
+
+
+@exactly_compiled
+def near(row: Row, points: Floats, point: int) -> bool:
+    """Whether either counter is as near to a corner as it comes: half of a 2 um step (row T-18)."""
+    for axis in range(2):
+        away = abs(place_um(row, axis) - int(points[point, axis]))
+        if 8 * away > 5 * row.step_um + 2:
+            return False
+    return True
+
+
+@exactly_compiled
+def lengthened(x: int, y: int) -> tuple[int, int, int, int]:
+    """Magnitudes of a signed displacement in quarter um, doubled while it is short, and their directions."""
+    x, x_direction = subsgn(x, 0)
+    y, y_direction = subsgn(y, 0)
+    while 0 < max(x, y) < SMALLEST_VECTOR:
+        x, y = 2 * x, 2 * y
+    return x, y, x_direction, y_direction
+
+
+@exactly_compiled
+def _command(row: Row, points: Floats, speed: int) -> None:
+    """Take a commanded speed; a change of sign turns the wire round where it is."""
+    heading = 1 if speed > 0 else -1
+    if heading != row.heading:
+        row.heading, row.speed = heading, abs(speed)
+        _steer(row, points)
+    elif abs(speed) != row.speed:
+        _set_speed(row, abs(speed))
+
+
+@exactly_compiled
+def _set_speed(row: Row, speed: int) -> None:
+    """VELOCM for the present aim, at the speed doubled to fill 8 bits; rates are in units / 128."""
+    row.speed = speed
+    row.rate[0] = row.rate[1] = 0
+    if speed > 0:
+        doublings = 0
+        while speed << doublings < 128:
+            doublings += 1
+        x, y = velocm(aimed(row), speed << doublings)
+        row.rate[0], row.rate[1] = x << 7 - doublings, y << 7 - doublings
+
+
+@exactly_compiled
+def _steer(row: Row, points: Floats) -> None:
+    """Pass to the next move where the commanded point has reached the end of this one, and aim again."""
+    x, y = _find_carrot(row, points)
+    while row.carrot_is_end and max(abs(x), abs(y)) <= 1 and not _on_last_move(row):
+        row.move += row.heading
+        x, y = _find_carrot(row, points)
+    x, y, x_direction, y_direction = lengthened(x, y)
+    if row.kind == SINE_TABLE:
+        aim_at(row, look_up(x, y, x_direction, y_direction))
+    else:
+        aim_at(row, resolve(x, y, x_direction, y_direction, False))
+    _set_speed(row, row.speed)
+
+
+@exactly_compiled
+def _ticks_to_arrival(row: Row, points: Floats) -> int:
+    """Ticks until the commanded point reaches the end of the move along its longer component."""
+    axis = 0 if row.aim[0] >= row.aim[1] else 1
+    if not row.carrot_is_end or row.rate[axis] == 0:
+        return NEVER
+    target = int(points[row.move + (row.heading > 0), axis])
+    left = (target - place_um(row, axis)) * STEP_PHASE // int(row.step_um)
+    return int(-(-(left - row.timer[axis]) // row.rate[axis]))
+
+
+@exactly_compiled
+def _on_last_move(row: Row) -> bool:
+    """Whether no move follows in the present heading."""
+    return bool(row.move == (row.last_move if row.heading > 0 else 0))
+
+
+@exactly_compiled
+def _find_carrot(row: Row, points: Floats) -> tuple[int, int]:
+    """Vector in quarter um from the commanded point, counters and phases together, to the carrot."""
+    end, origin = row.move + (row.heading > 0), row.move + (row.heading < 0)
+    run_x = QUARTER * int(points[end, 0] - points[origin, 0])
+    run_y = QUARTER * int(points[end, 1] - points[origin, 1])
+    x = QUARTER * (place_um(row, 0) - int(points[origin, 0])) + _quarters(row, 0)
+    y = QUARTER * (place_um(row, 1) - int(points[origin, 1])) + _quarters(row, 1)
+    length = _root(run_x * run_x + run_y * run_y)
+    ahead = max((x * run_x + y * run_y) // length, 0) + QUARTER * CARROT_UM
+    row.carrot_is_end = ahead >= length
+    if row.carrot_is_end:
+        return run_x - x, run_y - y
+    return run_x * ahead // length - x, run_y * ahead // length - y
+
+
+@exactly_compiled
+def _quarters(row: Row, axis: int) -> int:
+    """Lead of the commanded position over an axis' counter in quarter um, rounded."""
+    return int((row.timer[axis] * QUARTER * int(row.step_um) + STEP_PHASE // 2) // STEP_PHASE)
+
+
+@exactly_compiled
+def _root(n: int) -> int:
+    """Whole root of a number below 2^53, rounded down."""
+    root = int(math.sqrt(n))
+    while root * root > n:
+        root -= 1
+    while (root + 1) * (root + 1) <= n:
+        root += 1
+    return root
+
+
+# Every kind of planner behind one compiled call.
+
+
+@exactly_compiled
+def begin(row: Row, points: Floats) -> None:
+    """Aim along the path from its start."""
+    if row.kind in (POSCAL, SINE_TABLE):
+        begin_poscal(row, points)
+    elif row.kind == LITERAL:
+        begin_literal(row, points)
+
+
+@exactly_compiled
+def advance(
+    row: Row, points: Floats, along: Floats, lengths: Ints, start_ns: int, end_ns: int, speed: int, out: Ints
+) -> int:
+    """Run a planner for a window; writes time in ns, axis and direction of each step to `out` (room, 3).
+
+    Returns the number of steps, also where there was no room for all; `LIMIT` if one would leave the counters' range.
+    More rows of `points` and `along` than the path has do no harm.
+    """
+    if row.kind == EXACT:
+        return run_exact(row, points, along, start_ns, end_ns, speed, out)
+    if speed == 0:
+        return 0
+    tick, last = tick_before(start_ns, row.hertz, row.per), tick_before(end_ns, row.hertz, row.per)
+    if row.kind == LITERAL:
+        return run_literal(row, points, tick, last, speed, out)
+    if row.kind == DDA:
+        return run_dda(row, points, lengths, tick, last, speed, out)
+    return run_poscal(row, points, tick, last, speed, out)
+
+
+@exactly_compiled
+def done(row: Row, points: Floats, along: Floats, lengths: Ints) -> bool:
+    """Whether the path's end is reached."""
+    if row.kind == EXACT:
+        return bool(row.along >= path_end(row, along))
+    if row.kind == LITERAL:
+        return literal_done(row, points)
+    if row.kind == DDA:
+        return bool(row.move == row.last_move and row.along == lengths[row.last_move])
+    return bool(row.move == row.last_move and near(row, points, row.last_move + 1))
+
+
+@exactly_compiled
+def path_um(row: Row, points: Floats, along: Floats) -> float:
+    """Length travelled along the path, for counters that stray from it at the foot of their position."""
+    if row.kind == EXACT:
+        return float(row.along / FINE_PER_UM)
+    if row.kind == DDA:
+        return dda_path_um(row, along)
+    x0, y0 = int(points[row.move, 0]), int(points[row.move, 1])
+    x1, y1 = int(points[row.move + 1, 0]), int(points[row.move + 1, 1])
+    length = along[row.move + 1] - along[row.move]
+    run = ((place_um(row, 0) - x0) * (x1 - x0) + (place_um(row, 1) - y0) * (y1 - y0)) / length
+    return float(along[row.move] + min(max(run, 0.0), length))
+
+
+class Addresses(NamedTuple):
+    """Where the machine code of planners is, in this process only."""
+
+    advance: int
+    path_um: int
+    done: int
+
+
+@functools.cache
+def addresses() -> Addresses:
+    """Return the addresses for `advance_at` and its neighbours."""
+    path = from_dtype(PLANNER), float64[:, ::1], float64[::1]
+    lengths, ints = int64[::1], int64[:, ::1]
+    return Addresses(
+        address_of(advance, *path, lengths, int64, int64, int64, ints),
+        address_of(path_um, *path),
+        address_of(done, *path, lengths),
+    )
+
+
+advance_at: Callable[..., int] = call_returning(int64)
+"""In compiled code, call `advance` by its address with a tuple of its arguments. Planners are thousands of lines of
+LLVM's, which are then not compiled again for each function that calls them."""
+path_um_at: Callable[..., float] = call_returning(float64)
+done_at: Callable[..., bool] = call_returning(boolean)

@@ -1,0 +1,276 @@
+"""Kinds of learning besides plain PPO and SAC, as sub-environments and learners of stable-baselines3 (extra ``rl``).
+
+- Imitation of a teacher, which may know the true state, in the states that the learner visits: in every state the
+  teacher gives the action it would take, and the policy's mean is fitted to it (DAgger, Ross et al., AISTATS 2011).
+  If the teacher knows more than the policy, the policy learns the mean of its actions (Chen et al., CoRL 2019).
+- Lagrangian PPO: the reward minus a multiple of ``info["cost"]``. The multiplier grows while the mean cost is above a
+  limit, and shrinks below it (Tessler, Mankowitz and Mannor, ICLR 2019, arXiv:1805.11074).
+- Privileged critic: it observes gap, wire temperature, debris and drawn constants, which no machine measures. In the
+  policy's features they are 0: its actions cannot depend on them, and the exported policy has no weights for them
+  (Pinto et al., RSS 2018).
+- Residual policies: a classic law sets the feed, and the policy adds a correction (Johannink et al., ICRA 2019).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+from edmsim.controllers import from_text
+from edmsim.controllers.protocols import FeedCommand
+from edmsim.envs.sb3 import EdmVecEnv
+from edmsim.envs.task import Family
+from edmsim.errors import InputError
+from edmsim.learning.policy_file import Residual
+
+LEAST_VARIANCE = 1e-4
+"""Of an action that a teacher hardly changes: it counts no more than one it changes by a hundredth (ours)."""
+LEAST_RATE = 0.02
+"""What is left of the learning rate in the end (ours): it falls with the steps left, so that noise averages out."""
+
+
+# untyped where the extra is missing
+class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+    """Sub-environments, each with a teacher that observes every window; they record observations and its actions."""
+
+    def __init__(self, venv: EdmVecEnv, teacher: str) -> None:
+        super().__init__(venv)
+        self._laws = [venv.env.attach_controller(index, from_text(teacher)) for index in range(self.num_envs)]
+        self._observations: Any = None
+        self._states: list[NDArray[np.float32]] = []
+        self._teacher_actions: list[NDArray[np.float32]] = []
+
+    def reset(self) -> Any:
+        """Begin an episode, and the teacher, in every sub-environment."""
+        self._observations = self.venv.reset()
+        for law in self._laws:
+            law.begin()
+        return self._observations
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Record the observations and the teachers' actions for them, and run the learner's actions."""
+        self._states.append(np.array(self._observations, np.float32))
+        self._teacher_actions.append(np.array([law.action() for law in self._laws]))
+        self.venv.step_async(actions)
+
+    def step_wait(self) -> Any:
+        """Run a step, which the teachers see."""
+        self._observations, rewards, done, infos = self.venv.step_wait()
+        for index in np.flatnonzero(done):
+            self._laws[index].begin()
+        return self._observations, rewards, done, infos
+
+    def taken(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return observations (n, entries) and the teacher's actions (n, k) since the last call, and forget them."""
+        states, teacher_actions = np.concatenate(self._states), np.concatenate(self._teacher_actions)
+        self._states.clear()
+        self._teacher_actions.clear()
+        return states, teacher_actions
+
+
+# untyped where the extra is missing
+class Imitation(PPO):  # type: ignore[misc, unused-ignore]
+    """A learner that cuts as PPO does, and follows a teacher in place of the reward.
+
+    Its environment is a `VecNormalize` of a `TaughtVecEnv`. It keeps all it was shown, a quarter of a kilobyte for a
+    decision, and its checkpoints have that, too.
+    """
+
+    def _setup_model(self) -> None:
+        super()._setup_model()
+        self.states: list[NDArray[np.float32]] = getattr(self, "states", [])  # a checkpoint has some
+        self.teacher_actions: list[NDArray[np.float32]] = getattr(self, "teacher_actions", [])
+
+    def train(self) -> None:
+        """Fit the policy's mean to the teacher's actions so far, each action in units of its own variance."""
+        self.policy.set_training_mode(True)
+        left = self._current_progress_remaining
+        for group in self.policy.optimizer.param_groups:
+            group["lr"] = self.lr_schedule(left) * max(left, LEAST_RATE)
+        normalise: Any = self.env
+        for stored, new in zip((self.states, self.teacher_actions), normalise.venv.taken(), strict=True):
+            stored.append(new)
+        observations = torch.as_tensor(normalise.normalize_obs(np.concatenate(self.states)))
+        teacher_actions = torch.as_tensor(np.concatenate(self.teacher_actions))
+        variance = teacher_actions.var(0).clamp(min=LEAST_VARIANCE)
+        losses = []
+        for _ in range(max(self.n_epochs * len(self.teacher_actions[-1]) // self.batch_size, 1)):
+            rows = torch.randint(len(teacher_actions), (self.batch_size,))
+            gaussian: Any = self.policy.get_distribution(observations[rows]).distribution
+            loss = ((gaussian.mean - teacher_actions[rows]) ** 2 / variance).mean()
+            self.policy.optimizer.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
+            self.policy.optimizer.step()
+            losses.append(float(loss.detach()))
+        self.logger.record("train/unexplained_share", float(np.mean(losses)))
+
+
+# untyped where the extra is missing
+class CostVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+    """Sub-environments whose rewards are less `multiplier` times their costs."""
+
+    def __init__(self, venv: VecEnv, multiplier: float) -> None:
+        super().__init__(venv)
+        self.multiplier = multiplier
+        self.ended: list[float] = []  # costs of the episodes that ended since `Multiplier` looked last
+        self._cost = np.zeros(self.num_envs)
+
+    def reset(self) -> Any:
+        """Begin episodes, without a cost so far."""
+        self._cost[:] = 0.0
+        return self.venv.reset()
+
+    def step_wait(self) -> Any:
+        """Run a step."""
+        observations, rewards, done, infos = self.venv.step_wait()
+        cost = np.array([info["cost"] for info in infos])
+        self._cost += cost
+        self.ended += self._cost[done].tolist()
+        self._cost[done] = 0.0
+        return observations, (rewards - self.multiplier * cost).astype(np.float32), done, infos
+
+
+class Multiplier(BaseCallback):  # type: ignore[misc, unused-ignore]
+    """Raises the multiplier by `rate` per mean cost of a rollout's episodes beyond the limit, or lowers it."""
+
+    def __init__(self, vec_env: CostVecEnv, limit: float, rate: float) -> None:
+        super().__init__()
+        self._vec_env, self._limit, self._rate = vec_env, limit, rate
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if self._vec_env.ended:
+            beyond = float(np.mean(self._vec_env.ended)) - self._limit
+            self._vec_env.multiplier = max(0.0, self._vec_env.multiplier + self._rate * beyond)
+            self.logger.record("cost/mean_of_episodes", beyond + self._limit)
+            self.logger.record("cost/multiplier", self._vec_env.multiplier)
+            self._vec_env.ended = []
+
+
+TRUTHS = ("gap_um", "wire_temperature_K", "debris", "error_um")
+"""Entries of the last window's ``info`` that the critic observes; the episode's drawn constants follow."""
+
+
+# untyped where the extra is missing
+class PrivilegedVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+    """Sub-environments that append the true state to the observations."""
+
+    def __init__(self, venv: VecEnv) -> None:
+        vec_env: Any = venv.unwrapped
+        self._names = tuple(vec_env.env.family.drawn_constants)
+        shown = venv.observation_space
+        assert isinstance(shown, gym.spaces.Box)
+        more = np.full(len(TRUTHS) + len(self._names), np.inf, np.float32)
+        space = gym.spaces.Box(np.append(shown.low, -more), np.append(shown.high, more), dtype=np.float32)
+        super().__init__(venv, observation_space=space)
+        self._constants = np.zeros((self.num_envs, len(self._names)), np.float32)
+
+    def reset(self) -> Any:
+        """Begin episodes, with the state of the gap still unknown."""
+        observations = self.venv.reset()
+        self._draw(range(self.num_envs))
+        return self._with(observations, np.zeros((self.num_envs, len(TRUTHS)), np.float32))
+
+    def step_wait(self) -> Any:
+        """Run a step."""
+        observations, rewards, done, infos = self.venv.step_wait()
+        truths = np.array([[info[name] for name in TRUTHS] for info in infos], np.float32)
+        ended = np.flatnonzero(done)
+        for index in ended:
+            last = infos[index]["terminal_observation"]
+            infos[index]["terminal_observation"] = np.concatenate([last, truths[index], self._constants[index]])
+        truths[ended] = 0.0
+        self._draw(ended)
+        return self._with(observations, truths), rewards, done, infos
+
+    def _draw(self, indices: Sequence[int] | NDArray[np.int64] | range) -> None:
+        infos = self.unwrapped.reset_infos
+        for index in indices:
+            self._constants[index] = [infos[index]["drawn"][name] for name in self._names]
+
+    def _with(self, observations: Any, truths: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.concatenate([observations, truths, self._constants], axis=1)
+
+
+class VisibleEntries(BaseFeaturesExtractor):  # type: ignore[misc, unused-ignore]
+    """The first entries of an observation unchanged, and 0 in place of the others."""
+
+    def __init__(self, observation_space: gym.spaces.Box[Any], entries: int) -> None:
+        width = int(np.prod(observation_space.shape))
+        super().__init__(observation_space, width)
+        self.shown: torch.Tensor
+        self.register_buffer("shown", (torch.arange(width) < entries).float())
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Return features as wide as the observations."""
+        return observations * self.shown
+
+
+class AsymmetricPolicy(ActorCriticPolicy):  # type: ignore[misc, unused-ignore]
+    """An actor-critic whose actor sees only the first `shown_entries` of an observation."""
+
+    def __init__(self, *args: Any, shown_entries: int, **kwargs: Any) -> None:
+        self._shown_entries = shown_entries
+        super().__init__(*args, **{**kwargs, "share_features_extractor": False})
+        space = self.observation_space
+        assert isinstance(space, gym.spaces.Box)
+        self.pi_features_extractor = VisibleEntries(space, shown_entries)
+        self.features_extractor = self.pi_features_extractor
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return {**super()._get_constructor_parameters(), "shown_entries": self._shown_entries}
+
+
+# untyped where the extra is missing
+class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+    """Environments whose first action is added to the feed of a law (Johannink et al., ICRA 2019)."""
+
+    def __init__(self, venv: EdmVecEnv, residual: Residual) -> None:
+        super().__init__(venv)
+        self.residual = residual
+        envs = venv.env
+        family = envs.family
+        assert isinstance(family, Family)
+        self._family = family
+        self._laws = [envs.attach_controller(index, residual.make()) for index in range(self.num_envs)]
+        self._feed_um_s = np.zeros(self.num_envs)
+
+    def reset(self) -> Any:
+        """Begin an episode and reset the law in every sub-environment."""
+        observations = self.venv.reset()
+        for index, law in enumerate(self._laws):
+            self._take(index, law.begin())
+        return observations
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Add the actions to the laws' commands."""
+        total = np.array(actions, np.float32)
+        for index, feed_um_s in enumerate(self._feed_um_s):
+            total[index, 0] = self.residual.action(self._family, feed_um_s, total[index, 0])
+        self.venv.step_async(total)
+
+    def step_wait(self) -> Any:
+        """Run a step, and take the laws' commands for the next one."""
+        observations, rewards, done, infos = self.venv.step_wait()
+        for index, law in enumerate(self._laws):
+            self._take(index, law.begin() if done[index] else law.command())
+        return observations, rewards, done, infos
+
+    def _take(self, index: int, command: FeedCommand) -> None:
+        if command.t_on_us is not None or command.t_period_us is not None:
+            law = self.residual.law
+            raise InputError(f"'{law}' turns the generator's knobs: a policy adds to a law that only feeds")
+        self._feed_um_s[index] = command.feed_um_s
