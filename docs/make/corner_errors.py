@@ -1,36 +1,105 @@
-"""Errors near the corner in parts of the best constant's: `python docs/make/corner_errors.py` prints a table.
+"""Tables of tasks/corner.md: errors near the corner in parts of the best constant's, and where they arise.
 
-It is that of tasks/corner.md, from the cuts in leaderboard.json; intervals are of the machines drawn. Machines on
-which a controller's wire broke before the corner are left out of all rows.
+python docs/make/corner_errors.py           # errors, from the cuts in leaderboard.json; intervals over the machines
+python docs/make/corner_errors.py where     # and where they arise, for which some cuts are made again
+
+Machines on which a controller's wire broke before the corner are left out of all rows.
 """
 
 from __future__ import annotations
 
+import argparse
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from tasks import with_block
 
+from edmsim.controllers import from_text
+from edmsim.envs.episode import Task
 from edmsim.evaluation import leaderboard
-from edmsim.evaluation.compare import ratio
+from edmsim.evaluation.compare import held_back, mean, ratio
+from edmsim.evaluation.episode import Episode, episodes
 from edmsim.evaluation.lines import lines_of
+from edmsim.progress import in_threads
 
-ENV_ID = "edmsim/Corner-v2"
+DOCS = Path(__file__).parents[1]
+PAGE = DOCS / "tasks" / "corner.md"
+ENV_ID, POLICY = "edmsim/Corner-v2", "policy:Corner-lag"
+EDGES_UM = (-100.0, 0.0, 20.0, 60.0, 100.0)  # places of the guides behind the corner
+
+
+def errors() -> str:
+    """Return every controller's error, in um and in parts of the constant's, its time and return."""
+    results = leaderboard.read(DOCS / "leaderboard.json")[ENV_ID].results
+    errors_um = {name: np.array([cut.error_um for cut in cuts]) for name, cuts in results.items()}
+    there = np.isfinite(list(errors_um.values())).all(axis=0)
+    constant_um = errors_um[lines_of(ENV_ID).blind][there]
+    rows = ["| controller | error, um | in the best constant's | time, s | return |", "|---|---|---|---|---|"]
+    for name in sorted(results, key=lambda name: float(errors_um[name][there].mean())):
+        found_um = errors_um[name][there]
+        share = ratio(found_um, constant_um)
+        time_s = np.array([cut.time_s for cut in results[name]])[there].mean()
+        earned = np.array([cut.total_return for cut in results[name]])[there].mean()
+        rows.append(f"| `{name}` | {found_um.mean():.2f} | {share.value:.2f} ({share.low:.2f} to {share.high:.2f}) "
+                    f"| {time_s:.1f} | {earned:.0f} |")  # fmt: skip
+    return "\n".join([*rows, "", f"{there.sum()} of {len(there)} held-back machines.", ""])
+
+
+def squares(name: str, seed: int) -> NDArray[np.float64]:
+    """Return parts of a cut's mean square error, um2: of places between `EDGES_UM`, and that of the guides alone.
+
+    That of the guides is the distance across the path of the place that the motors' steps add up to.
+    """
+    task = Task(ENV_ID)
+    episode, outcome = Episode(task, from_text(name), seed, name), None
+    start, corner, end = task.scenario.legs_um[0]
+    leg_um = float(np.hypot(*(corner - start)))
+    found: list[tuple[float, float, float, float]] = []
+    while outcome is None:
+        outcome = episode.step()
+        last = episode.last
+        if last is None or not last.near or not last.progress_um:
+            continue
+        first, second = (corner, end) if task.path_um >= leg_um else (start, corner)
+        along, off = second - first, np.array(task.plant.commanded_um) - first
+        across_um = float(along[0] * off[1] - along[1] * off[0]) / float(np.hypot(*along))
+        found.append((task.path_um - leg_um, last.error_um, across_um, last.progress_um))
+    place_um, error_um, across_um, cut_um = np.array(found).T
+    parts = [
+        (cut_um * error_um**2)[(place_um >= low) & (place_um < high)].sum()
+        for low, high in pairwise(EDGES_UM)
+    ]
+    return np.array([*parts, (cut_um * across_um**2).sum()]) / cut_um.sum()
+
+
+def where() -> str:
+    """Return where the errors of the constant, the policy and the reference arise."""
+    lines = lines_of(ENV_ID)
+    places = [f"{low:g} to {high:g} um" for low, high in pairwise(EDGES_UM)]
+    heads = "controller", *places, "sum", "motor steps alone"
+    rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for name in (lines.blind, POLICY, lines.reference):
+        parts = np.array(in_threads(partial(squares, name), held_back(episodes(ENV_ID))))
+        cells = np.insert(parts, -1, parts[:, :-1].sum(axis=1), axis=1)
+        figures = [mean(column) for column in cells.T]
+        texts = [f"{one.value:.2f} ({one.low:.2f} to {one.high:.2f})" for one in figures]
+        rows.append(f"| `{name}` | {' | '.join(texts)} |")
+    return "\n".join([*rows, "", "Mean squares in um2, by the place of the guides behind the corner.", ""])
 
 
 def main() -> None:
-    """Print every controller's error, in um and in parts of the constant's, and its time."""
-    results = leaderboard.read(Path(__file__).parents[1] / "leaderboard.json")[ENV_ID].results
-    errors_um = {name: np.array([cut.error_um for cut in cuts]) for name, cuts in results.items()}
-    there = np.isfinite(list(errors_um.values())).all(axis=0)
-    print(f"{there.sum()} of {len(there)} machines")
-    errors_um = {name: errors[there] for name, errors in errors_um.items()}
-    constant_um = errors_um[lines_of(ENV_ID).blind]
-    print("| controller | error, um | in the best constant's | time, s |\n|---|---|---|---|")
-    for name in sorted(results, key=lambda name: errors_um[name].mean()):
-        share = ratio(errors_um[name], constant_um)
-        time_s = np.array([cut.time_s for cut in results[name]])[there].mean()
-        print(f"| `{name}` | {errors_um[name].mean():.2f} | {share.value:.2f} ({share.low:.2f} to {share.high:.2f}) "
-              f"| {time_s:.1f} |")
+    """Write the tables into the page, and print them."""
+    parser = argparse.ArgumentParser(description="Errors near the corner.")
+    parser.add_argument("what", nargs="?", choices=["where"], help="where they arise, too")
+    tables = {"errors": errors()}
+    if parser.parse_args().what:
+        tables["where"] = where()
+    for name, table in tables.items():
+        print(table)
+        PAGE.write_text(with_block(PAGE.read_text(encoding="utf-8"), name, table), encoding="utf-8")
 
 
 if __name__ == "__main__":

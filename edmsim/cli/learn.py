@@ -199,12 +199,11 @@ def evaluate(
 def _measured(
     policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any, table: RunTable
 ) -> list[Score]:
-    from edmsim.learning import policy_file
-    from edmsim.learning.score import RESOLUTIONS, measure, write_card
+    from edmsim.learning.score import RESOLUTIONS, env_id_of, measure, write_card
 
     episodes = USUAL_EPISODES if seeds is None else seeds
     at = RESOLUTIONS if resolution is None else (resolution,)
-    scores = measure(policy_file.load(policy).card.env_id, policy, episodes, watch, at, table)
+    scores = measure(env_id_of(policy), policy, episodes, watch, at, table)
     if write:
         write_card(policy, scores)
     return scores

@@ -294,12 +294,12 @@ def write(card: Card, packed: bytes, file: Path) -> None:
     file.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
-def write_hold(
-    file: Path, *, env_id: str, environment: dict[str, Any], hold: Hold, mean: Floats, variance: Floats,
+def write_policy(
+    file: Path, *, env_id: str, environment: dict[str, Any], mean: Floats, variance: Floats,
     lstm: tuple[Floats, Floats, Floats] | None, weights: list[Floats], biases: list[Floats], algorithm: str,
-    command: str, seed: int, steps: int, activation: Literal["tanh", "relu"] = "tanh",
+    command: str, seed: int, steps: int, activation: Literal["tanh", "relu"] = "tanh", hold: Hold | None = None,
 ) -> Policy:
-    """Write your learner's policy that sets the heat flux of a law; return the policy, read from the new files.
+    """Write the policy of a learner of your own; return the policy, read from the new files.
 
     Parameters
     ----------
@@ -307,22 +307,25 @@ def write_hold(
         ``NAME.json``; ``NAME.npz`` goes into the same folder.
     env_id, environment
         Environment that defines the observations and the times of decisions, and its arguments.
-    hold : Hold
     mean, variance : (entries,)
-        Statistics of the environment's entries, then of those of `edmsim.learning.held`.
+        Statistics of the environment's entries, then, with `hold`, of those of `edmsim.learning.held`.
     lstm : tuple of arrays or None
         See `Lstm`.
     weights, biases : list of arrays
-        Of the layers after it; the last outputs are the servo's target and the hold, each -1 to 1.
+        Of the layers after it; the last outputs are the environment's actions, or, with `hold`, the servo's target
+        and the hold; each -1 to 1.
     algorithm, command, seed, steps, activation
         See `Card`.
+    hold : Hold, optional
+        Law whose heat flux the policy sets.
 
     Raises
     ------
     InputError
         If the parts do not fit each other.
     """
-    entries = [*arguments_with(env_id, **environment).entries(), *held.ENTRIES]
+    family = arguments_with(env_id, **environment)
+    entries = [*family.entries(), *(() if hold is None else held.ENTRIES)]
     memory = None if lstm is None else Lstm(*lstm)
     packed = pack(weights, biases, memory)
     observation = [
@@ -331,7 +334,7 @@ def write_hold(
     ]
     card = Card.model_validate({
         "format": FORMAT, "env_id": env_id, "environment": environment, "observation": observation,
-        "epsilon": 1e-8, "clip": 10.0, "action": [ACTION_MEANINGS["target"], held.HOLDS],
+        "epsilon": 1e-8, "clip": 10.0, "action": _outputs(family, hold),
         "widths": [len(bias) for bias in biases[:-1]], "activation": activation,
         "lstm": None if memory is None else memory.memory_weights.shape[0], "hold": hold, "output": "clip",
         "arrays_sha256": digest(packed), "algorithm": algorithm, "command": command, "seed": seed, "steps": steps,
@@ -339,6 +342,11 @@ def write_hold(
     })
     write(card, packed, file)
     return load(str(file))
+
+
+def _outputs(family: EnvArguments, hold: Hold | None) -> list[str]:
+    """Return the meanings of a network's outputs."""
+    return meanings(family) if hold is None else [ACTION_MEANINGS["target"], held.HOLDS]
 
 
 def locate(name: str) -> Path:
@@ -405,7 +413,7 @@ def _check_environment(card: Card, file: Path) -> None:
         _check_residual(card.residual, family, file)
     if card.hold is not None:
         _check_hold(card.hold, family, file)
-    commands = [ACTION_MEANINGS["target"], held.HOLDS] if card.hold else meanings(family)
+    commands = _outputs(family, card.hold)
     if card.action != commands:
         raise InputError(
             f"the policy commands {', '.join(card.action)}; {card.env_id} takes {', '.join(commands)}: it was "

@@ -15,7 +15,7 @@ from edmsim.envs.registry import make_family
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import Episode
 from edmsim.learning import held
-from edmsim.learning.policy_file import Hold, write_hold
+from edmsim.learning.policy_file import Hold, write_policy
 
 ENV_ID, ENVIRONMENT = "edmsim/MaxRateShift-v0", {"decision_s": 0.2, "history": 1, "resolution": "fast"}
 HOLD = Hold(law="heat-flux:shortest_us=12.5", low=0.05, high=0.8)
@@ -25,7 +25,7 @@ ENTRIES = len(make_family(ENV_ID, **ENVIRONMENT).entries()) + len(held.ENTRIES)
 def write(file, hold=HOLD, bias=(0.0, 0.0), cells=6, **options):
     rng = np.random.default_rng(3)
     lstm = rng.normal(0, 0.3, (ENTRIES, 4 * cells)), rng.normal(0, 0.3, (cells, 4 * cells)), np.zeros(4 * cells)
-    return write_hold(
+    return write_policy(
         file, env_id=options.pop("env_id", ENV_ID), environment=ENVIRONMENT, hold=hold, mean=np.zeros(ENTRIES),
         variance=np.ones(ENTRIES), lstm=lstm, weights=[rng.normal(0, 0.5, (cells, 2))], biases=[np.array(bias)],
         algorithm="none", command="none: random", seed=0, steps=0, **options,
