@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis import ServoModule, Uhu
 from edmsim.controllers.axis import servo_module as at
-from edmsim.controllers.axis import servo_module as servo_module_law
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.errors import InputError
 
@@ -203,7 +202,7 @@ def cycles(reg, *rows, fault=False):
     """What each cycle returns and puts out, of rows of the encoder's counter and the steps so far."""
     made = []
     for number, (count, edges) in enumerate(rows, 1):
-        ran, turned = servo_module_law.cycle(reg, count, edges, fault, 1_000 * number)
+        ran, turned = at.cycle(reg, count, edges, fault, 1_000 * number)
         made.append((ran, turned, int(reg[at.OUTPUT])))
     return made
 
@@ -212,7 +211,7 @@ def cycles(reg, *rows, fault=False):
     (7, 4, 1), (-7, 4, -1), (8, 4, 2), (-8, 4, -2), (-3, 4, 0),
 ])  # fmt: skip
 def test_what_is_less_than_one_is_dropped_either_way(value, divisor, quotient):
-    assert servo_module_law.towards_zero(value, divisor) == quotient
+    assert at.towards_zero(value, divisor) == quotient
 
 
 def test_a_cycle_adds_proportional_integral_and_derivative():
