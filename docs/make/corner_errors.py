@@ -41,9 +41,9 @@ def errors() -> str:
         found_um = errors_um[name][there]
         share = ratio(found_um, constant_um)
         time_s = np.array([cut.time_s for cut in results[name]])[there].mean()
-        earned = np.array([cut.total_return for cut in results[name]])[there].mean()
+        mean_return = np.array([cut.total_return for cut in results[name]])[there].mean()
         rows.append(f"| `{name}` | {found_um.mean():.2f} | {share.value:.2f} ({share.low:.2f} to {share.high:.2f}) "
-                    f"| {time_s:.1f} | {earned:.0f} |")  # fmt: skip
+                    f"| {time_s:.1f} | {mean_return:.0f} |")  # fmt: skip
     return "\n".join([*rows, "", f"{there.sum()} of {len(there)} held-back machines.", ""])
 
 

@@ -46,7 +46,8 @@ NOT_RUN = {
     "--page out/adapt/compared.md": "it takes what the command before it leaves",
     "python examples/learning/lag.py --machines 300 --rounds 3 --seed 1 --out out/lag":
         "tests/learning/test_lag_example.py runs its parts",
-    "edmsim evaluate edmsim/Corner-v2 --controllers policy:out/lag/policy.json": "it takes what the command before it leaves",
+    "edmsim evaluate edmsim/Corner-v2 --controllers policy:out/lag/policy.json":
+        "it takes what the command before it leaves",
     "edmsim report out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
 }
 """Commands of blocks that are checked but not run, and why."""
