@@ -87,16 +87,6 @@ class Positioning:
         return np.asarray(self.down_um.mean(axis=0))
 
     @property
-    def spread_up_um(self) -> Floats:
-        """Standard deviation of the runs to every target from below."""
-        return np.asarray(self.up_um.std(axis=0, ddof=1))
-
-    @property
-    def spread_down_um(self) -> Floats:
-        """Standard deviation of the runs to every target from above."""
-        return np.asarray(self.down_um.std(axis=0, ddof=1))
-
-    @property
     def mean_um(self) -> Floats:
         """Bidirectional mean deviation of every target."""
         return 0.5 * (self.mean_up_um + self.mean_down_um)
@@ -113,7 +103,7 @@ class Positioning:
         ``repeatability`` (R, bidirectional), ``repeatability_up`` and ``_down``.
         """
         up, down = self.mean_up_um, self.mean_down_um
-        spread_up, spread_down = COVERAGE * self.spread_up_um, COVERAGE * self.spread_down_um
+        spread_up, spread_down = (COVERAGE * runs.std(axis=0, ddof=1) for runs in (self.up_um, self.down_um))
         high = np.maximum(up + spread_up, down + spread_down)
         low = np.minimum(up - spread_up, down - spread_down)
         both = np.maximum(spread_up + spread_down + np.abs(self.reversal_um), 2 * np.maximum(spread_up, spread_down))

@@ -76,13 +76,6 @@ class ContourEnv(EdmEnv):
     Starting state
     --------------
     The wire is in the start hole of the first contour. The program has no random draws.
-
-    Versions
-    --------
-    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
-    wire earns nothing; dials are observed and not drawn.
-    v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
-    withdrawn.
     """
 
     task = Contour

@@ -63,13 +63,6 @@ class GapFeedEnv(EdmEnv):
     Starting state
     --------------
     The wire is in the middle of the table, in a slot, 25 um from the metal.
-
-    Versions
-    --------
-    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
-    wire earns nothing; dials are observed and not drawn.
-    v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
-    withdrawn.
     """
 
     task = GapFeed

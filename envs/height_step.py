@@ -82,13 +82,6 @@ class HeightStepEnv(EdmEnv):
     The wire is in the middle of the table, in a slot, 25 um from the metal. The first band has the greatest height.
     The length of each band is drawn uniformly from ``band_mm``, the height of each further band uniformly from
     ``low_share`` to 1 times the greatest.
-
-    Versions
-    --------
-    v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
-    wire earns nothing; dials are observed and not drawn.
-    v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
-    withdrawn.
     """
 
     task = HeightStep

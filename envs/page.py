@@ -60,6 +60,11 @@ ENDS = {
     StopCause.OUT_OF_RANGE: "the wire leaves the range of the model",
 }
 """What terminates an episode."""
+VERSIONS = """\
+v1: a lost wire costs what the machine loses while another is threaded; episodes end by machine time; a settling
+wire earns nothing; dials are observed and not drawn.
+v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
+withdrawn."""  # of environments without versions of their own
 
 
 def page(env: _Class) -> _Class:
@@ -103,7 +108,7 @@ def written(family: Family, particular: str) -> str:
         "Starting state": start(family, own.pop("Starting state")),
         "End of the episode": ends(family),
         "Arguments": arguments(family),
-        "Versions": own.pop("Versions"),
+        "Versions": own.pop("Versions", VERSIONS),
     }
     assert not own, f"a page has no sections {', '.join(own)}"
     return joined(summary, sections)
@@ -312,11 +317,6 @@ def arguments(family: EnvArguments) -> str:
     """Return the section on arguments: the family's own before those that all have."""
     common = [f.name for f in fields(Family)]
     listed = sorted(arguments_of(type(family)), key=lambda f: f.name in common)  # sorted() keeps the order of equals
-    rows = [(f.name, f"``{written_out(f.default)}``", f.unit, f.meaning) for f in listed]
+    rows = [(f.name, f"``{f.default!r}``".replace("'", '"'), f.unit, f.meaning) for f in listed]
     rows.append(("render_mode", "``None``", "", '``"rgb_array"`` or ``"human"``'))
     return table(("Name", "Default", "Unit", "Meaning"), rows)
-
-
-def written_out(value: Any) -> str:
-    """Return a default as it is written, with double quotes."""
-    return repr(value).replace("'", '"')

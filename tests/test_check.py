@@ -215,6 +215,7 @@ def test_the_least_time_is_that_of_the_path_at_the_greatest_feed(small_punch: Pa
     assert found.limited_by == "machine"
     assert found.feed_um_s == simulation.max_feed_um_s
     assert found.least_s == pytest.approx(simulation.total_um / simulation.max_feed_um_s)
+    assert found.path_length_mm == pytest.approx(simulation.total_um * 1e-3)
 
 
 def test_a_tall_workpiece_is_limited_by_the_generator() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.controllers.axis import uhu as uhu
+from edmsim.controllers.axis import uhu
 from edmsim.recording.windows import column
 
 SLOT = Path(__file__).parents[1] / "examples" / "slot.iso"

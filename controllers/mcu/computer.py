@@ -9,7 +9,6 @@ from edmsim.controllers.mcu.chips import bus, pic, pit, ppi, uart
 from edmsim.controllers.mcu.chips.bus import Bus
 from edmsim.controllers.mcu.chips.cpu import A, C, Cpu8085, NoCodeError
 from edmsim.controllers.mcu.chips.uart import BITS_PER_CHARACTER
-from edmsim.controllers.mcu.firmware import memory_map
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
 from edmsim.controllers.mcu.firmware.generator_control import write_codes
@@ -415,9 +414,9 @@ class Computer(Snapshots):
             return self.signed(at.CUTVEL), READ_OUT_T
         short, open = self.read_counts()
         memory = self.board.bus
-        variables = memory_map.variables(memory)
-        units, t_states = optimise(memory_map.constants(memory), variables, short, open, clock, path)
-        memory_map.set_variables(memory, variables)
+        variables = at.variables(memory)
+        units, t_states = optimise(at.constants(memory), variables, short, open, clock, path)
+        at.set_variables(memory, variables)
         if self.steppers.own:
             self.store(at.CUTVEL, units)
             self.steppers.busy(t_states)

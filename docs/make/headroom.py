@@ -44,6 +44,9 @@ LEAST_GAIN = 1.2
 (ours)."""
 OF_MACHINE = {"MaxRateShift": {1_000_008: ("adaptive-hold:limit_share=0.6,limit_spread=0.1",)}}
 """Laws that begin with what was found out of a machine in a shift before: of the one that lost most wires."""
+SERVO_SETTINGS = """In MaxRateShift only parameters of the wire's limit were tried here. Settings of the servo that
+fit the machine are worth more: [a policy that learns them](training.md#adapt-to-a-machine) earns more than the best
+law."""
 RULE = "|---" * 5 + "|"
 SERVO = "set-point:open_target_share="
 GAP = f"{SERVO}0.05"
@@ -323,7 +326,9 @@ def _of_shifts(board: dict[str, Any]) -> list[str]:
             f"{100 * (best.mean() / first.mean() - 1):.0f} %. The {end} earns {shown(above)} more than the best law, "
             f"{100 * share:.0f} %.",
         ]  # fmt: skip
-    return ["In the shifts a law can learn about its machine:", "", *sentences, ""] if sentences else []
+    if not sentences:
+        return []
+    return ["In the shifts a law can learn about its machine:", "", *sentences, "", SERVO_SETTINGS, ""]
 
 
 def main() -> None:

@@ -1,11 +1,11 @@
 """What a network with memory finds out of a machine's constants from what the machine shows.
 
-python examples/learning/adapt.py --machines 32 --out out/adapt    # records the histories first
-python docs/make/recoverable.py out/adapt                          # the table of training.md, and its picture
+python docs/make/recoverable.py out/histories      # the table of training.md, and its picture
 
-The histories are of training machines of MaxRateShift, each cut for some minutes at a heat flux that rises until a
-wire breaks. An LSTM reads a history second by second and says every constant; it learns from some machines and is
-judged on others, in `FOLDS` parts, by the share of the variance that it explains. Needs the extra `rl` (torch).
+First it records histories of `MACHINES` training machines of MaxRateShift, each cut for some minutes at a heat flux
+that rises until a wire breaks; interrupted, the same command goes on. An LSTM reads a history second by second and
+says every constant; it learns from some machines and is judged on others, in `FOLDS` parts, by the share of the
+variance that it explains. Needs the extra `rl` (torch).
 """
 
 from __future__ import annotations
@@ -13,14 +13,19 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
+from edmsim.envs.episode import Task
 from edmsim.envs.registry import make_family
+from edmsim.evaluation.episode import Episode
 from edmsim.learning import held
+from edmsim.learning.hold_controller import HoldController
+from edmsim.learning.policy_file import Hold
 from edmsim.recording.figures.palette import BLUE, MUTED
 
 DOCS = Path(__file__).parents[1]
@@ -30,13 +35,67 @@ LIMIT_EPOCHS, EPOCHS = 200, 60
 """Of the network that says the limit alone, and of the one that says all drawn constants."""
 SHORTED = 0.25  # a wire that breaks at a greater share of shorts says nothing of the flux it bears
 AFTER_S = 10, 60, 240
-FAMILY = make_family("edmsim/MaxRateShift-v0", decision_s=1.0, history=1)
+ENV_ID, ENVIRONMENT = "edmsim/MaxRateShift-v0", {"decision_s": 1.0, "history": 1}
+FAMILY = make_family(ENV_ID, **ENVIRONMENT)
+MACHINES, FIRST_SEED, SECONDS = 32, 10_000, 240.0
+HOLD = Hold(law="heat-flux:shortest_us=12.5,recovery_s=0.5,retract_feed_um_s=80", low=0.04, high=2.0)
+MOST_TARGET = 0.3  # open share that the servo holds at an action of 1; 0 at -1
 NAMES = [*(entry.name for entry in FAMILY.entries()), *(entry.name for entry in held.ENTRIES)]
+AT = {name: k for k, name in enumerate(NAMES)}
 SHORT, SPENT, LOST, BROKE = (NAMES.index(name) for name in ("short", "spent", "wires_lost", "broke_flux"))
 SHOWN_BEFORE = "tension", "height_mm", "flushing_lower_Pa", "flushing_upper_Pa"
 """What is drawn, but shown on a dial."""
 LIMIT = "flux that breaks the wire"
 RESAMPLES = 1000
+
+
+class Climber:
+    """In place of a policy: more flux every second until a wire breaks, then less, and slower; with some dither."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+        self.card = SimpleNamespace(hold=HOLD, residual=None)
+        self.rows: list[np.ndarray] = []
+        self._hold, self._pace = self._rng.uniform(-2.8, -0.7), math.exp(self._rng.uniform(-5.5, -3.2))
+        self._dither, self._target, self._lost = 0.0, self._rng.uniform(0, 0.25), 0.0
+
+    def family(self):
+        """Return the environment whose observations and decisions these are."""
+        return FAMILY
+
+    def fresh_memory(self) -> np.ndarray:
+        """Return no memory."""
+        return np.zeros((2, 0))
+
+    def act(self, observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Note what is seen and decided; the target changes once in a while."""
+        if observation[AT["wires_lost"]] > self._lost:
+            self._lost = observation[AT["wires_lost"]]
+            self._hold += math.log(self._rng.uniform(0.6, 0.95))
+            self._pace *= self._rng.uniform(0.3, 1.0)
+        self._hold = min(self._hold + self._pace, math.log(HOLD.high))
+        self._dither = 0.9 * self._dither + 0.035 * self._rng.normal()
+        if self._rng.random() < 0.02:
+            self._target = self._rng.uniform(0, 0.25)
+        hold = min(max(math.exp(self._hold + self._dither), HOLD.low), HOLD.high)
+        self.rows.append(np.append(observation, (math.log(hold), self._target)))
+        return np.array([2.0 * self._target / MOST_TARGET - 1.0, action_of(math.log(hold))]), memory
+
+
+def action_of(log_hold):
+    """Return the action -1..1 that asks for a hold, given by its logarithm."""
+    return 2.0 * (log_hold - math.log(HOLD.low)) / math.log(HOLD.high / HOLD.low) - 1.0
+
+
+def record(seed: int, seconds: float, file: Path) -> None:
+    """Cut a training machine, and save what it showed and what was decided (n, entries + 2), and its constants."""
+    task, climber = Task(ENV_ID, test_s=0.0), Climber(seed)
+    episode, outcome = Episode(task, HoldController(climber), seed, "climber"), None
+    while outcome is None and (episode.last is None or episode.last.observation.time_s < seconds):
+        outcome = episode.step()
+    drawn = {name: value for name, value in task.scenario.drawn.items() if not isinstance(value, str)}
+    rows = np.array(climber.rows[:-1], np.float32)  # the last decision has not been cut
+    np.savez_compressed(file, rows=rows, names=np.array(list(drawn)), constants=np.array(list(drawn.values())))
 
 
 class Cut(NamedTuple):
@@ -137,9 +196,15 @@ def explained(target: np.ndarray, said: np.ndarray) -> tuple[float, float, float
 
 
 def main() -> None:
-    """Fit, print the table into training.md, and draw."""
+    """Record what is missing, fit, print the table into training.md, and draw."""
     torch.set_num_threads(1)
-    cuts, constants = load(Path(sys.argv[1]))
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
+    for k in range(MACHINES):
+        if not (folder / f"{FIRST_SEED + k}.npz").exists():
+            record(FIRST_SEED + k, SECONDS, folder / f"{FIRST_SEED + k}.npz")
+            print(f"{k + 1} of {MACHINES} machines recorded", flush=True)
+    cuts, constants = load(folder)
     raw = np.stack(list(constants.values()), axis=1)
     targets = (raw - np.nanmean(raw, axis=0)) / (np.nanstd(raw, axis=0) + 1e-12)
     limit, others = predicted(cuts, targets[:, :1], LIMIT_EPOCHS), predicted(cuts, targets[:, 1:], EPOCHS)

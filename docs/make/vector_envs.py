@@ -12,7 +12,7 @@ from pathlib import Path
 
 from sections import write_sections
 
-from edmsim.bench.vector_envs import VectorRate, half_cheetah_comparison, table
+from edmsim.bench.envs import VectorRate, half_cheetah_comparison, table
 
 PAGE = Path(__file__).parents[1] / "environments.md"
 

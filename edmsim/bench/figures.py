@@ -12,7 +12,13 @@ from edmsim.bench.controllers import (
     positioner_realtime_factor,
     servo_realtime_factor,
 )
-from edmsim.bench.envs import drawn_machines, env_steps_per_s, turned_knobs_cost, vector_env_steps_per_s
+from edmsim.bench.envs import (
+    drawn_machines,
+    env_steps_per_s,
+    half_cheetah_comparison,
+    turned_knobs_cost,
+    vector_env_steps_per_s,
+)
 from edmsim.bench.plant import (
     cold_start_s,
     memory_growth_MB,
@@ -21,7 +27,6 @@ from edmsim.bench.plant import (
     ray_sums_per_s,
     thread_scaling,
 )
-from edmsim.bench.vector_envs import half_cheetah_comparison
 from edmsim.machine.machine import Machine
 
 if TYPE_CHECKING:

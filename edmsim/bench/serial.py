@@ -14,7 +14,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from edmsim.errors import EdmsimError
-from edmsim.hil.rig import BOARDS, Rig
+from edmsim.hil.boards import BOARDS
+from edmsim.hil.rig import Rig
 from edmsim.screen import ScreenTable
 
 ROUND_TRIPS, PAUSE_S = 1000, 0.003

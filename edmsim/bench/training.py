@@ -12,7 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from edmsim.bench.vector_envs import warnings_unseen
+from edmsim.bench.envs import warnings_unseen
 from edmsim.errors import InputError
 from edmsim.screen import ScreenTable
 

@@ -359,15 +359,12 @@ def read_log(file: str | Path) -> Log:
         if of_ratios is None:
             raise
         return Log(Path(file).name, of_ratios)
-    columns = {name: values for name, values in table.columns.items() if name in COLUMNS or _has_places(table)}
+    known = table.columns if set(PLACES) <= set(table.columns) else COLUMNS
+    columns = {name: values for name, values in table.columns.items() if name in known}
     if len(columns["short"]) == 0:
         raise InputError("no windows in it", file)
     _check(columns, file)
     return Log(Path(file).name, columns, _settings(table, file))
-
-
-def _has_places(table: LogTable) -> bool:
-    return set(PLACES) <= set(table.columns)
 
 
 def _settings(table: LogTable, file: str | Path) -> CutSettings | None:

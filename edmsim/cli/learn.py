@@ -148,6 +148,7 @@ def evaluate(
     from edmsim.evaluation.table import as_json, render, write_page
     from edmsim.evaluation.transfer import USUAL_CUTS, transfer
     from edmsim.files import make_writable
+    from edmsim.learning.policy_file import locate
     from edmsim.numeric import listed
     from edmsim.runs import RunTable
 
@@ -167,10 +168,11 @@ def evaluate(
     for file in (leaderboard, page):
         if file is not None:
             make_writable(file.parent)
-    out = leaderboard or page
+    out = leaderboard or page or (locate(policy[0]) if policy and write_card else None)
     runs = None if out is None else out.with_suffix(".runs.jsonl")
     table, found, moved, scores = RunTable(runs), [], {}, {}
-    with interruptible("finished cuts are lost without --leaderboard or --page" if runs is None else RESUME) as bar:
+    then = "nothing was saved, as with --leaderboard, --page or --write-card" if runs is None else RESUME
+    with interruptible(then) as bar:
         for env_id, laws in chosen.items():
             watch = bar.of(env_id)
             made = evaluate(env_id, laws, seeds, resolution=resolution, record=record, watch=watch, table=table)
@@ -197,12 +199,11 @@ def evaluate(
 def _measured(
     policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any, table: RunTable
 ) -> list[Score]:
-    from edmsim.learning import policy_file
-    from edmsim.learning.score import RESOLUTIONS, measure, write_card
+    from edmsim.learning.score import RESOLUTIONS, env_id_of, measure, write_card
 
     episodes = USUAL_EPISODES if seeds is None else seeds
     at = RESOLUTIONS if resolution is None else (resolution,)
-    scores = measure(policy_file.load(policy).card.env_id, policy, episodes, watch, at, table)
+    scores = measure(env_id_of(policy), policy, episodes, watch, at, table)
     if write:
         write_card(policy, scores)
     return scores

@@ -130,7 +130,8 @@ def gap(
 ) -> None:
     """Simulate the gap for a real controller or another simulator."""
     from edmsim.files import make_writable
-    from edmsim.hil.rig import PlainGenerator, Rig, make_board
+    from edmsim.hil.boards import PlainGenerator, make_board
+    from edmsim.hil.rig import Rig
     from edmsim.hil.samples import SampleFile, Sensing
     from edmsim.hil.session import RatioLog
     from edmsim.job.settings import CutSettings

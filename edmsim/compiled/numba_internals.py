@@ -129,7 +129,7 @@ class _PartLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
 class _WholeLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
     """A function with its parts, in machine code, which are optimised together, and not each before as well.
 
-    What runs a few times per window gains nothing from vectors, and LLVM's greatest effort takes twice as long.
+    What runs a few times per window gains nothing from LLVM's other passes, which take as long as the rest of it.
     """
 
     add_linking_library = _link_with_parts
@@ -138,8 +138,13 @@ class _WholeLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]
         pass
 
     def _optimize_final_module(self) -> None:
-        passes, builder = self._codegen._module_pass_manager(opt=1, loop_vectorize=False, slp_vectorize=False)
-        passes.run(self._final_module, builder)
+        passes = llvm.create_new_module_pass_manager()
+        passes.add_always_inliner_pass()
+        passes.add_sroa_pass()
+        passes.add_instruction_combine_pass()
+        passes.add_simplify_cfg_pass()
+        passes.add_global_dead_code_eliminate_pass()
+        passes.run(self._final_module, self._codegen._pass_builder(opt=1))
 
 
 class _PartCompiler(compiler.Compiler):  # type: ignore[misc]

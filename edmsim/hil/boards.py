@@ -4,24 +4,81 @@ from __future__ import annotations
 
 import math
 import re
+from abc import abstractmethod
 from collections import deque
-from typing import ClassVar
+from collections.abc import Callable
+from typing import ClassVar, Protocol
 
 import numpy as np
 
+from edmsim.errors import InputError, one_of
 from edmsim.hil.gap import Frame, Output
+from edmsim.machine.machine import Machine
+from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.kernel.state import OPEN, SHORT
+
+Pins = dict[str, float]
+
+
+class Board(Protocol):
+    """Interface of a pulse generator's board to its host; by default without a serial line and pins."""
+
+    name: ClassVar[str]
+    generator: ClassVar[str]
+    enabled: bool = True
+
+    @property
+    def listens(self) -> bool:
+        """Whether it reads its serial port now."""
+        return True
+
+    @abstractmethod
+    def output(self) -> Output:
+        """Return the generator command for the next frame."""
+
+    def see(self, frame: Frame) -> None:
+        """Read the finished frame."""
+        return
+
+    def line(self, text: str) -> str:
+        """Answer a line of its serial port."""
+        return ""
+
+    def unasked(self) -> str:
+        """Return its unsolicited output."""
+        return ""
+
+    def pins(self) -> Pins:
+        """Levels of its outputs: duty as a share, or volts."""
+        return {}
+
+
+class PlainGenerator(Board):
+    """The machine's own generator at its own setting: no board, no line, no pins."""
+
+    name: ClassVar[str] = "none"
+    generator: ClassVar[str] = "iso-pulse"
+    FRAME_US: ClassVar[float] = 10_000.0
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+
+    def output(self) -> Output:
+        """Ask for about 10 ms of pulses."""
+        on_us, period_us = self._machine.t_on_us, self._machine.t_period_us
+        pulses = min(max(int(self.FRAME_US / period_us), 1), WINDOW_PULSES)
+        own = self._machine
+        return Output(pulses, self.enabled, on_us, period_us, own.open_voltage_V, own.peak_current_A)
+
 
 # Power supplies of Rack Robotics: the pins of Powercore V2, the serial line and the pins of Powercore V3.
 # What the boards answer and how they count follows their manuals and firmware (Powercore-V2.0; V3, 1.0.0-beta).
-
-Pins = dict[str, float]
 
 ALERT_PULSES = 512  # pulses whose sparks the duty of ALRT counts (Powercore V2)
 AMP_V_A = 0.012  # volts per ampere on AMP (Powercore V2)
 
 
-class PowercoreV2:
+class PowercoreV2(Board):
     """Powercore V2: no serial line; ALRT is the share of sparks among the last 512 pulses, AMP the current.
 
     A current trip marks an ignition, so a short counts as a spark: the current flows in both.
@@ -29,7 +86,6 @@ class PowercoreV2:
 
     name: ClassVar[str] = "powercore-v2"
     generator: ClassVar[str] = "powercore-v2"
-    listens: ClassVar[bool] = True
 
     def __init__(self) -> None:
         self.enabled = True
@@ -45,14 +101,6 @@ class PowercoreV2:
         if frame.on:
             self._last.extend((frame.pulses["kind"] != OPEN).tolist())
         self._amps = frame.window.mean_current_A
-
-    def line(self, text: str) -> str:
-        """Answer nothing: there is no serial line."""
-        return ""
-
-    def unasked(self) -> str:
-        """Send nothing."""
-        return ""
 
     def pins(self) -> Pins:
         """Return duty of ALRT, 0 to 1, and volts of AMP, averaged over a frame."""
@@ -93,7 +141,7 @@ def _whole(text: str) -> int:
     return max(-(2**31), min(2**31 - 1, int(found[1]))) if found else 0
 
 
-class PowercoreV3:
+class PowercoreV3(Board):
     """Powercore V3: lines at 115,200 baud, FEEDBACK and enable."""
 
     name: ClassVar[str] = "powercore"
@@ -318,12 +366,11 @@ _FRAME_US = 5000.0  # pulses of a frame take about that long (ours: hosts poll a
 _WATER_C = 25  # temperature of the heatsink that the register shows (ours: the board's cooling is not modelled)
 
 
-class Pulser:
+class Pulser(Board):
     """The board's registers, each of a byte; `enabled` is the level of GATE, without which no current flows."""
 
     name: ClassVar[str] = "spark"
     generator: ClassVar[str] = "spark-pulser"
-    listens: ClassVar[bool] = True
 
     def __init__(self) -> None:
         self.enabled = True
@@ -402,14 +449,6 @@ class Pulser:
             return "ok\r\n"
         return "ERROR: give r REGISTER [COUNT] or w REGISTER VALUE ..., bytes as 18 or 0x12\r\n"
 
-    def unasked(self) -> str:
-        """Send nothing: a bus speaks when it is asked."""
-        return ""
-
-    def pins(self) -> Pins:
-        """Return nothing: the board has no outputs but its bus."""
-        return {}
-
     def _value(self, register: int) -> int:
         if register == TEMPERATURE:
             return _WATER_C
@@ -428,3 +467,14 @@ class Pulser:
         if not len(delays):
             self._shown[T_IGNITION] = self._shown[T_IGNITION_SD] = _INVALID
         self._begin()
+
+
+BOARDS: dict[str, Callable[[], Board]] = {board.name: board for board in (PowercoreV3, PowercoreV2, Pulser)}
+"""Boards by name."""
+
+
+def make_board(name: str) -> Board:
+    """Return a board that has just started; raises `InputError` for an unknown name."""
+    if name not in BOARDS:
+        raise InputError(f"there is no board '{name}'; choose one of {one_of(name, BOARDS)}")
+    return BOARDS[name]()

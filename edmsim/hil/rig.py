@@ -4,90 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar, Protocol
+from typing import Any
 
-from edmsim.errors import InputError, one_of
-from edmsim.hil.boards import Pins, PowercoreV2, PowercoreV3, Pulser
-from edmsim.hil.gap import AXES, Frame, Gap, Output
+from edmsim.hil.boards import Board, make_board
+from edmsim.hil.gap import AXES, Frame, Gap
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import WINDOW_PULSES
 
 MOST_LINE = 127  # longest line in bytes (Powercore V3)
 _MOST_STEPS = 100_000
 _MOST_HZ = 1000.0
-
-
-class Board(Protocol):
-    """Interface of a pulse generator's board to its host."""
-
-    name: ClassVar[str]
-    generator: ClassVar[str]
-    enabled: bool
-
-    @property
-    def listens(self) -> bool:
-        """Whether it reads its serial port now."""
-
-    def output(self) -> Output:
-        """Return the generator command for the next frame."""
-
-    def see(self, frame: Frame) -> None:
-        """Read the finished frame."""
-
-    def line(self, text: str) -> str:
-        """Answer a line of its serial port."""
-
-    def unasked(self) -> str:
-        """Return its unsolicited output."""
-
-    def pins(self) -> Pins:
-        """Levels of its outputs: duty as a share, or volts."""
-
-
-class PlainGenerator:
-    """The machine's own generator at its own setting: no board, no line, no pins."""
-
-    name: ClassVar[str] = "none"
-    generator: ClassVar[str] = "iso-pulse"
-    listens: ClassVar[bool] = True
-    FRAME_US: ClassVar[float] = 10_000.0
-
-    def __init__(self, machine: Machine) -> None:
-        self.enabled = True
-        self._machine = machine
-
-    def output(self) -> Output:
-        """Ask for about 10 ms of pulses."""
-        on_us, period_us = self._machine.t_on_us, self._machine.t_period_us
-        pulses = min(max(int(self.FRAME_US / period_us), 1), WINDOW_PULSES)
-        own = self._machine
-        return Output(pulses, self.enabled, on_us, period_us, own.open_voltage_V, own.peak_current_A)
-
-    def see(self, frame: Frame) -> None:
-        """Ignore the frame."""
-
-    def line(self, text: str) -> str:
-        """Answer nothing."""
-        return ""
-
-    def unasked(self) -> str:
-        """Send nothing."""
-        return ""
-
-    def pins(self) -> Pins:
-        """Return nothing."""
-        return {}
-
-
-BOARDS: dict[str, Callable[[], Board]] = {board.name: board for board in (PowercoreV3, PowercoreV2, Pulser)}
-"""Boards by name."""
-
-
-def make_board(name: str) -> Board:
-    """Return a board that has just started; raises `InputError` for an unknown name."""
-    if name not in BOARDS:
-        raise InputError(f"there is no board '{name}'; choose one of {one_of(name, BOARDS)}")
-    return BOARDS[name]()
 
 
 class Rig:

@@ -16,6 +16,7 @@ from edmsim.learning import hyperparameters, policy_file, safe
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import measure, render
+from edmsim.runs import RunTable
 
 if TYPE_CHECKING:
     from edmsim.learning.train import TrainingProgress
@@ -114,8 +115,10 @@ def run(
             card, packed = policy_file.load(str(file)).card, file.with_suffix(".npz").read_bytes()
         if not episodes:
             return None
-        scores = measure(done.env_id, str(file), episodes, bar.show)
+        runs = out / "score.runs.jsonl"  # of the cuts of an interrupted scoring
+        scores = measure(done.env_id, str(file), episodes, bar.show, table=RunTable(runs))
     policy_file.write(card.model_copy(update={"scores": [row._asdict() for row in scores]}), packed, file)
+    runs.unlink(missing_ok=True)
     return render(scores)
 
 

@@ -12,7 +12,7 @@ from edmsim.envs import servo
 from edmsim.errors import InputError
 from edmsim.learning.held import HeldLaw, flux_law
 from edmsim.learning.policy_controller import PolicyController
-from edmsim.learning.policy_file import Policy, load
+from edmsim.learning.policy_file import Policy
 from edmsim.machine.machine import Machine
 
 
@@ -90,9 +90,3 @@ class HoldController(PolicyController):
         command, (on_us, period_us) = self._law_command, self._now_us
         self._now_us = command.t_on_us or on_us, command.t_period_us or period_us
         return command
-
-
-def from_name(name: str) -> PolicyController:
-    """Make the controller of a policy from its file or its name under ``models/policies``."""
-    policy = load(name)
-    return PolicyController(policy) if policy.card.hold is None else HoldController(policy)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from edmsim.envs.shift import Shift
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import run
 from edmsim.evaluation.episode import Result, is_part
-from edmsim.learning import policy_file
+from edmsim.learning import bandit_file, policy_file
 from edmsim.runs import RunTable
 
 if TYPE_CHECKING:
@@ -126,11 +126,22 @@ def score(results: Sequence[Result], resolution: str) -> Score:
 
 def write_card(policy: str, scores: Sequence[Score]) -> None:
     """Write scores of `measure` into a policy's card, in the place of those at the same resolutions."""
-    stored, file = policy_file.load(policy), policy_file.locate(policy)
+    bandit = bandit_file.find(policy)
+    card: Any = policy_file.load(policy).card if bandit is None else bandit_file.load(bandit)
     measured = {row.resolution for row in scores}
-    others = [row for row in stored.card.scores if row["resolution"] not in measured]
-    card = stored.card.model_copy(update={"scores": [*others, *(row._asdict() for row in scores)]})
+    others = [row for row in card.scores if row["resolution"] not in measured]
+    card = card.model_copy(update={"scores": [*others, *(row._asdict() for row in scores)]})
+    if bandit is not None:
+        bandit_file.write(card, bandit)
+        return
+    file = policy_file.locate(policy)
     policy_file.write(card, file.with_suffix(".npz").read_bytes(), file)
+
+
+def env_id_of(policy: str) -> str:
+    """Return the environment of a policy's training."""
+    bandit = bandit_file.find(policy)
+    return policy_file.load(policy).card.env_id if bandit is None else bandit_file.load(bandit).env_id
 
 
 def render(scores: list[Score]) -> ScreenTable:

@@ -223,10 +223,10 @@ def show(function: Callable[..., Any], options: type[BaseModel]) -> None:
     function.__signature__ = signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]
     indent = re.search(r"^( *)\{options\}", function.__doc__ or "", re.MULTILINE)
     if function.__doc__ and indent:  # there are none with python -OO
-        entries = [
-            f"{name} : {kind_of(field)}, {_default(field)}\n{indent[1]}    {meaning(name, field)}"
-            for name, field in fields.items()
-        ]
+        entries = []
+        for name, field in fields.items():
+            default = "optional" if field.default in (None, ()) else f"default {field.default!r}"
+            entries.append(f"{name} : {kind_of(field)}, {default}\n{indent[1]}    {meaning(name, field)}")
         function.__doc__ = function.__doc__.replace("{options}", f"\n{indent[1]}".join(entries))
 
 
@@ -246,7 +246,3 @@ def _written(kind: Any) -> str:
         inner = ", ".join("..." if part is Ellipsis else _written(part) for part in get_args(kind))
         return f"{_written(get_origin(kind))}[{inner}]"
     return "None" if kind is NoneType else str(getattr(kind, "__name__", kind))
-
-
-def _default(field: FieldInfo) -> str:
-    return "optional" if field.default in (None, ()) else f"default {field.default!r}"

@@ -403,6 +403,8 @@ class Plant:
                 raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
             place = ctypes.addressof(ctypes.c_char.from_buffer(rows.data))  # numpy takes 1 % of a window to say where
         status = self._fire_once(place, len(rows), pulses)
+        if status == FINE:  # as most often
+            return read_window(self._window_bytes)
         if status == BROKEN and self._state["broken"][0] == BARE:
             pass_window(
                 self._state, self._window, self._drives, self._setting.timing, rows, self._constants.step_um, pulses

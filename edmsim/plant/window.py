@@ -14,6 +14,7 @@ from edmsim.errors import EdmsimError, InputError
 from edmsim.plant.kernel.state import BROKEN, INSIDE, NOT_FINITE, OUTSIDE, WINDOW
 
 _KINDS = [WINDOW[name] for name in WINDOW.names or ()]
+_NAN = math.nan
 _FORMAT = struct.Struct("=" + "".join(f"{math.prod(of.shape)}{'q' if of.base.kind == 'i' else 'd'}" for of in _KINDS))
 """`state.WINDOW` as plain numbers."""
 _READ = (
@@ -133,22 +134,19 @@ def read_window(row: memoryview) -> PulseWindow:
     """Return a window from the bytes of its `state.WINDOW`; raises `InputError` if they are those of none."""
     (
         start, duration, open_, spark, arc, short, voltage, charge, energy, delay, ignitions, gap, crater,
-        x, y, xx, yy, hottest, debris, coverage, broken, *fifths,
+        x, y, xx, yy, hottest, debris, coverage, broken, bottom, second, third, fourth, top,
     ) = _FORMAT.unpack_from(row)
     pulses = open_ + spark + arc + short
     if pulses == 0:
         raise InputError("the plant has had no window yet: advance it first")
-    mean_x, mean_y = x / pulses, y / pulses
+    mean_x, mean_y, duration_us = x / pulses, y / pulses, duration * 1e-3
+    variance = (xx + yy) / pulses - mean_x**2 - mean_y**2
     return PulseWindow(
-        start, duration, short, open_, spark, arc,
-        voltage / (duration * 1e-3),
-        charge / (duration * 1e-3),
-        delay / ignitions if ignitions else math.nan,
-        gap / ignitions if ignitions else math.nan,
-        (mean_x, mean_y),
-        max(0.0, (xx + yy) / pulses - mean_x**2 - mean_y**2),
-        hottest, debris, coverage, energy, crater, bool(broken), tuple(fifths),
-    )
+        start, duration, short, open_, spark, arc, voltage / duration_us, charge / duration_us,
+        delay / ignitions if ignitions else _NAN, gap / ignitions if ignitions else _NAN, (mean_x, mean_y),
+        variance if variance > 0.0 else 0.0,
+        hottest, debris, coverage, energy, crater, broken != 0, (bottom, second, third, fourth, top),
+    )  # fmt: skip
 
 
 def left_validity(status: int, window: PulseWindow, time_s: float, commanded_um: tuple[float, float]) -> PlantError:

@@ -319,7 +319,11 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
         line, tuple(words.codes), words.values, words.pointed, None if words.decimals < 0 else words.decimals,
         deletable, tuple(words.idle), tuple(words.dropped), tuple(words.offsets), words.condition, upper, words.label,
     )  # fmt: skip
-    return block if words.any_word or upper is not None else None
+    leaves_a_trace = (
+        words.codes or words.values or words.idle or words.dropped or words.offsets or words.condition
+        or words.label is not None or upper is not None
+    )  # fmt: skip
+    return block if leaves_a_trace else None
 
 
 @dataclass
@@ -348,13 +352,6 @@ class _Words:
         if letter in "XYIJRUV":
             self.pointed |= "." in number
             self.decimals = max(self.decimals, len(number.partition(".")[2]))
-
-    @property
-    def any_word(self) -> bool:
-        """Whether there is a word that leaves a trace."""
-        return bool(self.codes or self.values or self.idle or self.dropped or self.offsets or self.condition) or (
-            self.label is not None
-        )
 
 
 def _offset_value(found: re.Match[str], file: str, line: int) -> OffsetValue:

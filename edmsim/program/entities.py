@@ -289,7 +289,8 @@ def spline_points(entity: Any, tolerance: float) -> NDArray[np.float64]:
     if len(control) == 0 and entity.closed and len(entity.fit_points) > 2:
         return _through(np.array([tuple(p)[:2] for p in entity.fit_points], np.float64), tolerance)
     knots, degree = np.array(entity.knots, np.float64), int(entity.dxf.degree)
-    usual = _is_clamped(knots, degree) and len(knots) == len(control) + degree + 1 if len(knots) else True
+    clamped = not len(knots) or (knots[0] == knots[degree] and knots[-1] == knots[-degree - 1])
+    usual = clamped and len(knots) in (0, len(control) + degree + 1)
     if len(control) == 0 or usual:
         points = [tuple(p)[:2] for p in entity.flattening(tolerance, segments=_FEWEST_CHORDS)]
         return np.array(points, np.float64).reshape(-1, 2)
@@ -300,10 +301,6 @@ def spline_points(entity: Any, tolerance: float) -> NDArray[np.float64]:
         raise InputError(f"a SPLINE has {len(control)} control points and {len(knots)} knots at degree {degree}: "
                          "these make no curve, export it again")
     return _along(knots, control, weights, degree, tolerance)
-
-
-def _is_clamped(knots: NDArray[np.float64], degree: int) -> bool:
-    return bool(knots[0] == knots[degree] and knots[-1] == knots[-degree - 1])
 
 
 def _along(

@@ -337,7 +337,8 @@ class Interpreter:
             self._move(block, rapid=0 in g_codes)
         if not _STOPS.isdisjoint(block.codes):
             self._note_stop()
-        if self._cuts_off(block):  # at the end of its block, as M0 and M2
+        if any(code == ("M", 50) or self.dialect.action_of(code) == "cut off" for code in block.codes):
+            # at the end of its block, as M0 and M2
             self.cut_off = block.line
             self._begin_contour()
 
@@ -347,9 +348,6 @@ class Interpreter:
         if not run.motions and len(self.runs) > 1:
             run = self.runs[-2]
         run.stops.append(len(run.motions))
-
-    def _cuts_off(self, block: Block) -> bool:
-        return any(code == ("M", 50) or self.dialect.action_of(code) == "cut off" for code in block.codes)
 
     def _take_dialect(self, block: Block) -> Block:
         """Take condition, feed, taper and planes of a block; return it without the words of the last two."""

@@ -64,7 +64,7 @@ def offset_closed(
         if blunt is None:
             return offset_closed(edge, side, distance_mm)
         ring = blunt
-    return _simplified(_turned_to(ring, _offset_start(edge, side, distance_mm), edge[0]))
+    return _simplified(_turned_to(ring, edge[0] + distance_mm * normal(edge[:2], side), edge[0]))
 
 
 def _join(past_mm: float | None) -> dict[str, Any]:
@@ -150,10 +150,6 @@ def _pieces(grown: shapely.Polygon | shapely.MultiPolygon) -> list[shapely.Polyg
     if isinstance(grown, shapely.MultiPolygon):
         return list(grown.geoms)
     return [shapely.Polygon(ring) for ring in grown.interiors]
-
-
-def _offset_start(edge: NDArray[np.float64], side: Side, distance_mm: float) -> NDArray[np.float64]:
-    return np.asarray(edge[0] + distance_mm * normal(edge[:2], side))
 
 
 def _turned_to(

@@ -20,7 +20,7 @@ import itertools
 import math
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -38,7 +38,7 @@ from edmsim.evaluation.episode import HELD_BACK, ORACLE, Episode, Result
 from edmsim.files import make_writable, replacing
 from edmsim.learning.hyperparameters import load
 from edmsim.numeric import real
-from edmsim.runs import Engine, LostJob, Processes, RunTable, perform
+from edmsim.runs import Engine, LostJob, Processes, RunTable, digests_of, identity, perform
 from edmsim.sweep.run import said
 from edmsim.user_code import named, run
 
@@ -237,6 +237,7 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
 
 JOURNAL = "study.journal"  # file of the study, in Optuna's journal storage
 BEST = "best.toml"
+FINAL = "finalists.jsonl"  # table of the trials that are tried once more
 EVOLUTION = "evolution.jsonl"  # table of the trials of an evolution
 METHODS = ("tpe", "evolution")
 
@@ -418,7 +419,7 @@ def run_study(
 
     try:
         for trial, answer in engine.done(judge_trial, new_trials()):
-            result = TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
+            result = _result_of(answer)
             _tell(study, under_way.pop(trial.number), result)
             ended(trial, result)
     finally:
@@ -463,6 +464,10 @@ def open_study(folder: Path, name: str, seed: int) -> Any:
     first = (seed + len(study.trials)) % 2**32
     study.sampler = optuna.samplers.TPESampler(seed=first, constant_liar=True, n_startup_trials=8)
     return study
+
+
+def _result_of(answer: Any) -> TrialResult:
+    return TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
 
 
 def _states() -> Any:
@@ -528,11 +533,10 @@ class Spread(NamedTuple):
     high: float
 
     @classmethod
-    def of(cls, result: TrialResult) -> Spread:
-        """Return the spread of a trial."""
-        returns = np.asarray(result.returns)
+    def of(cls, worst: float, returns: Sequence[float]) -> Spread:
+        """Return the spread of the returns of a trial."""
         low, high = np.quantile(returns, (0.1, 0.9)).tolist()
-        return cls(result.value, float(returns.mean()), low, high)
+        return cls(worst, float(np.mean(returns)), low, high)
 
     def __str__(self) -> str:
         """Return the spread as text."""
@@ -629,7 +633,7 @@ def tune_own(
 
     run_study(study, space, trials, machines, made, ended)
     first = made(-1, {name: _value_in_use(law, name) for name in space})
-    spreads = _judged_again([first, *_finalists(study, made)], fresh, machines)
+    spreads = _judged_again([first, *_finalists(study, made)], fresh, machines, RunTable(folder / FINAL))
     chosen = max(spreads, key=lambda number: spreads[number][1].worst)
     values, spread = spreads[chosen]
     found = TunedOwn(values, spread, spreads[-1][1], made_in(study), made_in(study, "FAIL"), len(fresh), spreads)
@@ -681,13 +685,21 @@ def _finalists(study: Any, made: Callable[[int, dict[str, float]], Trial]) -> li
 
 
 def _judged_again(
-    trials: list[Trial], fresh: tuple[int, ...], engine: Engine
+    trials: list[Trial], fresh: tuple[int, ...], engine: Engine, table: RunTable
 ) -> dict[int, tuple[dict[str, float], Spread]]:
     """Return values and spread of trials by number, on machines that they were not chosen by."""
-    found = {}
-    for trial, answer in engine.done(judge_trial, iter([replace(trial, seeds=fresh) for trial in trials])):
-        result = TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
+    again = {}
+    for trial in (replace(trial, seeds=fresh) for trial in trials):
+        files = sorted(digests_of([trial.name]).values())
+        again[identity({"edmsim": __version__, "files": files, **asdict(trial)})] = trial
+    ids = {trial.number: name for name, trial in again.items()}
+    missing = [trial for name, trial in again.items() if name not in table.rows]
+    for trial, answer in engine.done(judge_trial, missing):
+        result = _result_of(answer)
         if result.error is not None:
             raise InputError(f"the settings of trial {trial.number} could not be tried again: {result.error}")
-        found[trial.number] = dict(trial.values), Spread.of(result)
-    return found
+        table.add({"id": ids[trial.number], "value": result.value, "returns": result.returns})
+    return {
+        trial.number: (dict(trial.values), Spread.of(table.rows[name]["value"], table.rows[name]["returns"]))
+        for name, trial in again.items()
+    }

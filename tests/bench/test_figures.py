@@ -12,7 +12,6 @@ from edmsim.bench import controllers as mcu_speed
 from edmsim.bench import envs as speed
 from edmsim.bench import figures as table
 from edmsim.bench import plant as bench
-from edmsim.bench import vector_envs
 from edmsim.errors import InputError
 
 
@@ -53,7 +52,7 @@ def test_figures() -> None:
 
 @pytest.mark.usefixtures("short")
 def test_the_table_of_environments_has_a_row_for_every_number_of_them_and_of_threads() -> None:
-    rows = vector_envs.table(counts=(1, 3), threads=(1, 2))
+    rows = speed.table(counts=(1, 3), threads=(1, 2))
     assert [(row.environments, row.threads) for row in rows] == [(1, 1), (1, 2), (3, 1), (3, 2)]
     assert all(row.windows_per_s > 0 and row.processor_us > 0 for row in rows)
 
@@ -64,7 +63,7 @@ def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch: 
 
     monkeypatch.setattr(gymnasium, "make_vec", missing)
     with pytest.raises(InputError, match=r"pip install \"gymnasium\[mujoco\]\""):
-        vector_envs._half_cheetahs(2)
+        speed._half_cheetahs(2)
 
 
 def test_cold_start_includes_a_window_of_pulses() -> None:

@@ -19,7 +19,7 @@ from edmsim.calibration.log import BATCH_WINDOWS, COLUMNS, NEEDED, STRETCH_WINDO
 from edmsim.calibration.output import causes
 from edmsim.errors import InputError
 from edmsim.hil import Rig
-from edmsim.hil.rig import PlainGenerator
+from edmsim.hil.boards import PlainGenerator
 from edmsim.hil.session import RatioLog
 
 SETTLE = 100

@@ -13,7 +13,6 @@ from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, getnum
 from edmsim.controllers.mcu.dialogue.main_program import ProgramStore
 from edmsim.controllers.mcu.dialogue.monitor import punch, read_tape
 from edmsim.controllers.mcu.dialogue.part_program import Move, Setting
-from edmsim.controllers.mcu.firmware import memory_map
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.optimise import Settings, State
 from edmsim.errors import InputError
@@ -106,13 +105,13 @@ def test_numbers_of_a_line_come_through_the_redirected_stream():  # T-83, T-58
 def test_the_optimiser_keeps_its_words_in_ram():  # T-20
     memory = bus.Bus()
     constants = Settings(*range(1, 18))._replace(limit=127)
-    memory_map.set_constants(memory, constants)
-    memory_map.set_variables(memory, State(*range(20, 30)))
+    at.set_constants(memory, constants)
+    at.set_variables(memory, State(*range(20, 30)))
     assert memory.word(at.MAXVEL) == 127
-    assert memory_map.constants(memory) == constants
-    assert memory_map.variables(memory) == State(*range(20, 30))
+    assert at.constants(memory) == constants
+    assert at.variables(memory) == State(*range(20, 30))
     memory.store(at.MAXVEL, 5)
-    assert memory_map.constants(memory).slow == 5
+    assert at.constants(memory).slow == 5
 
 
 ENTRIES = st.one_of(

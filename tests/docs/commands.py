@@ -160,7 +160,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
         assert any(word.endswith(".rrd") and Path(word).is_file() for word in command)
         return 0
 
-    # tests/recording/test_recording_viewer.py opens recordings
+    # tests/recording/test_playback.py opens recordings
     patch.setattr(viewer, "subprocess", SimpleNamespace(call=shown))
     # tests/bench measures, tests/validation runs all checks
     patch.setattr(bench, "measure", lambda: {"pulses_per_s": 1e6, "realtime_factor": 100.0})

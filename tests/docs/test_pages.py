@@ -40,7 +40,7 @@ NOT_RUN = {
         "tests/evaluation/test_technology.py",
     "edmsim cut examples/punch.ngc --passes 2 --height 10 --technology steel.toml --out out/punch-2":
         "it takes what the command before it leaves; tests/evaluation/test_technology.py",
-    "python examples/learning/adapt.py --machines 32 --shifts 30 --out out/adapt":
+    "python examples/learning/adapt.py --machines 32 --out out/adapt":
         "tests/learning/test_adapt_example.py runs a short one",
     "edmsim evaluate edmsim/MaxRateShift-v0 --controllers policy:out/adapt/policy.json,adaptive-hold --seeds 4 "
     "--page out/adapt/compared.md": "it takes what the command before it leaves",
@@ -48,7 +48,7 @@ NOT_RUN = {
         "tests/learning/test_lag_example.py runs its parts",
     "edmsim evaluate edmsim/Corner-v2 --controllers policy:out/lag/policy.json":
         "it takes what the command before it leaves",
-    "edmsim report out/punch --screenshots shots": "tests/recording/test_recording_video.py, where there is Vulkan",
+    "edmsim report out/punch --screenshots shots": "tests/recording/test_playback.py, where there is Vulkan",
 }
 """Commands of blocks that are checked but not run, and why."""
 ELSEWHERE = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,19 @@ def test_offsets_let_every_pass_take_its_stock() -> None:
     assert last.found.stock_um == pytest.approx(TARGETS[2].stock_um, abs=7.0)
     assert rough.feed == "adaptive"
     assert trim.feed == last.feed == "constant"
+
+
+def test_an_offset_is_the_mean_of_cuts_with_other_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    def scattered(job: Job, one: PassSetting, number: int, offset_mm: float, metal: Any) -> Cut:
+        cut = answer(job, one, number, offset_mm, number)
+        if cut.record.wall is None:
+            return cut
+        wall = replace(cut.record.wall, mean_um=cut.record.wall.mean_um - job.seed // technology.NEXT_SEED)
+        return cut._replace(record=replace(cut.record, wall=wall))
+
+    monkeypatch.setattr(technology, "cut_pass", scattered)
+    found = Search(Job("tool-steel", passes=2), lambda text: None).run()
+    assert [one.last_offset_um for one in found.passes] == [164.5, 150.5]  # of walls 0, 1, 2 and 3 um off
 
 
 def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path: Path) -> None:

@@ -1,9 +1,8 @@
-"""The example that adapts to a machine: its teacher finds limits that are known, its student learns and cuts."""
+"""The example that adapts to a machine: it finds what machines have in common, and its policy cuts."""
 
 from __future__ import annotations
 
 import importlib.util
-import math
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,11 @@ import pytest
 from edmsim.controllers import from_text
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
+from edmsim.learning import bandit_file
+from edmsim.learning.bandit_file import Belief, Segment
 
-torch = pytest.importorskip("torch")
 FILE = Path(__file__).parents[2] / "examples" / "learning" / "adapt.py"
+ABOUT = {"command": "a test", "seed": 0, "steps": 0}
 
 
 @pytest.fixture(scope="module")
@@ -25,74 +26,54 @@ def adapt():
     return module
 
 
-def histories(adapt, count=24, steepness=20.0):
-    """Return histories of machines whose limits are known, and these: climbs to a break, and from lower again."""
-    rng = np.random.default_rng(2)
-    limits, made = rng.normal(math.log(0.6), 0.4, count), []
-    for limit in limits:
-        flux, fluxes, broke = limit - 0.8, [], []
-        for _ in range(200):
-            flux += 0.01
-            broke.append(rng.random() < 1 - math.exp(-math.exp(steepness * (flux - limit)) / 60))
-            fluxes.append(flux)
-            flux -= 0.3 * broke[-1]
-        before = np.append(rng.uniform(0.5, 2.0, 4), rng.dirichlet(np.full(5, 30.0)))
-        steps = (torch.tensor(each).float() for each in (fluxes, np.zeros(200), np.ones(200)))
-        made.append(adapt.History(*steps, torch.tensor(broke), before))
-    return made, limits
+def histories(adapt, count=60, noise=0.04):
+    """Return histories of machines of two kinds, and their rates: on one a wide gap pays, on the other shorts do."""
+    rng, made, rates = np.random.default_rng(2), [], []
+    for machine in range(count):
+        wide = machine % 2
+        rate = np.array([0.0, 0.1, 0.2, 0.3, -0.1, -0.2]) * (1 if wide else -1) + 0.03 * rng.normal(size=adapt.COUNT)
+        short = np.array([0.2, 0.1, 0.05, 0.0, 0.3, 0.4]) if wide else np.full(adapt.COUNT, 0.4)
+        offset, rows = rng.normal(5.0, 1.0), []
+        for _ in range(adapt.PASSES):
+            offset += 0.05 * rng.normal()
+            for setting in rng.permutation(adapt.COUNT):
+                area = 8.0 * np.exp(offset + rate[setting] + noise * rng.normal())
+                rows.append([setting, 0.1, short[setting] + 0.01 * rng.normal(), 8.0, area])
+        made.append(np.array(rows))
+        rates.append(rate - rate.mean())
+    return made, np.array(rates)
 
 
-@pytest.fixture(scope="module")
-def taught(adapt):
-    torch.manual_seed(0)
-    made, limits = histories(adapt)
-    hazard = adapt.Hazard(made, steps=150)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(adapt, "SHIFT_S", 200)  # a short shift
-        return hazard, limits, adapt.taught(hazard, shifts=1, machines=16, cells=8)
+def test_the_prior_is_what_machines_have_in_common(adapt):
+    made, rates = histories(adapt)
+    card = adapt.prior_of(made, **ABOUT)
+    assert card.noise[0] == pytest.approx(0.05, rel=0.2)  # with the meter's
+    assert card.noise[2] == pytest.approx(0.01, rel=0.2)
+    assert card.mean[: adapt.COUNT] == pytest.approx(rates.mean(axis=0), abs=0.02)
+    assert np.diag(card.covariance)[: adapt.COUNT] == pytest.approx(rates.var(axis=0), rel=0.3, abs=2e-3)
 
 
-def test_the_teacher_finds_where_wires_break_and_how_sharply(taught):
-    hazard, limits, _ = taught
-    assert np.abs(hazard.limits.numpy() - limits).max() < 0.15
-    assert 13 < hazard.steepness < 30
-    assert np.corrcoef(hazard.limits.numpy(), limits)[0, 1] > 0.97
+def test_with_the_prior_one_segment_tells_which_setting_pays(adapt):
+    made, _ = histories(adapt)
+    card = adapt.prior_of(made, **ABOUT)
+    for short, best in ((0.2, {2, 3}), (0.4, {4, 5})):
+        belief = Belief(card)
+        belief.learn(0, Segment(6.0, 0.1, short))
+        assert belief.best(0.0) in best
 
 
-def test_what_a_hold_loses_is_least_near_the_best_of_one_who_knows_the_limit(adapt, taught):
-    shop = adapt.Shop(taught[0], 64)
-    shop.cap[:] = 3.0
-    shop.spent[:] = 600.0
-    shop.look_ahead()
-    targets = torch.zeros(64)
-    lost = torch.stack([shop.loss(shop.limit + step, targets) for step in
-                        torch.linspace(-1.0, 0.4, 57)])  # fmt: skip
-    best = torch.linspace(-1.0, 0.4, 57)[lost.argmin(dim=0)]
-    assert ((best > -0.5) & (best < 0.1)).all()  # below the limit, but not far
-    assert (lost[-1] > 0.5).all()
-
-
-def test_the_student_is_saved_as_a_policy_that_does_the_same_and_cuts(adapt, taught, tmp_path):
-    _, _, student = taught
-    adapt.save(student, tmp_path / "policy.json", "a test", 0, 0)
+def test_the_policy_is_saved_and_cuts(adapt, tmp_path):
+    bandit_file.write(adapt.prior_of(histories(adapt, count=8)[0], **ABOUT), tmp_path / "policy.json")
     controller = from_text(f"policy:{tmp_path / 'policy.json'}")
-    policy, memory, own = controller.policy, controller.policy.fresh_memory(), None
-    rng = np.random.default_rng(0)
-    columns = [adapt.AT[name] for name in adapt.SHOWN]
-    for _ in range(5):
-        shown = rng.uniform(0, 1, len(adapt.NAMES)).astype(np.float32)
-        action, memory = policy.act(shown, memory)
-        with torch.no_grad():
-            hold, target, own = student(torch.tensor(shown[columns])[None], own)
-        assert math.log(policy.card.hold.flux(action[1])) == pytest.approx(float(hold), abs=1e-3)
-        assert 0.5 * (action[0] + 1) * adapt.MOST_TARGET == pytest.approx(float(target), abs=1e-4)
-    assert Episode(Task(adapt.ENV_ID, episode_s=1.5), controller, 3, "student").run().outcome == "time"
+    assert Episode(Task(adapt.ENV_ID, episode_s=1.5), controller, 3, "bandit").run().outcome == "time"
 
 
-def test_a_history_is_recorded_and_read(adapt, tmp_path):
-    adapt.record(3, 3.0, tmp_path / "3.npz")
-    one = adapt.history_of(tmp_path / "3.npz")
-    assert 2 <= len(one.flux) <= 3  # whole seconds
-    assert one.seconds.numpy() == pytest.approx(1.0, abs=0.1)
-    assert not one.broke.any()
-    assert one.before[4:].sum() == pytest.approx(1.0, abs=1e-3)
+def test_a_history_is_recorded_and_read(adapt, tmp_path, monkeypatch):
+    for name, seconds in (("SEGMENT_S", 0.4), ("SETTLE_S", 0.1), ("START_S", 0.2)):
+        monkeypatch.setattr(adapt, name, seconds)
+    adapt.record(3, 3, tmp_path / "3.npy")
+    rows = np.load(tmp_path / "3.npy")
+    assert rows.shape == (3, 5)
+    assert rows[:, 3] == pytest.approx(0.3, abs=0.05)  # what is left of a segment
+    assert (rows[1:, 4] > 0).all()
+    assert len(set(rows[1:, 0].tolist())) == 2

@@ -11,6 +11,7 @@ import pytest
 
 from edmsim.controllers.protocols import tell
 from edmsim.envs.episode import Task
+from edmsim.envs.gap_feed import GapFeed
 from edmsim.errors import InputError
 from edmsim.learning import hyperparameters, policy_file
 from edmsim.learning.command import TrainOptions
@@ -69,6 +70,12 @@ def test_a_recurrent_policy_forgets_at_a_leg_and_goes_on_from_a_snapshot(short_t
     second.restore(json.loads(json.dumps(first.snapshot())))
     assert second.update(observed) == first.update(observed)
     assert first.reset(task.max_feed_um_s) == start
+
+
+def test_a_correction_beyond_an_action_of_1_adds_no_more_than_1():
+    residual, family = policy_file.Residual(law="counts", range_um_s=5.0), GapFeed()
+    assert residual.action(family, 10.0, 3.0) == residual.action(family, 10.0, 1.0) == np.float32(0.15)
+    assert residual.action(family, 10.0, -3.0) == residual.action(family, 10.0, -1.0) == np.float32(0.05)
 
 
 @pytest.mark.slow

@@ -37,7 +37,7 @@ USED = [
     (codegen.CPUCodeLibrary, "finalize"), (codegen.CPUCodeLibrary, "_raise_if_finalized"),
     (codegen.CPUCodeLibrary, "_optimize_functions"), (codegen.CPUCodeLibrary, "add_linking_library"),
     (codegen.CPUCodeLibrary, "_ensure_finalized"), (codegen.CPUCodeLibrary, "_optimize_final_module"),
-    (codegen.JITCPUCodegen, "_module_pass_manager"), (callconv.CPUCallConv, "call_function"),
+    (codegen.JITCPUCodegen, "_pass_builder"), (callconv.CPUCallConv, "call_function"),
     (callconv.CPUCallConv, "get_function_type"), (callconv.CPUCallConv, "return_status_propagate"),
     (cgutils, "if_unlikely"),
     (codegen.JITCodeLibrary, "get_pointer_to_function"),

@@ -49,6 +49,7 @@ def test_lines_of_every_kind_of_geometry() -> None:
     radii = sorted(float(np.hypot(*line.T).mean()) for line in polylines([ring]))
     np.testing.assert_allclose(radii, [0.5, 1.0], atol=1e-3)
     assert polylines(shapely.MultiLineString()) == ()
+    assert [len(line) for line in polylines([shapely.LineString(), shapely.LineString([(0, 0), (1, 0)])])] == [2]
 
 
 def test_error_colours_end_at_the_limits() -> None:

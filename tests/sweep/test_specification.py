@@ -82,7 +82,7 @@ def test_seeds_of_environments_are_those_held_back() -> None:
     ({"grid": {"colour": "red"}}, "no option 'colour'"),
     ({"grid": {"seed": [1, 2]}}, "give seeds"),
     ({"grid": {"height_mm": []}}, "no value"),
-    ({"grid": {"t_on": "10:40:-5"}}, "FIRST:LAST:STEP"),
+    ({"grid": {"t_on": "10:40:-5"}}, "FIRST:LAST:STEP"), ({"grid": {"t_on": "0:100000:1"}}, "FIRST:LAST:STEP"),
     ({"grid": {"height_mm": 5}, "settings": {"height_mm": 5}}, "given twice"),
     ({"settings": {"height_mm": 900}}, "900"),
     ({"settings": {"controller": "genius"}}, "genius"),

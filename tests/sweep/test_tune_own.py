@@ -94,6 +94,9 @@ def test_the_choice_is_robust_and_its_spread_is_of_other_machines(tmp_path):
     assert observed[-1][0] == 25
     best = tomllib.loads((tmp_path / "study" / "best.toml").read_text())["parameters"]
     assert best == found.values
+    same = Machines()
+    assert tune_own(own, tmp_path / "study", trials=25, seeds=4, engine=same) == found
+    assert not same.observed  # the finalists' cuts are not made again, either
     more = Machines()
     tune_own(own, tmp_path / "study", trials=27, seeds=4, engine=more)
     assert [trial.number for trial in more.observed if len(trial.seeds) == 4] == [25, 26]  # the study goes on

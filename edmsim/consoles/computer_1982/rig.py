@@ -17,7 +17,6 @@ from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END
 from edmsim.controllers.mcu.computer import EMERGENCY, Computer
 from edmsim.controllers.mcu.computer import STAND_BY as COMPUTER_STAND_BY
 from edmsim.controllers.mcu.dialogue.part_program import Entry, Move, Setting
-from edmsim.controllers.mcu.firmware import memory_map
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arcs import arc_points
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
@@ -175,7 +174,7 @@ class Rig:
         self.wire = True
         self.windows = 0  # read while cutting
         law = cast(CountsController, make("counts")).settings(MAX_FEED_UM_S)
-        memory_map.set_constants(self.board.bus, law._replace(limit=MAX_SPEED))
+        at.set_constants(self.board.bus, law._replace(limit=MAX_SPEED))
         self._events: list[str] = []
         self._planner: Planner | None = None
         self._carriage = [*self.place_um]
@@ -270,8 +269,8 @@ class Rig:
         """Start timers and generator at a planner's position on its route."""
         self.computer.start()
         self._planner, self._route, self.held, self.way = planner, route, None, CUTTING
-        start = min(memory_map.constants(self.board.bus).start, self.computer.speed, MAX_SPEED)
-        memory_map.set_variables(self.board.bus, State(clock=self.time_ns // TICK_NS & WORD, speed=start))
+        start = min(at.constants(self.board.bus).start, self.computer.speed, MAX_SPEED)
+        at.set_variables(self.board.bus, State(clock=self.time_ns // TICK_NS & WORD, speed=start))
         self._run_at(start)
 
     def begin_jog(self, target: Point) -> None:
@@ -434,7 +433,7 @@ class Rig:
         _, t_states = computer.optimise(now_ns // TICK_NS & WORD, int(path_um) & WORD)
         self.windows += 1
         self._busy_until_ns = now_ns + round(seconds(t_states) * 1e9)
-        if memory_map.variables(self.board.bus).phase == ALARM:
+        if at.variables(self.board.bus).phase == ALARM:
             self.trip(STOP_BUTTON, "PERSISTENT SHORT")
             return
         self._take_over(path_um)

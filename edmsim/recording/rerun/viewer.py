@@ -61,7 +61,8 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
     folders = [play.recording.resolve().parent.name for play in plays]
     names = [f"{letter}: {folder}" for (_, letter, _), folder in zip(SIDES, folders, strict=True)]
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
-    curves = CURVES + tuple(curve for curve in OF_EPISODES if any(f"/{curve[0]}" in _entities(p) for p in plays))
+    entities = {str(chunk.entity_path) for play in plays for chunk in read_chunks(play.recording)}
+    curves = CURVES + tuple(curve for curve in OF_EPISODES if f"/{curve[0]}" in entities)
     with saved(recording, file, _blueprint([Sizes(*play.sizes) for play in plays], names, curves)):
         recording.send_recording_name(" and ".join(names))
         for (place, letter, colour), play in zip(SIDES, plays, strict=True):
@@ -73,10 +74,6 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
             for entity, _ in curves:
                 line = rr.SeriesLines(names=[letter], colors=[palette.rgb(colour)], widths=[1.3])
                 recording.log(f"{place}/{entity}", line, static=True)
-
-
-def _entities(play: Playback) -> set[str]:
-    return {str(chunk.entity_path) for chunk in read_chunks(play.recording)}
 
 
 def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:

@@ -18,7 +18,6 @@ from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.figures import palette
 from edmsim.recording.report import PassFigures, Report, duration_text, outcome_text, rate_text
 from edmsim.recording.rerun import gap as log_gap
-from edmsim.recording.rerun import gap as log_gas
 from edmsim.recording.rerun import machine as log_machine
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, Series, Steps, blueprint, sizes_of
 from edmsim.recording.rerun.machine import KERF_FRAMES, Shapes, bodies_of, growing_kerf
@@ -156,9 +155,9 @@ def write_recording(
         above = _at_mid_height(scene, closeup_rows)
         log_gap.log_gap(recording, scene, above)
         log_gap.log_scope(recording, closeup_rows)
-        log_gas.log_coverage(recording, scene, shapes)
-        log_gas.log_bubbles(recording, scene, shapes, log_gas.travel_at(windows, shapes.t_s), factor)
-        log_gas.log_top_bubbles(recording, scene, above)
+        log_gap.log_coverage(recording, scene, shapes)
+        log_gap.log_bubbles(recording, scene, shapes, log_gap.travel_at(windows, shapes.t_s), factor)
+        log_gap.log_top_bubbles(recording, scene, above)
         shown = events(windows, scene, report)
         rows = np.array([event.row for event in shown], np.int64)
         group = _log_series(recording, windows, rows, report.passes)

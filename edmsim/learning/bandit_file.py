@@ -1,0 +1,228 @@
+"""A policy that tries settings of a law and prefers what cuts fastest: a Bayesian bandit with a learned prior.
+
+Each setting has three unknown quantities on a machine (`QUANTITIES`). The file has their mean and covariance over
+training machines, so the measurement of one setting also says something about the others. Settings are compared, and
+not machines: the rate has an offset that is the same for all settings, unknown and drifting, as workpieces and the
+law's own adaptation change it.
+
+The file is one ``.json`` without code.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from edmsim import models
+from edmsim.controllers import from_text
+from edmsim.controllers.feed.law import ServoLaw, TruthLaw
+from edmsim.errors import InputError
+from edmsim.snapshots import Snapshots
+
+FORMAT = "edmsim-bandit-1"
+QUANTITIES = "logarithm of the rate", "share of open pulses", "share of short pulses"
+OFFSET = 25.0
+"""Variance of the rate's offset at the beginning: large, as no machine's rate is known (ours)."""
+LEAST_FIFTH = 0.1
+"""Share of the fullest fifth's ignitions from which on a fifth counts (ours: the edge of the metal may cut it)."""
+Floats = NDArray[np.float64]
+_Positive = Annotated[FiniteFloat, Field(gt=0)]
+_Share = Annotated[FiniteFloat, Field(ge=0)]
+
+
+class BanditCard(BaseModel):
+    """Contents of the file.
+
+    Attributes
+    ----------
+    format : str
+        `FORMAT`.
+    env_id, environment : str, dict
+        Environment of the training, and its arguments.
+    law : str
+        See `edmsim.controllers.from_text`.
+    settings : list of dict
+        Parameters of the law by name, 2 settings or more. A new wire begins with the first.
+    segment_s, settle_s : float
+        Cutting time between two decisions, and its beginning that is not measured.
+    start_s : float
+        Cutting time of a new wire with the first setting.
+    trial_s : float
+        Cutting time at the beginning in which each setting is tried once, the most promising first.
+    bonus : float
+        Later, a setting is chosen by its expected rate plus this many standard deviations.
+    mean : list of float
+        Of the quantities, each for all settings: (3 n).
+    covariance : list of lists of float
+        Of the same: (3 n, 3 n).
+    noise : list of float
+        Standard deviations of a segment's measurement of each quantity.
+    offset_drift, drift : float
+        Standard deviations of the change per segment, of the offset and of each setting's logarithm of the rate.
+    algorithm, command, seed, steps, versions, scores
+        See `edmsim.learning.policy_file.Card`; a step is a segment.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    format: Literal["edmsim-bandit-1"]
+    env_id: str
+    environment: dict[str, Any]
+    law: str
+    settings: Annotated[list[dict[str, FiniteFloat]], Field(min_length=2)]
+    segment_s: _Positive
+    settle_s: _Share
+    start_s: _Share
+    trial_s: _Share
+    bonus: _Share
+    mean: list[FiniteFloat]
+    covariance: list[list[FiniteFloat]]
+    noise: Annotated[list[_Positive], Field(min_length=3, max_length=3)]
+    offset_drift: _Share
+    drift: _Share
+    algorithm: str
+    command: str
+    seed: int | None
+    steps: int
+    versions: dict[str, str]
+    scores: list[dict[str, Any]] = []
+
+    @model_validator(mode="after")
+    def _fits(self) -> BanditCard:
+        """Refuse arrays of another size, and segments without a measurement."""
+        size = len(QUANTITIES) * len(self.settings)
+        if len(self.mean) != size or [len(row) for row in self.covariance] != [size] * size:
+            raise ValueError(f"mean and covariance must have {size} entries, {len(QUANTITIES)} for each setting")
+        if self.settle_s >= self.segment_s:
+            raise ValueError(f"settle_s ({self.settle_s:g}) must be below segment_s ({self.segment_s:g})")
+        return self
+
+
+class Segment(NamedTuple):
+    """Measurement of a segment: see `QUANTITIES`."""
+
+    log_rate: float
+    open: float
+    short: float
+
+
+@dataclass
+class Belief(Snapshots):
+    """Mean and covariance of what the settings do on the present machine.
+
+    Parameters
+    ----------
+    card : BanditCard
+    """
+
+    STATE = ("mean", "covariance")
+
+    card: BanditCard
+
+    mean: Floats = field(default_factory=lambda: np.zeros(0), init=False)
+    covariance: Floats = field(default_factory=lambda: np.zeros((0, 0)), init=False)
+
+    def __post_init__(self) -> None:
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with what was learned of other machines."""
+        self.mean = np.array(self.card.mean)
+        self.covariance = np.array(self.card.covariance)
+        self.covariance[self._rates, self._rates] += OFFSET
+
+    @property
+    def _rates(self) -> slice:
+        return slice(0, len(self.card.settings))
+
+    def learn(self, setting: int, measured: Segment) -> None:
+        """Take in a segment with a setting (Kalman filter), then the drift until the next."""
+        count = len(self.card.settings)
+        for k, (value, noise) in enumerate(zip(measured, self.card.noise, strict=True)):
+            row = self.covariance[k * count + setting].copy()
+            gain = row / (row[k * count + setting] + noise**2)
+            self.mean = self.mean + gain * (value - self.mean[k * count + setting])
+            self.covariance = self.covariance - gain[:, None] * row
+        self.covariance[self._rates, self._rates] += self.card.offset_drift**2
+        self.covariance[range(count), range(count)] += self.card.drift**2
+
+    def best(self, bonus: float) -> int:
+        """Return the setting of the greatest expected rate plus a bonus for what is not known of its lead."""
+        rates, covariance = self.mean[self._rates], self.covariance[self._rates, self._rates]
+        first = int(np.argmax(rates))
+        variance = np.diag(covariance)
+        lead = variance + variance[first] - 2.0 * covariance[first]
+        return int(np.argmax(rates + bonus * np.sqrt(np.maximum(lead, 0.0))))
+
+
+def law_of(card: BanditCard) -> ServoLaw:
+    """Make the law below a bandit, which must be edmsim's and have the settings' parameters.
+
+    Raises
+    ------
+    InputError
+        If it is another law, or lacks a parameter.
+    """
+    law = None if ".py:" in card.law else from_text(card.law)
+    if not isinstance(law, ServoLaw) or isinstance(law, TruthLaw):
+        raise InputError(f"a bandit sets a law of edmsim that a machine could have, not '{card.law}'")
+    for setting in card.settings:
+        for name in setting:
+            if not any(hasattr(part, name) for part in law.parts):
+                raise InputError(f"the law '{card.law}' has no parameter '{name}' that could be set")
+    return law
+
+
+def height_share(fifths: Sequence[int]) -> float:
+    """Return the local height over the greatest one, by the ignitions in each fifth of the latter.
+
+    Ignitions are spread about evenly over the height, so that all of them over those of a full fifth, the median of
+    the fifths with ignitions, is the number of fifths in the metal; on training machines within some 3 %.
+    """
+    counts = np.asarray(fifths, np.float64)
+    full = np.median(counts[counts > LEAST_FIFTH * counts.max()]) if counts.any() else math.nan
+    return float(counts.sum() / full / len(counts))
+
+
+def find(name: str) -> Path | None:
+    """Return the file of a bandit by its path or its name under ``models/policies``; None for other policies."""
+    shipped = name in models.policies()
+    file = models.path(f"policies/{name}.json") if shipped else Path(name)
+    if file.suffix != ".json" or not file.is_file():
+        return None
+    try:
+        stored = json.loads(file.read_bytes())
+    except ValueError:
+        return None
+    return file if isinstance(stored, dict) and stored.get("format") == FORMAT else None
+
+
+def load(file: Path) -> BanditCard:
+    """Read a file that `find` has found.
+
+    Raises
+    ------
+    InputError
+        If it is damaged, or its law cannot be made.
+    """
+    try:
+        card = BanditCard.model_validate_json(file.read_bytes())
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"this is a damaged policy: {place + ': ' if place else ''}{first['msg']}", file) from None
+    law_of(card)
+    return card
+
+
+def write(card: BanditCard, file: Path) -> None:
+    """Write the file."""
+    file.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")
