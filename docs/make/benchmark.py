@@ -30,7 +30,8 @@ edmsim evaluate edmsim/GapFeed-v2 --controllers counts,voltage --seeds 4
 
 `edmsim evaluate edmsim/GapFeed-v2` without options makes the whole table; `--page compared.md` writes a page with
 a figure. All controllers cut the same machines and workpieces, drawn as the [environment](environments.md) says,
-from held-back seeds, which no search used.
+from held-back seeds, which no search used. With `--page FILE` or `--leaderboard FILE` finished cuts are saved: after
+Ctrl-C or a kill the same command resumes.
 
 Look at the *score* first: 0 is the return of `fixed`, which feeds at a constant speed, and 1 is the return of the
 oracle, which sees the true gap. Values in parentheses are 95 % bootstrap intervals over the cuts.

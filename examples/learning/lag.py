@@ -224,8 +224,8 @@ class Student(torch.nn.Module):
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return offsets and lags in um (n, steps) for observations (n, steps, entries)."""
-        seen = ((rows - self.mean) / self.std).clamp(-10, 10)
-        hidden = torch.relu(self.hidden(self.memory(seen)[0]))
+        inputs = ((rows - self.mean) / self.std).clamp(-10, 10)
+        hidden = torch.relu(self.hidden(self.memory(inputs)[0]))
         return OFFSET_UM * self.out(hidden)[..., 0], OFFSET_UM * self.lag(hidden)[..., 0]
 
 
