@@ -20,12 +20,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
+from edmsim.controllers import from_text
+from edmsim.controllers.protocols import FeedCommand, tell
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import make_family
+from edmsim.envs.servo import target_of
 from edmsim.evaluation.episode import Episode
-from edmsim.learning import held
-from edmsim.learning.hold_controller import HoldController
-from edmsim.learning.policy_file import Hold
+from edmsim.learning.policy_controller import PolicyController
 from edmsim.recording.figures.palette import BLUE, MUTED
 
 DOCS = Path(__file__).parents[1]
@@ -38,9 +39,14 @@ AFTER_S = 10, 60, 240
 ENV_ID, ENVIRONMENT = "edmsim/MaxRateShift-v0", {"decision_s": 1.0, "history": 1}
 FAMILY = make_family(ENV_ID, **ENVIRONMENT)
 MACHINES, FIRST_SEED, SECONDS = 32, 10_000, 240.0
-HOLD = Hold(law="heat-flux:shortest_us=12.5,recovery_s=0.5,retract_feed_um_s=80", low=0.04, high=2.0)
+LAW = "heat-flux:shortest_us=12.5,recovery_s=0.5,retract_feed_um_s=80"
+LOW, HIGH = 0.04, 2.0  # fluxes of actions -1 and 1, over the critical one; between them the logarithm is linear
 MOST_TARGET = 0.3  # open share that the servo holds at an action of 1; 0 at -1
-NAMES = [*(entry.name for entry in FAMILY.entries()), *(entry.name for entry in held.ENTRIES)]
+BREAK_S = 0.1  # time constant of the flux that a break is attributed to (ours: it comes some 20 ms after boiling dry)
+MEASURED = "held", "flux", "broke_flux"
+"""Logarithms of the flux that the law held, of the greatest local flux in the mean of the step, and of that at which
+the last wire broke, 0 if none did; fluxes are over the critical one."""
+NAMES = [*(entry.name for entry in FAMILY.entries()), *MEASURED]
 AT = {name: k for k, name in enumerate(NAMES)}
 SHORT, SPENT, LOST, BROKE = (NAMES.index(name) for name in ("short", "spent", "wires_lost", "broke_flux"))
 SHOWN_BEFORE = "tension", "height_mm", "flushing_lower_Pa", "flushing_upper_Pa"
@@ -54,7 +60,7 @@ class Climber:
 
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
-        self.card = SimpleNamespace(hold=HOLD, residual=None)
+        self.card = SimpleNamespace(residual=None)
         self.rows: list[np.ndarray] = []
         self._hold, self._pace = self._rng.uniform(-2.8, -0.7), math.exp(self._rng.uniform(-5.5, -3.2))
         self._dither, self._target, self._lost = 0.0, self._rng.uniform(0, 0.25), 0.0
@@ -73,24 +79,100 @@ class Climber:
             self._lost = observation[AT["wires_lost"]]
             self._hold += math.log(self._rng.uniform(0.6, 0.95))
             self._pace *= self._rng.uniform(0.3, 1.0)
-        self._hold = min(self._hold + self._pace, math.log(HOLD.high))
+        self._hold = min(self._hold + self._pace, math.log(HIGH))
         self._dither = 0.9 * self._dither + 0.035 * self._rng.normal()
         if self._rng.random() < 0.02:
             self._target = self._rng.uniform(0, 0.25)
-        hold = min(max(math.exp(self._hold + self._dither), HOLD.low), HOLD.high)
+        hold = min(max(math.exp(self._hold + self._dither), LOW), HIGH)
         self.rows.append(np.append(observation, (math.log(hold), self._target)))
         return np.array([2.0 * self._target / MOST_TARGET - 1.0, action_of(math.log(hold))]), memory
 
 
 def action_of(log_hold):
     """Return the action -1..1 that asks for a hold, given by its logarithm."""
-    return 2.0 * (log_hold - math.log(HOLD.low)) / math.log(HOLD.high / HOLD.low) - 1.0
+    return 2.0 * (log_hold - math.log(LOW)) / math.log(HIGH / LOW) - 1.0
+
+
+class Recorder(PolicyController):
+    """Cuts with `LAW`, whose flux and target a climber sets after every step, and shows it the measured fluxes."""
+
+    def __init__(self, climber: Climber) -> None:
+        super().__init__(climber)
+        self._law = from_text(LAW)
+        self._command_now, self._now_us = FeedCommand(0.0), (0.0, 0.0)
+
+    def set_up(self, machine, points_um, start_um) -> None:
+        """Set the machine and the path."""
+        super().set_up(machine, points_um, start_um)
+        tell(self._law, machine, points_um, start_um)
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        """Begin a leg."""
+        self._step_s = self._flux_s = self._flux = 0.0
+        self._target, self._measured = None, np.zeros(len(MEASURED))
+        self._command_now = self._law.reset(max_feed_um_s)
+        return super().reset(max_feed_um_s)
+
+    def update(self, window) -> FeedCommand:
+        """Return the law's command, and at the end of a step let the climber decide."""
+        self._look(window)
+        if self._target is not None:
+            self._law.measure.open_target_share = self._target
+        self._command_now = self._law.update(window)
+        greatest = float(self._law.gauge.flux.max())
+        self._flux -= math.expm1(-window.duration_s / BREAK_S) * (greatest - self._flux)
+        self._step_s += window.duration_s
+        self._flux_s += greatest * window.duration_s
+        if self._builder.sums[0]["duration_ns"] >= round(FAMILY.decision_s * 1e9):
+            self._end_step()
+            self._decide()
+        return self._command()
+
+    def wire_lost(self) -> FeedCommand:
+        """Note the flux at which the wire broke, and go on with the next."""
+        self._measured[-1], self._flux = logarithm(self._flux), 0.0
+        self._command_now = self._law.wire_lost()
+        return super().wire_lost()
+
+    @property
+    def observation(self) -> np.ndarray:
+        """What the machine shows, and the law's fluxes."""
+        return np.concatenate([super().observation, self._measured]).astype(np.float32)
+
+    @property
+    def _setting_us(self) -> tuple[float, float]:
+        return self._now_us  # a new machine for the period of every window would take most of the time
+
+    @_setting_us.setter
+    def _setting_us(self, setting_us: tuple[float, float]) -> None:
+        self._now_us = setting_us
+
+    def _end_step(self) -> None:
+        super()._end_step()
+        mean = self._flux_s / self._step_s if self._step_s else 0.0
+        self._measured[:2] = logarithm(self._law.period.hold), logarithm(mean)
+        self._step_s = self._flux_s = 0.0
+
+    def _decide(self) -> None:
+        action, self._memory = self.policy.act(self.observation, self._memory)
+        self._target = float(target_of(action[0], FAMILY.servo_target_share))
+        self._law.period.hold = LOW * (HIGH / LOW) ** (0.5 * (float(action[1]) + 1.0))
+
+    def _command(self) -> FeedCommand:
+        command, (on_us, period_us) = self._command_now, self._now_us
+        self._now_us = command.t_on_us or on_us, command.t_period_us or period_us
+        return command
+
+
+def logarithm(flux: float) -> float:
+    """Return the logarithm of a flux, within -4..4."""
+    return math.log(min(max(flux, math.exp(-4.0)), math.exp(4.0)))
 
 
 def record(seed: int, seconds: float, file: Path) -> None:
     """Cut a training machine, and save what it showed and what was decided (n, entries + 2), and its constants."""
     task, climber = Task(ENV_ID, test_s=0.0), Climber(seed)
-    episode, outcome = Episode(task, HoldController(climber), seed, "climber"), None
+    episode, outcome = Episode(task, Recorder(climber), seed, "climber"), None
     while outcome is None and (episode.last is None or episode.last.observation.time_s < seconds):
         outcome = episode.step()
     drawn = {name: value for name, value in task.scenario.drawn.items() if not isinstance(value, str)}

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
 from edmsim.learning import bandit_file
 from edmsim.learning.bandit_file import BanditCard, Belief, Segment
-from edmsim.learning.hold_controller import HoldController
 from edmsim.learning.policy_controller import PolicyController
 from edmsim.learning.policy_file import load
 from edmsim.machine.machine import Machine
@@ -122,5 +121,4 @@ def from_name(name: str) -> BanditController | PolicyController:
     file = bandit_file.find(name)
     if file is not None:
         return BanditController(bandit_file.load(file))
-    policy = load(name)
-    return PolicyController(policy) if policy.card.hold is None else HoldController(policy)
+    return PolicyController(load(name))

@@ -25,7 +25,6 @@ from edmsim.envs.registry import arguments_with, make_family
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, one_of
 from edmsim.files import read_arrays
-from edmsim.learning import held
 
 FORMAT = "edmsim-policy-1"
 ACTION_MEANINGS = {
@@ -92,26 +91,6 @@ class Residual(_Strict):
         return np.float32(min(max((law_um_s + added_um_s) / family.max_feed_um_s, -1.0), 1.0))
 
 
-class Hold(_Strict):
-    """The law whose heat flux a policy's one action sets (see `edmsim.learning.held`).
-
-    Attributes
-    ----------
-    law : str
-        `heat-flux`, with its parameters.
-    low, high : float
-        Fluxes, divided by the critical one, of actions -1 and 1; the logarithm is linear between them.
-    """
-
-    law: str
-    low: Annotated[FiniteFloat, Field(gt=0)]
-    high: Annotated[FiniteFloat, Field(gt=0)]
-
-    def flux(self, action: float) -> float:
-        """Return the flux of an action within -1..1."""
-        return float(self.low * (self.high / self.low) ** (0.5 * (action + 1.0)))
-
-
 class Card(_Strict):
     """Description of a policy: the contents of ``NAME.json``.
 
@@ -136,8 +115,6 @@ class Card(_Strict):
         Number of cells of an LSTM before the hidden layers; by default no LSTM.
     residual : Residual, optional
         Law to whose feed the first action is added; by default the action is the environment's.
-    hold : Hold, optional
-        Law whose flux the action sets, in place of the environment's actions; the times of decisions do not change.
     output : {"clip", "tanh"}
         Function that limits the outputs to -1..1.
     arrays_sha256 : str
@@ -166,7 +143,6 @@ class Card(_Strict):
     activation: Literal["tanh", "relu"]
     lstm: Annotated[int, Field(gt=0)] | None = None
     residual: Residual | None = None
-    hold: Hold | None = None
     output: Literal["clip", "tanh"]
     arrays_sha256: str
     algorithm: str
@@ -297,7 +273,7 @@ def write(card: Card, packed: bytes, file: Path) -> None:
 def write_policy(
     file: Path, *, env_id: str, environment: dict[str, Any], mean: Floats, variance: Floats,
     lstm: tuple[Floats, Floats, Floats] | None, weights: list[Floats], biases: list[Floats], algorithm: str,
-    command: str, seed: int, steps: int, activation: Literal["tanh", "relu"] = "tanh", hold: Hold | None = None,
+    command: str, seed: int, steps: int, activation: Literal["tanh", "relu"] = "tanh",
 ) -> Policy:
     """Write the policy of a learner of your own; return the policy, read from the new files.
 
@@ -308,16 +284,13 @@ def write_policy(
     env_id, environment
         Environment that defines the observations and the times of decisions, and its arguments.
     mean, variance : (entries,)
-        Statistics of the environment's entries, then, with `hold`, of those of `edmsim.learning.held`.
+        Statistics of the environment's entries.
     lstm : tuple of arrays or None
         See `Lstm`.
     weights, biases : list of arrays
-        Of the layers after it; the last outputs are the environment's actions, or, with `hold`, the servo's target
-        and the hold; each -1 to 1.
+        Of the layers after it; the last outputs are the environment's actions, each -1 to 1.
     algorithm, command, seed, steps, activation
         See `Card`.
-    hold : Hold, optional
-        Law whose heat flux the policy sets.
 
     Raises
     ------
@@ -325,28 +298,22 @@ def write_policy(
         If the parts do not fit each other.
     """
     family = arguments_with(env_id, **environment)
-    entries = [*family.entries(), *(() if hold is None else held.ENTRIES)]
     memory = None if lstm is None else Lstm(*lstm)
     packed = pack(weights, biases, memory)
     observation = [
         {"name": entry.name, "meaning": entry.meaning, "mean": float(m), "variance": float(v)}
-        for entry, m, v in zip(entries, mean, variance, strict=True)
+        for entry, m, v in zip(family.entries(), mean, variance, strict=True)
     ]
     card = Card.model_validate({
         "format": FORMAT, "env_id": env_id, "environment": environment, "observation": observation,
-        "epsilon": 1e-8, "clip": 10.0, "action": _outputs(family, hold),
+        "epsilon": 1e-8, "clip": 10.0, "action": meanings(family),
         "widths": [len(bias) for bias in biases[:-1]], "activation": activation,
-        "lstm": None if memory is None else memory.memory_weights.shape[0], "hold": hold, "output": "clip",
+        "lstm": None if memory is None else memory.memory_weights.shape[0], "output": "clip",
         "arrays_sha256": digest(packed), "algorithm": algorithm, "command": command, "seed": seed, "steps": steps,
         "versions": {name: version(name) for name in ("edmsim", "numpy")},
     })
     write(card, packed, file)
     return load(str(file))
-
-
-def _outputs(family: EnvArguments, hold: Hold | None) -> list[str]:
-    """Return the meanings of a network's outputs."""
-    return meanings(family) if hold is None else [ACTION_MEANINGS["target"], held.HOLDS]
 
 
 def locate(name: str) -> Path:
@@ -401,8 +368,7 @@ def _check_environment(card: Card, file: Path) -> None:
         family = arguments_with(card.env_id, **card.environment)
     except (InputError, TypeError, ValueError) as error:
         raise InputError(f"the policy's environment cannot be made: {error}", file) from None
-    behind = held.ENTRIES if card.hold else ()
-    expected = [entry.name for entry in (*family.entries(), *behind)]
+    expected = [entry.name for entry in family.entries()]
     found = [entry.name for entry in card.observation]
     if found != expected:
         raise InputError(
@@ -411,9 +377,7 @@ def _check_environment(card: Card, file: Path) -> None:
         )
     if card.residual is not None:
         _check_residual(card.residual, family, file)
-    if card.hold is not None:
-        _check_hold(card.hold, family, file)
-    commands = _outputs(family, card.hold)
+    commands = meanings(family)
     if card.action != commands:
         raise InputError(
             f"the policy commands {', '.join(card.action)}; {card.env_id} takes {', '.join(commands)}: it was "
@@ -429,16 +393,6 @@ def _check_residual(residual: Residual, family: EnvArguments, file: Path) -> Non
         raise InputError(f"the law that the policy adds to: {error}", file) from None
     if not isinstance(family, Family) or family.action != "speed" or family.decision_s is not None:
         raise InputError("a policy that adds to a law commands a speed every window; its environment does not", file)
-
-
-def _check_hold(hold: Hold, family: EnvArguments, file: Path) -> None:
-    """Refuse a law that holds no flux, and an environment where none can be measured."""
-    try:
-        held.flux_law(hold.law)
-    except InputError as error:
-        raise InputError(f"the law below the policy: {error}", file) from None
-    if not isinstance(family, Family) or not family.locates_discharges:
-        raise InputError("a policy that says what flux is held needs discharges that are located", file)
 
 
 def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, ...], Lstm | None]:

@@ -186,8 +186,6 @@ def _put(parameter: Any, values: Any) -> None:
 def _check(policy: Policy, network: PolicyNetwork, wrapped: Around) -> None:
     """Refuse a policy that the learner cannot begin with."""
     card, family, theirs = policy.card, wrapped.family, policy.family()
-    if card.hold is not None:
-        raise InputError(f"the policy says what flux '{card.hold.law}' holds; no environment has that action")
     if network.shown is not None:
         raise InputError("a policy file has no statistics of what only a privileged critic sees: start without one")
     if wrapped.normalise is None:
