@@ -46,7 +46,9 @@ def test_shares_add_up_to_one(monkeypatch: pytest.MonkeyPatch) -> None:
     for one in found.values():
         assert list(one.shares) == list(profile.PARTS)
         assert sum(one.shares.values()) == pytest.approx(1.0)
-        assert min(one.shares.values()) > 0.0
+        # a busy computer takes so few samples that rare parts may have none
+        assert min(one.shares.values()) >= 0.0
+        assert one.shares["ray sums"] > 0.0
         assert sum(map(one.ns, profile.PARTS)) == pytest.approx(one.ns_per_pulse)
         assert one.looks >= 100
         assert 10.0 < one.ns_per_pulse < 1e5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -386,7 +387,7 @@ def test_an_interrupted_fit_has_shown_its_progress_and_resumes(
     command = log_file, "--out", log_file.parent / "fitted.toml", "--height", "10"
     assert run(monkeypatch, *command) == INTERRUPTED
     shown = capsys.readouterr().err
-    assert "calibrate 1 cuts simulated" in shown
+    assert re.search("calibrate [123] cuts simulated", shown)  # two threads may end together
     assert "interrupted; run the same command to resume" in shown
     assert {file.name for file in log_file.parent.iterdir()} == {"fitted.runs.jsonl", "log.parquet"}
     cuts = iter(range(1))
