@@ -88,10 +88,30 @@ class StepRewards:
         bounds = (np.inf if bound is None else bound for bound in (error_bound_um, energy_bound_mJ))
         self._weights = np.array([(*(getattr(weights, name) for name in TERMS), *bounds)], _WEIGHTS)
         self._rows: NDArray[np.void] = np.zeros(count, _ACCOUNT)
-        self._numbers = self._rows.view(np.float64).reshape(count, -1)
-        self.terms = self._numbers[:, : len(TERMS)].T  # (len(TERMS), n)
-        # (n,), see `_ACCOUNT`
-        self.total, self.cost, self.area_mm2 = (self._rows[name] for name in ("total", "cost", "area_mm2"))
+
+    @property
+    def _numbers(self) -> NDArray[np.float64]:
+        return self._rows.view(np.float64).reshape(len(self._rows), -1)
+
+    @property
+    def terms(self) -> NDArray[np.float64]:
+        """Terms (len(TERMS), n) of the step's rewards."""
+        return self._numbers[:, : len(TERMS)].T
+
+    @property
+    def total(self) -> NDArray[np.float64]:
+        """Rewards (n,) of the step."""
+        return np.asarray(self._rows["total"])
+
+    @property
+    def cost(self) -> NDArray[np.float64]:
+        """Costs (n,): see `_ACCOUNT`."""
+        return np.asarray(self._rows["cost"])
+
+    @property
+    def area_mm2(self) -> NDArray[np.float64]:
+        """Areas (n,) cut in the step."""
+        return np.asarray(self._rows["area_mm2"])
 
     def begin(self) -> None:
         """Begin a step of all sub-environments."""

@@ -178,6 +178,7 @@ class Search:
         job.check()
         self._job, self._tell = job, tell
         self._first_mm = 0.5
+        self._made_with: dict[str, Any] = {}  # setting and offset of the last cut
         self._passes = RunTable(journal, {name: value for name, value in asdict(job).items() if name != "passes"})
 
     def run(self) -> AtHeight:
@@ -188,11 +189,12 @@ class Search:
         offset_mm = self._first_mm
         for number, target in enumerate(TARGETS[: self._job.passes], 1):
             if number <= len(found):  # cut again, for the metal behind it
-                one = found[number - 1]
-                cut = self._cut(one, number, offset_mm, metal)
+                one, made = found[number - 1], self._passes.rows[str(number)]["cut"]
+                cut = self._cut(PassSetting.model_validate(made["setting"]), number, made["offset_mm"], metal)
             else:
                 one, cut, offset_mm, found = self._next(target, number, offset_mm, metal, found)
-                self._passes.add({"id": str(number), "passes": [setting.model_dump() for setting in found]})
+                passes = [setting.model_dump() for setting in found]
+                self._passes.add({"id": str(number), "passes": passes, "cut": self._made_with})
             metal, offset_mm = cut.metal, offset_mm - one.step_um * 1e-3
         return AtHeight.model_validate({"height_mm": self._job.height_mm, "pass": tuple(found)})
 
@@ -326,6 +328,7 @@ class Search:
 
     def _cut(self, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
         cut = cut_pass(self._job, one, number, offset_mm, metal)
+        self._made_with = {"setting": one.model_dump(), "offset_mm": offset_mm}
         wall = cut.record.wall
         left = (
             ""

@@ -70,13 +70,26 @@ def test_an_offset_is_the_mean_of_cuts_with_other_seeds(monkeypatch: pytest.Monk
     assert [one.last_offset_um for one in found.passes] == [164.5, 150.5]  # of walls 0, 1, 2 and 3 um off
 
 
-def test_an_interrupted_search_goes_on_behind_the_passes_it_found(tmp_path: Path) -> None:
-    journal, messages = tmp_path / "steel.runs.jsonl", []
+def test_an_interrupted_search_goes_on_behind_the_passes_it_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cuts: list[tuple[int, PassSetting, float]] = []
+
+    def noted(job: Job, one: PassSetting, number: int, offset_mm: float, _: Any) -> Cut:
+        if job.seed == 0:  # others measure the offset
+            cuts.append((number, one, offset_mm))
+        return answer(job, one, number, offset_mm, number)
+
+    monkeypatch.setattr(technology, "cut_pass", noted)
+    journal, messages = tmp_path / "steel.runs.jsonl", list[str]()
     whole = Search(Job("tool-steel", passes=3), lambda text: None).run()
+    last = {cut[0]: cut for cut in cuts}
     Search(Job("tool-steel", passes=2), lambda text: None, journal).run()
+    cuts.clear()
     resumed = Search(Job("tool-steel", passes=3), messages.append, journal).run()
     assert resumed == whole
-    assert sum(text.startswith("pass 1") for text in messages) == 1  # cut once more, for its metal
+    assert cuts[:2] == [last[1], last[2]]  # cut once more, for their metal, each as when it was found
+    assert {number for number, _, _ in cuts[2:]} == {3}
     with pytest.raises(InputError, match=r"it has the runs of height_mm 25\.4, not 30"):
         Search(Job("tool-steel", height_mm=30.0, passes=3), messages.append, journal).run()
     journal.write_text("{\n")

@@ -127,6 +127,7 @@ def test_same_seed_same_policy(short_training, tmp_path):
         (("edmsim/GapFeed-v2", "--algo", "dqn"), "ppo, sac"),
         (("edmsim/GapFeed-v2", "--steps", 0), "1 or more"),
         (("edmsim/GapFeed-v2", "--seed", -1), "-1"),
+        (("edmsim/GapFeed-v2", "--seed", 2**32), "from 0 to 4294967295"),
         (("edmsim/GapFeed-v2", "--score", 1), "2 or more"),
         (("edmsim/GapFeed-v2", "--resume"), "no training to resume"),
     ],

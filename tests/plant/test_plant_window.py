@@ -66,6 +66,13 @@ def test_means_of_a_window_lie_between_their_bounds(settled):
             assert (w.spark + w.arc == 0) == math.isnan(w.mean_delay_us) == math.isnan(w.gap_um)
 
 
+def test_discharges_are_located_in_every_fifth_of_the_height(settled):
+    windows = [w for of_a_feed in settled.values() for w in of_a_feed]
+    located = np.sum([w.fifths for w in windows], axis=0)
+    assert located.sum() == sum(w.spark + w.arc for w in windows)
+    assert (located > 0.1 * located.sum()).all()
+
+
 def test_windows_follow_each_other_without_a_break(settled):
     windows = settled[20.0]
     for before, after in pairwise(windows):
