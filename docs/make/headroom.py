@@ -136,6 +136,12 @@ TASKS = {
 stands for one."""
 
 
+OF_PART = (
+    "Part is not measured here: [its page](tasks/part.md) has what the best of four variants of its law earns "
+    "on each machine."
+)
+
+
 def row_of(result: Result) -> dict[str, Any]:
     """Return what is noted of a cut."""
     return {
@@ -301,7 +307,7 @@ def page(board: dict[str, Any]) -> str:
         parts.append(f"| {task} | {shown(best)} | {shown(more)}, {end} | {gain} | {verdict(above, share)} |")
     parts += [
         "", f"Use a task with less than {100 * (LEAST_GAIN - 1):.0f} % above the best law to compare laws and "
-        "learners, but not to show that learning pays.", "", *_of_shifts(board),
+        "learners, but not to show that learning pays.", "", OF_PART, "", *_of_shifts(board),
     ]  # fmt: skip
     for task, found in board.items():
         parts += [f"## {task}", "", "| line | return | net rate, mm2/min | wires lost, jams | |", RULE]
