@@ -422,7 +422,7 @@ class _Reader:
         elif verb in COMMANDS and len(words) == 2:
             self._add(number, "command", (self._device(words[1]), verb))
         elif "=" in words[1:-1]:
-            equals = words.index("=")
+            equals = words.index("=", 1)
             target, at = self._target(words[:equals])
             self._add(number, "assign", target, self._expression(words[equals + 1 :]))
             self._statements[-1] = self._statements[-1]._replace(at=at)

@@ -165,7 +165,8 @@ def test_a_data_groups_errors_name_their_line(line, reason):
         ("a = place[1]", r"it is written place\[recipe, step\]"), ("a = speed[1, 2]", r"written speed\[recipe\]"),
         ("a = speed[1", r"written speed\[recipe\]"), ("speed[1] 2 = 3", "'2' is left over before ="),
         ("dgParts = 1", "dgParts is not a variable"), ("a = dgParts", "dgParts is not a name"),
-        ("a[1] = 2", "nothing that can be assigned to"), ("a = b[1]", r"'\[ 1 \]' is left over"),
+        ("a[1] = 2", "nothing that can be assigned to"), ("= a = 2", "nothing that can be assigned to"),
+        ("a = b[1]", r"'\[ 1 \]' is left over"),
     ],
 )  # fmt: skip
 def test_a_data_groups_variable_needs_its_indices(line, reason):
