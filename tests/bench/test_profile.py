@@ -37,7 +37,7 @@ def test_shares_add_up_to_one(monkeypatch: pytest.MonkeyPatch) -> None:
         assert parts[0] == ("edmsim.plant.gap.pulse_outcome.sum_rays",)
         return window_function(*shape, False), Turning()
 
-    for name, value in (("marked", unmarked), ("LOOKS", 100), ("ROUNDS", 5), ("SETTLE_WINDOWS", profile.BATCH)):
+    for name, value in (("marked", unmarked), ("LOOKS", 1000), ("ROUNDS", 5), ("SETTLE_WINDOWS", profile.BATCH)):
         monkeypatch.setattr(profile, name, value)
     started: list[str] = []
     found = profile.profile(started.append)
@@ -46,11 +46,9 @@ def test_shares_add_up_to_one(monkeypatch: pytest.MonkeyPatch) -> None:
     for one in found.values():
         assert list(one.shares) == list(profile.PARTS)
         assert sum(one.shares.values()) == pytest.approx(1.0)
-        # a busy computer takes so few samples that rare parts may have none
-        assert min(one.shares.values()) >= 0.0
-        assert one.shares["ray sums"] > 0.0
+        assert min(one.shares.values()) > 0.0
         assert sum(map(one.ns, profile.PARTS)) == pytest.approx(one.ns_per_pulse)
-        assert one.looks >= 100
+        assert one.looks >= 1000
         assert 10.0 < one.ns_per_pulse < 1e5
     assert found["fast"].ns_per_pulse < found["default"].ns_per_pulse
 

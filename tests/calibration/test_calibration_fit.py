@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -377,8 +376,10 @@ def test_an_interrupted_fit_has_shown_its_progress_and_resumes(
     cuts = iter(range(3))
 
     def briefly(*_: object) -> np.ndarray:
-        if next(cuts, None) is None:
-            time.sleep(0.5)  # the others are reported
+        number = next(cuts, None)
+        if number != 0:
+            time.sleep(0.5)  # those before are reported
+        if number is None:
             raise KeyboardInterrupt
         return np.full((10, 5), 0.5)
 
@@ -387,7 +388,7 @@ def test_an_interrupted_fit_has_shown_its_progress_and_resumes(
     command = log_file, "--out", log_file.parent / "fitted.toml", "--height", "10"
     assert run(monkeypatch, *command) == INTERRUPTED
     shown = capsys.readouterr().err
-    assert re.search("calibrate [123] cuts simulated", shown)  # two threads may end together
+    assert "calibrate 1 cuts simulated" in shown
     assert "interrupted; run the same command to resume" in shown
     assert {file.name for file in log_file.parent.iterdir()} == {"fitted.runs.jsonl", "log.parquet"}
     cuts = iter(range(1))
