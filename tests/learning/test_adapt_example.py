@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,8 @@ ABOUT = {"command": "a test", "seed": 0, "steps": 0}
 
 
 @pytest.fixture(scope="module")
-def adapt():
-    spec = importlib.util.spec_from_file_location("adapt", FILE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def adapt(load_script):
+    return load_script(FILE)
 
 
 def histories(adapt, count=60, noise=0.04):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from pathlib import Path
 
@@ -17,11 +16,8 @@ FILE = Path(__file__).parents[2] / "examples" / "learning" / "lag.py"
 
 
 @pytest.fixture(scope="module")
-def lag():
-    spec = importlib.util.spec_from_file_location("lag", FILE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def lag(load_script):
+    return load_script(FILE)
 
 
 def way(lag, turn_deg, step_um=4.0):
