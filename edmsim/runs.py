@@ -110,7 +110,7 @@ def _check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: Path) -
 
 
 def digest(file: str) -> str | None:
-    """Return a fingerprint of a file as it is now; None if there is none."""
+    """Return a fingerprint of a file as it is now; None if it cannot be read."""
     try:
         status = Path(file).stat()
         return _digest(file, status.st_mtime_ns, status.st_size)

@@ -67,11 +67,12 @@ class Batch:
         self._episodes[:] = 0
         self.account = self._fresh_account()
 
-    def begin(self, index: int, rng: np.random.Generator, machine: Machine | None, *, anew: bool) -> dict[str, Any]:
-        """Begin an episode drawn from `rng`, of a machine if given or drawn `anew`; returns the info of the reset."""
+    def begin(self, index: int, rng: np.random.Generator, machine: Machine | None, *, redraw: bool) -> dict[str, Any]:
+        """Begin an episode, on `machine` if given, with `redraw` never on the last one; returns the reset's info."""
         family, before = self.family, self.sub_envs.scenarios[index]
         chosen = machine
-        if chosen is None and before is not None and not anew and 0 < self._episodes[index] < family.machine_episodes:
+        lasts = 0 < self._episodes[index] < family.machine_episodes
+        if chosen is None and before is not None and lasts and not redraw:
             chosen = before.machine
         scenario = family.draw(rng, chosen)
         if chosen is None:

@@ -245,7 +245,7 @@ class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         checked = checked_options(options, ("machine",))
         super().reset(seed=None if seed is None else whole_from("seed", seed, 0))
-        info = self._batch.begin(0, self.np_random, checked.get("machine"), anew=seed is not None)
+        info = self._batch.begin(0, self.np_random, checked.get("machine"), redraw=seed is not None)
         self._running = self._started = True
         self._batch.clear()
         self._of_episode = info
@@ -568,11 +568,11 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
             raise InputError(f"reset_mask must be {self.num_envs} truth values, at least one of them true")
         return array
 
-    def _begin(self, mask: Flags, machine: Any = None, anew: Flags | None = None) -> dict[str, Any]:
+    def _begin(self, mask: Flags, machine: Any = None, redraw: Flags | None = None) -> dict[str, Any]:
         infos: dict[str, Any] = {}
         for index in np.flatnonzero(mask):
-            random, again = self._views[index].np_random, anew is not None and bool(anew[index])
-            info = self._batch.begin(int(index), random, machine, anew=again)
+            random, again = self._views[index].np_random, redraw is not None and bool(redraw[index])
+            info = self._batch.begin(int(index), random, machine, redraw=again)
             infos = self._add_info(infos, info, int(index))
         self._elapsed[mask] = 0
         self._started[mask] = True
