@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from headroom import Cuts
-from tasks import with_block
+from sections import write_sections
 
 from edmsim.evaluation.compare import Figure, held_back, mean, ratio
 from edmsim.evaluation.episode import Result, cut
@@ -28,7 +28,6 @@ ENV_ID, POLICY, LAW = "edmsim/MaxRateShift-v0", "policy:MaxRateShift-adapt", "ad
 CONSTANT = f"{LAW}:break_weight=1.5,open_target_share=0.1,shortest_us=12.5"
 """The law with the policy's setting that cut the most, in the sum over the training machines: one for all."""
 CONSTANT_MACHINES = 4  # held-back machines on which that is cut
-RIVALS = LAW, "heat-flux"
 MACHINES = 24
 ELSEWHERE = {
     "higher: 80 to 100 mm": {"height_mm": [80.0, 100.0]},
@@ -46,8 +45,7 @@ def shown(figure: Figure, digits: int = 0) -> str:
 
 def table(policy: str, seeds: Sequence[int], cuts: Cuts) -> str:
     """Return what the controllers earn, and under it each machine."""
-    names = [name for name in (policy, *RIVALS) if all(cuts.has(name, seed) for seed in seeds)]
-    law = cuts.of(LAW, seeds)
+    names, law = (policy, LAW), cuts.of(LAW, seeds)
     rows = ["| controller | return | net rate, mm2/min | of the law's, % | wires lost |", "|---|---|---|---|---|"]
     for name in names:
         part = ratio(100 * cuts.of(name, seeds), law)
@@ -71,7 +69,7 @@ def table(policy: str, seeds: Sequence[int], cuts: Cuts) -> str:
         rows += ["", f"Without learning: one setting for all machines, `{CONSTANT}`, earns {shares[0]} % of the "
                  f"law's return on the first {len(first)} of these machines, where the policy earns {shares[1]} %. "
                  f"It loses {lost[0]} wires there, the policy {lost[1]}, the law {lost[2]}."]  # fmt: skip
-    return "\n".join(rows) + "\n"
+    return "\n".join(rows)
 
 
 def elsewhere(policy: str) -> str:
@@ -90,7 +88,7 @@ def elsewhere(policy: str) -> str:
         ]
         rows.append(f"| {place} | {cells[0]} | {cells[1]} | {shown(ratio(100 * returns[policy], returns[LAW]))} |")
     rows += ["", f"{PLACE_MACHINES} machines each, shifts of {SHORT_S / 60:.0f} minutes."]
-    return "\n".join(rows) + "\n"
+    return "\n".join(rows)
 
 
 def _cut_once(name: str, seed: int, place: str, options: dict[str, list[float]]) -> Result:
@@ -115,12 +113,10 @@ def main() -> None:
     if arguments.policy != POLICY:
         return
     for page in PAGES:
-        page.write_text(with_block(page.read_text(encoding="utf-8"), "adapted", found), encoding="utf-8")
+        write_sections(page, {"adapted": found})
     scores = [score.score(cuts.results(name, seeds), "fast") for name in (POLICY, LAW)]
     score.write_card(POLICY.removeprefix("policy:"), [scores[0]._replace(controller="policy"), scores[1]])
-    page = PAGES[0]
-    moved = elsewhere(POLICY)
-    page.write_text(with_block(page.read_text(encoding="utf-8"), "adapted-elsewhere", moved), encoding="utf-8")
+    write_sections(PAGES[0], {"adapted-elsewhere": elsewhere(POLICY)})
 
 
 if __name__ == "__main__":

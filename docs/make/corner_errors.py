@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from tasks import with_block
+from sections import write_sections
 
 from edmsim.controllers import from_text
 from edmsim.envs.episode import Task
@@ -44,7 +44,7 @@ def errors() -> str:
         mean_return = np.array([cut.total_return for cut in results[name]])[there].mean()
         rows.append(f"| `{name}` | {found_um.mean():.2f} | {share.value:.2f} ({share.low:.2f} to {share.high:.2f}) "
                     f"| {time_s:.1f} | {mean_return:.0f} |")  # fmt: skip
-    return "\n".join([*rows, "", f"{there.sum()} of {len(there)} held-back machines.", ""])
+    return "\n".join([*rows, "", f"{there.sum()} of {len(there)} held-back machines."])
 
 
 def squares(name: str, seed: int) -> NDArray[np.float64]:
@@ -87,7 +87,7 @@ def where() -> str:
         texts = [f"{one.value:.2f} ({one.low:.2f} to {one.high:.2f})" for one in figures]
         rows.append(f"| `{name}` | {' | '.join(texts)} |")
     said = f"Mean squares in um2 on {MACHINES} held-back machines, by the place of the guides behind the corner."
-    return "\n".join([*rows, "", said, ""])
+    return "\n".join([*rows, "", said])
 
 
 def main() -> None:
@@ -97,9 +97,8 @@ def main() -> None:
     tables = {"errors": errors()}
     if parser.parse_args().what:
         tables["where"] = where()
-    for name, table in tables.items():
-        print(table)
-        PAGE.write_text(with_block(PAGE.read_text(encoding="utf-8"), name, table), encoding="utf-8")
+    print("\n\n".join(tables.values()))
+    write_sections(PAGE, tables)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from tasks import PAGES, with_block
+from sections import write_sections
+from tasks import PAGES
 
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation import leaderboard
@@ -168,7 +169,7 @@ def main() -> None:
 def _tell(page: Path, text: str) -> None:
     """Write what was learned into a page."""
     print(f"{page.name}: {text}")
-    page.write_text(with_block(page.read_text(encoding="utf-8"), "learned", text.strip() + "\n"), encoding="utf-8")
+    write_sections(page, {"learned": text.strip()})
 
 
 if __name__ == "__main__":

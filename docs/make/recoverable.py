@@ -19,6 +19,7 @@ from typing import NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from sections import write_sections
 
 from edmsim.controllers import from_text
 from edmsim.controllers.protocols import FeedCommand, tell
@@ -30,7 +31,6 @@ from edmsim.learning.policy_controller import PolicyController
 from edmsim.recording.figures.palette import BLUE, MUTED
 
 DOCS = Path(__file__).parents[1]
-MARK = "<!-- recoverable -->"
 FOLDS, CELLS, RATE, DECAY = 5, 24, 5e-3, 1e-2
 LIMIT_EPOCHS, EPOCHS = 200, 60
 """Of the network that says the limit alone, and of the one that says all drawn constants."""
@@ -311,10 +311,7 @@ def main() -> None:
         f"{len(found)} constants are not identified: the interval of R2 reaches 0 at every time. The last row is "
         f"the prediction of the median of the later breaks, on the {count} machines with several.",
     ]  # fmt: skip
-    page = DOCS / "training.md"
-    text = page.read_text(encoding="utf-8")
-    begin, end = text.index(MARK) + len(MARK), text.index(MARK.replace("<!-- ", "<!-- /"))
-    page.write_text(text[:begin] + "\n" + "\n".join(rows) + "\n" + text[end:], encoding="utf-8")
+    write_sections(DOCS / "training.md", {"recoverable": "\n".join(rows)})
     draw({name: [share[0] for share in found[name].values()] for name in certain}, list(said))
 
 

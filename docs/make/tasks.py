@@ -9,12 +9,12 @@ A picture is taken where a servo has cut for a while, on the machine that seed 1
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 
 import gymnasium
 import numpy as np
 from PIL import Image
+from sections import with_sections
 
 import edmsim  # noqa: F401 - registers the environments
 from edmsim.envs.registry import env_id_of
@@ -64,17 +64,12 @@ def table(comparison: Comparison) -> str:
         label = f"`{name}`, {ends[name]}" if name in ends else f"`{name}`"
         rows.append(f"| {label} | {' | '.join(cells)} | {lost} |")
     rows += ["", f"{len(comparison.seeds)} cuts on machines of held-back seeds, at `{comparison.resolution}`."]
-    return "\n".join(rows) + "\n"
-
-
-def with_block(page: str, name: str, text: str) -> str:
-    """Return a page with a text in place of what is between the comments of that name."""
-    return re.sub(rf"(?<=<!-- {name} -->\n).*?(?=<!-- /{name} -->)", lambda _: text, page, flags=re.DOTALL)
+    return "\n".join(rows)
 
 
 def with_table(page: str, comparison: Comparison) -> str:
     """Return a page with its table of reference lines."""
-    return with_block(page, "lines", table(comparison))
+    return with_sections(page, {"lines": table(comparison)})
 
 
 def photograph(name: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from tasks import with_block
+from sections import write_sections
 
 from edmsim.evaluation.transfer import rows_of, transfer
 
@@ -27,8 +27,7 @@ def main() -> None:
     moved = transfer(ENV_ID, list(CONTROLLERS), CUTS, watch=watch)
     heads = [f"`{name}`" for name in CONTROLLERS]
     rows = [["place", *heads], ["---"] * (1 + len(heads)), *rows_of(moved)]
-    table = "".join(f"| {' | '.join(row)} |\n" for row in rows)
-    PAGE.write_text(with_block(PAGE.read_text(encoding="utf-8"), "transfer", table), encoding="utf-8")
+    write_sections(PAGE, {"transfer": "\n".join(f"| {' | '.join(row)} |" for row in rows)})
 
 
 if __name__ == "__main__":

@@ -43,9 +43,9 @@ def test_no_page_gives_the_pace_of_another_computer() -> None:
 def test_what_a_policy_earns_where_it_was_trained_is_that_of_the_benchmark() -> None:
     pages = (ROOT / "docs" / name for name in ("training.md", "benchmark.md"))
     training, benchmark = (page.read_text(encoding="utf-8") for page in pages)
-    table = training.split("<!-- transfer -->")[1].splitlines()
-    names = re.findall(r"`([^`]+)`", table[1])
-    cells = table[3].strip("| ").split(" | ")
+    table = training.split("<!-- begin transfer -->")[1].strip().splitlines()
+    names = re.findall(r"`([^`]+)`", table[0])
+    cells = table[2].strip("| ").split(" | ")
     assert (cells[0], names[0]) == ("as trained", "policy:GapFeed-ppo")
     rows = benchmark.split("## edmsim/GapFeed-v2")[1].split("## ")[0].splitlines()
     for name, cell in zip(names, cells[1:], strict=True):
