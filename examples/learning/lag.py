@@ -65,7 +65,7 @@ class Recorder:
     """
 
     def __init__(self, student: Any, seed: int) -> None:
-        self.card = SimpleNamespace(hold=None, residual=None)
+        self.card = SimpleNamespace(residual=None)
         self.rows: list[np.ndarray] = []
         self._student = student
         rng = np.random.default_rng(seed)
