@@ -31,8 +31,14 @@ def crater_diameter(volume: float, c: Constants) -> float:
 
 @compiled
 def _covered(middle: float, reach: float, aside: int) -> float:
-    """Share of the ray `aside` places away that a crater covers, all lengths in ray spacings."""
-    return max(0.0, min(middle + reach, aside + 0.5) - max(middle - reach, aside - 0.5))
+    """Share of a crater over its mean depth on the ray `aside` places away, all lengths in ray spacings.
+
+    A half ellipsoid, averaged over the height of its slice, is ``1.5 (1 - (x / reach)^2)`` of its mean depth.
+    """
+    low, high = max(-reach, aside - 0.5 - middle), min(reach, aside + 0.5 - middle)
+    if high <= low:
+        return 0.0
+    return 1.5 * (high - low - (high * high * high - low * low * low) / (3.0 * reach * reach))
 
 
 @compiled
