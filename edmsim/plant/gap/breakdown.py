@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import logarithm, power
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.vectors import (
     GAPS,
     element,
@@ -158,7 +158,7 @@ def may_touch(near: Any, law: GapLaw) -> bool:
     return span <= 0.0 or bool(passed(near, np.float32(span * span)) < GAPS)
 
 
-@compiled
+@compiled_apart
 def contact_depth(rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw) -> float:
     """Summed depth in um by which rays of a slice lie below the gap of contact."""
     contact = 0.0
