@@ -142,10 +142,9 @@ def sum_slice(
         pressure = both * delay * (held * law.wire_curvature + one) + law.bare
         pull_x += pressure * load(rays.cosine, (s, at))
         pull_y += pressure * load(rays.sine, (s, at))
-        weights = _primed_weights(gap, law)
-        primed += weights
+        primed += _primed_weights(gap, law)
         particles += _particle_weights(gap, held, law)
-        near = highest(near, weights)
+    near = highest(near, primed)
     primed += particles * (law.particles_um * np.float32(debris))
     store(sums, (s, 0), totals(rate, primed, pull_x, pull_y) * twice(gain, pull))
     return near
