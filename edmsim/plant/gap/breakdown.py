@@ -130,7 +130,7 @@ def sum_slice(
     rays: Rays, s: int, sx: np.float32, sy: np.float32, law: BlockLaw, gain: float, pull: float, debris: float,
     sums: NDArray[np.float64], near: Any,
 ) -> Any:
-    """Sum the rays of a slice as `slice_sums` does; returns the greatest primed weights, those of `near` included."""
+    """Sum the rays of a slice as `slice_sums` does; returns no less than the greatest primed weights and `near`."""
     one = np.float32(1.0)
     rate = primed = particles = pull_x = pull_y = spread(np.float32(0.0))
     for at in arc(rays, s):
@@ -152,7 +152,7 @@ def sum_slice(
 
 @compiled
 def may_touch(near: Any, law: GapLaw) -> bool:
-    """Whether a ray is so near that it may touch, by the greatest primed weights: it may not, most often."""
+    """Whether a ray may be so near that it touches, by what `sum_slice` returned: it may not, most often."""
     span = law.primed_gap_um - law.contact_gap_um
     return span <= 0.0 or bool(passed(near, np.float32(span * span)) < GAPS)
 

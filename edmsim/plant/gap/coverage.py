@@ -80,7 +80,7 @@ def refill_us(
 
 @compiled
 def _either(steam: Any, gas: Any) -> Any:
-    """Share of a front that gas covers, steam and permanent gas lying anywhere on it: of a slice, or a vector of them."""
+    """Share of a front that gas covers, of a slice or of a vector of them: both kinds lie anywhere on it."""
     return steam + gas - steam * gas
 
 
