@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import cube_root
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.plant.gap.ray_trace import BARE_UM, gap_of, place_of, ray_at
 from edmsim.plant.gap.rays import turned
 from edmsim.plant.kernel.state import Array, Arrays, Constants
@@ -54,7 +54,7 @@ def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, rea
     return covered
 
 
-@compiled
+@compiled_apart
 def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, volume: float, jitter: float) -> bool:
     """Lay a crater of `volume` um3 at the ray at a place on the rays in its width, which recede by its mean depth.
 
