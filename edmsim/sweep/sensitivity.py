@@ -159,8 +159,8 @@ def _shared(cells: Cells, counts: list[int], residuals: Array) -> list[float]:
 
 MOST_DEGREE = 10  # of the polynomial (ours: it follows two waves)
 NORMS = 1.0, 0.75, 0.5
-"""Norms of a term's degrees that are tried, until there are few enough terms: high degrees of several factors are left
-out (Blatman and Sudret 2011)."""
+"""Norms of a term's degrees, tried until there are few enough terms: below 1, high degrees of several factors are
+left out (Blatman and Sudret 2011)."""
 MOST_TERMS = 1000
 """Terms to choose from (ours), fewer where the table of all runs would take more than `MOST_NUMBERS`."""
 MOST_NUMBERS = 30_000_000
@@ -200,7 +200,7 @@ def fit(factors: list[Factor], values: Array) -> Shares:
 
 
 def _chosen(columns: Array, values: Array) -> list[int]:
-    """Return terms one by one, that which explains most of what is left first, while it does so better than chance."""
+    """Return terms one by one, each that which explains most of the rest, as long as that is more than chance."""
     from scipy.stats import f as fisher
 
     columns, rest = columns - columns.mean(axis=0), values - values.mean()
