@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page_by
 from edmsim.envs.part_page import written
 from edmsim.envs.part_task import Part
@@ -29,11 +29,5 @@ class PartEnv(EdmEnv):
     --------
     v0: the first.
     """
-
-    task = Part
-
-
-class PartVectorEnv(EdmVectorEnv):
-    """Vector environment of `PartEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Part

@@ -25,7 +25,6 @@ _VERSIONS = dict.fromkeys(_FILES, 2) | dict.fromkeys(("MaxRate", "ThinWire", "Tr
 )
 """Present versions. The last change was that debris ignites the gap: nothing earned before compares."""
 _GENERAL = "edmsim.envs.environment:EdmEnv", "edmsim.envs.environment:EdmVectorEnv"
-_WITHDRAWN = "edmsim.envs.registry:withdrawn"
 _REFERENCES = {
     "GapFeed": 1772.0, "HeightStep": 1523.0, "Corner": 1524.0, "Contour": 2407.0, "MaxRate": 4083.0,
     "ThinWire": 5813.0, "Trim": 829.0, "Part": -15.5, "MaxRateShift": 231122.0, "ThinWireShift": 59551.0,
@@ -35,20 +34,9 @@ _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are
 
 
 def register_all() -> None:
-    """Register ``edmsim/GapFeed-v2`` and the others, and say of the versions before that they are withdrawn."""
+    """Register ``edmsim/GapFeed-v2`` and the others."""
     for name in _FILES:
         _register_classes(env_id_of(name), _classes_of(name), {}, _REFERENCES.get(name))
-        for version in range(_VERSIONS[name]):
-            kwargs = {"env_id": env_id_of(name), "version": version}
-            _register_classes(f"edmsim/{name}-v{version}", (_WITHDRAWN, _WITHDRAWN), kwargs)
-
-
-def withdrawn(env_id: str, version: int, **_: Any) -> None:
-    """Stand where a version was that is withdrawn, and say which replaces it."""
-    raise InputError(
-        f"{env_id.rpartition('-')[0]}-v{version} is withdrawn (the gap it was played in is not simulated any more: "
-        f"debris ignites it now): use {env_id}"
-    )
 
 
 def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
@@ -105,8 +93,6 @@ def find(name: str | type[EnvArguments]) -> tuple[type[EnvArguments], dict[str, 
     short, _, version = str(name).removeprefix("edmsim/").partition("-v")
     if short in _FILES and version in ("", _version_of(short)):
         return family_of(short), {}
-    if short in _FILES and version.isdecimal() and int(version) < _VERSIONS[short]:
-        withdrawn(env_id_of(short), int(version))
     spec = registry.get(str(name))
     if spec is None or "task" not in spec.kwargs:
         raise InputError(f"there is no environment {name!r}; choose one of {one_of(str(name), registered_ids())}")
@@ -178,9 +164,8 @@ def _version_of(name: str) -> str:
 
 
 def _classes_of(name: str) -> tuple[str, str]:
-    """Return where the single and the vector class of an environment of edmsim are."""
-    place = f"edmsim.envs.{_FILES[name]}:{name}"
-    return f"{place}Env", f"{place}VectorEnv"
+    """Return where the single environment of edmsim is, and what makes the vector environment (`edmsim.envs`)."""
+    return f"edmsim.envs.{_FILES[name]}:{name}Env", f"edmsim.envs:{name}VectorEnv"
 
 
 def _register_classes(
