@@ -51,8 +51,9 @@ class Choices(BaseModel):
         Cutting time between two decisions, and its beginning that is not measured.
     start_s : float
         Cutting time of a new wire with the first setting.
-    trial_s : float
-        Cutting time at the beginning in which each setting is tried once, the most promising first.
+    trial_s, trial_bonus : float
+        Cutting time at the beginning in which a setting is tried once that would be the best with a rate of this many
+        standard deviations above the expected one, the most promising first.
     bonus : float
         Later, a setting is chosen by its expected rate plus this many standard deviations.
     """
@@ -65,6 +66,7 @@ class Choices(BaseModel):
     settle_s: _Share
     start_s: _Share
     trial_s: _Share
+    trial_bonus: _Share
     bonus: _Share
 
     @model_validator(mode="after")
@@ -185,13 +187,13 @@ class Belief(Snapshots):
         per_s = (np.array(self.card.breaks) * self.card.breaks_s + self.lost) / (self.card.breaks_s + self.cut_s)
         return np.asarray(self.mean[self._rates] - np.log1p(per_s * lost_s))
 
-    def best(self, bonus: float, lost_s: float) -> int:
-        """Return the setting of the greatest net rate plus a bonus for what is not known of its lead."""
+    def at_best(self, bonus: float, lost_s: float) -> Floats:
+        """Return the net rates, each plus this many standard deviations of its lead over the greatest of them."""
         rates, covariance = self.net(lost_s), self.covariance[self._rates, self._rates]
         first = int(np.argmax(rates))
         variance = np.diag(covariance)
         lead = variance + variance[first] - 2.0 * covariance[first]
-        return int(np.argmax(rates + bonus * np.sqrt(np.maximum(lead, 0.0))))
+        return np.asarray(rates + bonus * np.sqrt(np.maximum(lead, 0.0)))
 
 
 def law_of(choices: Choices) -> ServoLaw:

@@ -221,7 +221,9 @@ def test_a_gap_that_is_still_wide_after_a_short_does_not_shorten_the_period(name
         tell(controller, production_machine(), PATH, 0.0)
         controller.reset(400.0)
         period_us, ends_us = 90.0, []
-        for windows, short, open_, fifth in ((500, 20, 10, 45), (50, 255, 0, 0), (150, 0, 155, 20), (150, 20, 10, 45)):
+        for windows, short, open_, fifth in (
+            (500, 20, 10, 45), (50, 255, 0, 0), (150, 0, 155, 20), (150, 20, 10, 45),
+        ):  # fmt: skip
             for _ in range(windows):
                 window = observed(0.0, (fifth,) * 5)
                 window = window._replace(duration_s=255e-6 * period_us, short=short, open=open_)
