@@ -83,16 +83,16 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 class _Follows:
     """What learners have that follow a teacher in place of the reward; base class before one of PPO.
 
-    The environment is a `VecNormalize` of a `TaughtVecEnv`. All decisions so far are kept, a quarter of a kilobyte
+    The environment is a `VecNormalize` of a `TaughtVecEnv`. All decisions so far are stored, a quarter of a kilobyte
     each, and checkpoints have them, too.
     """
 
-    KEPT: tuple[str, ...] = ()
-    """Further lists that are kept, with an entry for each rollout."""
+    STORED: tuple[str, ...] = ()
+    """Further lists that are stored, with an entry for each rollout."""
 
     def _setup_model(self) -> None:
         super()._setup_model()  # type: ignore[misc]
-        for name in ("states", "teacher_actions", *self.KEPT):
+        for name in ("states", "teacher_actions", *self.STORED):
             setattr(self, name, getattr(self, name, []))  # a checkpoint has some
 
     def train(self) -> None:
@@ -105,7 +105,7 @@ class _Follows:
         normalise = learner.env
         for stored, new in zip((learner.states, learner.teacher_actions), normalise.venv.taken(), strict=True):
             stored.append(new)
-        self.keep()
+        self.store()
         observations = torch.as_tensor(normalise.normalize_obs(np.concatenate(learner.states)))
         teacher_actions = torch.as_tensor(np.concatenate(learner.teacher_actions))
         variance = teacher_actions.var(0).clamp(min=LEAST_VARIANCE)
@@ -120,8 +120,8 @@ class _Follows:
             losses.append(float(loss.detach()))
         learner.logger.record("train/unexplained_share", float(np.mean(losses)))
 
-    def keep(self) -> None:
-        """Keep what else the last rollout has."""
+    def store(self) -> None:
+        """Store what else the last rollout has."""
 
     def drawn(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Draw decisions, and return their rows and the policy's means."""
@@ -146,10 +146,10 @@ class RecurrentImitation(_Follows, RecurrentPPO):  # type: ignore[misc, unused-i
     The memory of an old rollout is that of the network of then (Kapturowski et al., ICLR 2019, measure the effect).
     """
 
-    KEPT = ("memories", "starts")
+    STORED = ("memories", "starts")
 
-    def keep(self) -> None:
-        """Keep the memory at the rollout's beginning, and where episodes began."""
+    def store(self) -> None:
+        """Store the memory at the rollout's beginning, and where episodes began."""
         buffer = self.rollout_buffer
         self.memories.append((buffer.hidden_states_pi[0].copy(), buffer.cell_states_pi[0].copy()))
         self.starts.append(buffer.episode_starts.copy())

@@ -143,7 +143,7 @@ def test_a_recurrent_imitation_learns_from_what_it_remembered_when_it_cut(short_
 
 
 @pytest.mark.slow
-def test_a_recurrent_imitation_is_resumed_with_all_it_has_seen(short_training, tmp_path):
+def test_a_recurrent_imitation_resumes_with_all_rollouts(short_training, tmp_path):
     from edmsim.learning.train import train
 
     (tmp_path / "own.toml").write_text(RECURRENT)
