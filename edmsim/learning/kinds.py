@@ -147,16 +147,19 @@ class RecurrentImitation(_Follows, RecurrentPPO):  # type: ignore[misc, unused-i
     """
 
     STORED = ("memories", "starts")
+    memories: list[tuple[NDArray[np.float32], NDArray[np.float32]]]  # LSTM's output and cells, (layers, envs, cells)
+    starts: list[NDArray[np.float32]]  # (steps, envs)
 
     def store(self) -> None:
         """Store the memory at the rollout's beginning, and where episodes began."""
-        buffer = self.rollout_buffer
+        buffer: Any = self.rollout_buffer
         self.memories.append((buffer.hidden_states_pi[0].copy(), buffer.cell_states_pi[0].copy()))
         self.starts.append(buffer.episode_starts.copy())
 
     def drawn(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Draw the rollouts of single sub-environments, as many as fill a batch."""
-        count = max(self.batch_size // self.n_steps, 1)
+        policy: Any = self.policy
+        count = max(int(self.batch_size or 1) // self.n_steps, 1)
         rollouts = torch.randint(len(self.starts), (count,))
         envs = torch.randint(self.n_envs, (count,))
         steps = torch.arange(self.n_steps)
@@ -167,7 +170,7 @@ class RecurrentImitation(_Follows, RecurrentPPO):  # type: ignore[misc, unused-i
             torch.as_tensor(np.stack([self.memories[rollout][part][:, env] for rollout, env in pairs], axis=1))
             for part in (0, 1)
         )
-        gaussian: Any = self.policy.get_distribution(observations[rows], memory, starts)[0].distribution
+        gaussian = policy.get_distribution(observations[rows], memory, starts)[0].distribution
         return rows, gaussian.mean
 
 

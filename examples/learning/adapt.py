@@ -41,7 +41,7 @@ SETTINGS = BanditSettings(
         {"open_target_share": 0.0, "short_weight": 0.15, "shortest_us": 12.5},  # shorts are accepted
     ],
     segment_s=10.0, settle_s=2.0, start_s=5.0,  # a decision, its beginning that is not measured, and that of a wire
-    trial_s=60.0, trial_bonus=2.0,  # of the test cut: what 2 deviations would make the best is tried once
+    trial_s=60.0, trial_bonus=1.0,  # of the test cut: what a deviation would make the best is tried once
     bonus=0.15,  # standard deviations that what is not known counts more
     machines=16, passes=4,
     shrink=0.3,  # of the covariance towards its diagonal, as machines are few
