@@ -56,9 +56,14 @@ def commit_of(revision: str) -> str:
 
 @contextmanager
 def checkout(commit: str) -> Iterator[Path]:
-    """Yield a temporary folder with the files of a commit; refuses if another comparison uses it.
+    """Yield a temporary folder with the files of a commit.
 
-    Its name and its files' times depend only on the commit, hence later comparisons reuse the compiled code.
+    Its name and its files' times depend only on the commit; later comparisons reuse the compiled code.
+
+    Raises
+    ------
+    InputError
+        If another comparison with the same commit is running, or the user's cache is not writable.
     """
     cached = (user_folder() / "revisions" / commit).resolve()
     with ExitStack() as last, locked(cached, "comparison"):
@@ -93,10 +98,18 @@ COMPILING = "0", "1", "1", "1", "1"
 
 @dataclass(frozen=True)
 class Pairs:
-    """Speed of this checkout compared with a revision."""
+    """Speed of this checkout compared with a revision.
 
-    commit: str  # the revision
-    here: dict[str, NDArray[np.float64]]  # rates of this checkout and of the revision, (pairs,)
+    Attributes
+    ----------
+    commit : str
+        The revision.
+    here, there : dict of str to float64 (pairs,)
+        Rates of this checkout and of the revision, one per pair.
+    """
+
+    commit: str
+    here: dict[str, NDArray[np.float64]]
     there: dict[str, NDArray[np.float64]]
 
     def ratio(self, name: str) -> Figure:
@@ -105,7 +118,24 @@ class Pairs:
 
 
 def compare(revision: str, pairs: int = PAIRS, watch: Callable[[str], None] = lambda _: None) -> Pairs:
-    """Time this checkout, with uncommitted changes, against a revision, in pairs of runs."""
+    """Time this checkout, with uncommitted changes, against a revision.
+
+    Parameters
+    ----------
+    revision : str
+        Commit, tag or branch.
+    pairs : int
+        Number of runs of each.
+    watch : callable, optional
+        Called with a line of text before each run.
+
+    Raises
+    ------
+    InputError
+        See `commit_of` and `checkout`.
+    EdmsimError
+        If one of them does not run.
+    """
     commit = commit_of(revision)
     with checkout(commit) as folder:
         roots = {"this checkout": ROOT, commit[:10]: folder}

@@ -61,12 +61,24 @@ LOOK_S = 200e-6
 
 
 class LoopProfile(NamedTuple):
-    """Where the processor time of a straight cut's pulses goes, at one resolution."""
+    """Where the processor time of a straight cut's pulses goes, at one resolution.
 
-    ns_per_pulse: float  # of the loop as it is, and of the loop with marks
+    Attributes
+    ----------
+    ns_per_pulse : float
+        Of the loop as it is.
+    marked_ns_per_pulse : float
+        Of the loop with marks.
+    shares : dict of str to float
+        Of the time with marks, by `PARTS`; they add up to 1.
+    looks : int
+        How often was looked which part runs.
+    """
+
+    ns_per_pulse: float
     marked_ns_per_pulse: float
-    shares: dict[str, float]  # of the time with marks, by `PARTS`; they add up to 1
-    looks: int  # how often was looked which part runs
+    shares: dict[str, float]
+    looks: int
 
     def ns(self, part: str) -> float:
         """Return a part's time per pulse."""
@@ -114,7 +126,13 @@ def _clock_of(thread: int) -> int:
 
 
 def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProfile]:
-    """Return the time of each part of a pulse in a straight cut, at each resolution of `PROFILED`."""
+    """Return the time of each part of a pulse in a straight cut, at each resolution of `PROFILED`.
+
+    Parameters
+    ----------
+    watch : callable, optional
+        Called with a line of text before each part.
+    """
     named = dict(zip(RESOLUTIONS, shapes(), strict=False))  # the modal ones come first
     names = tuple(tuple(f"edmsim.plant.{name}" for name in names) for names in PARTS.values())
     found = {}
