@@ -7,7 +7,6 @@ and its steps no wall can be measured.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypedDict
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.geometry import Polyline, arc_lengths, left_of
-from edmsim.metrology.edges import check_slices, edge_segments, metal_at
+from edmsim.metrology.edges import edge_segments, metal_at
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import WireContour
 from edmsim.program.taper import Ruled
@@ -60,40 +59,23 @@ NEAR_SEGMENTS = 8
 
 @dataclass(frozen=True)
 class ProfileError:
-    """Signed distance from the nominal edge to the part's wall.
+    """Signed distance from the nominal edge to the part's wall."""
 
-    Attributes
-    ----------
-    points_mm : array (n, 2)
-        Points of the nominal edge, at most 0.02 mm apart, with all real corners; of a tapered wall at half the
-        workpiece's height.
-    s_mm : array (n,)
-        Arc length along the nominal edge.
-    error_um : array (slices, n)
-        Positive if metal is left on the part, negative if it is undercut; NaN if the place is not cut, the
-        slice has no metal, or the place is too near to an edge of the blank or of a step in that slice.
-    at_lead_in : bool array (n,)
-        Points within 0.25 mm of the end of the lead-in, which may have a witness mark.
-    """
-
-    points_mm: Floats
-    s_mm: Floats
+    points_mm: Floats  # (n, 2): at most 0.02 mm apart, with all real corners; of a tapered wall at half the height
+    s_mm: Floats  # (n,): length along the nominal edge
+    # (slices, n): positive if metal is left; NaN where not cut, without metal, or too near to an edge of the blank or
+    # of a step in that slice
     error_um: Floats
-    at_lead_in: NDArray[np.bool_]
+    at_lead_in: NDArray[np.bool_]  # (n,): within 0.25 mm of the end of the lead-in, which may have a witness mark
 
     @property
     def mean_um(self) -> Floats:
         """Mean error over the slices, array (n,); NaN if all slices are."""
         return finite_mean(self.error_um, axis=0)
 
-    def stats(self, with_lead_in: bool = True) -> dict[str, float]:
-        """Return ``max`` (largest magnitude), ``rms`` and ``p95`` (of the magnitude), in um.
-
-        They cover every point of every slice, by default with the place of the lead-in, as a witness mark is
-        an error of the part. All are NaN if nothing was measured.
-        """
-        error = self.error_um if with_lead_in else self.error_um[:, ~self.at_lead_in]
-        return error_stats(error)
+    def stats(self) -> dict[str, float]:
+        """Return ``max``, ``rms`` and ``p95`` of the magnitude, in um, over all points and slices; NaN if unknown."""
+        return error_stats(self.error_um)
 
 
 def error_stats(error_um: Floats) -> dict[str, float]:
@@ -105,27 +87,13 @@ def error_stats(error_um: Floats) -> dict[str, float]:
     return {"max": float(size.max()), "rms": rms, "p95": float(np.percentile(size, 95))}
 
 
-def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] | None = None) -> ProfileError:
-    """Measure the distance of the part's wall from the nominal edge.
+def profile_error(field: KerfField, contour: WireContour) -> ProfileError:
+    """Measure the distance from every point of the nominal edge to the wall on the part's side of the wire's path.
 
-    For every point of the nominal edge, it is the distance to the nearest place of the wall on the part's side of
-    the wire's path. In an inner corner this includes metal that the round wire cannot reach. Each slice of a tapered
-    wall is measured in its plane.
-
-    Parameters
-    ----------
-    field : KerfField
-    contour : WireContour
-    slices : sequence of int, optional
-        Slices to measure; all by default.
-
-    Raises
-    ------
-    InputError
-        If a slice does not exist.
+    In an inner corner this includes metal that the round wire cannot reach. Each slice of a tapered wall is measured
+    in its plane.
     """
-    chosen = list(range(field.n_slices) if slices is None else slices)
-    check_slices(field, chosen)
+    chosen = list(range(field.n_slices))
     middle = contour.at_mid_height()
     line = Polyline(middle.nominal_mm, contour.closed)
     s_mm = line.stations(PROFILE_STEP_MM, line.corners(15.0))
@@ -133,10 +101,10 @@ def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] 
         points = line.at(s_mm)
         error = _errors(field, contour, line, s_mm, points, chosen)
     else:
-        wall, heights = contour.lean.wall, slice_heights_mm(field, contour.lean.height_mm)[chosen].tolist()
+        wall, heights = contour.lean.wall, slice_heights_mm(field, contour.lean.height_mm).tolist()
         points = _on_wall(wall, middle.nominal_mm, s_mm, 0.5 * contour.lean.height_mm)
         rows = []
-        for number, z in zip(chosen, heights, strict=True):
+        for number, z in enumerate(heights):
             there = _on_wall(wall, middle.nominal_mm, s_mm, z)
             rows.append(_errors(field, contour.at_height(z), line, s_mm, there, [number]))
         error = np.concatenate(rows)
@@ -246,31 +214,16 @@ CORNER_REACH_MM = 0.15  # arc length on both sides of a corner over which its er
 
 
 class CornerError(TypedDict):
-    """A real corner of the nominal edge and its error."""
+    """A corner of the nominal edge: its turn, left positive, and its error."""
 
     x_mm: float
     y_mm: float
     turn_deg: float
-    error_um: float
+    error_um: float  # mean over the height, of largest magnitude within 0.15 mm; NaN if unmeasured
 
 
 def corners(contour: WireContour, profile: ProfileError, min_turn_deg: float = 15.0) -> list[CornerError]:
-    """List the real corners of the nominal edge with their errors.
-
-    Parameters
-    ----------
-    contour : WireContour
-    profile : ProfileError
-        Of that contour.
-    min_turn_deg : float
-        Vertices with a smaller turn are chords of an arc.
-
-    Returns
-    -------
-    list of CornerError
-        ``x_mm``, ``y_mm``, ``turn_deg`` (left positive) and ``error_um``: the mean error over the height,
-        of largest magnitude within 0.15 mm of the corner; NaN if unmeasured.
-    """
+    """List the corners of the nominal edge with their errors; what turns by less than a corner is part of an arc."""
     line = Polyline(contour.nominal_mm, contour.closed)
     found: list[CornerError] = []
     for vertex in line.corners(min_turn_deg):
@@ -287,56 +240,28 @@ _ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord toler
 
 @dataclass(frozen=True)
 class ElementError:
-    """A line or arc of the nominal edge, and its error.
+    """A line or arc of the nominal edge, and its error."""
 
-    Attributes
-    ----------
-    contour, element : int
-        Number of the contour in cutting order, and of the element along it, from 1.
-    line : int or None
-        The program's line; None for a drawing.
-    kind : {"line", "arc", "curve"}
-    radius_mm : float or None
-        Of an arc.
-    x_mm, y_mm, end_x_mm, end_y_mm : float
-        First and last point on the table.
-    length_mm : float
-    mean_um, rms_um : float
-        Of the profile error over the element and all slices, less metal out of reach; NaN if unknown.
-    low_um, high_um : float
-        Least and greatest error; positive is metal left.
-    """
-
-    contour: int
-    element: int
-    line: int | None
-    kind: str
+    contour: int  # number in cutting order, from 1
+    element: int  # number along the contour, from 1
+    line: int | None  # the program's line; None for a drawing
+    kind: str  # line, arc or curve
     radius_mm: float | None
-    x_mm: float
+    x_mm: float  # first and last point, on the table
     y_mm: float
     end_x_mm: float
     end_y_mm: float
     length_mm: float
-    mean_um: float
+    mean_um: float  # of the profile error over all slices, less metal out of reach; NaN if unknown
     rms_um: float
-    low_um: float
+    low_um: float  # least and greatest error
     high_um: float
 
 
 def element_errors(
     number: int, contour: WireContour, profile: ProfileError, unreachable_um: Floats
 ) -> list[ElementError]:
-    """Return the error of every element of a contour, in order; empty if its elements are unknown.
-
-    Parameters
-    ----------
-    number : int
-        Of the contour, from 1.
-    contour : WireContour
-    profile : ProfileError
-    unreachable_um : array (n,)
-        `edmsim.metrology.reach.unreachable_um`.
-    """
+    """Return the error of every element of a contour, whose number counts from 1; empty if elements are unknown."""
     if not contour.elements:
         return []
     begins = arc_lengths(contour.nominal_mm)

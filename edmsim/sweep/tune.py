@@ -1,6 +1,6 @@
 """Searches of gains, of the settings of your own controller, and of hyperparameters: ``edmsim tune``.
 
-By Optuna (extra ``tune``), or by differential evolution. The driver asks a study for values, the engine makes the
+By Optuna (extra ``tune``). The driver asks a study for values, the engine makes the
 trials, and the driver reports their scores. Hence the same search runs on one computer or on a cluster, whose nodes
 need neither Optuna nor a shared file.
 
@@ -16,17 +16,15 @@ once more on other machines.
 from __future__ import annotations
 
 import inspect
-import itertools
 import math
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import FeedController, make
@@ -102,15 +100,10 @@ a gap that closes is not noticed. What is found for `counts` hunts at long perio
 ENV_IDS = ("edmsim/GapFeed-v2", "edmsim/HeightStep-v2")
 SEEDS = 5
 """Number of training seeds per environment."""
-POPULATION = 8
-"""Gains in a generation of an evolution (ours: five of them take some three minutes a controller on two cores)."""
 
 
 def training_seeds(seed: int, seeds: int = SEEDS) -> range:
-    """Return the training seeds of each environment, from `seed` on.
-
-    Raises `InputError` if `seeds` is below 1, or the seeds reach the held-back ones.
-    """
+    """Return the training seeds from `seed` on; raises `InputError` if they reach the held-back ones."""
     if seeds < 1:
         raise InputError(f"{seeds} training seeds judge nothing: give 1 or more")
     if not 0 <= seed <= HELD_BACK - seeds:
@@ -238,70 +231,31 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
 JOURNAL = "study.journal"  # file of the study, in Optuna's journal storage
 BEST = "best.toml"
 FINAL = "finalists.jsonl"  # table of the trials that are tried once more
-EVOLUTION = "evolution.jsonl"  # table of the trials of an evolution
-METHODS = ("tpe", "evolution")
 
 
 class Tuned(NamedTuple):
-    """Result of a search.
+    """Result of a search, or its state."""
 
-    Attributes
-    ----------
-    values : dict
-        The best values.
-    value, first_value : float
-        Scores of `values` and of the values in use.
-    trials, failed : int
-        Number of trials of all processes, and of those that failed.
-    """
-
-    values: dict[str, float]
-    value: float
+    values: dict[str, float]  # the best values
+    value: float  # score of `values`, and of the values in use
     first_value: float
-    trials: int
+    trials: int  # of all processes
     failed: int
 
 
 def tune_gains(
-    name: str, out: str | Path, *, method: str = "tpe", trials: int = 40, seed: int = 0, seeds: int = 5,
+    name: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 5,
     engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
 ) -> Tuned:
-    """Search a controller's gains.
+    """Search the gains of a controller of `BOUNDS`; a search in the folder is resumed.
 
-    Parameters
-    ----------
-    name : str
-        A controller of `edmsim.sweep.tune.BOUNDS`.
-    out : path
-        Folder for the search and its result; an existing search is resumed. Processes that you start with the same
-        folder share one study; as they do not count trials in progress elsewhere, they may make a few more.
-    method : {"tpe", "evolution"}
-        ``tpe`` (Optuna) proposes values from the scores of earlier trials. Its first trial uses the values in use,
-        hence the result is never worse on these seeds. ``evolution`` is SciPy's differential evolution (Storn and
-        Price 1997); its result does not depend on the number of processors.
-    trials : int
-        Number of trials; ``evolution`` makes whole generations of `edmsim.sweep.tune.POPULATION`.
-    seed : int
-        First training seed, and seed of the search. On one process the search is reproducible.
-    seeds : int
-        Number of training seeds per trial; seeds held back for comparisons are never used.
-    engine : Engine, optional
-        By default all processors of this computer.
-    watch : callable, optional
-        Called with a `Tuned` after every trial.
-
-    Raises
-    ------
-    InputError
-        If the controller has no gains to search, Optuna is not installed, or an argument is invalid.
+    Processes with the same folder share one study; as they do not count trials in progress elsewhere, they may make a
+    few more. The first trial has the values in use, hence the result is never worse on these seeds. On one process
+    the search is reproducible.
     """
     if name not in BOUNDS:
         raise InputError(f"no gains of '{name}' are searched; choose one of {one_of(name, BOUNDS)}")
-    if method not in METHODS:
-        raise InputError(f"there is no method '{method}'; choose one of {one_of(method, METHODS)}")
     judged_by = _judged_by(trials, seed, seeds)
-    if method == "evolution":
-        return _evolved(name, Path(out), trials, seed, judged_by, watch)
     return _studied(
         "gains", name, bounds("gains", name), Path(out), trials, seed, engine, watch,
         lambda number, values: Trial(number, "gains", name, values, judged_by), name,
@@ -312,15 +266,7 @@ def tune_training(
     env_id: str, out: str | Path, *, algo: str = "ppo", steps: int | None = None, trials: int = 40, seed: int = 0,
     seeds: int = 5, engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
 ) -> Tuned:
-    """Search the hyperparameters of a training; see `tune_gains` for the other parameters.
-
-    Parameters
-    ----------
-    algo : str
-        One of `TRAINING`.
-    steps : int, optional
-        Windows per trial; by default those of ``models/training``.
-    """
+    """Search the hyperparameters of a training, by default with the windows of ``models/training`` per trial."""
     space, judged_by, name = bounds("training", algo), _judged_by(trials, seed, seeds), resolve(env_id)
     windows = load(name, algo).steps if steps is None else steps
     if windows < 1:
@@ -357,51 +303,6 @@ def _studied(
 
     run_study(study, space, trials, engine or Processes(), made, ended)
     return _found(study)
-
-
-def _evolved(
-    name: str, folder: Path, trials: int, seed: int, judged_by: tuple[int, ...], watch: Callable[[Tuned], None] | None
-) -> Tuned:
-    """Search by differential evolution; finished trials are saved, and the same search resumes."""
-    from scipy.optimize import Bounds, differential_evolution
-    from scipy.stats import qmc
-
-    make_writable(folder)
-    tried = RunTable(folder / EVOLUTION, {"name": name, "seed": seed, "seeds": judged_by})
-
-    def judged(gains: dict[str, float]) -> float:
-        key = " ".join(f"{value!r}" for value in gains.values())
-        if key not in tried.rows:
-            value = score(run_all(judged_by, partial(make, name, **gains)))
-            tried.add({"id": key, "gains": gains, "value": value})
-        return float(tried.rows[key]["value"])
-
-    low, high = np.array(list(BOUNDS[name].values())).T
-    calls = itertools.count(1)
-    used = judged({key: float(getattr(make(name), key)) for key in BOUNDS[name]})
-
-    def objective(values: NDArray[np.float64]) -> float:
-        value = judged(_rounded(name, values))
-        if watch is not None:
-            best = max(tried.rows.values(), key=lambda row: row["value"])
-            watch(Tuned(best["gains"], best["value"], used, next(calls), 0))
-        return -value
-
-    generations = max(math.ceil(trials / POPULATION) - 1, 0)
-    first = qmc.scale(qmc.Sobol(len(low), rng=np.random.default_rng(seed)).random(POPULATION), low, high)
-    found = differential_evolution(
-        objective, Bounds(low, high), init=first, maxiter=generations, tol=0.0, polish=False,
-        rng=np.random.default_rng(seed),
-    )
-    gains, made_of = _rounded(name, found.x), POPULATION * (generations + 1)
-    text = f"gains {name} --method evolution --trials {made_of} --seed {seed}, of edmsim {__version__}"
-    write_found(folder, text, -float(found.fun), judged_by, "gains", gains, {})
-    return Tuned(gains, -float(found.fun), used, made_of, 0)
-
-
-def _rounded(name: str, values: Iterable[float]) -> dict[str, float]:
-    """Return gains by name, to three digits: the precision of this search."""
-    return {key: float(f"{value:.3g}") for key, value in zip(BOUNDS[name], values, strict=True)}
 
 
 def run_study(
@@ -547,28 +448,15 @@ class Spread(NamedTuple):
 
 
 class TunedOwn(NamedTuple):
-    """Result of `tune_own`.
+    """Result of `tune_own`, with spreads on machines that the choice did not use."""
 
-    Attributes
-    ----------
-    values : dict
-        The most robust settings.
-    spread, first_spread : Spread
-        Spreads of `values` and of the settings in use, both on machines that the choice did not use.
-    trials, failed : int
-        Number of all trials, and of those that failed.
-    machines : int
-        Number of machines in the spreads.
-    tried_again : dict
-        Values and spread of each finalist by the number of its trial; -1 is the settings in use.
-    """
-
-    values: dict[str, float]
+    values: dict[str, float]  # the most robust settings
     spread: Spread
-    first_spread: Spread
+    first_spread: Spread  # of the settings in use
     trials: int
     failed: int
-    machines: int
+    machines: int  # in the spreads
+    # values and spread of each finalist by its trial; -1 is the settings in use
     tried_again: dict[int, tuple[dict[str, float], Spread]]
 
 
