@@ -24,7 +24,7 @@ from edmsim.files import make_writable, replacing
 from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.runs import ATTEMPTS, Cluster, RunTable
-from edmsim.sweep.tune import Bound, bounds, judge_policy, training_seeds, write_found
+from edmsim.sweep.tune import Bound, judge_policy, training_seeds, training_space, within, write_found
 
 try:
     from ray import tune
@@ -93,7 +93,7 @@ def _plan(name: str, algo: str, population: int, generations: int, steps: int | 
         raise InputError(f"{generations} generations train nothing: give 1 or more")
     judged_by = tuple(training_seeds(seed, seeds))
     env_id = resolve(name)
-    bounds("training", algo)  # refuses an algorithm of which nothing is searched
+    training_space(algo)  # refuses an algorithm of which nothing is searched
     parameters = hyperparameters.load(env_id, algo)
     total = parameters.steps if steps is None else steps
     if total < generations:
@@ -126,14 +126,13 @@ def _run(folder: Path, plan: Plan, journal: RunTable, watch: Callable[[Populatio
 
 
 def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
-    space = bounds("training", plan.algo)
+    space = training_space(plan.algo)
     drawn = {key: _domain(bound) for key, bound in space.items()}
     scheduler = PopulationBasedTraining(
         time_attr="training_iteration", metric="score", mode="max", perturbation_interval=1, synch=True,
         hyperparam_mutations=drawn, custom_explore_fn=_Within(space), log_config=False,
     )  # fmt: skip
-    usual = plan.parameters["algorithm"]
-    first = {key: float(usual[key]) for key, bound in space.items() if bound.low <= usual[key] <= bound.high}
+    first = within(space, plan.parameters["algorithm"])
     return tune.Tuner(
         trainable, param_space={"plan": asdict(plan), **drawn},
         tune_config=tune.TuneConfig(
