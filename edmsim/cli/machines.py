@@ -34,7 +34,6 @@ def table(
 ) -> None:
     """Measure a machine's table as a laser interferometer does."""
     from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
-    from edmsim.errors import InputError
     from edmsim.files import make_writable, replacing
     from edmsim.job.result import FORMATS
     from edmsim.job.settings import CutSettings
@@ -293,7 +292,6 @@ def positioner(
     """Run a QCL program on EANPOS positioners and their axes."""
     from edmsim.consoles.positioner import Station, contactors_of, press_of, run_and_tell
     from edmsim.controllers.qcl import QclError
-    from edmsim.errors import InputError
 
     presses = [press_of(text) for text in press or []]
     contactors = contactors_of(contactor or [])

@@ -112,26 +112,21 @@ def _chosen(known: dict[str, Constant], only: Iterable[str]) -> set[str]:
     return chosen
 
 
-def with_values(machine: _SetUp, values: Mapping[str, float]) -> _SetUp:
-    """Return the machine with other values of some constants, unchecked; sources and ranges stay."""
-    sections = {name: vars(part) for name, part in _sections(machine).items()}
-    changed: dict[str, dict[str, Constant]] = {}
-    for name, value in values.items():
-        section, _, key = name.partition(".")
-        changed.setdefault(section, {})[key] = sections[section][key].changed({"value": value})
-    return _with_changes(machine, changed)
-
-
 def values_of(machine: SetUp, names: Iterable[str]) -> dict[str, float]:
     """Return the values of some constants, named by section and key."""
     return {name: constant.value for name, constant in _named(machine, names).items()}
 
 
 def _named(machine: SetUp, names: Iterable[str]) -> dict[str, Constant]:
-    """Return some constants, named by section and key."""
     sections = {name: vars(part) for name, part in _sections(machine).items()}
     parted = {name: name.partition(".") for name in names}
     return {name: sections[section][key] for name, (section, _, key) in parted.items()}
+
+
+def with_values(machine: _SetUp, values: Mapping[str, float]) -> _SetUp:
+    """Return the machine with other values of some constants, unchecked; sources and ranges stay."""
+    known = _named(machine, values)
+    return with_constants(machine, {name: known[name].changed({"value": value}) for name, value in values.items()})
 
 
 def with_constants(machine: _SetUp, constants: Mapping[str, Constant]) -> _SetUp:
@@ -140,11 +135,6 @@ def with_constants(machine: _SetUp, constants: Mapping[str, Constant]) -> _SetUp
     for name, constant in constants.items():
         section, _, key = name.partition(".")
         changed.setdefault(section, {})[key] = constant
-    return _with_changes(machine, changed)
-
-
-def _with_changes(machine: _SetUp, changed: Mapping[str, Mapping[str, Constant]]) -> _SetUp:
-    """Return the machine with other constants, by section and key."""
     sections = _sections(machine)
     parts = {section: sections[section].changed(new) for section, new in changed.items()}
     base = machine.base.changed({k: v for k, v in parts.items() if k not in ("wire", "material")})

@@ -24,7 +24,7 @@ from edmsim.files import make_writable, replacing
 from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.runs import ATTEMPTS, Cluster, RunTable
-from edmsim.sweep.tune import Bound, bounds, judge_policy, training_seeds, write_found
+from edmsim.sweep.tune import Bound, judge_policy, training_seeds, training_space, within, write_found
 
 try:
     from ray import tune
@@ -59,21 +59,11 @@ class Plan:
 
 
 class PopulationResult(NamedTuple):
-    """State of a population.
+    """State of a population."""
 
-    Attributes
-    ----------
-    values : dict
-        Settings of the best learner in its last generation.
-    value : float
-        Mean return of its policy on the training seeds.
-    generation : int
-        Last generation that a learner has finished.
-    """
-
-    values: dict[str, float]
-    value: float
-    generation: int
+    values: dict[str, float]  # settings of the best learner in its last generation
+    value: float  # mean return of its policy on the training seeds
+    generation: int  # last that a learner has finished
 
 
 def train_population(
@@ -83,31 +73,8 @@ def train_population(
 ) -> PopulationResult:
     """Train a population on a Ray cluster, one processor per learner; on fewer processors learners take turns.
 
-    Parameters
-    ----------
-    name : str
-        Id of an environment.
-    out : path
-        Folder for policy, settings, table and checkpoints, at the same path on every computer of the cluster.
-        An interrupted training in it is resumed.
-    address : str
-        See `edmsim.runs.Cluster`.
-    population, generations : int
-        Number of learners (4 or more) and of generations; the learners are compared after each.
-    steps : int, optional
-        Windows per learner over all generations, each rounded up to whole updates; by default those of
-        ``models/training``.
-    algo, seed, seeds
-        See `edmsim.sweep.tune.tune_training`.
-    watch : callable, optional
-        Called with a `PopulationResult` after each generation of a learner.
-
-    Raises
-    ------
-    InputError
-        If there is no such environment or cluster, an argument is invalid, or all learners failed.
-    KeyboardInterrupt
-        If interrupted; the same call resumes.
+    The folder must be at the same path on every computer of the cluster; an interrupted training in it is resumed.
+    The windows of `steps` are those of a learner over all generations, each rounded up to whole updates.
     """
     plan = _plan(name, algo, population, generations, steps, seed, seeds)
     Cluster(address)
@@ -126,7 +93,7 @@ def _plan(name: str, algo: str, population: int, generations: int, steps: int | 
         raise InputError(f"{generations} generations train nothing: give 1 or more")
     judged_by = tuple(training_seeds(seed, seeds))
     env_id = resolve(name)
-    bounds("training", algo)  # refuses an algorithm of which nothing is searched
+    training_space(algo)  # refuses an algorithm of which nothing is searched
     parameters = hyperparameters.load(env_id, algo)
     total = parameters.steps if steps is None else steps
     if total < generations:
@@ -159,14 +126,13 @@ def _run(folder: Path, plan: Plan, journal: RunTable, watch: Callable[[Populatio
 
 
 def _tuner(trainable: Any, folder: Path, plan: Plan) -> Any:
-    space = bounds("training", plan.algo)
+    space = training_space(plan.algo)
     drawn = {key: _domain(bound) for key, bound in space.items()}
     scheduler = PopulationBasedTraining(
         time_attr="training_iteration", metric="score", mode="max", perturbation_interval=1, synch=True,
         hyperparam_mutations=drawn, custom_explore_fn=_Within(space), log_config=False,
     )  # fmt: skip
-    usual = plan.parameters["algorithm"]
-    first = {key: float(usual[key]) for key, bound in space.items() if bound.low <= usual[key] <= bound.high}
+    first = within(space, plan.parameters["algorithm"])
     return tune.Tuner(
         trainable, param_space={"plan": asdict(plan), **drawn},
         tune_config=tune.TuneConfig(

@@ -113,9 +113,6 @@ def _cut(run: SweepRun) -> tuple[dict[str, Any], dict[str, bytes]]:
 
 def _drawn(run: SweepRun, sample: int) -> dict[str, float]:
     """Return the constants of a drawn machine; every setting gets the same draw, for comparison."""
-    from edmsim.job.settings import CutSettings
-    from edmsim.machine.ranges import choose
-
     machine = CutSettings.model_validate(run.settings).load_machine()
     only = run.sample_only
     chosen = machine.uncertain() if only is None else choose(machine, only)
@@ -232,20 +229,12 @@ SPECIFICATION = "specification.json"  # file in which a sweep's folder keeps the
 
 
 class SweepProgress(NamedTuple):
-    """Progress of a sweep.
+    """Progress of a sweep."""
 
-    Attributes
-    ----------
-    done, total : int
-        Number of finished runs, and of all.
-    made, failed : int
-        Number of runs that this call finished, and of finished runs that failed.
-    """
-
-    done: int
+    done: int  # finished runs
     total: int
-    made: int
-    failed: int
+    made: int  # finished by this call
+    failed: int  # of the finished ones
 
 
 def sweep(
@@ -294,41 +283,24 @@ def sweep(
             store.forget_failures()
         with replacing(store.folder / SPECIFICATION) as partial:
             partial.write_text(specification.model_dump_json(indent=2) + "\n", encoding="utf-8")
-        counts = _Counts(specification.runs, watch)
-        counts.tell()
-        for run, answer in (engine or Processes()).done(perform, _missing(specification, store, counts)):
+        now = SweepProgress(0, specification.runs, 0, 0)
+
+        def count(failed: bool, made: int) -> None:
+            nonlocal now
+            now = SweepProgress(now.done + 1, now.total, now.made + made, now.failed + failed)
+
+        def missing() -> Iterator[SweepRun]:
+            for run in runs_of(specification):
+                if store.misses(run):
+                    yield run
+                else:
+                    count(store.failed[run.id], 0)
+
+        tell = watch or (lambda _: None)
+        tell(now)
+        for run, answer in (engine or Processes()).done(perform, missing()):
             outcome = lost(run, answer.why) if isinstance(answer, LostJob) else answer
             store.add(run, outcome)
-            counts.made_one(outcome)
-        return counts.progress
-
-
-class _Counts:
-    """Counts of a sweep, for its progress bar."""
-
-    def __init__(self, total: int, watch: Callable[[SweepProgress], None] | None) -> None:
-        self.progress = SweepProgress(0, total, 0, 0)
-        self._watch = watch
-
-    def tell(self) -> None:
-        if self._watch is not None:
-            self._watch(self.progress)
-
-    def skip_one(self, failed: bool) -> None:
-        now = self.progress
-        self.progress = now._replace(done=now.done + 1, failed=now.failed + failed)
-
-    def made_one(self, outcome: Outcome) -> None:
-        now = self.progress
-        failed = now.failed + (outcome.row["error"] is not None)
-        self.progress = now._replace(done=now.done + 1, made=now.made + 1, failed=failed)
-        self.tell()
-
-
-def _missing(specification: Specification, store: Store, counts: _Counts) -> Iterator[SweepRun]:
-    """Yield the runs that are still to be made, as they are asked for."""
-    for run in runs_of(specification):
-        if store.misses(run):
-            yield run
-        else:
-            counts.skip_one(store.failed[run.id])
+            count(outcome.row["error"] is not None, 1)
+            tell(now)
+        return now

@@ -91,21 +91,13 @@ class _Strict(BaseModel):
 
 
 class SobolSample(_Strict):
-    """Scrambled Sobol sequence, which fills a space evenly (`scipy.stats.qmc.Sobol`).
+    """Scrambled Sobol sequence, which fills a space evenly (`scipy.stats.qmc.Sobol`)."""
 
-    Attributes
-    ----------
-    samples : int
-        Number of points, a power of 2; other numbers do not cover the space evenly.
-    seed : int
-        Seed of the scrambling.
-    ranges : dict
-        For each setting or constant ``[low, high]``, ``[low, high, "log"]`` to sample its logarithm evenly, or
-        ``"range"`` for the published range of a constant.
-    """
-
+    # number of points, a power of 2; other numbers do not cover the space evenly
     samples: Annotated[int, Field(ge=1, le=MOST_POINTS)]
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0)] = 0  # seed of the scrambling
+    # for each setting or constant ``[low, high]``, ``[low, high, "log"]`` to sample its logarithm evenly, or
+    # ``"range"`` for the published range of a constant
     ranges: Annotated[dict[str, Any], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -122,42 +114,28 @@ class SobolSample(_Strict):
 class Specification(_Strict):
     """Description of a sweep; it determines every run.
 
-    Attributes
-    ----------
-    program, environment : list of str
-        Either part programs or ids of environments (``FILE.py:ID`` for your own).
-    seeds : list of int
-        A single number is a count: for programs from 0 on, for environments held-back seeds, as training may have
-        used others.
-    machine_samples : int
-        Number of machines to draw within the ranges of their constants (`Machine.sample`); 0 uses the files'
-        machine. Environments draw their own.
-    sample_only : list of str, optional
-        Sections and constants to draw; by default all.
-    recordings : list of {"report", "windows", "all"}
-    settings : dict
-        Options of a cut, or ``controller`` and arguments of the environment, for every run; constants by
-        ``section.key``.
-    grid : dict
-        Lists of values of further settings; every combination is run.
-    sobol : SobolSample, optional
-        Points to run with every combination of the grid.
-
     Raises
     ------
     InputError
         If the specification is invalid.
     """
 
+    # program, environment: either part programs or ids of environments (``FILE.py:ID`` for your own)
     program: list[str] = []
     environment: list[str] = []
+    # a single number is a count: for programs from 0 on, for environments held-back seeds, as training may have used
+    # others
     seeds: list[int] = [0]
+    # number of machines to draw within the ranges of their constants (`Machine.sample`); 0 uses the files' machine.
+    # Environments draw their own.
     machine_samples: Annotated[int, Field(ge=0)] = 0
-    sample_only: list[str] | None = None
+    sample_only: list[str] | None = None  # sections and constants to draw; by default all
     recordings: list[Recorded] = []
+    # options of a cut, or ``controller`` and arguments of the environment, for every run; constants by
+    # ``section.key``
     settings: dict[str, Any] = {}
-    grid: dict[str, list[Any]] = {}
-    sobol: SobolSample | None = None
+    grid: dict[str, list[Any]] = {}  # lists of values of further settings; every combination is run
+    sobol: SobolSample | None = None  # points to run with every combination of the grid
 
     @model_validator(mode="wrap")
     @classmethod

@@ -67,8 +67,7 @@ TRAINING: dict[str, dict[str, Bound]] = {
 TRAINING |= {"tqc": TRAINING["sac"], "ppo-lag": TRAINING["ppo"], "recurrent-ppo": TRAINING["ppo"]}
 """What is searched of a training, and where (ours: a factor of ten to both sides of what stable-baselines3 gives)."""
 
-Ranges = dict[str, tuple[float, float]]
-BOUNDS: dict[str, Ranges] = {
+BOUNDS = {
     "fixed": {"feed_um_s": (1.0, 60.0)},
     "counts": {
         "open_target_share": (0.0, 0.2), "short_weight": (0.25, 1.5), "proportional_um_s": (1.0, 15.0),
@@ -103,10 +102,7 @@ SEEDS = 5
 
 
 def training_seeds(seed: int, seeds: int = SEEDS) -> range:
-    """Return the training seeds of each environment, from `seed` on.
-
-    Raises `InputError` if `seeds` is below 1, or the seeds reach the held-back ones.
-    """
+    """Return the training seeds from `seed` on; raises `InputError` if they reach the held-back ones."""
     if seeds < 1:
         raise InputError(f"{seeds} training seeds judge nothing: give 1 or more")
     if not 0 <= seed <= HELD_BACK - seeds:
@@ -156,15 +152,6 @@ class TrialResult:
     error: str | None = None
     files: Mapping[str, bytes] = field(default_factory=dict)
     returns: tuple[float, ...] = ()
-
-
-def bounds(kind: str, name: str) -> dict[str, Bound]:
-    """Return the bounds of the search for a controller or an algorithm."""
-    if kind == "training":
-        if name not in TRAINING:
-            raise InputError(f"no settings of the algorithm '{name}' are searched; choose {', '.join(TRAINING)}")
-        return TRAINING[name]
-    return {key: Bound(*ends) for key, ends in BOUNDS[name].items()}
 
 
 def judge_trial(trial: Trial) -> TrialResult:
@@ -237,22 +224,12 @@ FINAL = "finalists.jsonl"  # table of the trials that are tried once more
 
 
 class Tuned(NamedTuple):
-    """Result of a search.
+    """Result of a search, or its state."""
 
-    Attributes
-    ----------
-    values : dict
-        The best values.
-    value, first_value : float
-        Scores of `values` and of the values in use.
-    trials, failed : int
-        Number of trials of all processes, and of those that failed.
-    """
-
-    values: dict[str, float]
-    value: float
+    values: dict[str, float]  # the best values
+    value: float  # score of `values`, and of the values in use
     first_value: float
-    trials: int
+    trials: int  # of all processes
     failed: int
 
 
@@ -260,81 +237,54 @@ def tune_gains(
     name: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 5,
     engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
 ) -> Tuned:
-    """Search a controller's gains.
+    """Search the gains of a controller of `BOUNDS`; a search in the folder is resumed.
 
-    Parameters
-    ----------
-    name : str
-        A controller of `edmsim.sweep.tune.BOUNDS`.
-    out : path
-        Folder for the search and its result; an existing search is resumed. Processes that you start with the same
-        folder share one study; as they do not count trials in progress elsewhere, they may make a few more.
-    trials : int
-        Number of trials. The first uses the values in use, hence the result is never worse on these seeds; Optuna's
-        TPE proposes the others from the scores before.
-    seed : int
-        First training seed, and seed of the search. On one process the search is reproducible.
-    seeds : int
-        Number of training seeds per trial; seeds held back for comparisons are never used.
-    engine : Engine, optional
-        By default all processors of this computer.
-    watch : callable, optional
-        Called with a `Tuned` after every trial.
-
-    Raises
-    ------
-    InputError
-        If the controller has no gains to search, Optuna is not installed, or an argument is invalid.
+    Processes with the same folder share one study; as they do not count trials in progress elsewhere, they may make a
+    few more. The first trial has the values in use, hence the result is never worse on these seeds. On one process
+    the search is reproducible.
     """
     if name not in BOUNDS:
         raise InputError(f"no gains of '{name}' are searched; choose one of {one_of(name, BOUNDS)}")
-    judged_by = _judged_by(trials, seed, seeds)
-    return _studied(
-        "gains", name, bounds("gains", name), Path(out), trials, seed, engine, watch,
-        lambda number, values: Trial(number, "gains", name, values, judged_by), name,
-    )  # fmt: skip
+    space, law = {key: Bound(*ends) for key, ends in BOUNDS[name].items()}, make(name)
+    in_use = Trial(0, "gains", name, {key: getattr(law, key) for key in space}, tuple(training_seeds(seed, seeds)))
+    return _studied(in_use, space, name, Path(out), trials, seed, engine, watch)
 
 
 def tune_training(
     env_id: str, out: str | Path, *, algo: str = "ppo", steps: int | None = None, trials: int = 40, seed: int = 0,
     seeds: int = 5, engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
 ) -> Tuned:
-    """Search the hyperparameters of a training; see `tune_gains` for the other parameters.
-
-    Parameters
-    ----------
-    algo : str
-        One of `TRAINING`.
-    steps : int, optional
-        Windows per trial; by default those of ``models/training``.
-    """
-    space, judged_by, name = bounds("training", algo), _judged_by(trials, seed, seeds), resolve(env_id)
-    windows = load(name, algo).steps if steps is None else steps
+    """Search the hyperparameters of a training, by default with the windows of ``models/training`` per trial."""
+    space, judged_by, name = training_space(algo), tuple(training_seeds(seed, seeds)), resolve(env_id)
+    usual = load(name, algo)
+    windows = usual.steps if steps is None else steps
     if windows < 1:
         raise InputError(f"{windows} windows train nothing: give 1 or more steps")
-    return _studied(
-        "training", name, space, Path(out), trials, seed, engine, watch,
-        lambda number, values: Trial(number, "training", name, values, judged_by, algo, windows), f"{env_id} {algo}",
-        algo,
-    )  # fmt: skip
+    in_use = Trial(0, "training", name, usual.algorithm, judged_by, algo, windows)
+    return _studied(in_use, space, f"{env_id} {algo}", Path(out), trials, seed, engine, watch)
 
 
-def _judged_by(trials: int, seed: int, seeds: int) -> tuple[int, ...]:
-    if trials < 1:
-        raise InputError(f"{trials} trials find nothing: give 1 or more")
-    return tuple(training_seeds(seed, seeds))
+def training_space(algo: str) -> dict[str, Bound]:
+    """Return the bounds of the search for an algorithm."""
+    if algo not in TRAINING:
+        raise InputError(f"no settings of the algorithm '{algo}' are searched; choose {', '.join(TRAINING)}")
+    return TRAINING[algo]
+
+
+def within(space: Mapping[str, Bound], values: Mapping[str, Any]) -> dict[str, float]:
+    """Return those of some values that the search can reach."""
+    return {key: float(values[key]) for key, b in space.items() if key in values and b.low <= values[key] <= b.high}
 
 
 def _studied(
-    kind: str, name: str, space: dict[str, Bound], folder: Path, trials: int, seed: int, engine: Engine | None,
-    watch: Callable[[Tuned], None] | None, made: Callable[[int, dict[str, float]], Trial], title: str, algo: str = "",
+    in_use: Trial, space: dict[str, Bound], title: str, folder: Path, trials: int, seed: int, engine: Engine | None,
+    watch: Callable[[Tuned], None] | None,
 ) -> Tuned:
-    """Search by a study of Optuna."""
-    usual = _in_use(kind, name, algo, space)
-    make_writable(folder)
-    study = open_study(folder, title, seed)
-    if not study.trials:
-        study.enqueue_trial(usual)
+    """Search around the values in use; those without bounds stay."""
+    study = open_study(folder, title, seed, trials, within(space, in_use.values))
+
+    def made(number: int, values: dict[str, float]) -> Trial:
+        return replace(in_use, number=number, values=values)
 
     def ended(trial: Trial, result: TrialResult) -> None:
         if result.error is None and study.best_trial.number == trial.number:
@@ -366,20 +316,10 @@ def run_study(
             ended(trial, result)
     finally:
         for left in under_way.values():
-            study.tell(left, state=_states().FAIL)
+            _tell(study, left, TrialResult(math.nan, "interrupted"))
     if not made_in(study, "COMPLETE"):
         failed = study.trials[-1].user_attrs.get("error", "")
         raise InputError(f"no trial could be made: {failed}")
-
-
-def _in_use(kind: str, name: str, algo: str, space: dict[str, Bound]) -> dict[str, float]:
-    """Return the values in use that are within the bounds of the search."""
-    if kind == "gains":
-        law = make(name)
-        known = {key: getattr(law, key) for key in space}
-    else:
-        known = {key: value for key, value in load(name, algo).algorithm.items() if key in space}
-    return {key: float(v) for key, v in known.items() if space[key].low <= v <= space[key].high}
 
 
 def _suggested(trial: Any, key: str, bound: Bound) -> float:
@@ -387,8 +327,11 @@ def _suggested(trial: Any, key: str, bound: Bound) -> float:
     return float(f"{trial.suggest_float(key, bound.low, bound.high, log=bound.scale == 'log'):.3g}")
 
 
-def open_study(folder: Path, name: str, seed: int) -> Any:
-    """Return the study in a folder, a new one if there is none; raises `InputError` if it is of something else."""
+def open_study(folder: Path, name: str, seed: int, trials: int, first: Mapping[str, float]) -> Any:
+    """Return the study in a folder, or a new one that begins with `first`; raises `InputError` if it is another."""
+    if trials < 1:
+        raise InputError(f"{trials} trials find nothing: give 1 or more")
+    make_writable(folder)
     try:
         import optuna
         from optuna.storages import JournalStorage
@@ -403,19 +346,15 @@ def open_study(folder: Path, name: str, seed: int) -> Any:
             raise InputError(f"the study in this folder is of {other}, not of {name}", folder)
     study = optuna.create_study(storage=storage, study_name=name, direction="maximize", load_if_exists=True)
     # processes that join must not suggest what another has; parallel trials are taken to be as bad as any
-    first = (seed + len(study.trials)) % 2**32
-    study.sampler = optuna.samplers.TPESampler(seed=first, constant_liar=True, n_startup_trials=8)
+    drawn_from = (seed + len(study.trials)) % 2**32
+    study.sampler = optuna.samplers.TPESampler(seed=drawn_from, constant_liar=True, n_startup_trials=8)
+    if not study.trials:
+        study.enqueue_trial(dict(first))
     return study
 
 
 def _result_of(answer: Any) -> TrialResult:
     return TrialResult(math.nan, answer.why) if isinstance(answer, LostJob) else answer
-
-
-def _states() -> Any:
-    from optuna.trial import TrialState
-
-    return TrialState
 
 
 def made_in(study: Any, *states: str) -> int:
@@ -424,11 +363,13 @@ def made_in(study: Any, *states: str) -> int:
 
 
 def _tell(study: Any, trial: Any, result: TrialResult) -> None:
+    from optuna.trial import TrialState
+
     if result.error is None:
         study.tell(trial, result.value)
     else:
         trial.set_user_attr("error", result.error)
-        study.tell(trial, state=_states().FAIL)
+        study.tell(trial, state=TrialState.FAIL)
 
 
 def _found(study: Any) -> Tuned:
@@ -489,28 +430,15 @@ class Spread(NamedTuple):
 
 
 class TunedOwn(NamedTuple):
-    """Result of `tune_own`.
+    """Result of `tune_own`, with spreads on machines that the choice did not use."""
 
-    Attributes
-    ----------
-    values : dict
-        The most robust settings.
-    spread, first_spread : Spread
-        Spreads of `values` and of the settings in use, both on machines that the choice did not use.
-    trials, failed : int
-        Number of all trials, and of those that failed.
-    machines : int
-        Number of machines in the spreads.
-    tried_again : dict
-        Values and spread of each finalist by the number of its trial; -1 is the settings in use.
-    """
-
-    values: dict[str, float]
+    values: dict[str, float]  # the most robust settings
     spread: Spread
-    first_spread: Spread
+    first_spread: Spread  # of the settings in use
     trials: int
     failed: int
-    machines: int
+    machines: int  # in the spreads
+    # values and spread of each finalist by its trial; -1 is the settings in use
     tried_again: dict[int, tuple[dict[str, float], Spread]]
 
 
@@ -550,18 +478,15 @@ def tune_own(
     text = f"{Path(own_class.file).absolute()}:{own_class.name}"
     law = from_file(own_class, {})
     space = bounds_of(own)
-    if trials < 1:
-        raise InputError(f"{trials} trials find nothing: give 1 or more")
     fresh = tuple(training_seeds(seed, FRESH * seeds))
     first_of_trials = seed + FRESH * seeds
     training_seeds(first_of_trials, (trials + 1) * seeds)
     options = {"resolution": "fast", **options}
     Task(OWN_ENV, **options)  # refused here, in one line, and not in every trial
     folder = Path(out)
-    make_writable(folder)
-    study = open_study(folder, f"own {own_class.name}", seed)
-    if not study.trials:
-        study.enqueue_trial({name: min(max(_value_in_use(law, name), b.low), b.high) for name, b in space.items()})
+    in_use = {name: _value_in_use(law, name) for name in space}
+    first = {name: min(max(in_use[name], bound.low), bound.high) for name, bound in space.items()}
+    study = open_study(folder, f"own {own_class.name}", seed, trials, first)
     machines = engine or Processes()
 
     def made(number: int, values: dict[str, float]) -> Trial:
@@ -574,8 +499,7 @@ def tune_own(
             watch(made_in(study), float(study.best_value))
 
     run_study(study, space, trials, machines, made, ended)
-    first = made(-1, {name: _value_in_use(law, name) for name in space})
-    spreads = _judged_again([first, *_finalists(study, made)], fresh, machines, RunTable(folder / FINAL))
+    spreads = _judged_again([made(-1, in_use), *_finalists(study, made)], fresh, machines, RunTable(folder / FINAL))
     chosen = max(spreads, key=lambda number: spreads[number][1].worst)
     values, spread = spreads[chosen]
     found = TunedOwn(values, spread, spreads[-1][1], made_in(study), made_in(study, "FAIL"), len(fresh), spreads)
