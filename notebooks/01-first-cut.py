@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {resolution: fast, height_mm: 5.0, max_time_s: 25.0}
+#     small: {resolution: fast, height_mm: 5.0, max_time_s: 12.0}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all

@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {steps: 2048, machines: 2, max_time_s: 6.0}
+#     small: {steps: 512, machines: 2, max_time_s: 6.0}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all

@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {tensions: [6.0, 18.0], heights_mm: [10.0, 20.0], machines: 3, drawn: 8, seconds: 12.0}
+#     small: {tensions: [6.0, 18.0], heights_mm: [10.0, 20.0], machines: 2, drawn: 4, seconds: 8.0}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all

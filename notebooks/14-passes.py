@@ -1,7 +1,7 @@
 # ---
 # jupyter:
 #   edmsim:
-#     small: {width_mm: 1.3, height_of_punch_mm: 1.3, numbers: [2], tab_mm: 0.5}
+#     small: {width_mm: 0.8, height_of_punch_mm: 0.8, numbers: [2], tab_mm: 0.3}
 #   jupytext:
 #     formats: ipynb,py:percent
 #     notebook_metadata_filter: edmsim,kernelspec,jupytext,-all

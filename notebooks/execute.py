@@ -139,7 +139,7 @@ class Kernel:
 
 
 def run(notebook: NotebookNode, kernel: Kernel) -> None:
-    """Execute in place, and keep what a reader is shown.
+    """Execute in place.
 
     Raises
     ------
@@ -149,11 +149,17 @@ def run(notebook: NotebookNode, kernel: Kernel) -> None:
         If a cell writes to stderr, as a warning does.
     """
     kernel.execute(notebook)
-    notebook.metadata["language_info"] = LANGUAGE
     for cell in notebook.cells:
         for output in cell.get("outputs", ()):
             if output.get("name") == "stderr":
                 raise RuntimeError(f"{cell['id']} wrote to stderr: {output['text']}")
+
+
+def make_publishable(notebook: NotebookNode) -> None:
+    """Make the pictures small, and leave out what says more of this interpreter than the notebooks do."""
+    notebook.metadata["language_info"] = LANGUAGE
+    for cell in notebook.cells:
+        for output in cell.get("outputs", ()):
             if "image/png" in output.get("data", ()):
                 output["data"]["image/png"] = in_few_colours(output["data"]["image/png"])
 
@@ -203,6 +209,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except (CellExecutionError, RuntimeError) as error:
             print(f"{name}: {error}", file=sys.stderr)
             return 1
+        make_publishable(notebook)
         nbformat.write(notebook, given.out / f"{name}.ipynb")
         print(f"{name}: {time.monotonic() - began:.0f} s", flush=True)
     return 0

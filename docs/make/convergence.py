@@ -45,7 +45,7 @@ with a punch of 1 x 1 mm, {height:g} mm high, and with straight walls, {tall:g} 
 technology for tool steel. Figures are the mean over {seeds} seeds and half its 95 % interval. Pulses per second are
 of the machine that made this page.
 
-The place of a wall is the metal left over the drawing, with offsets that were found at `fast`. Its waves are the
+The place of a wall is the metal left over the drawing, with offsets that were found at `default`. Its waves are the
 scatter along the path at every height, without roughness. The walls of trims do not depend on the resolution from
 `default` on; at `fast` they have waves, as its rays are as far apart as a crater is wide.
 

@@ -221,15 +221,16 @@ def controller(
     print_line("\n".join(lines))
 
 
-@takes(
-    "height_mm", "wire", "machine", "resolution", "seed", wire="brass-254", machine="production", resolution="fast"
-)
+@takes("height_mm", "wire", "machine", "resolution", "seed", wire="brass-254", machine="production")
 def technology(
     material: Annotated[str, typer.Argument(help="Workpiece material, a name or your own file.", show_default=False)],
     passes: Annotated[int, typer.Option(help="Number of passes, rough and trims: 1 to 7.")] = 4,
     out: Annotated[
         Path | None,
-        typer.Option(help="TOML file; the height is added to an existing one. Default: MATERIAL-WIRE.toml."),
+        typer.Option(
+            help="TOML file. In an existing one a height is added, or the offsets of its passes are measured again. "
+            "Default: MATERIAL-WIRE.toml."
+        ),
     ] = None,
     quiet: Quiet = False,
     **options: Any,
@@ -238,7 +239,7 @@ def technology(
 
     An interrupted search is resumed.
     """
-    from edmsim.evaluation.technology import Job, Search, merged, technology_text
+    from edmsim.evaluation.technology import Job, Search, at_height, merged, technology_text
     from edmsim.files import make_writable, replacing
     from edmsim.machine.technology import read_technology
 
@@ -251,10 +252,9 @@ def technology(
         job.check_like(known, file)
     journal = file.with_suffix(".runs.jsonl")
     with interruptible():
-        found = Search(job, (lambda text: None) if quiet else print_line, journal).run()
-    source = f"found by simulation: edmsim tune technology {material} --height {job.height_mm:g} --passes {passes}"
+        found = Search(job, (lambda text: None) if quiet else print_line, journal, at_height(known, job)).run()
     with replacing(file) as partial:
-        partial.write_text(technology_text(job, merged(known, job, found), source), encoding="utf-8")
+        partial.write_text(technology_text(job.technology(merged(known, found))), encoding="utf-8")
     journal.unlink(missing_ok=True)
     print_line(f"Written: {file}; cut with it: edmsim cut PROGRAM --passes {passes} --technology {file}")
 

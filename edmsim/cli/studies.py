@@ -100,6 +100,9 @@ def bench(
     pairs: Annotated[int, typer.Option(min=1, help="Pairs of --against.")] = 10,
     profile: Annotated[bool, typer.Option("--profile", help="Show the time of each part of a pulse.")] = False,
     serial: Annotated[bool, typer.Option("--serial", help="Measure edmsim gap --serial.")] = False,
+    training: Annotated[
+        bool, typer.Option("--training", help="Measure a training with PPO, compared with HalfCheetah-v5 (extra rl).")
+    ] = False,
     figure: Annotated[Path | None, typer.Option(help="Picture of the profile: .png, .svg or .pdf.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -108,6 +111,7 @@ def bench(
         **({"profile": partial(_profiled, figure)} if profile or figure is not None else {}),
         **({} if against is None else {"against": partial(_compared, against, pairs)}),
         **({"serial": _answered} if serial else {}),
+        **({"training": _trained} if training else {}),
     }  # fmt: skip
     with interruptible("no measurement was completed") as bar:
         found = {
@@ -131,6 +135,13 @@ def _measured(_: Callable[[str], None]) -> _Result:
 
 def _answered(watch: Callable[[str], None]) -> _Result:
     from edmsim.bench.serial import measure, render
+
+    found = measure(watch)
+    return found, render(found)
+
+
+def _trained(watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.training import measure, render
 
     found = measure(watch)
     return found, render(found)

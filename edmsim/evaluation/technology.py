@@ -2,7 +2,7 @@
 
 The targets of the passes, roughness, feed and stock, are those of a job shop with 0.25 mm brass wire on 25.4 mm of
 steel (`TARGETS`). The model's craters give the pulses for a roughness, the wire limits the power of the rough pass,
-and the wall of a simulated cut gives the offsets.
+and the walls of simulated cuts give the offsets.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from edmsim.program.offset import OffsetOutline, offset_open
 from edmsim.program.outline import Outline
 from edmsim.program.passes import CutPass, PassPlan, on_grid, ways_of
 from edmsim.program.path import CutPath, WireContour
-from edmsim.runs import RunTable
+from edmsim.runs import RunTable, identity
 
 
 class PassTarget(NamedTuple):
@@ -80,20 +80,20 @@ OFFSET_CUTS, NEXT_SEED = 4, 1009
 """Cuts over which an offset is averaged, and the step from seed to seed (ours: one cut scatters by 0.6 um rms)."""
 RA_SHARE = 0.12  # Ra is that asked for within this share (ours)
 FEED_REACHED = 0.85  # a trim that keeps less of its feed than this gets more power (ours)
-ROUGH_MM, TRIM_MM = 1.6, 1.8  # length of the straight cuts (ours: 16 places are measured)
+ROUGH_MM, TRIM_MM, OFFSET_MM = 1.6, 1.8, 1.4  # length of the straight cuts (ours: 12 to 16 places are measured)
 MARGIN_MM, HOLE_MM, LEAD_MM = 3.0, 0.3, 0.5
 
 
 @dataclass(frozen=True)
 class Job:
-    """What a technology is wanted for."""
+    """What a technology is wanted for; its offsets are those at the resolution."""
 
     material: str
     machine: str = "production"
     wire: str = "brass-254"
     height_mm: float = 25.4
     passes: int = 4
-    resolution: str = "fast"
+    resolution: str = "default"
     seed: int = 0
 
     def check(self) -> None:
@@ -103,7 +103,7 @@ class Job:
         self.setup("production").check()
 
     def check_like(self, known: Technology, file: Path) -> None:
-        """Refuse to add a height to a technology of something else, or with fewer passes."""
+        """Refuse a technology of something else."""
         for name in ("material", "machine", "wire"):
             if getattr(known, name) != getattr(self, name):
                 raise InputError(
@@ -122,6 +122,16 @@ class Job:
     def machine_of(self, one: PassSetting) -> Machine:
         """Return the machine with the setting of a pass."""
         return machine_of(one, self.machine, self.material, self.wire, self.height_mm)
+
+    def technology(self, heights: Sequence[AtHeight]) -> Technology:
+        """Return the technology that has passes for these heights."""
+        found = " and ".join(f"--height {at.height_mm:g} --passes {len(at.passes)}" for at in heights)
+        command = f"edmsim tune technology {self.material} {found}"
+        return Technology.model_validate({
+            "title": f"{self.material} with the wire {self.wire} on the machine {self.machine}",
+            "source": f"found by simulation: {command}",
+            "machine": self.machine, "material": self.material, "wire": self.wire, "height": tuple(heights),
+        })  # fmt: skip
 
 
 def straight_path(
@@ -172,31 +182,48 @@ class Cut(NamedTuple):
 
 
 class Search:
-    """The search for the passes of one height; an interrupted search resumes from its table of found passes."""
+    """The search for the passes of one height; an interrupted search resumes from its table of runs.
 
-    def __init__(self, job: Job, tell: Callable[[str], None], journal: Path | None = None) -> None:
+    Passes that are `known` keep their settings: only their offsets are measured again.
+    """
+
+    def __init__(
+        self, job: Job, tell: Callable[[str], None], journal: Path | None = None, known: AtHeight | None = None
+    ) -> None:
         job.check()
         self._job, self._tell = job, tell
+        self._known = () if known is None else known.passes
         self._first_mm = 0.5
         self._made_with: dict[str, Any] = {}  # setting and offset of the last cut
-        self._passes = RunTable(journal, {name: value for name, value in asdict(job).items() if name != "passes"})
+        self._runs = RunTable(journal, {name: value for name, value in asdict(job).items() if name != "passes"})
 
     def run(self) -> AtHeight:
-        """Search, and return the passes. After Ctrl-C, the same search resumes behind the passes in the journal."""
-        known = [row for row in self._passes.rows.values() if len(row["passes"]) <= self._job.passes]
-        found = [PassSetting.model_validate(one) for one in known[-1]["passes"]] if known else []
+        """Search, and return the passes. After Ctrl-C, the same search resumes behind the runs in the journal."""
+        done = [row["passes"] for row in self._runs.rows.values() if "passes" in row]
+        done = [passes for passes in done if len(passes) <= self._job.passes]
+        found = [PassSetting.model_validate(one) for one in max(done, key=len, default=())]
+        if len(found) < len(self._known):
+            found = list(self._known)
+        found = self._passes(found)
+        return self._with_offsets(AtHeight.model_validate({"height_mm": self._job.height_mm, "pass": tuple(found)}))
+
+    def _passes(self, found: list[PassSetting]) -> list[PassSetting]:
+        """Return the passes asked for; those found are cut once more if others follow, for the metal behind them."""
         metal: KerfField | None = None
         offset_mm = self._first_mm
+        if len(found) >= self._job.passes:
+            return found
         for number, target in enumerate(TARGETS[: self._job.passes], 1):
-            if number <= len(found):  # cut again, for the metal behind it
-                one, made = found[number - 1], self._passes.rows[str(number)]["cut"]
+            if number <= len(found):
+                one, row = found[number - 1], self._runs.rows.get(str(number))
+                made: dict[str, Any] = {"setting": one, "offset_mm": offset_mm} if row is None else row["cut"]
                 cut = self._cut(PassSetting.model_validate(made["setting"]), number, made["offset_mm"], metal)
             else:
                 one, cut, offset_mm, found = self._next(target, number, offset_mm, metal, found)
                 passes = [setting.model_dump() for setting in found]
-                self._passes.add({"id": str(number), "passes": passes, "cut": self._made_with})
+                self._runs.add({"id": str(number), "passes": passes, "cut": self._made_with})
             metal, offset_mm = cut.metal, offset_mm - one.step_um * 1e-3
-        return AtHeight.model_validate({"height_mm": self._job.height_mm, "pass": tuple(found)})
+        return found
 
     def _next(
         self, target: PassTarget, number: int, offset_mm: float, metal: KerfField | None, found: list[PassSetting]
@@ -204,25 +231,48 @@ class Search:
         """Find the next pass; its stock determines the step from the pass before, and thus its offset."""
         if number == 1:
             one, cut = self._rough(target)
-            one = self._averaged(one, cut, number, offset_mm, None)
             return one, cut, offset_mm, [one]
         assert metal is not None
         before = found[-1]
         one, cut, step_um = self._trim(target, number, offset_mm, metal, before)
         offset_mm -= round(step_um, 1) * 1e-3
-        one = self._averaged(one, cut, number, offset_mm, metal)
         found = [*found[:-1], before.model_copy(update={"step_um": round(step_um, 1)}), one]
         return one, cut, offset_mm, found
 
-    def _averaged(
-        self, one: PassSetting, cut: Cut, number: int, offset_mm: float, metal: KerfField | None
-    ) -> PassSetting:
-        """Return a setting with the mean offset of its cut and of others with other seeds."""
-        jobs = [replace(self._job, seed=self._job.seed + NEXT_SEED * k) for k in range(1, OFFSET_CUTS)]
-        cuts = [cut, *(cut_pass(job, one, number, offset_mm, metal) for job in jobs)]
-        offsets_um = [each.last_offset_um for each in cuts if each.record.wall is not None]
-        self._tell(f"pass {number}: {len(offsets_um)} cuts would meet the drawing at {fmean(offsets_um):.1f} um")
-        return one.model_copy(update={"last_offset_um": round(fmean(offsets_um), 1)})
+    def _with_offsets(self, at: AtHeight) -> AtHeight:
+        """Return passes with the offsets at which straight cuts through all of them would meet the drawing."""
+        # one cut through all passes is enough for every number of them: what a pass leaves depends on the steps
+        # before it, and not on where the path is. The path is always at the same place, so that offsets measured
+        # again are the same ones
+        start = {"last_offset_um": self._radius_um}
+        placed = at.model_copy(update={"passes": tuple(one.model_copy(update=start) for one in at.passes)})
+        settings = [one.model_dump(exclude={"found"}) for one in placed.passes]
+        cuts: list[list[dict[str, float]]] = []
+        for number in range(OFFSET_CUTS):
+            job = replace(self._job, seed=self._job.seed + NEXT_SEED * number)
+            run = identity({"seed": job.seed, "passes": settings})
+            if run not in self._runs.rows:
+                through = cut_through(job, placed)
+                self._tell(f"offsets, cut {number + 1} of {OFFSET_CUTS} at {job.resolution}: {through[-1].outcome}")
+                self._runs.add({"id": run, "walls": _walls(through)})
+            cuts.append(self._runs.rows[run]["walls"])
+        passes = []
+        for number, one in enumerate(at.passes, 1):
+            walls = [walls[number - 1] for walls in cuts if len(walls) >= number]
+            if not walls:
+                raise InputError(
+                    f"pass {number} did not come to its end in any cut through all passes: ask for {number - 1}"
+                )
+            mean = {name: fmean(wall[name] for wall in walls) for name in walls[0]}
+            self._tell(f"pass {number}: {len(walls)} cuts would meet the drawing at {mean['last_offset_um']:.1f} um")
+            passes.append(one.model_copy(update={
+                "last_offset_um": round(mean["last_offset_um"], 1),
+                "found": FoundPass(
+                    feed_mm_min=round(mean["feed_mm_min"], 3), stock_um=round(mean["stock_um"], 1),
+                    ra_um=round(mean["ra_um"], 3), bow_um=round(mean["bow_um"], 2),
+                ),
+            }))  # fmt: skip
+        return at.model_copy(update={"passes": tuple(passes)})
 
     def _rough(self, target: PassTarget) -> tuple[PassSetting, Cut]:
         """Shorten the pause until the wire breaks or nothing is gained, and take some of it back."""
@@ -356,15 +406,60 @@ def _run(job: Job, machine: Machine, one: PassSetting, path: CutPath, number: in
         machine, path, from_text(one.controller()), planner="exact", seed=job.seed + 101 * number,
         resolution=job.resolution, metal=metal, approach=approach if number == 1 else None,
     )
-    outcome = simulation.run()
-    record = simulation.passes.records[-1]
+    simulation.run()
+    return _cut_of(simulation, simulation.passes.records[-1])
+
+
+def _cut_of(simulation: Simulation, record: PassRecord) -> Cut:
     ignited = record.sums.spark + record.sums.arc
-    ra_um = (
-        roughness_um(record.sums.crater_um3 / ignited, machine.base.discharge.crater_flatness.value)
-        if ignited
-        else math.nan
+    flatness = simulation.machine.base.discharge.crater_flatness.value
+    ra_um = roughness_um(record.sums.crater_um3 / ignited, flatness) if ignited else math.nan
+    assert simulation.outcome is not None
+    return Cut(record, simulation.plant.field, ra_um, simulation.outcome)
+
+
+def cut_in_passes(
+    technology: Technology, height_mm: float, passes: int, length_mm: float, *, seed: int, resolution: str,
+    edge_mm: NDArray[np.float64] | None = None,
+) -> Simulation:  # fmt: skip
+    """Cut a straight edge, or another open one, in passes with the offsets and settings of a technology."""
+    table = technology.table(height_mm, passes)
+    machines = [
+        machine_of(one, technology.machine, technology.material, technology.wire, height_mm) for one in table.settings
+    ]
+    setups = [PassSetup(m, from_text(one.controller())) for m, one in zip(machines, table.settings, strict=True)]
+    approach = PassSetup(machines[0], from_text(table.settings[0].controller(table.approach_share)))
+    machine, controller = setups[0]
+    simulation = Simulation(
+        machine, straight_path(table.offsets_mm, length_mm, machine, edge_mm), controller, planner="exact", seed=seed,
+        resolution=resolution, setups=setups, approach=approach,
+    )  # fmt: skip
+    simulation.run()
+    return simulation
+
+
+def cut_through(job: Job, at: AtHeight) -> list[Cut]:
+    """Cut a straight edge through all passes of a height, at the resolution of the job; return a cut for each."""
+    simulation = cut_in_passes(
+        job.technology([at]), at.height_mm, len(at.passes), OFFSET_MM, seed=job.seed, resolution=job.resolution
     )
-    return Cut(record, simulation.plant.field, ra_um, outcome)
+    return [_cut_of(simulation, record) for record in simulation.passes.records]
+
+
+def _walls(cuts: Sequence[Cut]) -> list[dict[str, float]]:
+    """Return offset and figures of the passes of a cut, up to the first that did not come to its end."""
+    walls: list[dict[str, float]] = []
+    before_um: float | None = None
+    for cut in cuts:
+        wall = cut.record.wall
+        if wall is None:
+            break
+        walls.append({
+            "last_offset_um": cut.last_offset_um, "feed_mm_min": cut.feed_mm_min, "ra_um": cut.ra_um,
+            "stock_um": 0.0 if before_um is None else before_um - wall.mean_um, "bow_um": wall.bow_um,
+        })  # fmt: skip
+        before_um = wall.mean_um
+    return walls
 
 
 def _only(path: CutPath, number: int) -> CutPath:
@@ -396,22 +491,23 @@ def _in_tenths(current_A: float, most_A: float) -> float:
     return min(round(current_A, 1), math.floor(10 * most_A) / 10)
 
 
-def technology_text(job: Job, found: Sequence[AtHeight], source: str) -> str:
+def technology_text(technology: Technology) -> str:
     """Return a technology as its file holds it."""
-    title = f"{job.material} with the wire {job.wire} on the machine {job.machine}"
     document = tomlkit.document()
-    document.update({
-        "title": title, "source": source, "machine": job.machine, "material": job.material, "wire": job.wire,
-        "planner": "exact",
-        "height": [{
-            "height_mm": at.height_mm, "approach_share": at.approach_share,
-            "pass": [one.model_dump(exclude_none=True) for one in at.passes],
-        } for at in found],
-    })  # fmt: skip
+    document.update(technology.model_dump(mode="json", by_alias=True, exclude_none=True))
+    for one in (one for at in document["height"] for one in at["pass"]):
+        found = tomlkit.inline_table()
+        found.update(one["found"])
+        one["found"] = found
     return tomlkit.dumps(document)
 
 
-def merged(known: Technology | None, job: Job, at: AtHeight) -> list[AtHeight]:
+def at_height(known: Technology | None, job: Job) -> AtHeight | None:
+    """Return the passes that a technology has for the height of a job."""
+    return next((at for at in (known.heights if known else ()) if at.height_mm == job.height_mm), None)
+
+
+def merged(known: Technology | None, at: AtHeight) -> list[AtHeight]:
     """Return the heights of a technology with one more, or one replaced."""
-    others = [] if known is None else [one for one in known.heights if one.height_mm != job.height_mm]
+    others = [] if known is None else [one for one in known.heights if one.height_mm != at.height_mm]
     return sorted([*others, at], key=lambda one: one.height_mm)

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from edmsim.controllers import from_text
-from edmsim.cosim.passes import PassRecord, PassSetup
-from edmsim.cosim.simulation import Simulation
-from edmsim.evaluation.technology import Job, cut_pass, straight_path
-from edmsim.machine.technology import machine_of, technology_for
+from edmsim.cosim.passes import PassRecord
+from edmsim.evaluation.technology import Job, cut_in_passes, cut_pass
+from edmsim.machine.technology import technology_for
 from edmsim.metrology.profile import PROFILE_STEP_MM, corners, error_stats, profile_error
 from edmsim.metrology.reach import unreachable_um
 from edmsim.metrology.roughness import face_roughness_um
@@ -68,32 +66,17 @@ class Chain(NamedTuple):
         return (record.end_um - record.begin_um) / (record.end_s - record.begin_s) * 0.06
 
 
-def _setups(height_mm: float, passes: int) -> tuple[tuple[float, ...], list[PassSetup], PassSetup]:
-    technology = technology_for("tool-steel")
-    table = technology.table(height_mm, passes)
-    machines = [
-        machine_of(one, technology.machine, technology.material, technology.wire, height_mm) for one in table.settings
-    ]
-    setups = [PassSetup(m, from_text(one.controller())) for m, one in zip(machines, table.settings, strict=True)]
-    approach = PassSetup(machines[0], from_text(table.settings[0].controller(table.approach_share)))
-    return table.offsets_mm, setups, approach
-
-
 @cache
 def chain(height_mm: float, passes: int, seed: int, resolution: str = "fast") -> Chain:
     """Cut a straight edge through all passes of our technology."""
-    offsets_mm, setups, approach = _setups(height_mm, passes)
-    machine, controller = setups[0]
-    simulation = Simulation(
-        machine, straight_path(offsets_mm, LENGTH_MM, machine), controller, planner="exact", seed=seed,
-        resolution=resolution, setups=setups, approach=approach,
-    )  # fmt: skip
-    simulation.run()
+    simulation = cut_in_passes(
+        technology_for("tool-steel"), height_mm, passes, LENGTH_MM, seed=seed, resolution=resolution
+    )
     records = simulation.passes.records
     volumes = [r.sums.crater_um3 / max(r.sums.spark + r.sums.arc, 1) for r in records]
     left = [math.nan if r.wall is None else r.wall.mean_um for r in records]
     taken = [0.0, *(-np.diff(left)).tolist()]
-    return Chain(records, face_roughness_um(volumes, taken, machine.base.discharge.crater_flatness.value))
+    return Chain(records, face_roughness_um(volumes, taken, simulation.machine.base.discharge.crater_flatness.value))
 
 
 def by_passes(seeds: Sequence[int]) -> list[Row]:
@@ -149,15 +132,11 @@ class Corner(NamedTuple):
 @cache
 def corner(passes: int, seed: int) -> Corner:
     """Cut an outer corner in `passes` passes."""
-    offsets_mm, setups, approach = _setups(HEIGHT_MM, passes)
-    machine, controller = setups[0]
     edge = np.array([[0.0, 0.0], [CORNER_MM, 0.0], [CORNER_MM, -CORNER_MM]])
-    path = straight_path(offsets_mm, CORNER_MM, machine, edge)
-    simulation = Simulation(
-        machine, path, controller, planner="exact", seed=seed, resolution="fast", setups=setups, approach=approach
+    simulation = cut_in_passes(
+        technology_for("tool-steel"), HEIGHT_MM, passes, CORNER_MM, seed=seed, resolution="fast", edge_mm=edge
     )
-    simulation.run()
-    contour = path.contours[0]
+    contour = simulation.path.contours[0]
     measured = profile_error(simulation.plant.field, contour)
     ends = np.minimum(measured.s_mm, measured.s_mm[-1] - measured.s_mm) < END_MM
     error = np.where(ends, np.nan, measured.error_um - unreachable_um(measured, contour))
@@ -193,7 +172,8 @@ def accuracy(seeds: Sequence[int]) -> list[Row]:
 def bow(seeds: Sequence[int]) -> list[Row]:
     """The bow that a trim leaves, over tension and energy of its pulses, on 25.4 mm."""
     at = technology_for("tool-steel").heights[0]
-    job, offset_mm, (rough, trim) = Job("tool-steel", height_mm=at.height_mm), 0.3, (at.passes[0], at.passes[2])
+    job, offset_mm = Job("tool-steel", height_mm=at.height_mm, resolution="fast"), 0.3
+    rough, trim = at.passes[0], at.passes[2]
     current_A, tension_N = trim.peak_current_A, trim.tension_N
     assert current_A is not None
     assert tension_N is not None

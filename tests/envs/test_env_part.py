@@ -274,9 +274,9 @@ def test_a_training_writes_a_policy_that_decides_on_passes(small, tmp_path):
 
     known = hyperparameters.load(ID, "ppo")
     short = known.model_copy(update={"num_envs": 2, "environment": small, "algorithm": {
-        **known.algorithm, "n_steps": 2, "batch_size": 4, "n_epochs": 1,
+        **known.algorithm, "n_steps": 1, "batch_size": 2, "n_epochs": 1,
     }})  # fmt: skip
-    trained = train(ID, "ppo", tmp_path, steps=4, seed=1, parameters=short)
+    trained = train(ID, "ppo", tmp_path, steps=2, seed=1, parameters=short)
     policy_file.write(*trained.export("edmsim train"), tmp_path / "policy.json")
     made = cut_part(ID, 1, f"policy:{tmp_path / 'policy.json'}", **small)
     assert made.outcome == "finished"

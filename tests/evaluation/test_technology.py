@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from edmsim.cosim.passes import PassRecord, Sums
 from edmsim.errors import InputError
 from edmsim.evaluation import technology
 from edmsim.evaluation.technology import TARGETS, Cut, Job, Search, technology_text
-from edmsim.machine.technology import PassSetting, read_technology
+from edmsim.machine.technology import AtHeight, PassSetting, read_technology
 from edmsim.metrology.passes import WallError
 
 BREAKS_BELOW_US = 40.0
@@ -34,9 +33,26 @@ def answer(job: Job, one: PassSetting, number: int, offset_mm: float, metal: Any
     return Cut(record, metal, TARGETS[number - 1].ra_um, "wire-break" if breaks else "finished")
 
 
+def answer_through(job: Job, at: AtHeight) -> list[Cut]:
+    """Answer a cut through all passes; the walls of further seeds are 1, 2 and 3 um off."""
+    cuts = []
+    table = job.technology([at]).table(at.height_mm, len(at.passes))
+    for number, (one, offset_mm) in enumerate(zip(table.settings, table.offsets_mm, strict=True), 1):
+        cut = answer(job, one, number, offset_mm, None)
+        assert cut.record.wall is not None
+        wall = replace(cut.record.wall, mean_um=cut.record.wall.mean_um - job.seed // technology.NEXT_SEED)
+        cuts.append(cut._replace(record=replace(cut.record, wall=wall)))
+    return cuts
+
+
 @pytest.fixture(autouse=True)
 def no_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(technology, "cut_pass", lambda job, one, number, mm, _: answer(job, one, number, mm, number))
+    monkeypatch.setattr(technology, "cut_through", answer_through)
+
+
+def forbidden(*_: Any) -> Cut:
+    raise AssertionError("a pass was cut by itself")
 
 
 def test_the_rough_pass_stays_off_the_period_that_breaks_the_wire() -> None:
@@ -49,7 +65,8 @@ def test_the_rough_pass_stays_off_the_period_that_breaks_the_wire() -> None:
 
 def test_offsets_let_every_pass_take_its_stock() -> None:
     rough, trim, last = Search(Job("tool-steel", passes=3), lambda text: None).run().passes
-    assert [one.last_offset_um for one in (rough, trim, last)] == [163.0, 149.0, 147.0]
+    # gaps of 36, 22 and 20 um; the four cuts through all passes leave walls 0, 1, 2 and 3 um off
+    assert [one.last_offset_um for one in (rough, trim, last)] == [164.5, 150.5, 148.5]
     assert rough.step_um == pytest.approx(TARGETS[1].stock_um + 36.0 - 22.0, abs=6.0)
     assert trim.step_um == pytest.approx(TARGETS[2].stock_um + 22.0 - 20.0, abs=8.0)
     assert last.found.stock_um == pytest.approx(TARGETS[2].stock_um, abs=7.0)
@@ -57,17 +74,67 @@ def test_offsets_let_every_pass_take_its_stock() -> None:
     assert trim.feed == last.feed == "constant"
 
 
-def test_an_offset_is_the_mean_of_cuts_with_other_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
-    def scattered(job: Job, one: PassSetting, number: int, offset_mm: float, metal: Any) -> Cut:
-        cut = answer(job, one, number, offset_mm, number)
-        if cut.record.wall is None:
-            return cut
-        wall = replace(cut.record.wall, mean_um=cut.record.wall.mean_um - job.seed // technology.NEXT_SEED)
-        return cut._replace(record=replace(cut.record, wall=wall))
+def test_passes_that_are_known_keep_their_settings_and_get_their_offsets_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = Search(Job("tool-steel", passes=3), lambda text: None).run()
+    resolutions: list[str] = []
 
-    monkeypatch.setattr(technology, "cut_pass", scattered)
+    def noted(job: Job, at: AtHeight) -> list[Cut]:
+        resolutions.append(job.resolution)
+        return answer_through(job, at)
+
+    monkeypatch.setattr(technology, "cut_pass", forbidden)
+    monkeypatch.setattr(technology, "cut_through", noted)
+    assert Search(Job("tool-steel", passes=3), lambda text: None, known=found).run() == found
+    off = tuple(one.model_copy(update={"last_offset_um": one.last_offset_um + 9.0}) for one in found.passes)
+    known = found.model_copy(update={"passes": off})
+    assert Search(Job("tool-steel", passes=2, resolution="fine"), lambda text: None, known=known).run() == found
+    assert resolutions == 4 * ["default"] + 4 * ["fine"]
+
+
+def test_passes_are_added_to_known_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    two, three = (Search(Job("tool-steel", passes=n), lambda text: None).run() for n in (2, 3))
+    added = Search(Job("tool-steel", passes=3), lambda text: None, known=two).run()
+    assert [one.t_period_us for one in added.passes] == [one.t_period_us for one in three.passes]
+    assert added.passes[2].last_offset_um == three.passes[2].last_offset_um
+
+
+def test_offsets_are_of_the_cuts_that_came_to_the_end_of_a_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = {0: 2, 1: 2, 2: 1, 3: 1}  # the passes that a cut finishes, by its number
+
+    def stopped(job: Job, at: AtHeight) -> list[Cut]:
+        cuts = answer_through(job, at)
+        last = ends[job.seed // technology.NEXT_SEED]
+        records = [cut.record if k < last else replace(cut.record, wall=None) for k, cut in enumerate(cuts)]
+        return [cut._replace(record=record) for cut, record in zip(cuts, records, strict=True)]
+
+    monkeypatch.setattr(technology, "cut_through", stopped)
     found = Search(Job("tool-steel", passes=2), lambda text: None).run()
-    assert [one.last_offset_um for one in found.passes] == [164.5, 150.5]  # of walls 0, 1, 2 and 3 um off
+    assert [one.last_offset_um for one in found.passes] == [164.5, 149.5]
+    with pytest.raises(InputError, match="pass 3 did not come to its end in any cut through all passes: ask for 2"):
+        Search(Job("tool-steel", passes=3), lambda text: None).run()
+
+
+def test_an_interrupted_measurement_of_offsets_goes_on_behind_its_cuts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = Search(Job("tool-steel", passes=2), lambda text: None).run()
+    seeds: list[int] = []
+
+    def interrupted(job: Job, at: AtHeight) -> list[Cut]:
+        seeds.append(job.seed)
+        if len(seeds) == 3:
+            raise KeyboardInterrupt
+        return answer_through(job, at)
+
+    monkeypatch.setattr(technology, "cut_through", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Search(Job("tool-steel", passes=2), lambda text: None, tmp_path / "steel.runs.jsonl").run()
+    monkeypatch.setattr(technology, "cut_pass", forbidden)
+    resumed = Search(Job("tool-steel", passes=2), lambda text: None, tmp_path / "steel.runs.jsonl").run()
+    assert resumed == whole
+    assert [seed // technology.NEXT_SEED for seed in seeds] == [0, 1, 2, 2, 3]
 
 
 def test_an_interrupted_search_goes_on_behind_the_passes_it_found(
@@ -76,8 +143,7 @@ def test_an_interrupted_search_goes_on_behind_the_passes_it_found(
     cuts: list[tuple[int, PassSetting, float]] = []
 
     def noted(job: Job, one: PassSetting, number: int, offset_mm: float, _: Any) -> Cut:
-        if job.seed == 0:  # others measure the offset
-            cuts.append((number, one, offset_mm))
+        cuts.append((number, one, offset_mm))
         return answer(job, one, number, offset_mm, number)
 
     monkeypatch.setattr(technology, "cut_pass", noted)
@@ -106,9 +172,15 @@ def test_the_command_writes_a_technology_and_adds_heights(tmp_path: Path) -> Non
         assert done.exit_code == 0, done.output
     found = read_technology(file)
     assert [at.height_mm for at in found.heights] == [20.0, 30.0]
-    assert found.table(25.0, 2).offsets_mm[-1] == pytest.approx(0.149)
+    assert found.table(25.0, 2).offsets_mm[-1] == pytest.approx(0.150)
     assert not file.with_suffix(".runs.jsonl").exists()
-    assert json.dumps(found.source)
+    assert found.source.endswith("tune technology tool-steel --height 20 --passes 2 and --height 30 --passes 2")
+    before = file.read_bytes()
+    again = runner.invoke(
+        cli.app, ["tune", "technology", "tool-steel", "--height", "20", "--passes", "2", "--out", str(file)]
+    )
+    assert again.exit_code == 0, again.output
+    assert file.read_bytes() == before
     other = runner.invoke(cli.app, ["tune", "technology", "copper", "--passes", "1", "--out", str(file)])
     assert isinstance(other.exception, InputError)
     assert "holds a technology for material tool-steel, not copper" in str(other.exception)
@@ -118,9 +190,9 @@ def test_a_technology_is_valid_toml_whatever_its_files_are_called(tmp_path: Path
     known = read_technology("tool-steel-brass-254")
     job = Job('own\\"steel".toml', wire=r"C:\wires\thin.toml")
     file = tmp_path / "made.toml"
-    file.write_text(technology_text(job, known.heights, 'by "hand"'), encoding="utf-8")
+    file.write_text(technology_text(job.technology(known.heights)), encoding="utf-8")
     made = read_technology(str(file))
-    assert (made.material, made.wire, made.source) == (job.material, job.wire, 'by "hand"')
+    assert (made.material, made.wire) == (job.material, job.wire)
     assert made.heights == known.heights
 
 
