@@ -50,7 +50,9 @@ scatter along the path at every height, without roughness. The walls of trims do
 `default` on; at `fast` they have waves, as its rays are as far apart as a crater is wide.
 
 The default cut converges: its shorts are particles that bridge the gap, which do not depend on the slices. So do
-corners and profile of the punch, from `default` on; at `fast` its corners lack 5 um more. A rough cut ({rough:g} mm, pulses of 11 mJ every 10 us, a servo that holds {open_share:g} of them open) does not
+corners and profile of the punch, from `default` on; at `fast` its corners lack 5 um more.
+
+A rough cut ({rough:g} mm, pulses of 11 mJ every 10 us, a servo that holds {open_share:g} of them open) does not
 converge: at finer resolutions the wire vibrates more and touches the metal more often. Finer rays, cells, tracing
 or films alone make no difference, nor do slices or modes alone; slices and modes together do. A discharge kicks
 the wire on a short length and raises a bump of `J / (2 sqrt(T mu))` = 19 um, which runs along it as a wave.
