@@ -213,10 +213,8 @@ class Batch:
     def words(self) -> dict[str, NDArray[Any]]:
         """Return the texts of `info` (n,): why the episode ended, what the generator refused; empty where nothing."""
         causes, refused = self.sub_envs.rows["cause"], self.sub_envs.refused
-        words = {name: np.full(len(refused), "", object) for name in ("cause", "refused")}
+        words = {"cause": np.full(len(refused), "", object)}
         for index in np.flatnonzero(causes != RUNNING):
             words["cause"][index] = WORDS[StopCause(int(causes[index]))].info
-        for k, why in enumerate(refused):
-            if why is not None:
-                words["refused"][k] = why
+        words["refused"] = np.array([why or "" for why in refused], object)
         return words

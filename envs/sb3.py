@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -55,7 +55,7 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
             own = {} if mask is None else {**self._options[int(np.argmax(mask))], "reset_mask": mask}
             observations, infos = self.env.reset(seed=self._seeds, options=own)
             for index in indices if mask is None else np.flatnonzero(mask).tolist():
-                self.reset_infos[index] = info_of_one(infos, index)
+                self.reset_infos[index] = StepInfo(infos, index).copy()
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
@@ -66,24 +66,25 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
         self._actions = actions
 
     def step_wait(self) -> Any:
-        """Run a step; every sub-environment's info has all entries of `EdmVectorEnv`."""
+        """Run a step; every sub-environment's info has all entries of `EdmVectorEnv`, computed when they are read."""
         observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
         done = terminated | truncated
         self._returns += rewards
         self._lengths += 1
-        dicts = infos_of_all(infos, self.num_envs)
-        for index in np.flatnonzero(done):
-            self.reset_infos[index] = dicts[index]
-            last = info_of_one(infos["final_info"], int(index))
-            last["terminal_observation"] = infos["final_obs"][index]
+        final_obs, final_info = infos.pop("final_obs", None), infos.pop("final_info", None)
+        each: list[Any] = [StepInfo(infos, index) for index in range(self.num_envs)]
+        for index in np.flatnonzero(done).tolist():
+            self.reset_infos[index] = each[index].copy()
+            last = StepInfo(final_info, index).copy()
+            last["terminal_observation"] = final_obs[index]
             last["TimeLimit.truncated"] = bool(truncated[index] and not terminated[index])
             last["episode"] = {
                 "r": float(self._returns[index]), "l": int(self._lengths[index]),
                 "t": round(time.perf_counter() - self._start_s, 6),
             }
-            dicts[index] = last
+            each[index] = last
         self._returns[done], self._lengths[done] = 0.0, 0
-        return observations, rewards.astype(np.float32), done, dicts
+        return observations, rewards.astype(np.float32), done, each
 
     def close(self) -> None:
         """Close the environment."""
@@ -129,30 +130,61 @@ class EdmVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
             raise IndexError(many) from None
 
 
-def infos_of_all(infos: dict[str, Any], count: int) -> list[dict[str, Any]]:
-    """Split a vector environment's infos into one dictionary per sub-environment."""
-    dicts: list[dict[str, Any]] = [{} for _ in range(count)]
-    for name, values in infos.items():
-        if name.startswith("_") or name in ("final_obs", "final_info"):
-            continue
-        inner = infos_of_all(values, count) if isinstance(values, dict) else values.tolist()
-        for info, value, there in zip(dicts, inner, infos[f"_{name}"].tolist(), strict=True):
-            if there:
-                info[name] = value
-    return dicts
+class StepInfo(MutableMapping[str, Any]):
+    """The info of one sub-environment, read from a vector environment's: an entry is computed when it is read.
 
+    A training reads few: computing all takes longer than anything else in Python. It is a dictionary once changed.
+    """
 
-def info_of_one(infos: dict[str, Any], index: int) -> dict[str, Any]:
-    """Return the info of one sub-environment from a vector environment's."""
-    dicts = {name: values for name, values in infos.items() if not name.endswith(("final_obs", "final_info"))}
-    return infos_of_all(slice_of_one(dicts, index), 1)[0]
+    __slots__ = ("_changed", "_index", "_infos")
 
+    def __init__(self, infos: dict[str, Any], index: int) -> None:
+        self._infos, self._index = infos, index
+        self._changed: dict[str, Any] | None = None
 
-def slice_of_one(values: Any, index: int) -> Any:
-    """Return a vector environment's values of one sub-environment, as a vector of length one."""
-    if isinstance(values, dict):
-        return {name: slice_of_one(inner, index) for name, inner in values.items()}
-    return values[index : index + 1]
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return an entry, or the default."""
+        if self._changed is not None:
+            return self._changed.get(name, default)
+        there = self._infos.get(f"_{name}")
+        return default if there is None or not there[self._index] else self._value(name)
+
+    def __getitem__(self, name: str) -> Any:
+        value = self.get(name, self)  # no entry is the info itself
+        if value is self:
+            raise KeyError(name)
+        return value
+
+    def _value(self, name: str) -> Any:
+        values = self._infos[name]
+        return StepInfo(values, self._index).copy() if isinstance(values, dict) else values.item(self._index)
+
+    def copy(self) -> dict[str, Any]:
+        """Return a dictionary of all entries."""
+        if self._changed is not None:
+            return self._changed.copy()
+        index, infos = self._index, self._infos
+        return {name: self._value(name) for name in infos if name[0] != "_" and infos[f"_{name}"][index]}
+
+    def _dictionary(self) -> dict[str, Any]:
+        if self._changed is None:
+            self._changed = self.copy()
+        return self._changed
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        self._dictionary()[name] = value
+
+    def __delitem__(self, name: str) -> None:
+        del self._dictionary()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.copy())
+
+    def __len__(self) -> int:
+        return len(self.copy())
+
+    def __repr__(self) -> str:
+        return repr(self.copy())
 
 
 def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **options: Any) -> EdmVecEnv:

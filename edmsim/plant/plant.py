@@ -474,11 +474,14 @@ class Plant:
         x, y = (float(v) for v in s["axis_um"][:2] + s["deflection_um"])
         u, v = (float(v) for v in s["axis_um"][2:])
         n = self.resolution.slices
-        ends = np.stack([share[[0, n - 1]] for share in (self._arrays.height_share, self._arrays.lean_share)])
-        low, high = float(ends.min()), float(ends.max())  # where the wire bends is known once its rays are traced
+        shares = self._arrays.height_share, self._arrays.lean_share
+        ends = [float(share[k]) for share in shares for k in (0, n - 1)]
+        low, high = min(ends), max(ends)  # where the wire bends is known once its rays are traced
         reach_um = c.radius_um + c.range_um + 2 * TILED_UM + self._drives.reach_um
+        tiles = self.field.tiles
         self.field.allocate(x + low * u, y + low * v, reach_um, ((high - low) * u, (high - low) * v))
-        self._put_field()
+        if self.field.tiles is not tiles:  # it was too small, and `levels` with it
+            self._put_field()
         self._state["tiled_um"] = (x, y, x + u, y + v)
 
     def _put_field(self) -> None:

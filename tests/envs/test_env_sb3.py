@@ -45,6 +45,29 @@ def test_end_of_an_episode_is_reported_as_learners_want_it():
     env.close()
 
 
+def test_an_info_is_a_mapping_of_what_the_single_environment_tells():
+    vec_env = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=3, planner="exact", max_episode_steps=2)
+    single = gym.make("edmsim/GapFeed-v2", planner="exact")
+    action = np.full(1, 0.5, np.float32)
+    vec_env.reset(), single.reset(seed=4)
+    first = vec_env.step(np.stack([action, action]))[3][1]
+    expected = single.step(action)[4]
+    for name in ("drawn", "plant_seed", "total_um"):
+        del expected[name]  # in vector environments only at resets
+    assert first == expected == dict(first) == first.copy()
+    assert (first.get("episode"), first.get("cost"), "_cost" in first) == (None, 0.0, False)
+    with pytest.raises(KeyError, match="episode"):
+        _ = first["episode"]
+    _, _, done, infos = vec_env.step(np.stack([action, action]))
+    assert done.all()
+    assert infos[1]["dt_s"] == single.step(action)[4]["dt_s"]
+    assert set(vec_env.reset_infos[1]) == {"drawn", "plant_seed", "total_um"}
+    assert first == expected  # it is of its step
+    first["note"] = 1
+    del first["cost"]
+    assert (first["note"], first.get("cost"), len(first)) == (1, None, len(expected))
+
+
 def of_single_environments(num_envs, **options):
     """What stable-baselines3 itself makes of as many single environments."""
     return DummyVecEnv([lambda: gym.make("edmsim/GapFeed-v2", **options) for _ in range(num_envs)])
@@ -143,15 +166,6 @@ def test_gymnasiums_vector_has_the_attributes_of_its_sub_environments_too():
     assert native.call("note") == native.get_attr("note") == ("a", "b")
     with pytest.raises(InputError, match="3 values were given for 2"):
         native.set_attr("note", [1, 2, 3])
-
-
-def test_same_seed_same_trajectory():
-    def rewards():
-        env = make_sb3_vec_env("edmsim/HeightStep-v2", 2, seed=3, resolution="fast")
-        env.reset()
-        return [env.step(np.full((2, 1), 0.3, np.float32))[1].tolist() for _ in range(10)]
-
-    assert rewards() == rewards()
 
 
 @pytest.mark.slow

@@ -130,6 +130,7 @@ class KerfField:
         extent_um = max(stock.rectangle_um[2:]) if extent_um is None else extent_um
         self.n_slices = n_slices
         self.stock = stock
+        self._even = Stock(stock.rectangle_um, stock.holes_um)  # without its steps
         self.cell_um = cell_um
         n = int(np.ceil(extent_um / (cell_um * TILE))) + 2
         self.index: NDArray[np.int32] = np.full((n, n), -1, np.int32)
@@ -193,14 +194,9 @@ class KerfField:
             grown = np.empty((len(self.tiles), TILE, TILE), np.float32)
             grown[: self.count] = self.levels[: self.count]
             self.levels = grown
-        self.levels[self.count] = relief.levels(*self._centres_um(tx, ty))
+        self.levels[self.count] = relief.levels(*_centres_um(tx, ty, self.cell_um))
         last = slice(self.count, self.count + 1)
         self._stock_beyond += _beyond(self.tiles[last], self.levels[last])
-
-    def _centres_um(self, tx: int, ty: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where the cells of a tile have their middles, along x and y."""
-        centres = np.arange(0.5, TILE, dtype=np.float64) * self.cell_um
-        return tx * self.cell_um * TILE + centres, ty * self.cell_um * TILE + centres
 
     def stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
         """Parts of metal in a tile before the cut: (n_slices, TILE, TILE), not to be written to."""
@@ -210,14 +206,12 @@ class KerfField:
 
     def _blank_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
         """Parts of metal in a tile of the blank: (n_slices, TILE, TILE)."""
-        side, cell = self.cell_um * TILE, self.cell_um
-        x0, y0 = tx * side, ty * side
-        if self.relief is None and self.stock.is_whole(x0 - cell, y0 - cell, x0 + side + cell, y0 + side + cell):
-            return np.broadcast_to(np.uint16(FULL), (self.n_slices, TILE, TILE))
-        x, y = self._centres_um(tx, ty)
-        share = self.stock.fraction(x, y, self.cell_um)
+        x, y = _centres_um(tx, ty, self.cell_um)
         metal = None if self.relief is None else self.relief.metal(x, y, self.cell_um)
-        parts = np.round((share if metal is None else share * metal) * FULL).astype(np.uint16)
+        if metal is None:
+            parts = _even_parts(self._even, tx, ty, self.cell_um)
+        else:
+            parts = _in_parts(self.stock.fraction(x, y, self.cell_um) * metal)
         return np.broadcast_to(parts, (self.n_slices, TILE, TILE))
 
     def _gone_in(self, tx: int, ty: int, pieces: tuple[shapely.Polygon, ...]) -> NDArray[np.bool_] | None:
@@ -231,7 +225,7 @@ class KerfField:
         near = [piece for piece in pieces if piece.intersects(box)]
         if not near:
             return None
-        x, y = self._centres_um(tx, ty)
+        x, y = _centres_um(tx, ty, self.cell_um)
         return np.asarray(shapely.contains_xy(shapely.union_all(near), x[:, None], y[None, :]), np.bool_)
 
     def take_out(self, piece: shapely.Polygon) -> float:
@@ -311,7 +305,30 @@ class KerfField:
         if self.relief is not None:
             self.levels = np.empty((len(self.tiles), TILE, TILE), np.float32)
             for tx, ty, place in self.tile_places():
-                self.levels[place] = self.relief.levels(*self._centres_um(tx, ty))
+                self.levels[place] = self.relief.levels(*_centres_um(tx, ty, self.cell_um))
+
+
+def _centres_um(tx: int, ty: int, cell_um: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the cells of a tile have their middles, along x and y."""
+    centres = np.arange(0.5, TILE, dtype=np.float64) * cell_um
+    return tx * cell_um * TILE + centres, ty * cell_um * TILE + centres
+
+
+def _in_parts(share: NDArray[np.float64]) -> NDArray[np.uint16]:
+    return np.round(share * FULL).astype(np.uint16)
+
+
+_WHOLE_TILE = np.full((TILE, TILE), FULL, np.uint16)
+
+
+@functools.lru_cache(maxsize=1024)  # many episodes begin with one stock; a tile takes 2 KB
+def _even_parts(stock: Stock, tx: int, ty: int, cell_um: float) -> NDArray[np.uint16]:
+    """Parts of metal in a tile (TILE, TILE) of a stock without steps, not to be written to."""
+    side = cell_um * TILE
+    x0, y0 = tx * side, ty * side
+    if stock.is_whole(x0 - cell_um, y0 - cell_um, x0 + side + cell_um, y0 + side + cell_um):
+        return _WHOLE_TILE
+    return _in_parts(stock.fraction(*_centres_um(tx, ty, cell_um), cell_um))
 
 
 def _rings(pieces: tuple[shapely.Polygon, ...]) -> NDArray[np.float64]:
