@@ -6,17 +6,15 @@ Its parameters, and settings not in its guide, are in ``models/drives/servo_modu
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
-from typing import Any, Self, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.axis import extensions
-from edmsim.controllers.axis.drive import Screw, axis_row, data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import WORD, Registers, decode, encode, law_with, tuned_values
+from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
+from edmsim.controllers.axis.parameters import WORD, SerialDrive, decode, encode
 from edmsim.controllers.axis.serial_line import NEW_LINE, Command, LineEditor, command_in
 
 # The servo processor module's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
@@ -29,17 +27,18 @@ PARAMETERS = (
 
 SETTINGS = (
     GAIN_SCALE, STEP_SENSE, ENCODER_SENSE, REST_NS, SAVE_NS, LED_RUN_NS, LED_RECORDER_NS, LED_REPEAT_NS, LED_FLASH_NS,
-) = tuple(range(15, 24))  # fmt: skip
+    SATURATING,
+) = tuple(range(15, 25))  # fmt: skip
 """The table ``law`` of ``models/drives/servo_module.toml``, in its order."""
 
-CHIP = DUTY_CENTRE, GREATEST_CLAMP, BYTE_NS = tuple(range(24, 27))
+CHIP = DUTY_CENTRE, GREATEST_CLAMP, BYTE_NS = tuple(range(25, 28))
 """Of its table ``chip``; the last is the time that a byte takes on the serial line."""
 
 (
     STATUS, FRESH, SETPOINT, POSITION, ORIGIN, EDGES, ERROR, VELOCITY, COMMANDED, LAST_SETPOINT, LAST_POSITION,
     LAST_ERROR, ACCUMULATED, TICK, OUTPUT, DUTY, LIMIT, PEAK, NOW_NS, MOVED_NS, SAVED_FROM_NS, SAVING, CODE, RECORDED,
     DUMPING, DUMPED, LINE_FREE_NS, RELEASING,
-) = range(27, 55)  # fmt: skip
+) = range(28, 56)  # fmt: skip
 """State of the loop: counts, counts per cycle, duty counts, and times of the plant's clock. ``FRESH`` lasts from
 power-up to the first cycle; ``ORIGIN`` is what the encoder's counter showed where the position is 0, ``ACCUMULATED``
 the integral times ``GAIN_SCALE``, ``SAVING`` whether the EEPROM is being written, ``CODE`` that of the recorder,
@@ -49,7 +48,7 @@ for the cycle in which the fault output is let go, which may be what holds the f
 
 IMAGE, N_IMAGE = 64, 62
 """The bytes that a save writes, eight to a word: 15 parameters and a checksum in their code
-(`edmsim.controllers.axis.parameters`). Words from 96 on are those of `edmsim.controllers.axis.extensions`."""
+(`edmsim.controllers.axis.parameters`)."""
 N_MEMORY = 128  # words of the recorder's memory (row M-A4)
 
 FAULT_BIT, FOLLOWING_BIT, EXTERNAL_BIT = 1 << 0, 1 << 1, 1 << 2
@@ -88,7 +87,7 @@ def _report_saturation(reg: Words) -> None:
 def narrowed(reg: Words, value: int, bits: int) -> int:
     """Fit a number into a word: held at its limit and reported as saturated, or wrapped (row M-35)."""
     fits = wrapped(value, bits)
-    if fits == value or reg[extensions.SATURATING] == 0:
+    if fits == value or reg[SATURATING] == 0:
         return fits
     _report_saturation(reg)
     limit = (1 << (bits - 1)) - 1
@@ -114,7 +113,6 @@ def put_duty(reg: Words, output: int) -> None:
     held = min(max(demand, -clamp_of(reg)), clamp_of(reg))
     if held != demand:
         _report_saturation(reg)
-    extensions.note_limit(reg, reg[NOW_NS], (demand > held) - (demand < held))
     reg[OUTPUT] = output
     reg[DUTY] = reg[DUTY_CENTRE] + held
 
@@ -133,7 +131,6 @@ def reset_loop(reg: Words) -> None:
     reg[SETPOINT] = reg[POSITION]
     reg[LAST_SETPOINT] = reg[SETPOINT]
     reg[ERROR] = reg[LAST_ERROR] = reg[COMMANDED] = reg[ACCUMULATED] = reg[TICK] = reg[PEAK] = 0
-    extensions.start_command(reg, reg[SETPOINT])
     reg[RELEASING] = 1
     put_duty(reg, 0)
 
@@ -144,7 +141,7 @@ def _control(reg: Words, acceleration: int) -> int:
     error = reg[ERROR]
     scale = reg[SCALE] if abs(error) <= reg[REGION] else SCALE_ONE
     reg[TICK] += 1
-    if reg[TICK] >= reg[INTERVAL] and not extensions.holds_integrator(reg, error):
+    if reg[TICK] >= reg[INTERVAL]:
         reg[TICK] = 0
         most = clamp_of(reg) * reg[GAIN_SCALE]
         reg[ACCUMULATED] += reg[INTEGRAL] * scale // SCALE_ONE * error
@@ -152,8 +149,6 @@ def _control(reg: Words, acceleration: int) -> int:
     total = reg[PROPORTIONAL] * scale // SCALE_ONE * error + reg[ACCUMULATED]
     total += reg[DERIVATIVE] * scale // SCALE_ONE * (error - reg[LAST_ERROR])
     total += reg[VELOCITY_FF] * reg[COMMANDED] + reg[ACCELERATION_FF] * acceleration
-    extensions.derive_command(reg, reg[extensions.COMMAND] + reg[COMMANDED])
-    total += towards_zero(extensions.feed_forward(reg) * reg[GAIN_SCALE], SCALE_ONE)
     reg[LAST_ERROR] = error
     return narrowed(reg, towards_zero(narrowed(reg, total, 32), reg[GAIN_SCALE]), 16)
 
@@ -419,7 +414,7 @@ _READ = {
 }
 
 
-LARGEST_OFFSET = -WORD // 2, WORD // 2 - 1  # the offset is the only signed parameter (row M-46)
+DELIVERED = tuple(entry["value"] for entry in DATA["parameter"])
 _BITS_OF_A_BYTE = 10  # start bit, eight, stop bit
 _CHIP = DATA["chip"]
 
@@ -468,14 +463,12 @@ def _servo_module(drive_at: Any, axis_at: Any) -> None:
     ran, turned = cycle(reg, axis.count, drive.setpoint, axis.lines & axis_rows.FAULT_IN != 0, drive.now_ns)
     if ran:
         note(reg, drive.memory, turned)
-    faulty = reg[STATUS] & FAULT_BIT != 0
-    extensions.record_sample(reg, drive.memory, reg[ERROR], reg[VELOCITY], reg[OUTPUT], faulty)
     dump(drive)
     drive.command = (reg[DUTY] - reg[DUTY_CENTRE]) / reg[DUTY_CENTRE]
     drive.lines = _lines(reg)
 
 
-class ServoModule:
+class ServoModule(SerialDrive):
     r"""The servo processor module on an axis.
 
     Parameters
@@ -493,9 +486,6 @@ class ServoModule:
     parameters : mapping of str to int
         Parameters set by the terminal's letters, by name. A new loop rate or encoder filter acts from the next call
         of `line`; only ``S`` saves them to the EEPROM.
-    extensions : Extensions
-        Functions beyond its guide. ``saturating_arithmetic`` is 1 by default (row M-35). In compatible mode all are
-        0, and 16 and 32 bits wrap as the guide warns in 4.4.
 
     Raises
     ------
@@ -508,42 +498,28 @@ class ServoModule:
     b'(P) - Kp: 1250\r\n'
     """
 
-    name = "servo-module"
+    name, title, data = "servo-module", "servo module", DATA
+    signed = "output_offset"  # row M-46
     sample: axis_rows.SampleFunction = _servo_module
     baud: float = _CHIP["baud"]
 
-    def __init__(
-        self, motor: NDArray[np.void] | None = None, stored: Mapping[str, int] | None = None,
-        law: Mapping[str, int] | None = None,
-    ) -> None:  # fmt: skip
-        self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
-        self._law = law_with(DATA["law"], law or {}, "servo module")
-        self.record: NDArray[np.void] = _fresh(self._law, None)
-        names = [entry["name"] for entry in DATA["parameter"]]
-        bounds = [LARGEST_OFFSET if register == OFFSET else (0, WORD - 1) for register in PARAMETERS]
-        self.parameters = Registers(self, {name: (k, *bounds[k]) for k, name in enumerate(names)})
-        self.extensions = extensions.Extensions(self, wraps=True)
-        self.extensions["saturating_arithmetic"] = 1
+    def _deliver(self, stored: Mapping[str, int] | None) -> None:
         self._editor = LineEditor(echo=False)
         self.parameters.update(stored or {})
         self.record["eeprom"][0, : N_IMAGE] = list(encode(words_of(self.record["reg"][0])))
-        self.power_up()
 
-    @classmethod
-    def tuned(
-        cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
-    ) -> Self:
-        """Return a module tuned for an axis: `changes` override the parameters of the table ``tuned``.
-
-        With a machine's screw, a step is the machine's, rounded to a whole number of counts.
-
-        Raises
-        ------
-        InputError
-            No tuning exists for that axis, or a parameter is unknown.
-        """
-        values = tuned_values(DATA, "servo module", axis, changes, screw)
-        return cls(axis_row(axis), values)
+    def _fresh(self, words: Sequence[int] = DELIVERED) -> NDArray[np.void]:
+        record = new_record((1, 1))
+        reg = record["reg"][0]
+        reg[list(PARAMETERS)] = words
+        reg[OFFSET] = wrapped(reg[OFFSET], 16)
+        reg[list(SETTINGS)] = list(self._law.values())
+        reg[list(CHIP)] = _CHIP["duty_centre"], _CHIP["greatest_clamp"], round(_BITS_OF_A_BYTE * 1e9 / _CHIP["baud"])
+        put_duty(reg, 0)
+        record["delay_ns"], record["pwm_ns"] = _CHIP["calculation_ns"], _CHIP["duty_period_ns"]
+        record["num"], record["den"] = _period(reg)
+        record["count_rate_Hz"] = _count_rate(reg)
+        return record
 
     @property
     def counts_per_step(self) -> float:
@@ -575,9 +551,8 @@ class ServoModule:
         """Start with the EEPROM's parameters; if they are invalid, with the defaults and the motor off."""
         stored = decode(self.record["eeprom"][0, : N_IMAGE].tobytes())
         words = stored.words if stored.valid else None
-        fresh = _fresh(self._law, words)
-        old, reg = self.record["reg"][0], fresh["reg"][0]
-        reg[extensions.EXTENSION_WORDS] = old[extensions.EXTENSION_WORDS]
+        fresh = self._fresh(words or DELIVERED)
+        reg = fresh["reg"][0]
         reg[FRESH], reg[EDGES], reg[NOW_NS] = 1, self.record["setpoint"][0], self.record["now_ns"][0]
         reg[MOVED_NS] = reg[NOW_NS] - reg[REST_NS]
         if words is None:
@@ -592,21 +567,6 @@ class ServoModule:
         """Set the receive error in the status; the current line becomes an unknown command."""
         self.record["reg"][0, STATUS] |= RECEIVE_BIT
         self._editor.take(0)
-
-
-def _fresh(law: Mapping[str, int], words: Sequence[int] | None) -> NDArray[np.void]:
-    """Return the record of a module that starts with some parameters, the defaults if there are none."""
-    record = new_record((1, 1))
-    reg = record["reg"][0]
-    reg[list(PARAMETERS)] = [entry["value"] for entry in DATA["parameter"]] if words is None else words
-    reg[OFFSET] = wrapped(reg[OFFSET], 16)
-    reg[list(SETTINGS)] = list(law.values())
-    reg[list(CHIP)] = _CHIP["duty_centre"], _CHIP["greatest_clamp"], round(_BITS_OF_A_BYTE * 1e9 / _CHIP["baud"])
-    put_duty(reg, 0)
-    record["delay_ns"], record["pwm_ns"] = _CHIP["calculation_ns"], _CHIP["duty_period_ns"]
-    record["num"], record["den"] = _period(reg)
-    record["count_rate_Hz"] = _count_rate(reg)
-    return record
 
 
 def _period(reg: Words) -> tuple[int, int]:
