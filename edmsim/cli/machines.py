@@ -106,7 +106,7 @@ def gap(
     ] = None,
     samples: Annotated[
         Path | None,
-        typer.Option(help="File for samples of gap voltage and current, .parquet or .wav."),
+        typer.Option(help="File for samples of gap voltage and current, .parquet."),
     ] = None,
     log: Annotated[
         Path | None, typer.Option(help="File for ratios and positions, .csv, for edmsim calibrate.")
@@ -164,7 +164,7 @@ def gap(
                 rig.watch(taker.frame)
         _run(rig, serial is not None, speed, seconds, feed)
     if sampled is not None:
-        say(f"{sampled.count} samples of {samples}" + (f": {sampled.notice}" if sampled.notice else ""))
+        say(f"{sampled.count} samples of {samples}")
     if rig.gap.lost and serial is None:
         say(rig.gap.lost)
 
