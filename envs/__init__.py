@@ -8,13 +8,13 @@ describes action, observation and reward.
 
 from __future__ import annotations
 
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from edmsim.envs.contour import Contour
     from edmsim.envs.corner import Corner
-    from edmsim.envs.discrete import DiscreteFeed, DiscreteFeedVector
     from edmsim.envs.environment import EdmEnv, EdmVectorEnv
     from edmsim.envs.episode import StepResult, Task
     from edmsim.envs.gap_feed import GapFeed
@@ -34,23 +34,28 @@ if TYPE_CHECKING:
     from edmsim.envs.trim import Trim
 
 _HOMES = {
-    "Contour": "contour", "Corner": "corner", "DiscreteFeed": "discrete", "DiscreteFeedVector": "discrete",
-    "EdmEnv": "environment", "EdmVectorEnv": "environment", "Family": "task", "GapFeed": "gap_feed",
-    "HeightStep": "height_step", "MaxRate": "max_rate", "MaxRateShift": "shift", "Part": "part_task",
+    "Contour": "contour", "Corner": "corner", "EdmEnv": "environment", "EdmVectorEnv": "environment",
+    "Family": "task", "GapFeed": "gap_feed", "HeightStep": "height_step", "MaxRate": "max_rate",
+    "MaxRateShift": "shift", "Part": "part_task",
     "PartWeights": "part_task", "RecordEpisodes": "record_episodes", "RecordRerun": "record",
     "Scenario": "scenario", "Sensors": "observation", "StepResult": "episode", "Task": "episode",
     "ThinWire": "thin_wire", "ThinWireShift": "shift", "Trim": "trim", "Weights": "reward",
     "make_sb3_vec_env": "sb3", "register": "registry",
 }  # fmt: skip
 __all__ = [
-    "Contour", "Corner", "DiscreteFeed", "DiscreteFeedVector", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed",
-    "HeightStep", "MaxRate", "MaxRateShift", "Part", "PartWeights", "RecordEpisodes", "RecordRerun", "Scenario",
-    "Sensors", "StepResult", "Task", "ThinWire", "ThinWireShift", "Trim", "Weights", "make_sb3_vec_env", "register",
+    "Contour", "Corner", "EdmEnv", "EdmVectorEnv", "Family", "GapFeed", "HeightStep", "MaxRate", "MaxRateShift",
+    "Part", "PartWeights", "RecordEpisodes", "RecordRerun", "Scenario", "Sensors", "StepResult", "Task", "ThinWire",
+    "ThinWireShift", "Trim", "Weights", "make_sb3_vec_env", "register",
 ]
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first used: registering the environments loads none of them."""
+    task, is_vector, _ = name.partition("VectorEnv")
+    if is_vector and task in _HOMES:  # where Gymnasium looks for the vector environment of a registered id
+        from edmsim.envs.environment import EdmVectorEnv
+
+        return partial(EdmVectorEnv, task)
     if name not in _HOMES:
         raise AttributeError(f"module 'edmsim.envs' has no attribute '{name}'")
     value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

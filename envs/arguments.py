@@ -80,6 +80,12 @@ def one_of(name: str, value: str, known: Sequence[str]) -> None:
         raise InputError(f"unknown {name} {value!r}; there are: {', '.join(known)}")
 
 
+def no_text(name: str, value: Any) -> None:
+    """Refuse a text where a list of them belongs."""
+    if isinstance(value, str):
+        raise InputError(f"{name} is the text {value!r}: give a list, as [{value!r}]")
+
+
 def ends_of(name: str, value: Range) -> tuple[float, float]:
     """Return the ends of a range given as an argument; a number is a range of its own."""
     low, high = map(real, value if isinstance(value, Sequence) and len(value) == 2 else (value, value))

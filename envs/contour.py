@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from edmsim.envs.arguments import Range, argument, shows_arguments
-from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Scenario, even_height
@@ -77,11 +77,5 @@ class ContourEnv(EdmEnv):
     --------------
     The wire is in the start hole of the first contour. The program has no random draws.
     """
-
-    task = Contour
-
-
-class ContourVectorEnv(EdmVectorEnv):
-    """Vector environment of `ContourEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Contour

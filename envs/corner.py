@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments
-from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
 from edmsim.envs.scenario import Scenario, even_height
@@ -102,11 +102,5 @@ class CornerEnv(EdmEnv):
     v2: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 and v1 are
     withdrawn.
     """
-
-    task = Corner
-
-
-class CornerVectorEnv(EdmVectorEnv):
-    """Vector environment of `CornerEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Corner

@@ -11,7 +11,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from edmsim.envs.parts import Parts
     from edmsim.envs.recorder import EpisodeRecorder
 
-    Engine = Batch | Parts  # both have the members that Gymnasium's environments need
+    Engine: TypeAlias = Batch | Parts  # both have the members that Gymnasium's environments need
 
 
 # A feed controller that watches a sub-environment: it sees what a machine shows, and says what it would command.
@@ -451,8 +451,8 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
 
     Parameters
     ----------
-    task : str or type, optional
-        A `Family` or `Part`, its short name or the id of an environment; by default that of the class.
+    task : str or type
+        A `Family` or `Part`, its short name or the id of an environment.
     num_envs : int
     max_episode_steps : int, optional
         Steps after which an episode is truncated, in addition to its time limit; by default none.
@@ -482,11 +482,9 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
         "render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS, "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
-    task: ClassVar[str | type[EnvArguments]] = ""
-
     def __init__(
         self,
-        task: str | type[EnvArguments] | None = None,
+        task: str | type[EnvArguments],
         num_envs: int = 1,
         *,
         max_episode_steps: int | None = None,
@@ -500,7 +498,7 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
             max_episode_steps = whole_from("max_episode_steps", max_episode_steps, 1)
         if threads is not None:
             threads = whole_from("threads", threads, 1)
-        self.family: EnvArguments = arguments_with(self.task if task is None else task, **options)
+        self.family: EnvArguments = arguments_with(task, **options)
         self.render_mode = check_render_mode(render_mode)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from edmsim.envs.arguments import above_zero, argument, shows_arguments
-from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.scenario import Scenario, even_height
 from edmsim.envs.task import Family, Floats
@@ -64,11 +64,5 @@ class GapFeedEnv(EdmEnv):
     --------------
     The wire is in the middle of the table, in a slot, 25 um from the metal.
     """
-
-    task = GapFeed
-
-
-class GapFeedVectorEnv(EdmVectorEnv):
-    """Vector environment of `GapFeedEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = GapFeed

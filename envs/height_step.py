@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from edmsim.envs.arguments import above_zero, argument, ends_of, shows_arguments, within
-from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
 from edmsim.envs.scenario import Scenario
@@ -83,11 +83,5 @@ class HeightStepEnv(EdmEnv):
     The length of each band is drawn uniformly from ``band_mm``, the height of each further band uniformly from
     ``low_share`` to 1 times the greatest.
     """
-
-    task = HeightStep
-
-
-class HeightStepVectorEnv(EdmVectorEnv):
-    """Vector environment of `HeightStepEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = HeightStep

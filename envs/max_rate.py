@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments, within
-from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.height_step import HeightStep
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
@@ -122,11 +122,5 @@ class MaxRateEnv(EdmEnv):
     --------
     v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.
     """
-
-    task = MaxRate
-
-
-class MaxRateVectorEnv(EdmVectorEnv):
-    """Vector environment of `MaxRateEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = MaxRate

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.envs.render import HEIGHT, STRIP, canvas, pixels, strip
+from edmsim.envs.render import HEIGHT, STRIP, canvas, draw_cut, pixels, strip
 from edmsim.job.inspection import holes_mm
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.profile import profile_error
@@ -24,31 +24,8 @@ BELOW = 120
 
 def picture(episode: PartEpisode) -> NDArray[np.uint8]:
     """Return the picture of a part, uint8 (480, 640, 3)."""
-    return np.vstack([_drawing(episode.cut), _passes(episode), _last_step(episode)])
-
-
-def _drawing(cut: PartCut) -> NDArray[np.uint8]:
-    """Draw the part, what is cut of it, and the wire."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Circle
-
-    from edmsim.recording.figures.palette import INK, VERMILION
-    from edmsim.recording.figures.profile import draw_map
-
-    scene, place_mm = _scene(cut)
-    figure = canvas(HEIGHT - BELOW)
-    axes = figure.add_subplot(position=(0.1, 0.14, 0.76, 0.76))
-    draw_map(axes, scene)
-    dx, dy = scene.origin_mm or (0.0, 0.0)
-    at = float(place_mm[0]) - dx, float(place_mm[1]) - dy
-    axes.add_patch(Circle(at, scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
-    handles, labels = axes.get_legend_handles_labels()
-    axes.legend(
-        [*handles, Line2D([], [], marker="o", linestyle="", color=VERMILION)], [*labels, "wire"], loc="lower left",
-        bbox_to_anchor=(0.0, 1.0), ncols=6, frameon=False, fontsize=8, handlelength=1.6, columnspacing=1.2,
-        borderpad=0.0, borderaxespad=0.3, labelcolor=INK,
-    )  # fmt: skip
-    return pixels(figure)
+    drawn = draw_cut(*_scene(episode.cut), HEIGHT - BELOW, (0.1, 0.14, 0.76, 0.76))
+    return np.vstack([drawn, _passes(episode), _last_step(episode)])
 
 
 def _scene(cut: PartCut) -> tuple[Scene, NDArray[np.float64]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -11,8 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from edmsim.envs.arguments import Range, above_zero, argument, ends_of, one_of, shows_arguments, within
+from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments, within
 from edmsim.envs.observation import Entry
+from edmsim.envs.reward import WeightsOfTerms
 from edmsim.envs.scenario import names_of
 from edmsim.envs.task import EnvArguments
 from edmsim.errors import InputError
@@ -21,7 +22,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import values_of
 from edmsim.machine.setting import check_height
 from edmsim.machine.technology import Technology, machine_of, read_technology
-from edmsim.numeric import finite, keep_plain, whole_from
+from edmsim.numeric import keep_plain, whole_from
 from edmsim.plant.resolution import resolution
 from edmsim.program.outline import Program
 from edmsim.program.path import load_program
@@ -62,7 +63,7 @@ MOST_OCTAVES = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class PartWeights:
+class PartWeights(WeightsOfTerms):
     """Weights of the terms of Part's reward, 0 or more; all are costs. The values are ours.
 
     Attributes
@@ -84,12 +85,6 @@ class PartWeights:
     roughness: float = 5.0
     wire_break: float = 1.0
     limit: float = 50.0
-
-    def __post_init__(self) -> None:
-        """Refuse a weight that is no finite number of 0 or more."""
-        for f in fields(self):
-            finite(f"the weight {f.name}", getattr(self, f.name), 0.0)
-        keep_plain(self)
 
 
 @shows_arguments
@@ -157,11 +152,7 @@ class Part(EnvArguments):
         above_zero("offset_um", self.offset_um, MOST_OFFSET_UM)
         within("gauge_um", self.gauge_um, 0.0, MOST_OFFSET_UM)
         above_zero("episode_s", self.episode_s)
-        within("cost_limit", self.cost_limit, 0.0, 1e9)
-        if isinstance(self.objectives, str):
-            raise InputError(f"objectives is the text {self.objectives!r}: give a list, as [{self.objectives!r}]")
-        for term in self.objectives:
-            one_of("objective", term, TERMS)
+        self._check_reward(TERMS)
         self.drawn_constants  # noqa: B018 - refuses unknown names
         self.read  # noqa: B018 - refuses a program that cannot be read
 
@@ -189,11 +180,6 @@ class Part(EnvArguments):
     def drawn_constants(self) -> tuple[str, ...]:
         """Names of the constants that an episode draws."""
         return names_of(self.base, self.randomise, "modal")
-
-    @cached_property
-    def reward_weights(self) -> PartWeights:
-        """Weights in force."""
-        return self.own_weights if self.weights is None else self.weights
 
     @property
     def action_names(self) -> tuple[str, ...]:

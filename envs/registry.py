@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from gymnasium.envs.registration import register as _register
 from gymnasium.envs.registration import registry
@@ -15,40 +15,30 @@ from edmsim.errors import InputError, one_of
 if TYPE_CHECKING:
     from edmsim.envs.task import EnvArguments, Family
 
-_FILES = {
-    "GapFeed": "gap_feed", "HeightStep": "height_step", "Corner": "corner", "Contour": "contour",
-    "MaxRate": "max_rate", "ThinWire": "thin_wire", "Trim": "trim", "Part": "part", "MaxRateShift": "shift",
-    "ThinWireShift": "shift",
+
+class _Registered(NamedTuple):
+    """An environment of edmsim."""
+
+    file: str  # module of this folder with its arguments and its class
+    version: int  # the last change was that debris ignites the gap: nothing earned before compares
+    reference: float  # mean return of the reference over the held-back seeds (docs/benchmark.md): `reward_threshold`
+
+
+_REGISTERED = {
+    "GapFeed": _Registered("gap_feed", 2, 1772.0), "HeightStep": _Registered("height_step", 2, 1523.0),
+    "Corner": _Registered("corner", 2, 1524.0), "Contour": _Registered("contour", 2, 2407.0),
+    "MaxRate": _Registered("max_rate", 1, 4083.0), "ThinWire": _Registered("thin_wire", 1, 5813.0),
+    "Trim": _Registered("trim", 1, 829.0), "Part": _Registered("part", 0, -15.5),
+    "MaxRateShift": _Registered("shift", 0, 231122.0), "ThinWireShift": _Registered("shift", 0, 59551.0),
 }  # fmt: skip
-_VERSIONS = dict.fromkeys(_FILES, 2) | dict.fromkeys(("MaxRate", "ThinWire", "Trim"), 1) | dict.fromkeys(
-    ("Part", "MaxRateShift", "ThinWireShift"), 0
-)
-"""Present versions. The last change was that debris ignites the gap: nothing earned before compares."""
 _GENERAL = "edmsim.envs.environment:EdmEnv", "edmsim.envs.environment:EdmVectorEnv"
-_WITHDRAWN = "edmsim.envs.registry:withdrawn"
-_REFERENCES = {
-    "GapFeed": 1772.0, "HeightStep": 1523.0, "Corner": 1524.0, "Contour": 2407.0, "MaxRate": 4083.0,
-    "ThinWire": 5813.0, "Trim": 829.0, "Part": -15.5, "MaxRateShift": 231122.0, "ThinWireShift": 59551.0,
-}
-"""Mean return of the reference over the held-back seeds (docs/benchmark.md), Gymnasium's `reward_threshold`."""
 _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are registered under
 
 
 def register_all() -> None:
-    """Register ``edmsim/GapFeed-v2`` and the others, and say of the versions before that they are withdrawn."""
-    for name in _FILES:
-        _register_classes(env_id_of(name), _classes_of(name), {}, _REFERENCES.get(name))
-        for version in range(_VERSIONS[name]):
-            kwargs = {"env_id": env_id_of(name), "version": version}
-            _register_classes(f"edmsim/{name}-v{version}", (_WITHDRAWN, _WITHDRAWN), kwargs)
-
-
-def withdrawn(env_id: str, version: int, **_: Any) -> None:
-    """Stand where a version was that is withdrawn, and say which replaces it."""
-    raise InputError(
-        f"{env_id.rpartition('-')[0]}-v{version} is withdrawn (the gap it was played in is not simulated any more: "
-        f"debris ignites it now): use {env_id}"
-    )
+    """Register ``edmsim/GapFeed-v2`` and the others."""
+    for name, one in _REGISTERED.items():
+        _register_classes(env_id_of(name), _classes_of(name), {}, one.reference)
 
 
 def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
@@ -94,7 +84,7 @@ def resolve(text: str) -> str:
 
 def family_of(name: str) -> type[EnvArguments]:
     """Return the arguments of an environment of edmsim, by its short name."""
-    found: type[EnvArguments] = getattr(import_module(f"edmsim.envs.{_FILES[name]}"), name)
+    found: type[EnvArguments] = getattr(import_module(f"edmsim.envs.{_REGISTERED[name].file}"), name)
     return found
 
 
@@ -103,10 +93,8 @@ def find(name: str | type[EnvArguments]) -> tuple[type[EnvArguments], dict[str, 
     if isinstance(name, type):
         return name, {}
     short, _, version = str(name).removeprefix("edmsim/").partition("-v")
-    if short in _FILES and version in ("", _version_of(short)):
+    if short in _REGISTERED and version in ("", str(_REGISTERED[short].version)):
         return family_of(short), {}
-    if short in _FILES and version.isdecimal() and int(version) < _VERSIONS[short]:
-        withdrawn(env_id_of(short), int(version))
     spec = registry.get(str(name))
     if spec is None or "task" not in spec.kwargs:
         raise InputError(f"there is no environment {name!r}; choose one of {one_of(str(name), registered_ids())}")
@@ -134,10 +122,10 @@ def make_family(name: str | type[EnvArguments], **options: Any) -> Family:
 
 def base_of(family: type[EnvArguments]) -> str:
     """Return the name of the family of edmsim that another derives from: its own, if it is one of them."""
-    names = {family_of(name): name for name in _FILES}
+    names = {family_of(name): name for name in _REGISTERED}
     base = next((names[kind] for kind in family.__mro__ if kind in names), None)
     if base is None:
-        raise InputError(f"the family {family.__name__} must derive from one of {', '.join(_FILES)}")
+        raise InputError(f"the family {family.__name__} must derive from one of {', '.join(_REGISTERED)}")
     return base
 
 
@@ -165,22 +153,17 @@ def stand_in(family: type[EnvArguments], arguments: dict[str, Any]) -> tuple[str
 
 def registered_ids() -> tuple[str, ...]:
     """Return the ids of edmsim's own environments."""
-    return tuple(map(env_id_of, _FILES))
+    return tuple(map(env_id_of, _REGISTERED))
 
 
 def env_id_of(name: str) -> str:
     """Return the whole id of an environment: ``"edmsim/GapFeed-v2"`` of ``"GapFeed"``."""
-    return f"edmsim/{name}-v{_version_of(name)}" if name in _FILES else name
-
-
-def _version_of(name: str) -> str:
-    return str(_VERSIONS[name])
+    return f"edmsim/{name}-v{_REGISTERED[name].version}" if name in _REGISTERED else name
 
 
 def _classes_of(name: str) -> tuple[str, str]:
-    """Return where the single and the vector class of an environment of edmsim are."""
-    place = f"edmsim.envs.{_FILES[name]}:{name}"
-    return f"{place}Env", f"{place}VectorEnv"
+    """Return where the single environment of edmsim is, and what makes the vector environment (`edmsim.envs`)."""
+    return f"edmsim.envs.{_REGISTERED[name].file}:{name}Env", f"edmsim.envs:{name}VectorEnv"
 
 
 def _register_classes(

@@ -135,27 +135,38 @@ class Renderer:
 
 def _drawing(sub_envs: SubEnvs, index: int) -> NDArray[np.uint8]:
     """Draw what was cut of a sub-environment's workpiece, its path and its wire."""
+    from edmsim.envs.scene import path_scene
+
+    scene, plant = path_scene(sub_envs, index), sub_envs.fleet.plants[index]
+    place = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
+    # what a sub-environment has of a drawing is the path of its wire
+    return draw_cut(
+        scene, place, HEIGHT - STRIP, (0.12, 0.13, 0.84, 0.77), _around(place, scene),
+        {"nominal edge": "path of the wire"},
+    )  # fmt: skip
+
+
+def draw_cut(
+    scene: Scene, place_mm: NDArray[np.float64], height: int, box: tuple[float, float, float, float],
+    view: tuple[float, float, float, float] | None = None, names: Mapping[str, str] | None = None,
+) -> NDArray[np.uint8]:
+    """Draw a cut from above with its wire, and its parts by other names where `names` has some."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle
 
-    from edmsim.envs.scene import path_scene
     from edmsim.recording.figures.palette import INK, VERMILION
     from edmsim.recording.figures.profile import draw_map
 
-    scene = path_scene(sub_envs, index)
-    plant = sub_envs.fleet.plants[index]
-    figure = canvas(HEIGHT - STRIP)
-    axes = figure.add_subplot(position=(0.12, 0.13, 0.84, 0.77))
-    place = (np.array(plant.place_um) + plant.deflections_um().mean(axis=0)) * 1e-3
-    draw_map(axes, scene, _around(place, scene))
-    axes.add_patch(Circle(tuple(place), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
+    figure, (x, y) = canvas(height), place_mm - (scene.origin_mm or (0.0, 0.0))
+    axes = figure.add_subplot(position=box)
+    draw_map(axes, scene, view)
+    axes.add_patch(Circle((float(x), float(y)), scene.wire_diameter_um * 0.5e-3, color=VERMILION, zorder=9))
     handles, labels = axes.get_legend_handles_labels()
-    # what a sub-environment has of a drawing is the path of its wire
-    shown = ["path of the wire" if label == "nominal edge" else label for label in labels]
     axes.legend(
-        [*handles, Line2D([], [], marker="o", linestyle="", color=VERMILION)], [*shown, "wire"],
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, frameon=False, fontsize=8, handlelength=1.6,
-        columnspacing=1.2, borderpad=0.0, borderaxespad=0.3, labelcolor=INK,
+        [*handles, Line2D([], [], marker="o", linestyle="", color=VERMILION)],
+        [*((names or {}).get(label, label) for label in labels), "wire"], loc="lower left", bbox_to_anchor=(0.0, 1.0),
+        ncols=6, frameon=False, fontsize=8, handlelength=1.6, columnspacing=1.2, borderpad=0.0, borderaxespad=0.3,
+        labelcolor=INK,
     )  # fmt: skip
     return pixels(figure)
 

@@ -20,7 +20,18 @@ ERROR_UM = 10.0
 corner at the standard setting)."""
 
 @dataclass(frozen=True, kw_only=True)
-class Weights:
+class WeightsOfTerms:
+    """Weights of a reward's terms, each a finite number of 0 or more."""
+
+    def __post_init__(self) -> None:
+        """Refuse any other weight."""
+        for f in fields(self):
+            finite(f"the weight {f.name}", getattr(self, f.name), 0.0)
+        keep_plain(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights(WeightsOfTerms):
     """Weights of the reward's terms, 0 or more. The reward is gains minus costs.
 
     Attributes
@@ -57,12 +68,6 @@ class Weights:
     wire_break: float = 1.0
     limit: float = 1.0
     done: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse a weight that is not a finite number of 0 or more."""
-        for f in fields(self):
-            finite(f"the weight {f.name}", getattr(self, f.name), 0.0)
-        keep_plain(self)
 
 
 TERMS = tuple(f.name for f in fields(Weights))  # names of the reward's terms, in order: those of their weights

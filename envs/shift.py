@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments, within
-from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.height_step import HeightStep
 from edmsim.envs.max_rate import MaxRate
 from edmsim.envs.page import page
@@ -175,12 +175,6 @@ class MaxRateShiftEnv(EdmEnv):
     task = MaxRateShift
 
 
-class MaxRateShiftVectorEnv(EdmVectorEnv):
-    """Vector environment of `MaxRateShiftEnv`; further arguments: those of `EdmVectorEnv`."""
-
-    task = MaxRateShift
-
-
 @page
 class ThinWireShiftEnv(EdmEnv):
     """A shift of 20 minutes with a wire of 0.1 mm: learn the limit of this machine's wire, then cut near it.
@@ -209,11 +203,5 @@ class ThinWireShiftEnv(EdmEnv):
     --------
     v0: the first.
     """
-
-    task = ThinWireShift
-
-
-class ThinWireShiftVectorEnv(EdmVectorEnv):
-    """Vector environment of `ThinWireShiftEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = ThinWireShift

@@ -21,6 +21,7 @@ from edmsim.envs.arguments import (
     argument,
     ends_of,
     machine_of,
+    no_text,
     one_of,
     record_of,
     shows_arguments,
@@ -57,6 +58,7 @@ class EnvArguments(ABC):
     own_weights: ClassVar[Any]
     lasting: ClassVar[tuple[str, ...]] = ()
     resolution: str
+    weights: Any
     objectives: Sequence[str]
     cost_limit: float
 
@@ -68,6 +70,17 @@ class EnvArguments(ABC):
     @abstractmethod
     def entries(self) -> list[Entry]:
         """Return every entry of an observation, in order."""
+
+    @cached_property
+    def reward_weights(self) -> Any:
+        """Weights in force."""
+        return self.own_weights if self.weights is None else self.weights
+
+    def _check_reward(self, terms: Sequence[str]) -> None:
+        no_text("objectives", self.objectives)
+        for term in self.objectives:
+            one_of("objective", term, terms)
+        within("cost_limit", self.cost_limit, 0.0, 1e9)
 
     @classmethod
     def of(cls, **arguments: Any) -> Self:
@@ -197,13 +210,10 @@ class Family(EnvArguments):
                 check_height(height)
         if self.tension is not None:
             ends_of("tension", self.tension)
-        for name in ("materials", "knobs", "objectives"):
-            if isinstance(getattr(self, name), str):
-                text = getattr(self, name)
-                raise InputError(f"{name} is the text {text!r}: give a list, as [{text!r}]")
+        for name in ("materials", "knobs"):
+            no_text(name, getattr(self, name))
         generator.check_knobs(self.knobs)
-        for term in self.objectives:
-            one_of("objective", term, TERMS)
+        self._check_reward(TERMS)
         self._grid_um(self.base)
         if self.drawn_constants:
             self.base.sample(np.random.default_rng(0), self.drawn_constants)
@@ -227,7 +237,6 @@ class Family(EnvArguments):
         for gain in self.servo_gains:
             above_zero("servo_gains", gain)
         within("latency_s", self.latency_s, 0.0, 1.0)
-        within("cost_limit", self.cost_limit, 0.0, 1e9)
 
     @cached_property
     def base(self) -> Machine:
@@ -277,11 +286,6 @@ class Family(EnvArguments):
     def reach_mm(self) -> float:
         """Greatest distance from the table's centre that a cut may lead to."""
         return self.base.base.table.travel_mm.value / 2 - ROOM_MM
-
-    @cached_property
-    def reward_weights(self) -> Weights:
-        """Weights in force."""
-        return self.own_weights if self.weights is None else self.weights
 
     @cached_property
     def measured_by(self) -> Sensors:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from edmsim.envs.arguments import Range
-from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
@@ -59,11 +59,5 @@ class ThinWireEnv(EdmEnv):
     v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it; pulses last 7 us in
     place of 10. v0 is withdrawn.
     """
-
-    task = ThinWire
-
-
-class ThinWireVectorEnv(EdmVectorEnv):
-    """Vector environment of `ThinWireEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = ThinWire

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments
-from edmsim.envs.environment import EdmEnv, EdmVectorEnv
+from edmsim.envs.environment import EdmEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
@@ -118,11 +118,5 @@ class TrimEnv(EdmEnv):
     --------
     v1: debris ignites the gap, jets bend the wire, and water carries heat and gas away behind it. v0 is withdrawn.
     """
-
-    task = Trim
-
-
-class TrimVectorEnv(EdmVectorEnv):
-    """Vector environment of `TrimEnv`; further arguments: those of `EdmVectorEnv`."""
 
     task = Trim

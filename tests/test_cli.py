@@ -414,7 +414,6 @@ def test_report_of_a_folder_without_a_cut_is_one_line_and_2(tmp_path: Path, edms
 
 def test_gains_of_a_controller_without_any_are_refused(edmsim: Run, tmp_path: Path) -> None:
     assert_refused(edmsim("tune", "gains", "mcu", "--out", tmp_path / "new"), "no gains of 'mcu' are searched")
-    assert_refused(edmsim("tune", "gains", "fixed", "--method", "luck", "--out", tmp_path / "new"), "tpe, evolution")
     assert not (tmp_path / "new").exists()
 
 

@@ -14,7 +14,7 @@ import pytest
 import edmsim
 from edmsim import controllers
 from edmsim.cosim.straight import Traverse
-from edmsim.envs import DiscreteFeed, EdmVectorEnv, GapFeed, HeightStep, MaxRate, RecordRerun, Sensors, Task, Weights
+from edmsim.envs import EdmVectorEnv, GapFeed, HeightStep, MaxRate, RecordRerun, Sensors, Task, Weights
 from edmsim.errors import InputError
 from edmsim.job.settings import CutSettings
 from edmsim.learning import hyperparameters
@@ -139,8 +139,6 @@ def test_a_task_and_a_plant_take_it_and_are_the_same(value):
     machine = edmsim.Machine.load(height_mm=3.0)
     windows = [edmsim.Plant(machine, seed=seed, resolution="fast").advance() for seed in (value, 8)]
     assert windows[0] == windows[1]
-    levels = DiscreteFeed(gym.make("edmsim/GapFeed-v2"), [Fraction(-1, 2), np.float32(0.5)])
-    assert levels.action(np.int64(0)).tolist() == [-0.5]
 
 
 @pytest.mark.parametrize("value", [True, np.True_, "8", math.nan], ids=kind_of)
@@ -151,8 +149,6 @@ def test_a_task_refuses_what_is_no_number(value):
     task.reset(1)
     with pytest.raises(InputError, match="feed_um_s is"):
         task.advance(value)
-    with pytest.raises(InputError, match="levels are"):
-        DiscreteFeed(gym.make("edmsim/GapFeed-v2"), [0.0, value])
 
 
 def test_a_truth_value_is_no_number_of_settings(tmp_path):

@@ -1,6 +1,6 @@
 """``docs/benchmark.md``: controllers and policies compared, and whether anything is left to be learned.
 
-python docs/make/benchmark.py                     # the page of docs/leaderboard.json
+python docs/make/benchmark.py                     # the page of docs/leaderboard.jsonl
 python docs/make/benchmark.py all                 # makes every cut again, writes the leaderboard, then the page
 python docs/make/benchmark.py edmsim/Corner-v2    # cuts one environment again
 """
@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from edmsim.errors import EdmsimError
-from edmsim.evaluation import leaderboard
-from edmsim.evaluation.compare import Comparison, env_ids, evaluate
+from edmsim.evaluation.compare import CUT_TEXTS, Comparison, env_ids, evaluate, leaderboard
 from edmsim.evaluation.lines import ORACLE_GAPS_UM, USUAL, lines_of
 from edmsim.evaluation.table import markdown_table, ranked, shown
+from edmsim.runs import RunTable
 
-BOARD, PAGE = (Path(__file__).parents[1] / name for name in ("leaderboard.json", "benchmark.md"))
+BOARD, PAGE = (Path(__file__).parents[1] / name for name in ("leaderboard.jsonl", "benchmark.md"))
 INTRODUCTION = """\
 # Benchmark of feed controllers
 
@@ -31,7 +31,7 @@ edmsim evaluate edmsim/GapFeed-v2 --controllers counts,voltage --seeds 4
 `edmsim evaluate edmsim/GapFeed-v2` without options makes the whole table; `--page compared.md` writes a page with
 a figure. All controllers cut the same machines and workpieces, drawn as the [environment](environments.md) says,
 from held-back seeds, which no search used. With `--page FILE` or `--leaderboard FILE` finished cuts are saved: after
-Ctrl-C or a kill the same command resumes.
+Ctrl-C or a kill the same command resumes. A leaderboard is a table of cuts, to which further comparisons add theirs.
 
 Look at the *score* first: 0 is the return of `fixed`, which feeds at a constant speed, and 1 is the return of the
 oracle, which sees the true gap. Values in parentheses are 95 % bootstrap intervals over the cuts.
@@ -72,7 +72,7 @@ These environments have other references:
 `python docs/make/lines.py` makes the cuts of the constants. In Trim and ThinWire a controller that learns more
 within the cut may earn more than the reference.
 
-`edmsim tune gains NAME --method evolution --out DIR` found the gains of the laws on other seeds of GapFeed and
+`python docs/make/gains.py NAME` found the gains of the laws on other seeds of GapFeed and
 HeightStep, for the return, and `python docs/make/lines.py` the feed of `fixed`; each file in `models/gains/`
 names its command. `counts` has its documented constants. A search finds others that earn more, but with them the
 feed oscillates in windows of 0.25 s or at half the removal, which a machine's default must not do
@@ -81,7 +81,7 @@ feed oscillates in windows of 0.25 s or at half the removal, which a machine's d
 CLOSING = """\
 ---
 
-`python docs/make/benchmark.py` writes this page from `docs/leaderboard.json`, which holds every cut, and
+`python docs/make/benchmark.py` writes this page from `docs/leaderboard.jsonl`, which holds every cut, and
 `python docs/make/benchmark.py all` makes both again.
 """
 NEARLY_ALL = 0.95
@@ -164,8 +164,10 @@ def main() -> None:
     requested = parser.parse_args().env_ids
     try:
         for env_id in env_ids() if requested == ["all"] else requested:
-            leaderboard.write(BOARD, [evaluate(env_id)])
-        board = leaderboard.read(BOARD)
+            table = RunTable(BOARD, texts=CUT_TEXTS)
+            table.keep([row for row in table.rows.values() if row["env_id"] != env_id])
+            evaluate(env_id, table=table)
+        board = leaderboard(BOARD)
     except EdmsimError as error:
         parser.error(str(error))
     PAGE.write_text(page([board[env_id] for env_id in env_ids() if env_id in board]), encoding="utf-8")

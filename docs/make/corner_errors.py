@@ -1,6 +1,6 @@
 """Tables of tasks/corner.md: errors near the corner in parts of the best constant's, and where they arise.
 
-python docs/make/corner_errors.py           # errors, from the cuts in leaderboard.json; intervals over the machines
+python docs/make/corner_errors.py           # errors, from the cuts in leaderboard.jsonl; intervals over the machines
 python docs/make/corner_errors.py where     # and where they arise, for which some cuts are made again
 
 Machines on which a controller's wire broke before the corner are left out of all rows.
@@ -18,8 +18,7 @@ from sections import write_sections
 
 from edmsim.controllers import from_text
 from edmsim.envs.episode import Task
-from edmsim.evaluation import leaderboard
-from edmsim.evaluation.compare import held_back, mean, ratio
+from edmsim.evaluation.compare import held_back, leaderboard, mean, ratio
 from edmsim.evaluation.episode import Episode
 from edmsim.evaluation.lines import lines_of
 
@@ -32,7 +31,7 @@ EDGES_UM = (-100.0, 0.0, 20.0, 60.0, 100.0)  # places of the guides behind the c
 
 def errors() -> str:
     """Return every controller's error, in um and in parts of the constant's, its time and return."""
-    results = leaderboard.read(DOCS / "leaderboard.json")[ENV_ID].results
+    results = leaderboard(DOCS / "leaderboard.jsonl")[ENV_ID].results
     errors_um = {name: np.array([cut.error_um for cut in cuts]) for name, cuts in results.items()}
     there = np.isfinite(list(errors_um.values())).all(axis=0)
     constant_um = errors_um[lines_of(ENV_ID).blind][there]

@@ -23,15 +23,14 @@ from typing import Any
 import numpy as np
 
 from edmsim.envs.registry import env_id_of, make_family
-from edmsim.evaluation import leaderboard
-from edmsim.evaluation.compare import Comparison, Figure, figures_of, held_back, mean
+from edmsim.evaluation.compare import CUT_TEXTS, Figure, held_back, leaderboard, mean
 from edmsim.evaluation.episode import Result, cut
-from edmsim.evaluation.lines import OF_TASK, ORACLE_GAPS_UM, lines_of
+from edmsim.evaluation.lines import OF_TASK, ORACLE_GAPS_UM
 from edmsim.runs import RunTable
 
 DOCS = Path(__file__).parents[1]
 FOUND, PAGE, CUTS = DOCS / "headroom.json", DOCS / "headroom.md", Path("out/headroom")
-BOARD = DOCS / "leaderboard.json"
+BOARD = DOCS / "leaderboard.jsonl"
 SHIFTS = "MaxRateShift", "ThinWireShift"
 """Tasks whose cuts take so long that those made here go into the leaderboard as well."""
 TRAINING = range(100, 124)
@@ -163,7 +162,7 @@ class Cuts:
         self.task = task
         self._made: dict[tuple[str, int], dict[str, Any]] = {}
         CUTS.mkdir(parents=True, exist_ok=True)
-        board = leaderboard.read(BOARD).get(env_id_of(task))
+        board = leaderboard(BOARD).get(env_id_of(task))
         for result in (made for cuts in board.results.values() for made in cuts) if board else ():
             self._made[result.controller, result.seed] = row_of(result)
         self._table = RunTable(CUTS / f"{task}.jsonl")
@@ -194,14 +193,13 @@ class Cuts:
         """Return a controller's cuts."""
         return [Result(*self._made[name, seed]["result"]) for seed in seeds]
 
-    def comparison(self, names: Sequence[str], seeds: Sequence[int]) -> Comparison:
-        """Return the cuts of some controllers as an evaluation makes them."""
-        env_id, lines = env_id_of(self.task), lines_of(env_id_of(self.task))
-        results = {name: self.results(name, seeds) for name in names}
-        figures = {
-            name: figures_of(made, results[lines.reference], results[lines.blind]) for name, made in results.items()
-        }
-        return Comparison(env_id, make_family(env_id).resolution, tuple(seeds), results, figures)
+    def rows(self, names: Sequence[str], seeds: Sequence[int]) -> list[dict[str, Any]]:
+        """Return the cuts of some controllers as rows of the leaderboard."""
+        env_id, resolution = env_id_of(self.task), make_family(self.task).resolution
+        return [
+            {"id": f"{env_id} {name} {made.seed}", "env_id": env_id, "resolution": resolution, **made._asdict()}
+            for name in names for made in self.results(name, seeds)
+        ]  # fmt: skip
 
 
 def headroom(task: str) -> dict[str, Any]:
@@ -215,7 +213,8 @@ def headroom(task: str) -> dict[str, Any]:
     for seed, names in candidates.of_machine.items():
         cuts.make(names, [seed])
     if task in SHIFTS:
-        leaderboard.write(BOARD, [cuts.comparison(candidates.all, held)])
+        board = RunTable(BOARD, texts=CUT_TEXTS)
+        board.keep([*board.rows.values(), *cuts.rows(candidates.all, held)])
 
     def best(names: Sequence[str]) -> str:
         return max(names, key=lambda name: float(cuts.of(name, training).mean()))

@@ -20,7 +20,7 @@ from sections import write_sections
 from tasks import PAGES
 
 from edmsim.envs.registry import env_id_of
-from edmsim.evaluation import leaderboard
+from edmsim.evaluation.compare import leaderboard
 from edmsim.evaluation.lines import lines_of
 from edmsim.learning.command import in_words
 from edmsim.recording.figures.palette import BLUE, MUTED
@@ -72,7 +72,7 @@ def on_grid(curves: list[np.ndarray], column: int = 1) -> tuple[np.ndarray, np.n
 def lines_to_draw(task: str) -> dict[str, float]:
     """Return the mean returns of a task's two reference lines and of its best classic law, by their labels."""
     env_id = env_id_of(task)
-    figures, lines = leaderboard.read(ROOT / "docs" / "leaderboard.json")[env_id].figures, lines_of(env_id)
+    figures, lines = leaderboard(ROOT / "docs" / "leaderboard.jsonl")[env_id].figures, lines_of(env_id)
     ends = lines.blind, lines.reference
     laws = [name for name in figures if name not in ends and not name.startswith("policy:")]
     best = max(laws, key=lambda name: figures[name]["score"].value)

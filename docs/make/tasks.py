@@ -1,6 +1,6 @@
 """Pictures and tables of docs/tasks, the pages of the environments.
 
-python docs/make/tasks.py             # tables of reference lines, from docs/leaderboard.json
+python docs/make/tasks.py             # tables of reference lines, from docs/leaderboard.jsonl
 python docs/make/tasks.py pictures    # and what render() shows of each task
 
 A picture is taken where a servo has cut for a while, on the machine that seed 1 draws.
@@ -18,8 +18,7 @@ from sections import with_sections
 
 import edmsim  # noqa: F401 - registers the environments
 from edmsim.envs.registry import env_id_of
-from edmsim.evaluation import leaderboard
-from edmsim.evaluation.compare import Comparison
+from edmsim.evaluation.compare import Comparison, leaderboard
 from edmsim.evaluation.episode import is_part
 from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.table import ranked, shown
@@ -90,7 +89,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Write tables and pictures of docs/tasks.")
     parser.add_argument("what", nargs="?", choices=["pictures"], help="the pictures, too")
     pictures = parser.parse_args().what is not None
-    board = leaderboard.read(DOCS / "leaderboard.json")
+    board = leaderboard(DOCS / "leaderboard.jsonl")
     for name, page in PAGES.items():
         file = DOCS / "tasks" / f"{page}.md"
         file.write_text(with_table(file.read_text(encoding="utf-8"), board[env_id_of(name)]), encoding="utf-8")

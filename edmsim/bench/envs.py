@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -133,21 +133,6 @@ def wall_s(step: Callable[[], object], steps: int) -> float:
     return time.perf_counter() - started
 
 
-COUNTS, THREADS = (1, 4, 16, 64, 256), (1, 2)
-"""Numbers of environments and threads of the table."""
-ROUNDS = 8
-"""Spells of every row of the table; they take turns, as others use the machine too."""
-
-
-class VectorRate(NamedTuple):
-    """One row: windows per second of all environments together, and processor time of one window in us."""
-
-    environments: int
-    threads: int
-    windows_per_s: float
-    processor_us: float
-
-
 def half_cheetah_comparison() -> dict[str, float]:
     """Steps per second of `NUM_ENVS` environments at ``fast`` and of as many HalfCheetah-v5, timed in turns.
 
@@ -163,24 +148,6 @@ def half_cheetah_comparison() -> dict[str, float]:
                 best[k] = min(best[k], wall_s(step, spell) / spell)
     names = "vector_env_steps_per_s_fast", "half_cheetah_vector_steps_per_s"
     return {name: NUM_ENVS / step_s for name, step_s in zip(names, best, strict=True)}
-
-
-def table(counts: Sequence[int] = COUNTS, threads: Sequence[int] = THREADS) -> list[VectorRate]:
-    """Return the rows of straight cuts at ``fast``."""
-    kinds = [(count, many) for count in counts for many in threads]
-    best_s, processor_best_s = np.full(len(kinds), np.inf), np.full(len(kinds), np.inf)
-    with ExitStack() as opened:
-        steps = [opened.enter_context(straight_cuts(count, "fast", many)) for count, many in kinds]
-        spells = [settled(step) for step in steps]
-        for _ in range(ROUNDS):
-            for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
-                start_s = time.process_time()
-                best_s[k] = min(best_s[k], wall_s(step, spell) / spell)
-                processor_best_s[k] = min(processor_best_s[k], (time.process_time() - start_s) / spell)
-    return [
-        VectorRate(count, many, count / float(wall), 1e6 * float(processor) / count)
-        for (count, many), wall, processor in zip(kinds, best_s, processor_best_s, strict=True)
-    ]
 
 
 def _half_cheetahs(count: int) -> Callable[[], object]:

@@ -10,23 +10,9 @@ import typer
 from typer.core import TyperGroup
 
 from edmsim import __version__
+from edmsim.cli import cut, learn, machines, search, studies
 from edmsim.cli.console import OUT, take_any_terminal
-from edmsim.cli.cut import check, cut, report, view
-from edmsim.cli.learn import dataset, evaluate, train
-from edmsim.cli.machines import gap, guides, positioner, servo, table, terminal
 from edmsim.cli.options import Command
-from edmsim.cli.search import (
-    SHORT_FORM,
-    drive,
-    gains,
-    own,
-    population,
-    run,
-    show,
-    technology,
-    training,
-)
-from edmsim.cli.studies import bench, calibrate, validate, warm_up
 from edmsim.errors import BAD_INPUT, FAILED, InputError, run_command
 
 
@@ -50,18 +36,20 @@ _UsageError: Any = typer.BadParameter.__base__  # of click, which newer releases
 
 COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
     "": ("", {
-        "cut": cut, "check": check, "view": view, "report": report, "train": train, "dataset": dataset,
-        "evaluate": evaluate, "calibrate": calibrate, "validate": validate, "bench": bench, "gap": gap,
-        "warm-up": warm_up,
+        "cut": cut.cut, "check": cut.check, "view": cut.view, "report": cut.report, "train": learn.train,
+        "dataset": learn.dataset, "evaluate": learn.evaluate, "calibrate": studies.calibrate,
+        "validate": studies.validate, "bench": studies.bench, "gap": machines.gap, "warm-up": studies.warm_up,
     }),
-    "sweep": ("Run many cuts from one specification.", {"run": run, "show": show}),
+    "sweep": ("Run many cuts from one specification.", {"run": search.run, "show": search.show}),
     "tune": ("Search gains, settings, trainings, technologies; tune a drive.", {
-        "gains": gains, "own": own, "training": training, "population": population, "technology": technology,
-        "drive": drive,
+        "gains": search.gains, "own": search.own, "training": search.training, "population": search.population,
+        "technology": search.technology, "drive": search.drive,
     }),
-    "measure": ("Measure a machine's table, or its wire guides.", {"table": table, "guides": guides}),
+    "measure": ("Measure a machine's table, or its wire guides.", {
+        "table": machines.table, "guides": machines.guides,
+    }),
     "console": ("Operate the controller of 1982, a servo drive or a positioner.", {
-        "1982": terminal, "servo": servo, "positioner": positioner,
+        "1982": machines.terminal, "servo": machines.servo, "positioner": machines.positioner,
     }),
 }  # fmt: skip
 """Every command by its group: what the group is for, and its commands."""
@@ -69,7 +57,8 @@ COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
 for _name, (_purpose, _commands) in COMMANDS.items():
     _group = typer.Typer(no_args_is_help=True, help=_purpose, options_metavar="[OPTIONS]") if _name else app
     for _word, _command in _commands.items():
-        _group.command(_word, cls=Command, context_settings=SHORT_FORM if _command is run else {})(_command)
+        _settings = search.SHORT_FORM if _command is search.run else {}
+        _group.command(_word, cls=Command, context_settings=_settings)(_command)
     if _name:
         app.add_typer(_group, name=_name)
 

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from edmsim.cli.console import OUT, RESUME, Environment, Json, interruptible, print_line
 from edmsim.cli.options import Unset, takes
 from edmsim.errors import InputError
-
-if TYPE_CHECKING:
-    from edmsim.evaluation.transfer import TransferRow
-    from edmsim.learning.score import Score
-    from edmsim.runs import RunTable
 
 
 @takes("seed")
@@ -120,14 +115,11 @@ def evaluate(
         Path | None, typer.Option(metavar="DIR", help="Folder for recordings of all cuts, for edmsim view.")
     ] = None,
     leaderboard: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write all cuts to this leaderboard, .json.")
+        Path | None, typer.Option(metavar="FILE", help="Table of all cuts, .jsonl; those it has are not made again.")
     ] = None,
     page: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a page with a table and figures, .md.")
     ] = None,
-    places: Annotated[
-        bool, typer.Option("--places", help="Also compare at finer resolutions and outside the training ranges.")
-    ] = False,
     policy: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="Evaluate a policy in its own environment, with counts and voltage: a "
@@ -141,14 +133,9 @@ def evaluate(
 ) -> None:
     """Compare feed controllers on the same randomised machines."""
     from edmsim.envs.registry import resolve
-    from edmsim.evaluation import leaderboard as boards
-    from edmsim.evaluation.compare import check, evaluate, usual
-    from edmsim.evaluation.compare import env_ids as all_ids
-    from edmsim.evaluation.episode import episodes
-    from edmsim.evaluation.table import as_json, render, write_page
-    from edmsim.evaluation.transfer import USUAL_CUTS, transfer
+    from edmsim.evaluation import compare, episode, table
     from edmsim.files import make_writable
-    from edmsim.learning.policy_file import locate
+    from edmsim.learning import policy_file, score
     from edmsim.numeric import listed
     from edmsim.runs import RunTable
 
@@ -156,64 +143,42 @@ def evaluate(
     if not named and not policy:
         raise InputError("name an environment, or a policy with --policy; see edmsim evaluate --help")
     chosen = {
-        env_id: usual(env_id) if controllers is None else listed(controllers)
-        for env_id in (all_ids() if named == ["all"] else map(resolve, named))
+        env_id: compare.usual(env_id) if controllers is None else listed(controllers)
+        for env_id in (compare.env_ids() if named == ["all"] else map(resolve, named))
     }
     for env_id, laws in chosen.items():
-        check(env_id, laws, episodes(env_id) if seeds is None else seeds, resolution)
+        compare.check(env_id, laws, episode.episodes(env_id) if seeds is None else seeds, resolution)
     if page is not None and page.suffix != ".md":
         raise InputError("a page is Markdown: name it .md", page)
-    if leaderboard is not None:
-        boards.read(leaderboard)  # an invalid file is refused before hours of cuts
     for file in (leaderboard, page):
         if file is not None:
             make_writable(file.parent)
-    out = leaderboard or page or (locate(policy[0]) if policy and write_card else None)
-    runs = None if out is None else out.with_suffix(".runs.jsonl")
-    table, found, moved, scores = RunTable(runs), [], {}, {}
-    then = "nothing was saved, as with --leaderboard, --page or --write-card" if runs is None else RESUME
-    with interruptible(then) as bar:
+    until_written = page or (policy_file.locate(policy[0]) if policy and write_card else None)
+    journal = None if until_written is None else until_written.with_suffix(".runs.jsonl")
+    runs = RunTable(journal)
+    cuts = runs if leaderboard is None else RunTable(leaderboard, texts=compare.CUT_TEXTS)
+    saved = leaderboard is not None or journal is not None
+    found, scores = [], {}
+    unsaved = "nothing was saved, as with --leaderboard, --page or --write-card"
+    with interruptible(RESUME if saved else unsaved) as bar:
         for env_id, laws in chosen.items():
             watch = bar.of(env_id)
-            made = evaluate(env_id, laws, seeds, resolution=resolution, record=record, watch=watch, table=table)
-            found.append(made)
-            if leaderboard is not None:
-                boards.write(leaderboard, [made])
-            if places:
-                cuts = USUAL_CUTS if seeds is None else seeds
-                moved[env_id] = transfer(env_id, laws, cuts, watch=bar.of(f"{env_id}, places"), table=table)
+            found.append(
+                compare.evaluate(env_id, laws, seeds, resolution=resolution, record=record, watch=watch, table=cuts)
+            )
         for name in policy or ():
-            scores[name] = _measured(name, seeds, resolution, write_card, bar.show, table)
+            scores[name] = score.measure(
+                score.env_id_of(name), name, USUAL_EPISODES if seeds is None else seeds, bar.show,
+                score.RESOLUTIONS if resolution is None else (resolution,), runs,
+            )  # fmt: skip
+            if write_card:
+                score.write_card(name, scores[name])
     if page is not None:
-        write_page(page, found)
-    if runs is not None:
-        runs.unlink(missing_ok=True)
+        table.write_page(page, found)
+    if journal is not None:
+        journal.unlink(missing_ok=True)
     if json:
-        sys.stdout.write(as_json(found, moved, scores) + "\n")
+        sys.stdout.write(table.as_json(found, scores) + "\n")
         return
-    for comparison in found:
-        OUT.print(render(comparison, OUT.width))
-    _show(moved, scores, seeds)
-
-
-def _measured(
-    policy: str, seeds: int | None, resolution: str | None, write: bool, watch: Any, table: RunTable
-) -> list[Score]:
-    from edmsim.learning.score import RESOLUTIONS, env_id_of, measure, write_card
-
-    episodes = USUAL_EPISODES if seeds is None else seeds
-    at = RESOLUTIONS if resolution is None else (resolution,)
-    scores = measure(env_id_of(policy), policy, episodes, watch, at, table)
-    if write:
-        write_card(policy, scores)
-    return scores
-
-
-def _show(moved: dict[str, list[TransferRow]], scores: dict[str, list[Score]], seeds: int | None) -> None:
-    from edmsim.evaluation import transfer
-    from edmsim.learning import score
-
-    for env_id, rows in moved.items():
-        OUT.print(transfer.render(env_id, rows, transfer.USUAL_CUTS if seeds is None else seeds))
-    for measured in scores.values():
-        OUT.print(score.render(measured))
+    for shown in (*(table.render(made, OUT.width) for made in found), *map(score.render, scores.values())):
+        OUT.print(shown)

@@ -141,21 +141,18 @@ def gains(
     name: Annotated[str, typer.Argument(help="Feed controller with a file in models/gains.",
                                         show_default=False)],
     out: Study,
-    method: Annotated[
-        str, typer.Option(help="tpe (Optuna, extra tune), or evolution, one trial after another on this computer.")
-    ] = "tpe",
     trials: Trials = 40,
     seed: FirstSeed = 0,
     seeds: Seeds = 5,
     ray: Ray = None,
     processes: ProcessCount = None,
 ) -> None:  # fmt: skip
-    """Search for gains of a feed controller."""
+    """Search for gains of a feed controller (extra tune)."""
     from edmsim.sweep.tune import tune_gains
 
     with interruptible() as bar:
         found = tune_gains(
-            name, out, method=method, trials=trials, seed=seed, seeds=seeds, engine=engine_of(ray, processes),
+            name, out, trials=trials, seed=seed, seeds=seeds, engine=engine_of(ray, processes),
             watch=lambda found: _show(bar, name, trials, found),
         )  # fmt: skip
     _print_found(name, found, out)

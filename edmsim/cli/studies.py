@@ -6,6 +6,7 @@ import json as codec
 import math
 import sys
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -99,29 +100,20 @@ def bench(
     pairs: Annotated[int, typer.Option(min=1, help="Pairs of --against.")] = 10,
     profile: Annotated[bool, typer.Option("--profile", help="Show the time of each part of a pulse.")] = False,
     serial: Annotated[bool, typer.Option("--serial", help="Measure edmsim gap --serial.")] = False,
-    training: Annotated[
-        bool, typer.Option("--training", help="Measure a training with PPO, compared with HalfCheetah-v5 (extra rl).")
-    ] = False,
     figure: Annotated[Path | None, typer.Option(help="Picture of the profile: .png, .svg or .pdf.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Measure the speed of this computer in processor time."""
-    found: dict[str, _Result] = {}
+    measurements: dict[str, Callable[[Callable[[str], None]], _Result]] = {
+        **({"profile": partial(_profiled, figure)} if profile or figure is not None else {}),
+        **({} if against is None else {"against": partial(_compared, against, pairs)}),
+        **({"serial": _answered} if serial else {}),
+    }  # fmt: skip
     with interruptible("no measurement was completed") as bar:
-
-        def watch(phase: str) -> None:
-            bar.show("measure", text=phase)
-
-        if profile or figure is not None:
-            found["profile"] = _profiled(figure, watch)
-        if against is not None:
-            found["against"] = _compared(against, pairs, watch)
-        if serial:
-            found["serial"] = _answered(watch)
-        if training:
-            found["training"] = _trained(watch)
-        if not found:
-            found["speed"] = _measured()
+        found = {
+            name: measure(lambda phase: bar.show("measure", text=phase))
+            for name, measure in (measurements or {"speed": _measured}).items()
+        }
     if json:
         numbers = {name: numbers for name, (numbers, _) in found.items()}
         sys.stdout.write(codec.dumps(numbers if len(found) > 1 else next(iter(numbers.values())), indent=2) + "\n")
@@ -130,7 +122,7 @@ def bench(
             OUT.print(table)
 
 
-def _measured() -> _Result:
+def _measured(_: Callable[[str], None]) -> _Result:
     from edmsim.bench.figures import measure, render
 
     figures = measure()
@@ -139,13 +131,6 @@ def _measured() -> _Result:
 
 def _answered(watch: Callable[[str], None]) -> _Result:
     from edmsim.bench.serial import measure, render
-
-    found = measure(watch)
-    return found, render(found)
-
-
-def _trained(watch: Callable[[str], None]) -> _Result:
-    from edmsim.bench.training import measure, render
 
     found = measure(watch)
     return found, render(found)
@@ -169,8 +154,8 @@ def _profiled(figure: Path | None, watch: Callable[[str], None]) -> _Result:
         make_writable(figure.parent)
     found = profile(watch)
     if figure is not None:
-        with replacing(figure) as partial:
-            draw(found).savefig(partial, format=figure.suffix.removeprefix("."))
+        with replacing(figure) as target:
+            draw(found).savefig(target, format=figure.suffix.removeprefix("."))
     return as_numbers(found), render(found)
 
 

@@ -18,7 +18,7 @@ _ROOT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)
 _MANTISSA_BITS = np.int64(52)
 _BIAS = np.int64(1023)
 _LN2 = math.log(2.0)
-_CUBE_ROOT_BITS = np.int64(0x2A9F789300000000)
+_CUBE_ROOT_BITS = np.uint64(0x2A9F789300000000)
 """What a third of the bits of x lacks of the bits of its cube root, the error evened out (value: fdlibm, cbrt)."""
 
 
@@ -58,7 +58,7 @@ def power(x: float, exponent: float) -> float:
 @compiled
 def cube_root(x: float) -> float:
     """Cube root of a positive number that is no smaller than 1e-100."""
-    root = np.int64(np.float64(x).view(np.int64) // np.int64(3) + _CUBE_ROOT_BITS).view(np.float64)
+    root = np.uint64(np.float64(x).view(np.uint64) // np.uint64(3) + _CUBE_ROOT_BITS).view(np.float64)
     for _ in range(2):
         cube = root * root * root
         root *= (cube + 2.0 * x) / (2.0 * cube + x)

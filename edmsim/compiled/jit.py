@@ -18,6 +18,8 @@ _OPTIONS: dict[str, Any] = {
     "cache": True, "nogil": True, "fastmath": FAST, "error_model": "numpy", "no_cfunc_wrapper": True, **INLINED,
 }
 _CALLED: dict[str, Any] = {"forceinline": False}
+apart: set[str] = set()
+"""Names of the functions that `compiled_apart` has made, with their modules'."""
 _whole_program: dict[str, Any] = {}
 _count = 0
 
@@ -44,7 +46,11 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def compiled_apart(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function that is called, not inlined: what is seldom needed leaves the loop around it as it is."""
+    """Compile a function that is called, not inlined: what few pulses need.
+
+    It leaves the loop around it as it is, and LLVM takes the less time the smaller its functions are.
+    """
+    apart.add(f"{function.__module__}.{function.__qualname__}")
     return cast("Callable[_P, _R]", _made(function, _CALLED))
 
 

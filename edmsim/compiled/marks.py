@@ -16,14 +16,14 @@ def with_marks(program: str, parts: Sequence[Sequence[str]]) -> str:
 
     A function that is called by one of another part counts for its own; when it ends, the other goes on.
     """
-    numbers = {_symbol(name): number for number, names in enumerate(parts, 1) for name in names}
+    numbers = {symbol(name): number for number, names in enumerate(parts, 1) for name in names}
     lines: list[str] = []
     found, number = set(), 0
     for line in program.splitlines():
         if line.startswith("define "):
-            symbol = next((s for s in numbers if f"@{s}" in line.partition("(")[0]), "")
-            number = numbers.get(symbol, 0)
-            found.add(symbol)
+            begins = next((s for s in numbers if f"@{s}" in line.partition("(")[0]), "")
+            number = numbers.get(begins, 0)
+            found.add(begins)
         if number and line.startswith("  ret "):
             lines.append(f"  store volatile i64 %part.around, ptr @{PART}")
         lines.append(line)
@@ -35,6 +35,6 @@ def with_marks(program: str, parts: Sequence[Sequence[str]]) -> str:
     return "\n".join([*lines, f"@{PART} = global i64 0", ""])
 
 
-def _symbol(name: str) -> str:
+def symbol(name: str) -> str:
     """Return what the symbols of all versions of a function begin with."""
     return "_ZN" + "".join(f"{len(word)}{word}" for word in name.split(".")) + "B"

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled, compiled_apart
 
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _TAIL = 0.02425
@@ -51,7 +51,7 @@ def normal(u: float) -> float:
     return q * (over * r + 2.506628277459239) / (under * r + 1.0)
 
 
-@compiled
+@compiled_apart
 def _tail_quantile(u: float) -> float:
     q = math.sqrt(-2.0 * math.log(u))
     over = ((-7.784894002430293e-3 * q - 0.3223964580411365) * q - 2.400758277161838) * q - 2.549732539343734

@@ -29,7 +29,7 @@ import llvmlite.binding as llvm
 from filelock import FileLock
 
 from edmsim.compiled import PROGRESS, cache
-from edmsim.compiled.marks import PART, with_marks
+from edmsim.compiled.marks import PART, symbol, with_marks
 
 Parts = tuple[tuple[str, ...], ...]
 """Functions of each part of a program with marks; none of one without."""
@@ -228,13 +228,17 @@ def _translated(module: str, name: str, parts: Parts) -> bytes:
         done.add(translated)
         _say(_NUMBA_SHARE * min(1.0, len(done) / total))
 
-    made, symbol = whole_program(program, (types.int64,) * len(_parameters(function)), count)
+    made, name_there = whole_program(program, (types.int64,) * len(_parameters(function)), count)
     if parts:
         made = llvm.parse_assembly(with_marks(str(made), parts))
-    made.get_function(symbol).name = "program"
+    made.get_function(name_there).name = "program"
     for value in (*made.functions, *made.global_variables):
         if not value.is_declaration and value.name not in ("program", PART):
             value.linkage = llvm.Linkage.internal
+    called = tuple(map(symbol, jit.apart))
+    for value in made.functions:
+        if value.name.startswith(called):  # LLVM would inline what is called at one place only
+            value.add_function_attribute("noinline")
     passes = llvm.create_new_module_pass_manager()
     # simplified before it is inlined, each function is so once and not at every place where it is called
     for add in (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from edmsim.evaluation.lines import lines_of
 from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
 from edmsim.recording.report import FigureKind, kinds_of
-from edmsim.runs import RunTable, digests_of, identity, perform
+from edmsim.runs import RunTable, digests_of, identity, perform, read_rows
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000  # bootstrap resamples (ours: the ends of the intervals then vary by a few percent of their width)
@@ -101,7 +101,7 @@ def evaluate(
     watch : callable, optional
         Called with the number of finished cuts and of all cuts.
     table : edmsim.runs.RunTable, optional
-        Finished cuts; an interrupted evaluation resumes from it.
+        Finished cuts, to which the missing ones are added; so an interrupted evaluation resumes. See `leaderboard`.
 
     Returns
     -------
@@ -120,36 +120,70 @@ def evaluate(
         if is_part(env_id):
             raise InputError(f"episodes of {env_id} are not recorded: edmsim cut --passes records the same part")
         make_writable(record)
-    lines = lines_of(env_id)
+    lines, resolution = lines_of(env_id), resolution or arguments_with(env_id).resolution
     results = run(env_id, list(dict.fromkeys([*controllers, lines.blind, lines.reference])), seeds, resolution, watch,
                   record, table)  # fmt: skip
-    used = arguments_with(env_id).resolution if resolution is None else resolution
-    return Comparison.of(env_id, used, held_back(seeds), results)
+    return Comparison.of(env_id, resolution, held_back(seeds), results)
 
 
 def run(
-    env_id: str, controllers: Sequence[str], seeds: int, resolution: str | None,
+    env_id: str, controllers: Sequence[str], seeds: int, resolution: str,
     watch: Callable[[int, int], None] | None = None, record: Path | None = None, table: RunTable | None = None,
-    **options: Any,
 ) -> dict[str, list[Result]]:
-    """Make every controller's cuts; see `evaluate` for the arguments. `options` go to the environment."""
+    """Make every controller's cuts; see `evaluate` for the arguments."""
     # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
 
     def make(job: tuple[str, int]) -> dict[str, Any]:
-        return cut(env_id, job[1], job[0], resolution, record, **options)._asdict()
+        result = cut(env_id, job[1], job[0], resolution, record)
+        return {"env_id": env_id, "resolution": resolution, **result._asdict()}
 
     def identity_of(job: tuple[str, int]) -> str:
         files = digests_of([job[0], inspect.getfile(find(env_id)[0])])
         return identity({
             "edmsim": __version__, "env_id": env_id, "controller": job[0], "seed": job[1], "resolution": resolution,
-            "options": options, "record": record and str(record), "files": sorted(files.values()),
+            "record": record and str(record), "files": sorted(files.values()),
         })  # fmt: skip
 
     rows = perform(make, jobs, watch, table=table or RunTable(), ids=[identity_of(job) for job in jobs])
-    results = (Result(*(row[name] for name in Result._fields)) for row in rows)
-    made = dict(zip(jobs, results, strict=True))
+    made = dict(zip(jobs, map(_result_of, rows), strict=True))
     return {name: [made[name, seed] for seed in held_back(seeds)] for name in controllers}
+
+
+def _result_of(row: Mapping[str, Any]) -> Result:
+    return Result(*(row[name] for name in Result._fields))
+
+
+CUT_TEXTS = ("id", "env_id", "resolution", "controller")  # what the rows of a table of cuts must have
+
+
+def leaderboard(file: Path) -> dict[str, Comparison]:
+    """Return the comparisons that a table of cuts holds, by environment id; none if there is no such file.
+
+    Of a cut that was made again the last one counts. A comparison has the seeds of its references; a controller
+    without cuts of all of them is left out.
+
+    Raises
+    ------
+    InputError
+        If the file is not a table of cuts, or is damaged.
+    """
+    cuts: dict[tuple[str, str], dict[str, dict[int, Result]]] = {}
+    try:
+        for row in read_rows(file, texts=CUT_TEXTS):
+            of_env = cuts.setdefault((row["env_id"], row["resolution"]), {})
+            of_env.setdefault(row["controller"], {})[row["seed"]] = _result_of(row)
+    except KeyError as error:
+        raise InputError(f"a row of this table of cuts has no {error}", file) from None
+    found = {}
+    for (env_id, resolution), made in sorted(cuts.items()):
+        lines = lines_of(env_id)
+        seeds = tuple(sorted(made.get(lines.blind, {}).keys() & made.get(lines.reference, {}).keys()))
+        if seeds:
+            complete = {name: made[name] for name in sorted(made) if made[name].keys() >= set(seeds)}
+            results = {name: [by_seed[seed] for seed in seeds] for name, by_seed in complete.items()}
+            found[env_id] = Comparison.of(env_id, resolution, seeds, results)
+    return found
 
 
 def held_back(seeds: int) -> tuple[int, ...]:

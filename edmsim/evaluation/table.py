@@ -103,24 +103,12 @@ def _meaning(comparison: Comparison, wide: bool) -> str:
     return f"{text} breaks, jams: of all {cuts} cuts together. --json prints more figures, with 95 % intervals."
 
 
-def as_json(
-    comparisons: Sequence[Comparison], places: Mapping[str, Sequence[Any]] | None = None,
-    policies: Mapping[str, Sequence[Any]] | None = None,
-) -> str:
-    """Return environments with transfers, then policies, as JSON; unknown values are null."""
+def as_json(comparisons: Sequence[Comparison], policies: Mapping[str, Sequence[Any]] | None = None) -> str:
+    """Return environments, then policies, as JSON; unknown values are null."""
     found = [_plain(comparison) for comparison in comparisons]
-    for entry in found if places else ():
-        entry["places"] = [_flat(row) for row in (places or {}).get(entry["env_id"], ())]
-    found += [{"policy": name, "scores": [_flat(row) for row in rows]} for name, rows in (policies or {}).items()]
+    for name, rows in (policies or {}).items():
+        found.append({"policy": name, "scores": [_known(row._asdict()) for row in rows]})
     return json.dumps(found, indent=2, allow_nan=False)
-
-
-def _flat(row: Any) -> dict[str, Any]:
-    """Return a row as plain data, its figures with their intervals."""
-    return {
-        key: _ends(value) if isinstance(value, Figure) else plain_number(value)
-        for key, value in row._asdict().items()
-    }
 
 
 def _plain(comparison: Comparison) -> dict[str, Any]:
@@ -130,23 +118,16 @@ def _plain(comparison: Comparison) -> dict[str, Any]:
         "seeds": list(comparison.seeds),
         "edmsim_version": __version__,
         "controllers": {
-            name: {key: _ends(figure) for key, figure in figures.items()}
+            name: {key: _known(vars(figure)) for key, figure in figures.items()}
             for name, figures in comparison.figures.items()
         },
-        "cuts": [
-            {key: plain_number(value) for key, value in result._asdict().items()}
-            for results in comparison.results.values() for result in results
-        ],
+        "cuts": [_known(result._asdict()) for results in comparison.results.values() for result in results],
     }  # fmt: skip
 
 
-def _ends(figure: Figure) -> dict[str, Any]:
-    return {key: plain_number(value) for key, value in vars(figure).items()}
-
-
-def plain_number(value: Any) -> Any:
-    """Return None for NaN."""
-    return None if isinstance(value, float) and math.isnan(value) else value
+def _known(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values with None for NaN."""
+    return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in values.items()}
 
 
 def _title(comparison: Comparison) -> str:

@@ -34,18 +34,12 @@ from edmsim.files import locked
 from edmsim.job import checkpoint
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
 from edmsim.job.settings import CutOptions, CutSettings, Running
+from edmsim.machine import technology as technologies
 from edmsim.machine.machine import Machine, own_mjcf_text
 from edmsim.machine.options import show
 from edmsim.machine.overrides import with_overrides
 from edmsim.machine.setting import guide_bends
-from edmsim.machine.technology import (
-    PassSetting,
-    PassTable,
-    Technology,
-    machine_of,
-    nearest_technology,
-    read_technology,
-)
+from edmsim.machine.technology import PassSetting, PassTable, Technology
 from edmsim.plant.axes.faults import parse_fault
 from edmsim.plant.constants import screws
 from edmsim.plant.workpiece.height_steps import LowerRegion
@@ -57,14 +51,6 @@ from edmsim.progress import ShownProgress, in_notebook
 from edmsim.recording.report import duration_text, outcome_text
 
 # A cut in passes: what a technology says, put in place of the options that it decides.
-
-_OF_PASS = {
-    "generator": "generator", "tension": "tension_N", "t_on_us": "t_on_us", "t_period_us": "t_period_us",
-    "open_voltage_V": "open_voltage_V", "peak_current_A": "peak_current_A", "ignition_wait_us": "ignition_wait_us",
-    "wire_speed_m_s": "wire_speed_m_s", "flushing_lower_Pa": "flushing_lower_Pa",
-    "flushing_upper_Pa": "flushing_upper_Pa",
-}  # fmt: skip
-"""Options of a cut that a pass has of its own, and what the technology calls them."""
 
 _Plan = Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath]
 
@@ -154,7 +140,8 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
     rough = table.settings[0]
     decided: dict[str, Any] = {
         "machine": technology.machine, "wire": technology.wire, "planner": technology.planner,
-        "controller": rough.controller(), **{name: getattr(rough, own) for name, own in _OF_PASS.items()},
+        "controller": rough.controller(),
+        **{name: getattr(rough, own) for name, own in technologies.OF_PASS.items()},
     }  # fmt: skip
     for name, value in decided.items():
         chosen, usual = getattr(settings, name), CutSettings.model_fields[name].default
@@ -168,7 +155,7 @@ def in_force(settings: CutSettings, technology: Technology, table: PassTable) ->
 
 def _technology(settings: CutSettings) -> Technology:
     if settings.technology is not None:
-        found = read_technology(settings.technology)
+        found = technologies.read_technology(settings.technology)
         if found.material != settings.material:
             raise InputError(f"the technology '{found.title}' is for {found.material}, not for {settings.material}")
         return found
@@ -177,7 +164,7 @@ def _technology(settings: CutSettings) -> Technology:
         None if getattr(settings, name) == usual[name].default else getattr(settings, name)
         for name in ("machine", "wire")
     )
-    return nearest_technology(settings.material, machine, wire)
+    return technologies.technology_for(settings.material, machine, wire)
 
 
 def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTable:
@@ -222,7 +209,7 @@ def _machines(settings: CutSettings, technology: Technology, table: PassTable) -
 
 def _machine(settings: CutSettings, technology: Technology, one: PassSetting) -> Machine:
     height_mm = settings.workpiece.greatest_mm
-    machine = machine_of(one, technology.machine, settings.material, technology.wire, height_mm)
+    machine = technologies.machine_of(one, technology.machine, settings.material, technology.wire, height_mm)
     return with_overrides(machine, settings.overrides) if settings.overrides else machine
 
 

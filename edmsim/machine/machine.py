@@ -51,7 +51,7 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "file"
-        raise InputError(f"key '{key}': {first['msg']}", file) from None
+        raise InputError(f"key '{key}': {first['msg'].removeprefix('Value error, ')}", file) from None
     except (ValueError, RecursionError) as error:  # numbers of thousands of digits, and brackets within brackets, too
         raise InputError(f"not valid TOML: {error}", file) from None
 
@@ -59,7 +59,8 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
 def _our_file(kind: Kind, name: str, referring_file: str | None = None) -> str:
     names = available(kind)
     if name not in names:
-        raise InputError(f"unknown {kind[:-1]} '{name}'; there are: {one_of(name, names)}", referring_file)
+        one = "technology" if kind == "technologies" else kind[:-1]
+        raise InputError(f"unknown {one} '{name}'; there are: {one_of(name, names)}", referring_file)
     return (resources.files("edmsim.models") / kind / f"{name}.toml").read_text(encoding="utf-8")
 
 

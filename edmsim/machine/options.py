@@ -21,7 +21,7 @@ from pydantic.fields import FieldInfo
 from edmsim.errors import InputError, one_of
 from edmsim.numeric import Number
 
-Kind = Literal["machines", "wires", "materials", "generators"]
+Kind = Literal["machines", "wires", "materials", "generators", "technologies"]
 _Fact = TypeVar("_Fact")
 
 UNITS = {"mm": "mm", "us": "us", "V": "V", "A": "A", "ohm": "ohm", "m_s": "m/s", "Pa": "Pa", "s": "s"}
@@ -29,7 +29,7 @@ UNITS = {"mm": "mm", "us": "us", "V": "V", "A": "A", "ohm": "ohm", "m_s": "m/s",
 
 
 def available(kind: Kind) -> list[str]:
-    """Names of the machines, wires, materials or generators under `models/`."""
+    """Names of the files of a kind under `models/`."""
     folder = resources.files("edmsim.models") / kind
     return sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml"))
 

@@ -7,20 +7,18 @@ however many follow, and offsets are counted from the last pass, the one that me
 from __future__ import annotations
 
 import math
-import tomllib
-from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from edmsim.errors import InputError, one_of
-from edmsim.machine.machine import Machine
+from edmsim.errors import InputError
+from edmsim.machine.machine import Machine, read
+from edmsim.machine.options import available
 from edmsim.machine.parts import Part
 from edmsim.numeric import Number
 
-_MOST_BYTES = 1_000_000
 _BEYOND = 1.6  # how many times lower or higher than any of its heights a technology is used (ours)
 
 _Above = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
@@ -94,24 +92,19 @@ class PassSetting(Part):
         return f"counts:open_target_share={self.open_target_share:.6g},start_feed_um_s={feed_um_s / 2:.6g}"
 
 
+OF_PASS = {
+    "generator": "generator", "tension": "tension_N", "t_on_us": "t_on_us", "t_period_us": "t_period_us",
+    "open_voltage_V": "open_voltage_V", "peak_current_A": "peak_current_A", "ignition_wait_us": "ignition_wait_us",
+    "wire_speed_m_s": "wire_speed_m_s", "flushing_lower_Pa": "flushing_lower_Pa",
+    "flushing_upper_Pa": "flushing_upper_Pa",
+}  # fmt: skip
+"""Options of a set-up that a pass has of its own, and what a `PassSetting` calls them."""
+
+
 def machine_of(one: PassSetting, machine: str, material: str, wire: str, height_mm: float) -> Machine:
     """Return a machine with the setting of a pass; raises `InputError` as `Machine.load`."""
-    return Machine.load(
-        machine,
-        material=material,
-        wire=wire,
-        generator=one.generator,
-        height_mm=height_mm,
-        tension=one.tension_N,
-        t_on_us=one.t_on_us,
-        t_period_us=one.t_period_us,
-        peak_current_A=one.peak_current_A,
-        open_voltage_V=one.open_voltage_V,
-        ignition_wait_us=one.ignition_wait_us,
-        wire_speed_m_s=one.wire_speed_m_s,
-        flushing_lower_Pa=one.flushing_lower_Pa,
-        flushing_upper_Pa=one.flushing_upper_Pa,
-    )
+    of_pass: Any = {name: getattr(one, own) for name, own in OF_PASS.items()}
+    return Machine.load(machine, material=material, wire=wire, height_mm=height_mm, **of_pass)
 
 
 class AtHeight(Part):
@@ -237,58 +230,23 @@ def read_technology(file: str | Path) -> Technology:
     InputError
         If the name is unknown or the file invalid; names the wrong key.
     """
-    name = str(file)
-    try:
-        text, where = (Path(name).read_text(encoding="utf-8-sig"), name) if name.endswith(".toml") else _ours(name)
-        if len(text) > _MOST_BYTES:
-            raise InputError(f"this is not a technology: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
-        return Technology.model_validate(tomllib.loads(text))
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "file"
-        raise InputError(f"key '{key}': {first['msg'].removeprefix('Value error, ')}", where) from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"this is not a technology that can be read: {error}", name) from None
-
-
-def available_technologies() -> list[str]:
-    """Names under ``models/technologies``."""
-    folder = resources.files("edmsim.models") / "technologies"
-    return sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml"))
-
-
-def _ours(name: str) -> tuple[str, str]:
-    names = available_technologies()
-    if name not in names:
-        raise InputError(f"there is no technology '{name}'; there are: {one_of(name, names)}, or give a file .toml")
-    file = resources.files("edmsim.models") / "technologies" / f"{name}.toml"
-    return file.read_text(encoding="utf-8"), f"models/technologies/{name}.toml"
-
-
-def nearest_technology(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
-    """Return ours for a material, or for the one that is removed most like it, for a machine and a wire if said."""
-    known = [read_technology(name) for name in available_technologies()]
-    fitting = [one for one in known if machine in (None, one.machine) and wire in (None, one.wire)]
-    if not fitting:
-        return technology_for(material, machine, wire)
-    removal = _removal_mm3_J(material)
-    away = [abs(math.log(_removal_mm3_J(one.material) / removal)) for one in fitting]
-    return min(zip(fitting, away, strict=True), key=lambda pair: (pair[0].material != material, pair[1]))[0]
-
-
-def _removal_mm3_J(material: str) -> float:
-    return Machine.load(material=material).material.removal_mm3_J.value
+    return read(Technology, "technologies", str(file))
 
 
 def technology_for(material: str, machine: str | None = None, wire: str | None = None) -> Technology:
-    """Return the one of ours for a material, and for a machine and a wire if those are said."""
-    known = [read_technology(name) for name in available_technologies()]
-    for one in known:
-        if one.material == material and machine in (None, one.machine) and wire in (None, one.wire):
-            return one
-    chosen = ", ".join(f"{what} {name}" for what, name in (("machine", machine), ("wire", wire)) if name is not None)
-    ours = "; ".join(f"{one.material}, machine {one.machine}, wire {one.wire}" for one in known)
-    raise InputError(
-        f"there is no technology for {material}{', ' if chosen else ''}{chosen}; there are: {ours}. Find one with: "
-        f"edmsim tune technology {material}"
-    )
+    """Return ours for a material, or for the one that is removed most like it, for a machine and a wire if said."""
+    known = [read_technology(name) for name in available("technologies")]
+    fitting = [one for one in known if machine in (None, one.machine) and wire in (None, one.wire)]
+    if not fitting:
+        chosen = "".join(f", {what} {name}" for what, name in (("machine", machine), ("wire", wire)) if name)
+        ours = "; ".join(f"{one.material}, machine {one.machine}, wire {one.wire}" for one in known)
+        raise InputError(
+            f"there is no technology for {material}{chosen}; there are: {ours}. Find one with: "
+            f"edmsim tune technology {material}"
+        )
+
+    def away(one: Technology) -> float:
+        removals = [Machine.load(material=name).material.removal_mm3_J.value for name in (one.material, material)]
+        return abs(math.log(removals[0] / removals[1]))
+
+    return min(fitting, key=lambda one: (one.material != material, away(one)))

@@ -39,15 +39,6 @@ class KerfWidth:
     width_um: Floats
     part_um: Floats
 
-    def stats(self) -> dict[str, float]:
-        """Return ``mean``, ``min`` and ``max`` over all places and slices in um; NaN without a place."""
-        return width_stats(self.width_um)
-
-    @property
-    def slice_mean_um(self) -> Floats:
-        """Mean width of each slice from the bottom, which shows barrel or taper; NaN if unmeasured."""
-        return profile.finite_mean(self.width_um, axis=1)
-
 
 def width_stats(width_um: Floats) -> dict[str, float]:
     """Return ``mean``, ``min`` and ``max`` of the kerf widths that were measured; NaN if none was."""

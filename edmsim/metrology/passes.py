@@ -37,6 +37,11 @@ class WallError:
     ripple_um: float  # scatter along the path of the mean over the height
     ripple_mm: float  # wavelength with the most of it; NaN where the pass is too short to tell
 
+    @property
+    def waves_um(self) -> float:
+        """Scatter along the path, at every height about its own mean: root mean square."""
+        return math.sqrt(max(self.rms_um**2 - float(np.nanvar(self.slices_um)), 0.0))
+
 
 def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diameter_um: float) -> WallError:
     """Measure the wall on the part's side of a pass, across its path; a wall that leans square to itself."""

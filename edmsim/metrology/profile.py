@@ -7,7 +7,6 @@ and its steps no wall can be measured.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypedDict
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.geometry import Polyline, arc_lengths, left_of
-from edmsim.metrology.edges import check_slices, edge_segments, metal_at
+from edmsim.metrology.edges import edge_segments, metal_at
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import WireContour
 from edmsim.program.taper import Ruled
@@ -86,14 +85,9 @@ class ProfileError:
         """Mean error over the slices, array (n,); NaN if all slices are."""
         return finite_mean(self.error_um, axis=0)
 
-    def stats(self, with_lead_in: bool = True) -> dict[str, float]:
-        """Return ``max`` (largest magnitude), ``rms`` and ``p95`` (of the magnitude), in um.
-
-        They cover every point of every slice, by default with the place of the lead-in, as a witness mark is
-        an error of the part. All are NaN if nothing was measured.
-        """
-        error = self.error_um if with_lead_in else self.error_um[:, ~self.at_lead_in]
-        return error_stats(error)
+    def stats(self) -> dict[str, float]:
+        """Return ``max``, ``rms`` and ``p95`` of the magnitude, in um, over all points and slices; NaN if unknown."""
+        return error_stats(self.error_um)
 
 
 def error_stats(error_um: Floats) -> dict[str, float]:
@@ -105,27 +99,14 @@ def error_stats(error_um: Floats) -> dict[str, float]:
     return {"max": float(size.max()), "rms": rms, "p95": float(np.percentile(size, 95))}
 
 
-def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] | None = None) -> ProfileError:
+def profile_error(field: KerfField, contour: WireContour) -> ProfileError:
     """Measure the distance of the part's wall from the nominal edge.
 
     For every point of the nominal edge, it is the distance to the nearest place of the wall on the part's side of
     the wire's path. In an inner corner this includes metal that the round wire cannot reach. Each slice of a tapered
     wall is measured in its plane.
-
-    Parameters
-    ----------
-    field : KerfField
-    contour : WireContour
-    slices : sequence of int, optional
-        Slices to measure; all by default.
-
-    Raises
-    ------
-    InputError
-        If a slice does not exist.
     """
-    chosen = list(range(field.n_slices) if slices is None else slices)
-    check_slices(field, chosen)
+    chosen = list(range(field.n_slices))
     middle = contour.at_mid_height()
     line = Polyline(middle.nominal_mm, contour.closed)
     s_mm = line.stations(PROFILE_STEP_MM, line.corners(15.0))
@@ -133,10 +114,10 @@ def profile_error(field: KerfField, contour: WireContour, slices: Sequence[int] 
         points = line.at(s_mm)
         error = _errors(field, contour, line, s_mm, points, chosen)
     else:
-        wall, heights = contour.lean.wall, slice_heights_mm(field, contour.lean.height_mm)[chosen].tolist()
+        wall, heights = contour.lean.wall, slice_heights_mm(field, contour.lean.height_mm).tolist()
         points = _on_wall(wall, middle.nominal_mm, s_mm, 0.5 * contour.lean.height_mm)
         rows = []
-        for number, z in zip(chosen, heights, strict=True):
+        for number, z in enumerate(heights):
             there = _on_wall(wall, middle.nominal_mm, s_mm, z)
             rows.append(_errors(field, contour.at_height(z), line, s_mm, there, [number]))
         error = np.concatenate(rows)

@@ -17,6 +17,7 @@ from edmsim.plant.kernel.state import Array, Arrays
 
 VACUUM_PERMITTIVITY_F_M = 8.8541878128e-12  # CODATA 2018
 VACUUM_PERMEABILITY_N_A2 = 1.25663706212e-6  # CODATA 2018
+MOST_EXCHANGE = 0.25  # share of the difference in one explicit step of conduction (ours: stable up to a half)
 
 
 class HeatLaw(NamedTuple):
@@ -95,6 +96,18 @@ def spot_K(law: HeatLaw, heat_J: float, time_us: float) -> float:
 
 
 @compiled
+def _conduct(temperature: Array, exchange: float) -> None:
+    """Let heat flow between neighbouring slices, by a share of their difference."""
+    n = temperature.shape[0]
+    above = temperature[n - 1]
+    for s in range(n - 1, -1, -1):
+        here = temperature[s]
+        below = temperature[s - 1] if s > 0 else here
+        temperature[s] = here + exchange * (above + below - 2.0 * here)
+        above = here
+
+
+@compiled
 def heat_step(a: Arrays, law: HeatLaw, current2_us: Array, dt_us: float) -> None:
     """Advance the slices' temperatures by a span of time, in which currents flowed (see `add_currents`).
 
@@ -104,7 +117,12 @@ def heat_step(a: Arrays, law: HeatLaw, current2_us: Array, dt_us: float) -> None
     temperature = a.temperature_K
     n = temperature.shape[0]
     run = law.run_per_us * dt_us
-    exchange = min(law.conduction_per_us * dt_us, 0.25)
+    exchange = law.conduction_per_us * dt_us
+    if exchange > MOST_EXCHANGE:  # thin slices: all steps but the last one before the rest of the balance
+        steps = math.ceil(exchange / MOST_EXCHANGE)
+        exchange /= steps
+        for _ in range(steps - 1):
+            _conduct(temperature, exchange)
     above = law.water_K
     above_before = temperature[n - 1]
     for s in range(n - 1, -1, -1):

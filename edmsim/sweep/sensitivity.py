@@ -11,9 +11,8 @@ contribution is subtracted from each share.
 
 The polynomial's terms are products of polynomials that are orthonormal over the values of each setting, so each
 term's squared coefficient is its share of the variance (polynomial chaos; Sudret 2008). They are selected one by one,
-the most explanatory first (orthogonal least squares; Chen et al. 1989). Cross-validation decides their number, within
-a standard error of the best (Breiman et al. 1984). The polynomial's error on runs outside the fit is the unexplained
-share.
+the most explanatory first (orthogonal least squares; Chen et al. 1989), until the next would be as good by chance
+(F test, times the number of terms). The polynomial's error on runs outside the fit is the unexplained share.
 """
 
 from __future__ import annotations
@@ -158,57 +157,71 @@ def _shared(cells: Cells, counts: list[int], residuals: Array) -> list[float]:
     return [whole - float(np.mean(grid.mean(axis=axis) ** 2)) for axis in range(len(counts))]
 
 
-DEGREES = 1, 2, 3, 4, 6, 8, 10  # degrees of the polynomial that are tried (ours: 10 follows two waves)
-HYPERBOLA = 0.5
-"""Norm of a term's degrees, where all terms of a degree are too many: high ones of several factors are left out
-(Blatman and Sudret 2011)."""
+MOST_DEGREE = 10  # of the polynomial (ours: it follows two waves)
+NORMS = 1.0, 0.75, 0.5
+"""Norms of a term's degrees, tried until there are few enough terms: below 1, high degrees of several factors are
+left out (Blatman and Sudret 2011)."""
 MOST_TERMS = 1000
 """Terms to choose from (ours), fewer where the table of all runs would take more than `MOST_NUMBERS`."""
 MOST_NUMBERS = 30_000_000
 MOST_CHOSEN = 60  # terms chosen at most (ours)
-FOLDS = 5
-SINGLY = 20  # points up to which each is left out by itself (ours)
-FEW, SHUFFLES = 128, 19
-"""Points up to which it is tried whether chance fits as well, and how often: so 1 in 20 seems to (ours)."""
+BY_CHANCE = 0.05  # probability at most that the best of all terms is as good as the next one chosen, by chance (ours)
 Term = tuple[tuple[int, int], ...]  # pairs of a factor and the number of its function, from 1 on
 
 
-def fit(factors: list[Factor], values: Array, most_values: int) -> Shares:
+def fit(factors: list[Factor], values: Array) -> Shares:
     """Return the shares of every factor; unknown of factors that only ever change together."""
     cells = cells_of(factors, values)
     functions = [_functions(factor) for factor in factors]
     parted = _parted(cells, functions)
     if not any(parted):
         return Shares.unknown(len(factors))
-    most = min(MOST_TERMS, MOST_NUMBERS // len(cells.means))
-    offers = [offer for degree in DEGREES if (offer := _terms(factors, parted, degree, most))]
-    points = _points(cells, [k for k, f in enumerate(factors) if f.is_number and f.size > most_values])
-    tables = [_columns(cells, functions, terms) for terms in offers]
-    folds = _folds(points)
-    best, terms = _best(tables, offers, cells.means, folds)
-    if best.terms and points.max() < FEW and _chance_does_as_well(tables, offers, cells.means, folds, best):
-        best = _validate(tables[0], cells.means, folds, 0)
-    return _shares_of_terms(cells, functions, terms, best, parted)
+    terms = _terms(factors, parted, min(MOST_TERMS, MOST_NUMBERS // len(cells.means)))
+    order = _chosen(_columns(cells, functions, terms), cells.means)
+    design = np.column_stack([np.ones(len(cells.means)), _columns(cells, functions, [terms[k] for k in order])])
+    inverse = np.linalg.pinv(design)
+    coefficients = inverse @ cells.means
+    left = cells.means - design @ coefficients
+    left_out = left / (1.0 - np.einsum("ij,ji->i", design, inverse))  # error of each cell without it in the fit
+    by_noise = float(left @ left) / max(len(design) - design.shape[1], 1) * (inverse**2).sum(axis=1)
+    within = 0.0 if math.isnan(cells.chance) else cells.chance * (1 - float(np.mean(1 / cells.counts)))
+    rest = float(np.mean(left_out**2)) + within  # of one run, not of the mean of a cell's
+    parts = np.maximum(coefficients**2 - by_noise, 0.0)[1:]
+    whole = float(parts.sum()) + rest
+    shares = [({k for k, _ in terms[place]}, float(part) / whole) for place, part in zip(order, parts, strict=True)]
+
+    def summed(k: int, alone: bool) -> float:
+        return sum(s for those, s in shares if (those == {k} if alone else k in those)) if parted[k] else math.nan
+
+    return Shares(
+        [summed(k, True) for k in range(len(factors))], [summed(k, False) for k in range(len(factors))],
+        sum(s for those, s in shares if len(those) > 1), rest / whole,
+    )  # fmt: skip
 
 
-def _best(
-    tables: list[Array], offers: list[list[Term]], values: Array, folds: list[NDArray[np.bool_]]
-) -> tuple[_Validated, list[Term]]:
-    """Return the smallest polynomial that none of more terms surpasses by more than its error."""
-    best, terms = _Validated(math.inf, 0.0, 0), offers[0]
-    for table, offer in zip(tables, offers, strict=True):
-        found = _validate(table, values, folds)
-        if found.error < best.error - best.spread:
-            best, terms = found, offer
-    return best, terms
+def _chosen(columns: Array, values: Array) -> list[int]:
+    """Return terms one by one, each that which explains most of the rest, as long as that is more than chance."""
+    from scipy.stats import f as fisher
 
-
-def _chance_does_as_well(
-    tables: list[Array], offers: list[list[Term]], values: Array, folds: list[NDArray[np.bool_]], best: _Validated
-) -> bool:
-    """Say whether a polynomial fits the same values in another order as well: it has terms enough for few points."""
-    rng = np.random.default_rng(1)
-    return any(_best(tables, offers, rng.permutation(values), folds)[0].error <= best.error for _ in range(SHUFFLES))
+    columns, rest = columns - columns.mean(axis=0), values - values.mean()
+    first = np.maximum((columns**2).sum(axis=0), 1e-300)
+    left = first.copy()  # of each term's square what those chosen do not make up
+    units, order, all_of_it = np.zeros((len(values), 0)), list[int](), float(rest @ rest)
+    for number in range(min(MOST_CHOSEN, columns.shape[1], (len(values) - 1) // 2)):
+        gains = np.where(left > 1e-9 * first, (rest @ columns) ** 2 / np.maximum(left, 1e-300), 0.0)
+        best, whole, freedom = int(gains.argmax()), float(rest @ rest), len(values) - 2 - number
+        if gains[best] <= 1e-20 * all_of_it:
+            break
+        ratio = freedom * gains[best] / max(whole - gains[best], 1e-300)
+        if fisher.sf(ratio, 1, freedom) * int((left > 1e-9 * first).sum()) > BY_CHANCE:
+            break
+        order.append(best)
+        unit = columns[:, best] - units @ (units.T @ columns[:, best])
+        unit /= float(np.linalg.norm(unit))
+        rest = rest - float(unit @ rest) * unit
+        left -= (unit @ columns) ** 2
+        units = np.column_stack([units, unit])
+    return order
 
 
 def _functions(factor: Factor) -> Array:
@@ -218,8 +231,7 @@ def _functions(factor: Factor) -> Array:
     if not factor.is_number:
         return _orthonormal(np.column_stack([np.ones(count), np.eye(count)[:, 1:]]))
     places = (2 * np.arange(count) + 1) / count - 1
-    table = np.polynomial.legendre.legvander(places, min(max(DEGREES), count - 1))
-    return _orthonormal(np.asarray(table, np.float64))
+    return _orthonormal(np.asarray(np.polynomial.legendre.legvander(places, min(MOST_DEGREE, count - 1)), np.float64))
 
 
 def _orthonormal(columns: Array) -> Array:
@@ -239,13 +251,14 @@ def _parted(cells: Cells, functions: list[Array]) -> list[bool]:
             for number in range(len(functions))]  # fmt: skip
 
 
-def _terms(factors: list[Factor], parted: list[bool], degree: int, most: int) -> list[Term]:
-    """Return the products of functions of different factors up to a degree, or those that matter most of too many."""
-    for norm in (1.0, HYPERBOLA):
-        found = list(itertools.islice(_products(factors, parted, degree, norm), most + 1))
-        if len(found) <= most:
-            return found
-    return []
+def _terms(factors: list[Factor], parted: list[bool], most: int) -> list[Term]:
+    """Return products of functions of different factors, of as high degrees as there is room for."""
+    for degree in range(MOST_DEGREE, 0, -1):
+        for norm in NORMS:
+            found = list(itertools.islice(_products(factors, parted, degree, norm), most + 1))
+            if len(found) <= most:
+                return found
+    return found[:most]
 
 
 def _products(factors: list[Factor], parted: list[bool], degree: int, norm: float) -> Iterator[Term]:
@@ -269,98 +282,6 @@ def _columns(cells: Cells, functions: list[Array], terms: list[Term]) -> Array:
         for k, n in term:
             table[:, column] *= functions[k][cells.levels[:, k], n]
     return table
-
-
-def _points(cells: Cells, of_point: list[int]) -> NDArray[np.intp]:
-    """Return the number of the point that each cell belongs to."""
-    keys = cells.levels[:, of_point] if of_point else cells.levels
-    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
-
-
-def _folds(points: NDArray[np.intp]) -> list[NDArray[np.bool_]]:
-    """Return which cells are left out, fold by fold; those of a point go together."""
-    count = int(points.max()) + 1
-    folds = count if count <= SINGLY else FOLDS
-    fold = np.random.default_rng(0).permutation(count) % folds
-    return [fold[points] == k for k in range(folds)]
-
-
-class _Path:
-    """Terms taken in one by one, and their error in cells that were left out."""
-
-    def __init__(self, columns: Array, values: Array, others: Array, most: int) -> None:
-        self.order: list[int] = []
-        self.predicted = [np.full(len(others), values.mean())]
-        means = columns.mean(axis=0)
-        columns, others, rest = columns - means, others - means, values - values.mean()
-        first = np.maximum((columns**2).sum(axis=0), 1e-300)
-        left = first.copy()  # of each term's square what those taken in do not make up
-        units, there = np.zeros((len(columns), 0)), np.zeros((len(others), 0))
-        for _ in range(most):
-            gains = np.where(left > 1e-9 * first, (rest @ columns) ** 2 / np.maximum(left, 1e-300), 0.0)
-            best = int(gains.argmax())
-            if gains[best] <= 1e-20 * float(values @ values):
-                break
-            self.order.append(best)
-            along = units.T @ columns[:, best]
-            unit = columns[:, best] - units @ along
-            length = float(np.linalg.norm(unit))
-            unit, unit_there = unit / length, (others[:, best] - there @ along) / length
-            weight = float(unit @ rest)
-            rest = rest - weight * unit
-            self.predicted.append(self.predicted[-1] + weight * unit_there)
-            left -= (unit @ columns) ** 2
-            units, there = np.column_stack([units, unit]), np.column_stack([there, unit_there])
-
-
-class _Validated(NamedTuple):
-    """Mean squared error of cells left out, its standard error, and the number of terms with which it is made."""
-
-    error: float
-    spread: float
-    terms: int
-
-
-def _validate(columns: Array, values: Array, folds: list[NDArray[np.bool_]], most: int = MOST_CHOSEN) -> _Validated:
-    most = min(most, columns.shape[1], min(int((~out).sum()) for out in folds) // 2)
-    squares = np.zeros((most + 1, len(values)))
-    for out in folds:
-        path = _Path(columns[~out], values[~out], columns[out], most)
-        predicted = path.predicted + [path.predicted[-1]] * (most + 1 - len(path.predicted))
-        squares[:, out] = (np.array(predicted) - values[out]) ** 2
-    errors = squares.mean(axis=1)
-    by_fold = np.array([squares[:, out].mean(axis=1) for out in folds])
-    spread = by_fold.std(axis=0, ddof=1) / math.sqrt(len(folds)) if len(folds) > 1 else np.zeros(most + 1)
-    best = int(errors.argmin())
-    terms = int((errors <= errors[best] + spread[best]).argmax())
-    return _Validated(float(errors[terms]), float(spread[terms]), terms)
-
-
-def _shares_of_terms(
-    cells: Cells, functions: list[Array], terms: list[Term], validated: _Validated, parted: list[bool]
-) -> Shares:
-    columns = _columns(cells, functions, terms)
-    order = _Path(columns, cells.means, columns[:0], validated.terms).order
-    design = np.column_stack([np.ones(len(columns)), columns[:, order]])
-    coefficients, *_ = np.linalg.lstsq(design, cells.means)
-    left = cells.means - design @ coefficients
-    noise = float(left @ left) / max(len(design) - design.shape[1], 1)
-    by_noise = noise * np.diag(np.linalg.pinv(design.T @ design))
-    parts = np.maximum(coefficients**2 - by_noise, 0.0)[1:]
-    within = 0.0 if math.isnan(cells.chance) else cells.chance * (1 - float(np.mean(1 / cells.counts)))
-    rest = validated.error + within  # of one run, not of the mean of a cell's
-    whole = float(parts.sum()) + rest
-    takes = [{k for k, _ in terms[place]} for place in order]
-    shares = list(zip(takes, (parts / whole).tolist(), strict=True))
-
-    def keep_if(condition: bool, value: float) -> float:
-        return value if condition else math.nan
-
-    return Shares(
-        [keep_if(known, sum(s for those, s in shares if those == {k})) for k, known in enumerate(parted)],
-        [keep_if(known, sum(s for those, s in shares if k in those)) for k, known in enumerate(parted)],
-        sum(s for those, s in shares if len(those) > 1), rest / whole,
-    )  # fmt: skip
 
 
 MOST_VALUES = 12
@@ -438,7 +359,7 @@ def _shares(factors: list[Factor], values: NDArray[np.float64]) -> Shares:
     has_repeats = len(np.unique(places, axis=0)) < len(places)
     is_smooth = any(factor.is_number and factor.size > MOST_VALUES for factor in factors)
     found = None if is_smooth and not has_repeats else decompose(factors, values)
-    return fit(factors, values, MOST_VALUES) if found is None else found
+    return fit(factors, values) if found is None else found
 
 
 def _factor(setting: VariedSetting, known: NDArray[np.bool_]) -> Factor:

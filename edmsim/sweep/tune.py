@@ -1,6 +1,6 @@
 """Searches of gains, of the settings of your own controller, and of hyperparameters: ``edmsim tune``.
 
-By Optuna (extra ``tune``), or by differential evolution. The driver asks a study for values, the engine makes the
+By Optuna (extra ``tune``). The driver asks a study for values, the engine makes the
 trials, and the driver reports their scores. Hence the same search runs on one computer or on a cluster, whose nodes
 need neither Optuna nor a shared file.
 
@@ -16,17 +16,15 @@ once more on other machines.
 from __future__ import annotations
 
 import inspect
-import itertools
 import math
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import FeedController, make
@@ -102,8 +100,6 @@ a gap that closes is not noticed. What is found for `counts` hunts at long perio
 ENV_IDS = ("edmsim/GapFeed-v2", "edmsim/HeightStep-v2")
 SEEDS = 5
 """Number of training seeds per environment."""
-POPULATION = 8
-"""Gains in a generation of an evolution (ours: five of them take some three minutes a controller on two cores)."""
 
 
 def training_seeds(seed: int, seeds: int = SEEDS) -> range:
@@ -238,8 +234,6 @@ def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[i
 JOURNAL = "study.journal"  # file of the study, in Optuna's journal storage
 BEST = "best.toml"
 FINAL = "finalists.jsonl"  # table of the trials that are tried once more
-EVOLUTION = "evolution.jsonl"  # table of the trials of an evolution
-METHODS = ("tpe", "evolution")
 
 
 class Tuned(NamedTuple):
@@ -263,7 +257,7 @@ class Tuned(NamedTuple):
 
 
 def tune_gains(
-    name: str, out: str | Path, *, method: str = "tpe", trials: int = 40, seed: int = 0, seeds: int = 5,
+    name: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 5,
     engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
 ) -> Tuned:
     """Search a controller's gains.
@@ -275,12 +269,9 @@ def tune_gains(
     out : path
         Folder for the search and its result; an existing search is resumed. Processes that you start with the same
         folder share one study; as they do not count trials in progress elsewhere, they may make a few more.
-    method : {"tpe", "evolution"}
-        ``tpe`` (Optuna) proposes values from the scores of earlier trials. Its first trial uses the values in use,
-        hence the result is never worse on these seeds. ``evolution`` is SciPy's differential evolution (Storn and
-        Price 1997); its result does not depend on the number of processors.
     trials : int
-        Number of trials; ``evolution`` makes whole generations of `edmsim.sweep.tune.POPULATION`.
+        Number of trials. The first uses the values in use, hence the result is never worse on these seeds; Optuna's
+        TPE proposes the others from the scores before.
     seed : int
         First training seed, and seed of the search. On one process the search is reproducible.
     seeds : int
@@ -297,11 +288,7 @@ def tune_gains(
     """
     if name not in BOUNDS:
         raise InputError(f"no gains of '{name}' are searched; choose one of {one_of(name, BOUNDS)}")
-    if method not in METHODS:
-        raise InputError(f"there is no method '{method}'; choose one of {one_of(method, METHODS)}")
     judged_by = _judged_by(trials, seed, seeds)
-    if method == "evolution":
-        return _evolved(name, Path(out), trials, seed, judged_by, watch)
     return _studied(
         "gains", name, bounds("gains", name), Path(out), trials, seed, engine, watch,
         lambda number, values: Trial(number, "gains", name, values, judged_by), name,
@@ -357,51 +344,6 @@ def _studied(
 
     run_study(study, space, trials, engine or Processes(), made, ended)
     return _found(study)
-
-
-def _evolved(
-    name: str, folder: Path, trials: int, seed: int, judged_by: tuple[int, ...], watch: Callable[[Tuned], None] | None
-) -> Tuned:
-    """Search by differential evolution; finished trials are saved, and the same search resumes."""
-    from scipy.optimize import Bounds, differential_evolution
-    from scipy.stats import qmc
-
-    make_writable(folder)
-    tried = RunTable(folder / EVOLUTION, {"name": name, "seed": seed, "seeds": judged_by})
-
-    def judged(gains: dict[str, float]) -> float:
-        key = " ".join(f"{value!r}" for value in gains.values())
-        if key not in tried.rows:
-            value = score(run_all(judged_by, partial(make, name, **gains)))
-            tried.add({"id": key, "gains": gains, "value": value})
-        return float(tried.rows[key]["value"])
-
-    low, high = np.array(list(BOUNDS[name].values())).T
-    calls = itertools.count(1)
-    used = judged({key: float(getattr(make(name), key)) for key in BOUNDS[name]})
-
-    def objective(values: NDArray[np.float64]) -> float:
-        value = judged(_rounded(name, values))
-        if watch is not None:
-            best = max(tried.rows.values(), key=lambda row: row["value"])
-            watch(Tuned(best["gains"], best["value"], used, next(calls), 0))
-        return -value
-
-    generations = max(math.ceil(trials / POPULATION) - 1, 0)
-    first = qmc.scale(qmc.Sobol(len(low), rng=np.random.default_rng(seed)).random(POPULATION), low, high)
-    found = differential_evolution(
-        objective, Bounds(low, high), init=first, maxiter=generations, tol=0.0, polish=False,
-        rng=np.random.default_rng(seed),
-    )
-    gains, made_of = _rounded(name, found.x), POPULATION * (generations + 1)
-    text = f"gains {name} --method evolution --trials {made_of} --seed {seed}, of edmsim {__version__}"
-    write_found(folder, text, -float(found.fun), judged_by, "gains", gains, {})
-    return Tuned(gains, -float(found.fun), used, made_of, 0)
-
-
-def _rounded(name: str, values: Iterable[float]) -> dict[str, float]:
-    """Return gains by name, to three digits: the precision of this search."""
-    return {key: float(f"{value:.3g}") for key, value in zip(BOUNDS[name], values, strict=True)}
 
 
 def run_study(

@@ -80,13 +80,13 @@ def _setups(height_mm: float, passes: int) -> tuple[tuple[float, ...], list[Pass
 
 
 @cache
-def chain(height_mm: float, passes: int, seed: int) -> Chain:
+def chain(height_mm: float, passes: int, seed: int, resolution: str = "fast") -> Chain:
     """Cut a straight edge through all passes of our technology."""
     offsets_mm, setups, approach = _setups(height_mm, passes)
     machine, controller = setups[0]
     simulation = Simulation(
         machine, straight_path(offsets_mm, LENGTH_MM, machine), controller, planner="exact", seed=seed,
-        resolution="fast", setups=setups, approach=approach,
+        resolution=resolution, setups=setups, approach=approach,
     )  # fmt: skip
     simulation.run()
     records = simulation.passes.records

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
 
 import gymnasium
 import pytest
@@ -51,8 +54,11 @@ def test_figures() -> None:
 
 
 @pytest.mark.usefixtures("short")
-def test_the_table_of_environments_has_a_row_for_every_number_of_them_and_of_threads() -> None:
-    rows = speed.table(counts=(1, 3), threads=(1, 2))
+def test_the_table_of_environments_has_a_row_for_every_number_of_them_and_of_threads(
+    load_script: Callable[[Path], ModuleType],
+) -> None:
+    script = load_script(Path(__file__).parents[2] / "docs" / "make" / "vector_envs.py")
+    rows = script.table(counts=(1, 3), threads=(1, 2))
     assert [(row.environments, row.threads) for row in rows] == [(1, 1), (1, 2), (3, 1), (3, 2)]
     assert all(row.windows_per_s > 0 and row.processor_us > 0 for row in rows)
 

@@ -31,10 +31,10 @@ def setups() -> list[PassSetup]:
     return [PassSetup(m, from_text(one.controller())) for m, one in zip(machines, TABLE.settings, strict=True)]
 
 
-def started(length_mm: float = 0.5) -> Simulation:
+def started(length_mm: float = 0.5, resolution: str = "fast") -> Simulation:
     both = setups()
     path = straight_path(TABLE.offsets_mm, length_mm, both[0].machine)
-    return Simulation(both[0].machine, path, both[0].controller, planner="exact", resolution="fast", setups=both)
+    return Simulation(both[0].machine, path, both[0].controller, planner="exact", resolution=resolution, setups=both)
 
 
 def state_of(simulation: Simulation) -> tuple[dict[str, bytes], str]:
@@ -71,6 +71,15 @@ def test_a_trim_takes_from_one_side_what_the_rough_pass_left() -> None:
     assert trim.sums.crater_um3 < 0.5 * rough.sums.crater_um3
     assert rough.sums.pulses + trim.sums.pulses < simulation.sums.pulses  # the lead-in is neither's
     assert trim.begin_s >= rough.end_s
+
+
+def test_craters_leave_no_waves_on_a_trimmed_wall() -> None:
+    """At `default`, craters that take evenly from their width leave waves of 3.5 to 4 um (theory/workpiece.md)."""
+    simulation = started(1.4, "default")
+    simulation.run()
+    for record in simulation.passes.records:
+        assert record.wall.places >= 6
+        assert record.wall.waves_um < 1.2
 
 
 def test_a_dwell_in_a_pass_is_waited_for_and_is_part_of_it() -> None:

@@ -26,6 +26,7 @@ from .pages import BIN, ROOT
 CUT_S, LOG_S, EPISODE_S = 5.0, 40.0, 2.0
 """Machine time of a cut, where the page does not want less, of one whose log is fitted afterwards, and of an episode
 in which controllers are compared."""
+FEW_ENVS = 2  # sub-environments of a training
 SHORT: dict[str, tuple[str, ...]] = {
     "cut": ("--resolution", "fast", "--quiet"),
     "check": (),
@@ -147,7 +148,7 @@ def _standard_input(file: str) -> Iterator[None]:
 
 def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
-    from edmsim import validation
+    from edmsim import envs, runs, validation
     from edmsim.bench import figures as bench
     from edmsim.bench import pairs, profile, serial
     from edmsim.calibration import comparison, fit
@@ -178,12 +179,18 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(comparison, "WHOLLY_SETTLED_DIAMETERS", comparison.SETTLED_DIAMETERS)
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
+    # tests/sweep begins processes
+    patch.setattr(runs, "Processes", lambda _: runs.Threads(1))
     if find_spec("stable_baselines3"):
         from stable_baselines3 import PPO
 
-        learn = PPO.learn
+        learn, vec_env = PPO.learn, envs.make_sb3_vec_env
 
         def learned(self: PPO, total_timesteps: int, *more: Any, **options: Any) -> PPO:
             return learn(self, min(total_timesteps, self.n_steps * self.n_envs), *more, **options)
 
+        def few(env_id: str, num_envs: int, **options: Any) -> Any:
+            return vec_env(env_id, min(num_envs, FEW_ENVS), **options)
+
         patch.setattr(PPO, "learn", learned)  # one rollout
+        patch.setattr(envs, "make_sb3_vec_env", few)

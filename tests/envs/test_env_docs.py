@@ -47,7 +47,7 @@ def test_a_registered_environment_is_its_own_class_and_describes_itself(env, env
     headings = re.findall(r"^(\w[\w ]*)\n-+$", inspect.getdoc(type(env)), re.M)
     assert tuple(headings) == SECTIONS
     envs = gym.make_vec(env_id_of(env_name), num_envs=1, vectorization_mode="vector_entry_point", resolution="fast")
-    assert type(envs.unwrapped).__name__ == f"{env_name}VectorEnv"
+    assert type(envs.unwrapped.family).__name__ == env_name
 
 
 def test_help_and_the_instance_show_the_page_too(env):

@@ -11,7 +11,6 @@ import pytest
 from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.vector import AutoresetMode
 
-from edmsim.envs import DiscreteFeedVector
 from edmsim.errors import InputError
 
 MODES = list(AutoresetMode)
@@ -156,16 +155,6 @@ def test_bad_numbers(name, value):
 
     with pytest.raises(InputError, match=name):
         EdmVectorEnv("GapFeed", **{name: value})
-
-
-def test_discrete_levels(make_envs):
-    envs = DiscreteFeedVector(make_envs("GapFeed", 2, action="speed", planner="exact"), levels=(-0.1, 0.2))
-    envs.reset(seed=1)
-    assert envs.action_space.shape == (2,)
-    *_, infos = envs.step(np.array([0, 1]))
-    assert infos["feed_um_s"].tolist() == pytest.approx([-10, 20])
-    with pytest.raises(InvalidAction):
-        envs.step(np.array([0, 2]))
 
 
 @pytest.mark.slow

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from edmsim.errors import InputError
-from edmsim.evaluation import leaderboard
+from edmsim.evaluation.compare import leaderboard
 from edmsim.evaluation.table import draw_returns, markdown_table, write_page
 
-BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.json"
+BOARD = Path(__file__).parents[2] / "docs" / "leaderboard.jsonl"
 
 
 def test_a_page_has_the_table_and_a_row_of_the_figure_for_every_controller(tmp_path):
-    made = leaderboard.read(BOARD)["edmsim/GapFeed-v2"]
+    made = leaderboard(BOARD)["edmsim/GapFeed-v2"]
     file = tmp_path / "new" / "compared.md"
     write_page(file, [made])
     text = file.read_text(encoding="utf-8")

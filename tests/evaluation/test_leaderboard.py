@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from pathlib import Path
@@ -12,12 +11,11 @@ import pytest
 
 from edmsim.envs.registry import make_family, registered_ids
 from edmsim.errors import InputError
-from edmsim.evaluation import leaderboard
-from edmsim.evaluation.compare import evaluate
+from edmsim.evaluation.compare import Comparison, evaluate, leaderboard
 from edmsim.evaluation.episode import Result, cut
 from edmsim.evaluation.lines import lines_of
 from edmsim.evaluation.table import as_json
-from edmsim.evaluation.transfer import places, render, rows_of, transfer
+from edmsim.runs import RunTable
 
 from ..conftest import Run
 
@@ -27,17 +25,17 @@ GAP_FEED = "edmsim/GapFeed-v2"
 
 @pytest.mark.slow
 def test_a_comparison_comes_back_to_the_digit_and_another_controller_joins_it(short_episodes, tmp_path):
-    file = tmp_path / "board.json"
-    made = evaluate(GAP_FEED, ["counts"], 2)
-    leaderboard.write(file, [made])
-    assert as_json([leaderboard.read(file)[GAP_FEED]]) == as_json([made])
-    leaderboard.write(file, [evaluate(GAP_FEED, ["voltage"], 2)])
-    joined = leaderboard.read(file)[GAP_FEED]
+    file = tmp_path / "board.jsonl"
+    made = evaluate(GAP_FEED, ["counts"], 2, table=RunTable(file))
+    in_order = Comparison.of(made.env_id, made.resolution, made.seeds, dict(sorted(made.results.items())))
+    assert as_json([leaderboard(file)[GAP_FEED]]) == as_json([in_order])
+    evaluate(GAP_FEED, ["voltage"], 2, table=RunTable(file))
+    joined = leaderboard(file)[GAP_FEED]
     assert set(joined.results) == {"counts", "voltage", "fixed", "oracle"}
     assert joined.figures["counts"] == made.figures["counts"]
-    assert file.read_text().count("\n") < 80  # a line per cut
-    leaderboard.write(file, [evaluate(GAP_FEED, ["voltage"], 3)])
-    assert "counts" not in leaderboard.read(file)[GAP_FEED].results  # of other seeds
+    assert file.read_text().count("\n") == 8  # a line per cut, those of the references made once
+    evaluate(GAP_FEED, ["voltage"], 3, table=RunTable(file))
+    assert "counts" not in leaderboard(file)[GAP_FEED].results  # of other seeds
 
 
 def test_an_interrupted_evaluation_resumes_to_the_same_leaderboard(tmp_path, edmsim: Run, monkeypatch):
@@ -57,50 +55,29 @@ def test_an_interrupted_evaluation_resumes_to_the_same_leaderboard(tmp_path, edm
 
     monkeypatch.setattr("edmsim.evaluation.compare.cut", quickly)
     monkeypatch.setattr("edmsim.runs.processors", lambda: 1)
-    board, whole = tmp_path / "board.json", tmp_path / "whole.json"
+    board, whole = tmp_path / "board.jsonl", tmp_path / "whole.jsonl"
     command = "evaluate", GAP_FEED, "--controllers", "counts", "--seeds", "3", "--leaderboard"
     interrupted = edmsim(*command, board)
     assert interrupted.status == 130
     assert "run the same command to resume" in interrupted.err
-    assert [file.name for file in tmp_path.iterdir()] == ["board.runs.jsonl"]
+    assert [file.name for file in tmp_path.iterdir()] == ["board.jsonl"]
     assert edmsim(*command, board).status == 0
     cuts.remove("interrupted")
     assert len(cuts) == len(set(cuts)) == 9
     assert edmsim(*command, whole).status == 0
-    assert board.read_text() == whole.read_text()
-    assert {file.name for file in tmp_path.iterdir()} == {"board.json", "whole.json"}
+    assert as_json([*leaderboard(board).values()]) == as_json([*leaderboard(whole).values()])
+    assert {file.name for file in tmp_path.iterdir()} == {"board.jsonl", "whole.jsonl"}
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"format": "other"}', '{"format": "edmsim-leaderboard-1"}'])
+NO_RESULT = '{"id": "1", "env_id": "e", "resolution": "fast", "controller": "c"}'
+
+
+@pytest.mark.parametrize("text", ["[]", '{"format": "other"}', NO_RESULT])
 def test_what_is_no_leaderboard_is_refused(tmp_path, text):
-    file = tmp_path / "board.json"
-    file.write_text(text)
-    with pytest.raises(InputError, match="not a leaderboard, or a damaged one"):
-        leaderboard.read(file)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(400)
-def test_places_differ_from_where_policies_are_trained(short_episodes):
-    observed, everywhere = [], places(GAP_FEED)
-    moved = transfer(GAP_FEED, ["fixed", "policy:GapFeed-ppo"], 2, watch=lambda *done: observed.append(done))
-    assert len(observed) == observed[-1][0] == observed[-1][1] == 4 * len(everywhere)
-    assert [cells[0] for cells in rows_of(moved)] == [place.name for place in everywhere]
-    rates = [row.rate_mm2_min.value for row in moved if row.controller == "fixed"]
-    assert len(set(rates)) == len(everywhere)
-    assert render(GAP_FEED, moved, 2).row_count == len(everywhere)
-
-
-@pytest.mark.parametrize("env_id", [env_id for env_id in registered_ids() if "Part" not in env_id])
-def test_places_are_beyond_the_ranges_of_the_id_and_can_be_cut(env_id):
-    known = gymnasium.make(env_id).unwrapped.family
-    for place in places(env_id):
-        env = gymnasium.make(env_id, **place.options)
-        drawn = env.reset(seed=1)[1]["drawn"]
-        for name in {"height_mm", "tension"} & set(place.options):
-            low, high = getattr(known, name)
-            assert not low < drawn[name] < high
-        env.close()
+    file = tmp_path / "board.jsonl"
+    file.write_text(text + "\n")
+    with pytest.raises(InputError, match=r"the journal is damaged|a row of this table of cuts has no"):
+        leaderboard(file)
 
 
 @pytest.mark.parametrize("env_id", registered_ids())
@@ -118,9 +95,7 @@ def test_the_threshold_of_an_id_is_what_its_reference_earns(env_id):
 @pytest.mark.timeout(400)
 def test_the_first_cuts_of_the_board_are_made_again():
     """In short: one cut of a classic law and one of a policy, of every environment that the board has."""
-    board = json.loads((DOCS / "leaderboard.json").read_text(encoding="utf-8"))
-    for env_id, made in leaderboard.read(DOCS / "leaderboard.json").items():
-        assert board["environments"][env_id]["seeds"] == list(made.seeds)
+    for env_id, made in leaderboard(DOCS / "leaderboard.jsonl").items():
         for name in [name for name in made.results if name == "voltage" or name.startswith("policy:")]:
             whole_s = make_family(env_id).episode_s  # the fixture of the other tests shortens episodes
             again, recorded = cut(env_id, made.seeds[0], name, episode_s=whole_s), made.results[name][0]

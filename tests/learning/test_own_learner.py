@@ -10,7 +10,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from edmsim.envs import DiscreteFeed
 from edmsim.errors import InputError
 from edmsim.job.cut import cut
 from edmsim.learning import policy_file
@@ -148,7 +147,7 @@ def test_what_a_file_cannot_hold_is_refused_in_a_line_and_leaves_none(tmp_path):
     broken = new("ppo", bare)
     broken.policy.action_net.bias.data[:] = float("nan")
     refused(broken, bare, "not finite")
-    levels = DummyVecEnv([lambda: DiscreteFeed(gym.make("edmsim/GapFeed-v2"))])
+    levels = DummyVecEnv([lambda: gym.wrappers.DiscretizeAction(gym.make("edmsim/GapFeed-v2"), 7)])
     for model in (new("ppo", levels), DQN("MlpPolicy", levels, buffer_size=10)):
         refused(model, levels, r"chooses among Discrete\(7\)")
     scaled = DummyVecEnv([lambda: gym.wrappers.RescaleAction(gym.make("edmsim/GapFeed-v2"), -1.0, 1.0)])

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -29,9 +29,11 @@ LABORATORY = ("iso-pulse", "iso-energetic", "ignition-pulse")
 OF_TODAY = ("stainless-steel", "titanium-alloy", "nickel-alloy", "graphite", "polycrystalline-diamond")
 COATED = ("zinc-coated-brass", "diffusion-annealed")
 OwnFile = Callable[..., str]
-KINDS = get_args(Kind)
+PARAMETER: dict[Kind, str] = {
+    "machines": "name", "wires": "wire", "materials": "material", "generators": "generator",
+}  # fmt: skip
+KINDS = tuple(PARAMETER)
 FILES = [(kind, name) for kind in KINDS for name in available(kind)]
-PARAMETER = {"machines": "name", "wires": "wire", "materials": "material", "generators": "generator"}
 TITLE = {
     "machines": lambda m: m.base.title, "wires": lambda m: m.wire.title,
     "materials": lambda m: m.material.title, "generators": lambda m: m.generator.title,

@@ -20,7 +20,6 @@ from edmsim.plant.gap.coverage import (
     refill_um_s,
     refill_us,
     steam_life_us,
-    sum_up,
 )
 from edmsim.plant.gap.debris import kerf_jets, mean_of_slices
 from edmsim.plant.gap.generator import timing
@@ -131,6 +130,7 @@ def test_a_discharge_covers_its_length_of_every_slice_it_reaches(slab):
     blow(a, slab, law, 1, 0.9, 1.0, 0, 0.0)
     np.testing.assert_allclose(a.steam, [0.0, 0.4, 0.2, 0.0], atol=1e-12)
     np.testing.assert_allclose(a.gas, [0.0, 0.2, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(a.covered, [0.0, 0.4 + 0.2 - 0.4 * 0.2, 0.2, 0.0], atol=1e-12)  # either of them
     low = front(4)
     blow(low, slab, law, 0, 0.1, 4.0, 0, 0.0)  # four times the energy reaches twice as far; part of it lies outside
     np.testing.assert_allclose(low.steam, [0.7, 0.0, 0.0, 0.0], atol=1e-12)
@@ -166,9 +166,9 @@ def test_the_water_that_creeps_back_brings_the_kerf_s_gas():
 
 @pytest.mark.slow
 def test_steam_and_permanent_gas_lie_anywhere_on_the_front():
-    a = front(2)
+    a, still = front(2), GasLaw(0.0, 0.0, 0.0, np.ones((GRID + 1, 2)))
     a.steam[:2], a.gas[:2] = (0.5, 0.0), (0.4, 1.0)
-    sum_up(a)
+    fade(a, still, GRID)
     np.testing.assert_allclose(a.covered[:2], [0.7, 1.0])
     assert mean_of_slices(a.covered, len(a.debris)) == pytest.approx(0.85)
 

@@ -27,7 +27,7 @@ from edmsim.plant.gap.rays import rays_with
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.discharge import feed_current
 from edmsim.plant.kernel.state import Arrays
-from edmsim.plant.resolution import resolution
+from edmsim.plant.resolution import Resolution, resolution
 from edmsim.plant.wire import (
     VACUUM_PERMITTIVITY_F_M,
     HeatLaw,
@@ -156,6 +156,30 @@ def test_conduction_evens_out_and_loses_nothing():
         heat_step(a, STILL._replace(conduction_per_us=1e-3), 100.0)
         assert a.temperature_K.sum() == pytest.approx(4 * 393.0)
     np.testing.assert_allclose(a.temperature_K, 393.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("slice_um", "slices"), [(50.0, 401), (200.0, 101), (400.0, 51), (1_000.0, 41), (2_000.0, 41)]
+)
+def test_a_hot_spot_spreads_along_the_wire_as_a_gaussian(machine, slice_um, slices):
+    """``T = q / sqrt(4 pi a t) exp(-x^2 / (4 a t))``; thin slices take several steps in a span of 1.5 ms."""
+    law = heat_law(machine.with_(height_mm=slices * slice_um * 1e-3), Resolution(slices, 24, 4))
+    law = law._replace(cooling_m2K_J=0.0, run_per_us=0.0, melting_K=1e9)
+    middle = slices // 2
+    rise = np.zeros(slices)
+    rise[middle] = 100.0
+    a = wire(WATER_K + rise)
+    spans, dt_us = round(8.0 / (law.conduction_per_us * 1_500.0)) if slice_um > 400 else 40, 1_500.0
+    for _ in range(spans):
+        heat_step(a, law, dt_us)
+    rise, away = a.temperature_K - WATER_K, np.arange(slices) - middle
+    wire_ = machine.wire
+    diffusivity = wire_.conductivity_W_mK.value / (wire_.density_kg_m3.value * wire_.heat_capacity_J_kgK.value)
+    width2 = 2 * diffusivity * spans * dt_us * 1e-6 / (slice_um * 1e-6) ** 2  # in squares of a slice's height
+    gaussian = 100.0 / math.sqrt(2 * math.pi * width2) * np.exp(-(away**2) / (2 * width2))
+    assert rise.sum() == pytest.approx(100.0)
+    assert (rise * away**2).sum() / rise.sum() == pytest.approx(width2, rel=1e-3)
+    np.testing.assert_allclose(rise, gaussian, atol=0.02 * gaussian.max())
 
 
 @pytest.mark.slow
@@ -395,7 +419,7 @@ DRY = {
 
 
 def test_no_temperature_runs_away_where_the_wire_cannot_break(machine, altered, drive):
-    endless = altered(machine, {**DRY, "wire.half_strength_K": 1e6})
+    endless = altered(machine, {**DRY, "wire.half_strength_K": 1e6, "base.discharge.wear_ratio": 0.0})
     windows = drive(edmsim.Plant(endless, seed=1, resolution="fast"), 30.0, 6.0)
     assert not any(w.broken for w in windows)
     assert 700.0 < max(w.wire_temperature_K for w in windows) <= machine.wire.melting_K.value

@@ -11,9 +11,9 @@ from types import ModuleType
 import pytest
 
 from edmsim.envs.registry import env_id_of
-from edmsim.evaluation import leaderboard
-from edmsim.evaluation.compare import Comparison, figures_of
+from edmsim.evaluation.compare import Comparison, figures_of, leaderboard
 from edmsim.evaluation.episode import Result
+from edmsim.runs import RunTable
 
 DOCS = Path(__file__).parents[2] / "docs"
 SCRIPT = DOCS / "make" / "benchmark.py"
@@ -63,7 +63,14 @@ def test_one_command_makes_leaderboard_and_page(
     for name, file in (("BOARD", "board.json"), ("PAGE", "page.md")):
         monkeypatch.setattr(benchmark, name, tmp_path / file)
     made = comparison(oracle=result(reward=120.0), fixed=result(reward=10.0), voltage=result())
-    monkeypatch.setattr(benchmark, "evaluate", lambda env_id: made)
+
+    def evaluate(env_id: str, table: RunTable) -> None:
+        for name, cuts in made.results.items():
+            for seed, cut in enumerate(cuts):
+                row = {**cut._asdict(), "controller": name, "seed": seed}
+                table.add({"id": f"{name} {seed}", "env_id": env_id, "resolution": "fast", **row})
+
+    monkeypatch.setattr(benchmark, "evaluate", evaluate)
     monkeypatch.setattr(sys, "argv", [str(SCRIPT), GAP_FEED])
     benchmark.main()
     text = (tmp_path / "page.md").read_text(encoding="utf-8")
@@ -97,7 +104,7 @@ def test_every_task_has_a_page_with_its_picture_lines_and_learning_curve(
     load_script: Callable[[Path], ModuleType]
 ) -> None:
     tasks = load_script(SCRIPT.parent / "tasks.py")
-    board = leaderboard.read(DOCS / "leaderboard.json")
+    board = leaderboard(DOCS / "leaderboard.jsonl")
     assert {env_id_of(name) for name in tasks.PAGES} == set(board)
     for name, page in tasks.PAGES.items():
         text = (DOCS / "tasks" / f"{page}.md").read_text(encoding="utf-8")

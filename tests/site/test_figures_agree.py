@@ -18,7 +18,7 @@ def texts() -> dict[str, str]:
 
 
 def test_pages_count_the_environments_that_there_are() -> None:
-    there = {registry.env_id_of(name) for name in registry._FILES}
+    there = set(registry.registered_ids())
     number = "|".join(NUMBERS)
     counts = re.compile(rf"({number}) (?:\[?Gymnasium\]?(?:\([^)]*\))? )(?:environments|tasks)", re.IGNORECASE)
     said = {(name, count.lower()) for name, text in texts().items() for count in counts.findall(text)}

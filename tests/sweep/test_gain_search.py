@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -55,7 +60,7 @@ def test_held_back_seeds_are_never_trained_on() -> None:
 @pytest.mark.parametrize("name", sorted(set(BOUNDS) - {"counts"}))
 def test_the_found_gains_are_used_and_name_their_command(name: str) -> None:
     text = models.path(f"gains/{name}.toml").read_text(encoding="utf-8")
-    assert f"edmsim tune gains {name} --method evolution" in text
+    assert f"python docs/make/gains.py {name}" in text
     gains = tomllib.loads(text)["gains"]
     assert set(gains) == set(BOUNDS[name])
     for gain, value in gains.items():
@@ -64,3 +69,32 @@ def test_the_found_gains_are_used_and_name_their_command(name: str) -> None:
         assert getattr(make(name), gain) == value
     assert getattr(make(name, **{gain: low}), gain) == low
 
+
+
+def test_the_script_of_the_gains_finds_the_best_and_repeats_itself_also_interrupted(
+    load_script: Callable[[Path], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of cuts that earn most, 100, with a reference of 12 V and little proportional action."""
+    script = load_script(Path(__file__).parents[2] / "docs" / "make" / "gains.py")
+    monkeypatch.chdir(tmp_path)
+    calls, interrupt_at = itertools.count(), [-1]
+
+    def cuts(seeds: Sequence[int], controller: Callable[[], Any]) -> list[Result]:
+        if next(calls) == interrupt_at[0]:
+            raise KeyboardInterrupt
+        law = controller()
+        reward = 100.0 - 10 * abs(law.reference_V - 12.0) - law.proportional_um_s_V
+        return [result("voltage", 1.0, reward)] * len(seeds)
+
+    monkeypatch.setattr(tune, "run_all", cuts)
+    gains, value = script.search("voltage", 120, 3)
+    assert gains["reference_V"] == pytest.approx(12.0, abs=1.0)
+    assert 80.0 < value < 100.0
+    made = next(calls)
+    script.FOLDER = Path("again")
+    interrupt_at[0] = made + 20
+    with pytest.raises(KeyboardInterrupt):
+        script.search("voltage", 120, 3)
+    assert script.search("voltage", 120, 3) == (gains, value)
+    with pytest.raises(InputError, match="it has the runs of seed 3, not 4"):
+        script.search("voltage", 120, 4)

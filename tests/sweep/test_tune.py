@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 import tomllib
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +11,7 @@ import pytest
 
 from edmsim.controllers import from_text
 from edmsim.errors import InputError
-from edmsim.evaluation.episode import Result
 from edmsim.runs import LostJob
-from edmsim.sweep import tune
 from edmsim.sweep.tune import Trial, TrialResult, Tuned, judge_trial, tune_gains, tune_training
 
 
@@ -82,7 +77,6 @@ def test_gains_are_judged_by_training_seeds() -> None:
 
 @pytest.mark.parametrize(("options", "named"), [
     ({"name": "genius"}, "counts"), ({"name": "fixed", "trials": 0}, "1 or more"),
-    ({"name": "fixed", "method": "luck"}, "tpe, evolution"),
     ({"env_id": "edmsim/GapFeed-v2", "algo": "dqn"}, "ppo, sac"), ({"name": "fixed", "seeds": 0}, "1 or more"),
     ({"env_id": "edmsim/GapFeed-v2", "algo": "imitation"}, "no settings of the algorithm 'imitation' are searched"),
     ({"env_id": "edmsim/GapFeed-v2", "steps": 0}, "0 windows train nothing"),
@@ -97,45 +91,6 @@ def test_a_folder_has_one_study(tmp_path: Path) -> None:
     tune_gains("fixed", tmp_path, trials=1, engine=Peak())
     with pytest.raises(InputError, match="of fixed, not of counts"):
         tune_gains("counts", tmp_path, trials=1, engine=Peak())
-
-
-def of_reference(seeds: Any, controller: Any) -> list[Result]:
-    """Cuts that earn most, 100, with a reference of 12 V and little proportional action."""
-    law = controller()
-    reward = 100.0 - 10 * abs(law.reference_V - 12.0) - law.proportional_um_s_V
-    return [
-        Result(0, law.name, "finished", 60.0, 1.0, 10.0, 1.0, reward, 0, 0.0, 0.1, 0.2, math.nan, math.nan, 320.0)
-        for _ in seeds
-    ]
-
-
-def test_an_evolution_finds_the_best_gains_and_repeats_itself_also_interrupted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tune, "run_all", of_reference)
-    search = partial(tune_gains, "voltage", method="evolution", trials=120, seed=3, seeds=1)
-    observed: list[Tuned] = []
-    found = search(tmp_path / "whole", watch=observed.append)
-    assert [one.trials for one in observed] == list(range(1, len(observed) + 1))
-    assert 8 < len(observed) <= 120  # it may stop where all gains have become the same
-    assert found.values["reference_V"] == pytest.approx(12.0, abs=1.0)
-    assert found.first_value < found.value < 100.0
-    text = (tmp_path / "whole" / "best.toml").read_text()
-    assert "edmsim tune gains voltage --method evolution --trials 120 --seed 3" in text
-    assert tomllib.loads(text)["gains"] == found.values
-
-    def interrupted(seeds: Any, controller: Any) -> list[Result]:
-        if next(calls) == 20:
-            raise KeyboardInterrupt
-        return of_reference(seeds, controller)
-
-    calls = itertools.count()
-    monkeypatch.setattr(tune, "run_all", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        search(tmp_path / "again")
-    assert search(tmp_path / "again") == found
-    with pytest.raises(InputError, match="it has the runs of seed 3, not 4"):
-        tune_gains("voltage", tmp_path / "again", method="evolution", seed=4, seeds=1)
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import logarithm, power
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.vectors import (
     GAPS,
     element,
@@ -130,7 +130,7 @@ def sum_slice(
     rays: Rays, s: int, sx: np.float32, sy: np.float32, law: BlockLaw, gain: float, pull: float, debris: float,
     sums: NDArray[np.float64], near: Any,
 ) -> Any:
-    """Sum the rays of a slice as `slice_sums` does; returns the greatest primed weights, those of `near` included."""
+    """Sum the rays of a slice as `slice_sums` does; returns no less than the greatest primed weights and `near`."""
     one = np.float32(1.0)
     rate = primed = particles = pull_x = pull_y = spread(np.float32(0.0))
     for at in arc(rays, s):
@@ -142,10 +142,9 @@ def sum_slice(
         pressure = both * delay * (held * law.wire_curvature + one) + law.bare
         pull_x += pressure * load(rays.cosine, (s, at))
         pull_y += pressure * load(rays.sine, (s, at))
-        weights = _primed_weights(gap, law)
-        primed += weights
+        primed += _primed_weights(gap, law)
         particles += _particle_weights(gap, held, law)
-        near = highest(near, weights)
+    near = highest(near, primed)
     primed += particles * (law.particles_um * np.float32(debris))
     store(sums, (s, 0), totals(rate, primed, pull_x, pull_y) * twice(gain, pull))
     return near
@@ -153,12 +152,12 @@ def sum_slice(
 
 @compiled
 def may_touch(near: Any, law: GapLaw) -> bool:
-    """Whether a ray is so near that it may touch, by the greatest primed weights: it may not, most often."""
+    """Whether a ray may be so near that it touches, by what `sum_slice` returned: it may not, most often."""
     span = law.primed_gap_um - law.contact_gap_um
     return span <= 0.0 or bool(passed(near, np.float32(span * span)) < GAPS)
 
 
-@compiled
+@compiled_apart
 def contact_depth(rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw) -> float:
     """Summed depth in um by which rays of a slice lie below the gap of contact."""
     contact = 0.0

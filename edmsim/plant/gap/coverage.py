@@ -12,7 +12,7 @@ with it.
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import COORDINATES, load, store
@@ -79,21 +79,22 @@ def refill_us(
 
 
 @compiled
-def fade(a: Arrays, law: GasLaw, k_period: int) -> None:
-    """Let gas vanish over a period: steam for good, permanent gas to what the kerf behind the wire has of it."""
-    steam, gas = law.fading[k_period, 0], law.fading[k_period, 1]
-    for s in range(0, a.steam.shape[0], COORDINATES):
-        store(a.steam, (s,), load(a.steam, (s,)) * steam)
-        behind = load(a.wake_gas, (s,))
-        store(a.gas, (s,), behind + (load(a.gas, (s,)) - behind) * gas)
+def _either(steam: Any, gas: Any) -> Any:
+    """Share of a front that gas covers, of a slice or of a vector of them: both kinds lie anywhere on it."""
+    return steam + gas - steam * gas
 
 
 @compiled
-def sum_up(a: Arrays) -> None:
-    """Find the share of every slice's front that gas covers, steam and permanent gas lying anywhere on it."""
+def fade(a: Arrays, law: GasLaw, k_period: int) -> None:
+    """Let gas vanish over a period: steam for good, permanent gas to what the kerf behind the wire has of it."""
+    steam_left, gas_left = law.fading[k_period, 0], law.fading[k_period, 1]
     for s in range(0, a.steam.shape[0], COORDINATES):
-        steam, gas = load(a.steam, (s,)), load(a.gas, (s,))
-        store(a.covered, (s,), steam + gas - steam * gas)
+        behind = load(a.wake_gas, (s,))
+        steam = load(a.steam, (s,)) * steam_left
+        gas = behind + (load(a.gas, (s,)) - behind) * gas_left
+        store(a.steam, (s,), steam)
+        store(a.gas, (s,), gas)
+        store(a.covered, (s,), _either(steam, gas))
 
 
 @compiled
@@ -124,3 +125,5 @@ def blow(
         a.wake_debris[k] += exchanged * c.cavity_um3 / c.wake_um3
         under = max(0.0, min(place + gas, k + 1.0) - max(place - gas, float(k)))
         a.gas[k] += (1.0 - a.gas[k]) * gas_left * under
+        # number by number as they are written: a vector would wait for what was written in parts
+        a.covered[k] = _either(a.steam[k], a.gas[k])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import exponential, logarithm
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.random import normal, uniform
 from edmsim.compiled.vectors import GAPS, element, highest, load, spread, total
 from edmsim.plant.gap.breakdown import GapLaw, block_law, choose_ray, contact_depth, may_touch, sum_slice, weibull
@@ -90,7 +90,7 @@ def deepest_contact(a: Arrays, position: Array, contact: Array) -> tuple[float, 
     return deepest, slice_, place
 
 
-@compiled
+@compiled_apart
 def touch(
     state: NDArray[np.void], a: Arrays, position: Array, contact: Array
 ) -> tuple[int, int]:
@@ -120,6 +120,15 @@ def touch(
 
 
 @compiled
+def _may_bridge(a: Arrays, c: Constants) -> bool:
+    """Whether a slice has so much debris that it may bridge the gap."""
+    most = 0.0
+    for s in range(a.debris.shape[0]):
+        most = max(most, a.debris[s])
+    return most > 0.9 * c.bridge_base
+
+
+@compiled_apart
 def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) -> bool:
     """Whether debris bridges the gap somewhere."""
     for s in range(a.debris.shape[0]):
@@ -220,7 +229,7 @@ def decide(
     if totals[2] > 0.0:
         s, k = touch(state, a, position, contact)
         return SHORT, 0.0, s, k
-    if _bridged(state, a, position, c):
+    if _may_bridge(a, c) and _bridged(state, a, position, c):
         return SHORT, 0.0, -1, 0
     quiet = state[0].since_discharge_us / (c.deionisation_us * (1.0 + state[0].spot))
     chance = draw(state)

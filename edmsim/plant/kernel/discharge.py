@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import exponential
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.random import normal, uniform
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
 from edmsim.plant.gap.debris import EINSTEIN, flush, mean_of_slices
@@ -36,16 +36,18 @@ def _within(state: NDArray[np.void]) -> float:
 
 
 @compiled
-def _wire_at(state: NDArray[np.void], a: Arrays, s: int) -> int:
+def _wire_at(a: Arrays, s: int, within: float) -> int:
     """Slice of the wire before a discharge in a slice: the next one, where that slice's metal reaches up to it."""
-    return s + 1 if _within(state) * a.metal[s] >= 1.0 and s + 1 < a.metal.shape[0] else s
+    return s + 1 if within * a.metal[s] >= 1.0 and s + 1 < a.metal.shape[0] else s
 
 
 @compiled
-def locate(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, s: int) -> None:
-    """Count a discharge in a slice in the fifth of the height where its currents put it, with their error."""
+def locate(
+    state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, s: int, within: float
+) -> None:
+    """Count a discharge `within` a slice in the fifth of the height where its currents put it, with their error."""
     key, count = state[0].key, np.uint64(state[0].pulses)
-    height_um = (s + _within(state) * a.metal[s]) * c.slice_um
+    height_um = (s + within * a.metal[s]) * c.slice_um
     height_um += PLACE_SD_UM * normal(uniform(key ^ _ERROR_STREAM, count))
     fifth = int(5.0 * height_um / (a.debris.shape[0] * c.slice_um))
     window[0].fifths[min(max(fifth, 0), 4)] += 1
@@ -129,8 +131,9 @@ def discharge(
     window[0].gap_um += gap
     window[0].energy_J += energy
     window[0].charge_A_us += t.current_A * burn_us
-    locate(state, window, a, c, s)
-    heated = _wire_at(state, a, s)
+    within = _within(state)
+    locate(state, window, a, c, s, within)
+    heated = _wire_at(a, s, within)
     feed_current(a, heated, t.current_form * t.current_A**2 * burn_us)
     _mark_spot(state, c, outcome, energy, burn_us)
     state[0].last_slice = s
@@ -140,7 +143,7 @@ def discharge(
     return energy, bubble_impulse_Ns(power, burn_us, gap, bubble) * wet, removed
 
 
-@compiled
+@compiled_apart
 def short_circuit(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, c: Constants, t: Timing, heat: HeatLaw,
     bubble: BubbleLaw, position: Array, s: int, k: int,
@@ -161,7 +164,7 @@ def short_circuit(
     return c.short_push_share * bubble_impulse_Ns(power, t.on_us, REFERENCE_GAP_UM, bubble)
 
 
-@compiled
+@compiled_apart
 def log_pulse(
     pulses: NDArray[np.void], n: int, a: Arrays, position: Array, start_us: float, open_V: float, outcome: int,
     delay: float, s: int, k: int,
@@ -197,7 +200,7 @@ def _load_steadily(
     project(a, forces, a.steady)
 
 
-@compiled
+@compiled_apart
 def propagate_heat(
     state: NDArray[np.void], a: Arrays, c: Constants, heat: HeatLaw, sums: Array, current2_us: Array, forces: Array
 ) -> None:
@@ -216,7 +219,7 @@ def propagate_heat(
     flush(a.debris, c.lower_flow_us * flowing, c.upper_flow_us * flowing, a.entering)
     flush(a.wake_debris, c.lower_wake_us * dt, c.upper_wake_us * dt, a.entering)
     flush(a.wake_gas, c.lower_wake_us * dt, c.upper_wake_us * dt, a.entering)
-    passed = 1.0 - math.exp(-heat.run_per_us / a.temperature_K.shape[0] * dt)
+    passed = 1.0 - exponential(-heat.run_per_us / a.temperature_K.shape[0] * dt)
     worn = c.worn_share_per_um3_us * state[0].wear_wait_um3 / dt
     state[0].worn_share += (worn - state[0].worn_share) * passed
     state[0].heat_wait_us = 0.0

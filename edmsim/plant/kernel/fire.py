@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.axes.advance import LOST, advance_axes, apply_geometric_errors, indicate
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
-from edmsim.plant.gap.coverage import GasLaw, blow, fade, sum_up
+from edmsim.plant.gap.coverage import GasLaw, blow, fade
 from edmsim.plant.gap.debris import mean_of_slices
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace, tilt_rays, weigh
@@ -45,7 +45,7 @@ from edmsim.plant.kernel.state import (
     Scratch,
     Timing,
 )
-from edmsim.plant.mechanics.film import find_films, mean_film, mean_resistance, scale_film, squeeze
+from edmsim.plant.mechanics.film import find_films, is_narrow, mean_film, mean_resistance, scale_film, squeeze
 from edmsim.plant.mechanics.modal import copy, kick, lean, mean_deflection, move, place_wire, project, ring, ringing
 from edmsim.plant.mechanics.mujoco_axes import FullLink
 from edmsim.plant.mechanics.mujoco_loop import move_full
@@ -66,7 +66,7 @@ MOST_DEFLECTION_UM = 2000.0
 """A wire bent further than this is not a wire between guides any more: the model has left its validity."""
 
 
-@compiled
+@compiled_apart
 def _carve(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
     index: NDArray[np.int32], c: Constants,
@@ -90,7 +90,7 @@ def _is_due(state: NDArray[np.void], c: Constants) -> bool:
     return moved > TRACED_MOVE_UM
 
 
-@compiled
+@compiled_apart
 def _renew_rays(
     state: NDArray[np.void], window: NDArray[np.void], a: Arrays, tiles: NDArray[np.uint16],
     index: NDArray[np.int32], levels: NDArray[np.float32], c: Constants, position: Array,
@@ -121,7 +121,7 @@ def _add_deflection(window: NDArray[np.void], a: Arrays) -> None:
         window[0].deflection2_um2[axis] += mean * mean
 
 
-@compiled
+@compiled_apart
 def _lacks_tiles(state: NDArray[np.void]) -> bool:
     """Whether the wire, at either guide, has gone too far from where the field's tiles were made."""
     far = False
@@ -132,7 +132,7 @@ def _lacks_tiles(state: NDArray[np.void]) -> bool:
     return far
 
 
-@compiled
+@compiled_apart
 def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None:
     """Set the window's sums to nought."""
     w = window[0]
@@ -152,7 +152,7 @@ def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None
     w.coverage = mean_of_slices(a.steam, slices) + mean_of_slices(a.gas, slices) + mean_of_slices(a.wake_gas, slices)
 
 
-@compiled
+@compiled_apart
 def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_um: float) -> int:
     """Take the window's means, and see whether the model still holds."""
     w = window[0]
@@ -179,7 +179,7 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
     return INSIDE if deepest_um < -DEEPEST_UM else FINE
 
 
-@compiled
+@compiled_apart
 def _check_events(events: NDArray[np.int64], now_ns: int, drives: bool) -> int:
     """Whether a window's events are steps of a motor, or with `drives` levels of their lines, in order of time."""
     before = now_ns
@@ -308,32 +308,35 @@ def fire_window(
         period_us = period_ns * 1e-3
         film = mean_film(state, totals[3], totals[4], sums.shape[0])
         resistance = mean_resistance(a, c, gas, film)
-        found = find_films(state, a, c, sums, film, films)
         project(a, sums, load)
         if axes.errs != 0:
             indicate(state)
         if link is not None:
+            find_films(state, a, c, sums, film, films)
             next_event = move_full(
                 state, a, c, axes, link, p, t, load, films, film, resistance, open_scale, burn_scale,
                 delay, delay + burn, period_ns, at, kick_x, kick_y, events, next_event,
             )
             state[0].time_ns += period_ns
         else:
+            narrow = is_narrow(a, c, sums)
+            if narrow:
+                find_films(state, a, c, sums, film, films)
             # first span: the voltage is on and pulls the wire; its mean square over delay and discharge counts
             k_end = _grid_steps((delay + burn) * per_grid, k_period)
             pulled = (open_scale * delay + burn_scale * burn) / max(delay + burn, t.grid_us)
             # alternate sweeps over the slices, so that neither end of the wire is favoured
             upward = state[0].pulses % 2 == 0
-            _move_wire(a, c, t, p, load, held, k_end, pulled, film, resistance, found > 0, upward, films)
+            _move_wire(a, c, t, p, load, held, k_end, pulled, film, resistance, narrow, upward, films)
             # the push of the bubble comes at the end of the discharge
             if impulse != 0.0:
                 kick(a, at, kick_x, kick_y)
             # second span, without a pull: in parts where a film is narrow, since it changes with the motion
-            spans, k_before = c.film_spans if found > 0 else 1, k_end
+            spans, k_before = c.film_spans if narrow else 1, k_end
             for n_span in range(1, spans + 1):
                 k_now = k_end + (k_period - k_end) * n_span // spans
                 upward = not upward
-                _move_wire(a, c, t, p, load, held, k_now - k_before, 0.0, film, resistance, found > 0, upward, films)
+                _move_wire(a, c, t, p, load, held, k_now - k_before, 0.0, film, resistance, narrow, upward, films)
                 k_before = k_now
             ring(a, p, k_period)
             state[0].time_ns += period_ns
@@ -348,7 +351,6 @@ def fire_window(
         if energy > 0.0:
             k_quiet = _grid_steps(quiet * per_grid, k_period)
             blow(a, c, gas, s, draw(state), energy, k_quiet, removed)
-        sum_up(a)
         # a short leaves no channel, and the last one's ions go on leaving
         state[0].since_discharge_us = state[0].since_discharge_us + period_us if energy == 0.0 else quiet
         state[0].pulses += 1

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import cube_root
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.vectors import COORDINATES, highest, load, spread, store, total
 from edmsim.plant.gap.breakdown import PULL_GAP_FLOOR_UM
 from edmsim.plant.gap.coverage import GasLaw
@@ -84,7 +84,7 @@ def film_sum(rays: Rays, s: int, sx: np.float32, sy: np.float32, nx: np.float32,
     return float(total(film))
 
 
-@compiled
+@compiled_apart
 def scale_film(state: NDArray[np.void], a: Arrays, c: Constants, position: Array, sums: Array) -> None:
     """Find the films' resistance over the pull, which they keep until the rays are traced again.
 
@@ -171,6 +171,16 @@ def suction_limited(a: Arrays, c: Constants, s: int, force: float) -> float:
 
 
 @compiled
+def is_narrow(a: Arrays, c: Constants, sums: Array) -> bool:
+    """Whether a slice's gap is so narrow that `find_films` finds a film there."""
+    most = -1.0
+    for s in range(sums.shape[0]):  # no way out before the end: it takes no longer than a branch for each
+        least = c.film_pull_um2 * a.metal[s]
+        most = max(most, sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3] - least * least)
+    return most >= 0.0
+
+
+@compiled_apart
 def find_films(state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, mean: float, films: Array) -> int:
     """Write every slice's film into `films` (slices, 6), and return how many there are.
 
@@ -182,7 +192,8 @@ def find_films(state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, me
     for s in range(sums.shape[0]):
         pull2 = sums[s, 2] * sums[s, 2] + sums[s, 3] * sums[s, 3]
         films[s, 2] = films[s, 3] = films[s, 4] = films[s, 5] = 0.0
-        if pull2 >= c.film_pull_um2 * c.film_pull_um2 * (a.metal[s] * a.metal[s]):
+        least = c.film_pull_um2 * a.metal[s]
+        if pull2 >= least * least:
             pull = math.sqrt(pull2)
             per_pull = 1.0 / pull
             films[s, 0], films[s, 1], films[s, 4] = sums[s, 2] * per_pull, sums[s, 3] * per_pull, pull
@@ -231,7 +242,7 @@ def _brake(
     films[s, 5] += travel + yielding * force
 
 
-@compiled
+@compiled_apart
 def squeeze(
     a: Arrays, c: Constants, p: Propagators, held: Array, k: int, span_us: float, scale: float, mean: float,
     slow: float, upward: bool, films: Array,

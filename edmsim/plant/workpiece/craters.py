@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import cube_root
-from edmsim.compiled.jit import compiled
+from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.plant.gap.ray_trace import BARE_UM, gap_of, place_of, ray_at
 from edmsim.plant.gap.rays import turned
 from edmsim.plant.kernel.state import Array, Arrays, Constants
@@ -31,8 +31,14 @@ def crater_diameter(volume: float, c: Constants) -> float:
 
 @compiled
 def _covered(middle: float, reach: float, aside: int) -> float:
-    """Share of the ray `aside` places away that a crater covers, all lengths in ray spacings."""
-    return max(0.0, min(middle + reach, aside + 0.5) - max(middle - reach, aside - 0.5))
+    """Share of a crater over its mean depth on the ray `aside` places away, all lengths in ray spacings.
+
+    A half ellipsoid, averaged over the height of its slice, is ``1.5 (1 - (x / reach)^2)`` of its mean depth.
+    """
+    low, high = max(-reach, aside - 0.5 - middle), min(reach, aside + 0.5 - middle)
+    if high <= low:
+        return 0.0
+    return 1.5 * (high - low - (high * high * high - low * low * low) / (3.0 * reach * reach))
 
 
 @compiled
@@ -48,7 +54,7 @@ def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, rea
     return covered
 
 
-@compiled
+@compiled_apart
 def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, volume: float, jitter: float) -> bool:
     """Lay a crater of `volume` um3 at the ray at a place on the rays in its width, which recede by its mean depth.
 

@@ -1,5 +1,7 @@
 """Speed of trainings: environment, network and update, compared with HalfCheetah-v5 for one learner (extra ``rl``).
 
+python docs/make/training_speed.py    # prints the table of docs/performance.md
+
 The learner is PPO of stable-baselines3 with the settings in docs/training.md. That library steps ours all in one
 compiled call, and HalfCheetah-v5 one after another in one process.
 """
@@ -7,23 +9,16 @@ compiled call, and HalfCheetah-v5 one after another in one process.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper, VecNormalize
 
 from edmsim.bench.envs import warnings_unseen
-from edmsim.errors import InputError
-from edmsim.screen import ScreenTable
-
-try:
-    import torch
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper, VecNormalize
-
-    from edmsim.envs.sb3 import make_sb3_vec_env
-except ImportError as error:
-    raise InputError(f"the speed of trainings needs {error.name}: pip install 'edmsim[rl]'") from error
+from edmsim.envs.sb3 import make_sb3_vec_env
 
 ENV_ID, OTHER = "edmsim/GapFeed-v2", "HalfCheetah-v5"
 COUNTS = (64, 256)
@@ -34,8 +29,7 @@ SPELLS = 3
 """Rollouts with their updates that are timed; the fastest counts, as others use the machine too."""
 
 
-# untyped where the extra is missing
-class _Timed(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
+class _Timed(VecEnvWrapper):
     """Sub-environments that sum up the time of their steps."""
 
     spent_s = 0.0
@@ -50,20 +44,12 @@ class _Timed(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         return found
 
 
-def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dict[str, float]:
-    """Return steps per second of trainings (wall-clock time), and the environments' share of that time.
-
-    Raises
-    ------
-    InputError
-        If ``gymnasium[mujoco]`` is not installed.
-    """
+def measure(counts: Sequence[int] = COUNTS) -> dict[str, float]:
+    """Return steps per second of trainings (wall-clock time), and the environments' share of that time."""
     found: dict[str, float] = {}
     for count in counts:
-        watch(f"first rollouts of {count} environments")
         both = {"training": _Training(_ours(count)), "half_cheetah_training": _Training(_half_cheetahs(count))}
-        for spell in range(SPELLS):
-            watch(f"{count} environments, {spell + 1} of {SPELLS}")
+        for _ in range(SPELLS):
             for training in both.values():  # by turns: neither always has the warmer machine
                 training.spell()
         for name, training in both.items():
@@ -73,26 +59,13 @@ def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dic
     return found
 
 
-def render(found: Mapping[str, float]) -> ScreenTable:
-    """Return the figures as a table."""
-    table = ScreenTable("figure", numbers=("value",), title="edmsim bench --training")
-    for name, value in found.items():
-        table.add_row(name, f"{value:,.0f}" if value > 1 else f"{value:.2f}")
-    return table
-
-
 def _ours(count: int) -> Any:
     return make_sb3_vec_env(ENV_ID, num_envs=count, seed=0, machine_episodes=4)
 
 
 def _half_cheetahs(count: int) -> Any:
-    try:
-        with warnings_unseen():
-            return DummyVecEnv([lambda: gym.make(OTHER)] * count)
-    except (ImportError, gym.error.DependencyNotInstalled) as error:
-        raise InputError(
-            f'{OTHER}, which trainings are compared with, is missing: pip install "gymnasium[mujoco]"'
-        ) from error
+    with warnings_unseen():
+        return DummyVecEnv([lambda: gym.make(OTHER)] * count)
 
 
 class _Training:
@@ -114,3 +87,13 @@ class _Training:
         took = time.perf_counter() - start_s
         if self._steps / took > self.steps_per_s:
             self.steps_per_s, self.env_share = self._steps / took, self.vec_env.spent_s / took
+
+
+def main() -> None:
+    """Measure, and print the figures."""
+    for name, value in measure().items():
+        print(f"{name} {value:,.0f}" if value > 1 else f"{name} {value:.2f}")
+
+
+if __name__ == "__main__":
+    main()

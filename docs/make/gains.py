@@ -1,0 +1,65 @@
+"""Gains of `models/gains`, by differential evolution (Storn and Price 1997) on training seeds.
+
+python docs/make/gains.py voltage --trials 16    # prints the gains; out/gains/voltage.jsonl holds the trials
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, differential_evolution
+from scipy.stats import qmc
+
+from edmsim import __version__
+from edmsim.controllers import make
+from edmsim.runs import RunTable
+from edmsim.sweep import tune
+
+POPULATION = 8
+"""Gains in a generation (ours: five of them take some three minutes a controller on two cores)."""
+FOLDER = Path("out/gains")
+
+
+def search(name: str, trials: int = 40, seed: int = 0, seeds: int = tune.SEEDS) -> tuple[dict[str, float], float]:
+    """Return the best gains and their score; finished trials are saved, and the same search resumes."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    judged_by = tuple(tune.training_seeds(seed, seeds))
+    tried = RunTable(FOLDER / f"{name}.jsonl", {"name": name, "seed": seed, "seeds": judged_by})
+
+    def objective(values: NDArray[np.float64]) -> float:
+        gains = {gain: float(f"{value:.3g}") for gain, value in zip(tune.BOUNDS[name], values, strict=True)}
+        key = " ".join(f"{value!r}" for value in gains.values())
+        if key not in tried.rows:
+            cuts = tune.run_all(judged_by, partial(make, name, **gains))
+            tried.add({"id": key, "gains": gains, "value": tune.score(cuts)})
+        return -float(tried.rows[key]["value"])
+
+    low, high = np.array(list(tune.BOUNDS[name].values())).T
+    first = qmc.scale(qmc.Sobol(len(low), rng=np.random.default_rng(seed)).random(POPULATION), low, high)
+    differential_evolution(
+        objective, Bounds(low, high), init=first, maxiter=max(-(-trials // POPULATION) - 1, 0), tol=0.0, polish=False,
+        rng=np.random.default_rng(seed),
+    )
+    best = max(tried.rows.values(), key=lambda row: row["value"])
+    return best["gains"], best["value"]
+
+
+def main() -> None:
+    """Search, and print the file of the gains."""
+    parser = argparse.ArgumentParser(description="Search gains by differential evolution.")
+    parser.add_argument("name", choices=tune.BOUNDS)
+    parser.add_argument("--trials", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    gains, value = search(options.name, options.trials, options.seed)
+    print(f"# Found by: python docs/make/gains.py {options.name} --trials {options.trials} --seed {options.seed}")
+    print(f"# {value:.4g} on training seeds, of edmsim {__version__}", "", "[gains]", sep="\n")
+    print(*(f"{gain} = {number!r}" for gain, number in gains.items()), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
