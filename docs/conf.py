@@ -10,6 +10,7 @@ import inspect
 import re
 import subprocess
 import sys
+from dataclasses import is_dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -204,6 +205,28 @@ def show_fields(_: Sphinx, __: str, name: str, subject: object, ___: object, lin
             lines += ["", f"*{found[1][:1].upper()}{found[1][1:]}*"]
 
 
+def list_fields(_: Sphinx, __: str, ___: str, subject: object, ____: object, lines: list[str]) -> None:
+    """List a record's fields as attributes, with the comments behind or above them, if it has any."""
+    is_record = isinstance(subject, type) and (is_dataclass(subject) or hasattr(subject, "_fields"))
+    if not (is_record or (isinstance(subject, type) and issubclass(subject, BaseModel))) or "Attributes" in lines:
+        return
+    listed, above, has_comments = [], [], False
+    for line in inspect.getsource(subject).partition('"""\n')[2].splitlines():
+        if comment := re.match(r" {4}# (.*)", line):
+            above.append(comment[1])
+        elif field := re.match(r" {4}(\w+): (.*?)(?: = .*?)?(?:  # (.*))?$", line):
+            kind = re.sub(r"^Annotated\[(.*), \w+(?:\(.*\))?\]$", r"\1", field[2])
+            meaning = " ".join([*above, field[3] or ""]).strip()
+            if not kind.startswith("ClassVar"):
+                listed += [f"{field[1]} : {kind}", *([f"    {meaning[:1].upper()}{meaning[1:]}."] if meaning else [])]
+                has_comments |= bool(meaning)
+            above = []
+        elif re.match(r" {4}(def|@)", line):
+            break
+    if has_comments:
+        lines += ["", "Attributes", "----------", *listed, ""]
+
+
 def known_name(
     app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: TextElement
 ) -> Element | None:
@@ -258,6 +281,7 @@ def setup(app: Sphinx) -> None:
     app.connect("autodoc-process-signature", sign)
     app.connect("autodoc-process-docstring", keep_colons, priority=400)  # napoleon's own is 500
     app.connect("autodoc-process-docstring", show_colons, priority=600)
+    app.connect("autodoc-process-docstring", list_fields, priority=400)
     app.connect("autodoc-process-docstring", show_fields, priority=700)
     app.connect("missing-reference", known_name)
     app.connect("html-page-context", keep_options)

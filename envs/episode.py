@@ -29,43 +29,19 @@ _ONLY = np.zeros(1, np.int64)
 
 
 class StepResult(NamedTuple):
-    """Result of a window.
+    """Result of a window."""
 
-    Attributes
-    ----------
-    seen : WindowObservation
-        Observation for the controller.
-    truth : PulseWindow
-        True state of the gap, beyond what a real machine measures.
-    progress_um : float
-        Length of path cut in the window (see `path_follower.SUB_ENV`).
-    area_mm2 : float
-        This length times the local height.
-    error_um : float
-        Distance of the wire's true position from the path.
-    near : bool
-        Whether the error counts: with ``near_corner_um`` only near corners.
-    cause : StopCause
-        Reason for the episode's end; `StopCause.RUNNING` if it has not ended.
-    refused : str or None
-        Reason why the generator refused the setting.
-    reward, cost : float
-        The environment's reward and cost for the window.
-    late : bool
-        Whether the episode's time is over.
-    """
-
-    observation: WindowObservation
-    truth: PulseWindow
-    progress_um: float
-    area_mm2: float
-    error_um: float
-    near: bool
-    cause: StopCause
-    refused: str | None
-    reward: float
+    observation: WindowObservation  # observation for the controller
+    truth: PulseWindow  # true state of the gap, beyond what a real machine measures
+    progress_um: float  # length of path cut in the window (see `path_follower.SUB_ENV`)
+    area_mm2: float  # this length times the local height
+    error_um: float  # distance of the wire's true position from the path
+    near: bool  # whether the error counts: with ``near_corner_um`` only near corners
+    cause: StopCause  # reason for the episode's end; `StopCause.RUNNING` if it has not ended
+    refused: str | None  # reason why the generator refused the setting
+    reward: float  # reward, cost: the environment's reward and cost for the window
     cost: float
-    late: bool
+    late: bool  # whether the episode's time is over
 
     @property
     def done(self) -> bool:

@@ -26,22 +26,15 @@ from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """Errors of the analogue measurements of a window; the counts of pulses are digital and exact.
+    """Errors of the analogue measurements of a window; the counts of pulses are digital and exact."""
 
-    Attributes
-    ----------
-    noise_share : float
-        Standard deviation of mean voltage, current and ignition delay, as a share of each one's divisor in the
-        observation (ours: a moving-coil meter or an early converter has about 1 %).
-    bits : int
-        Resolution of the converters, 1 to 16; full scale is the same divisor. 8 is the word of the 1982 machine, 0 is
-        without steps.
-    delay_steps : int
-        Age of observations in steps (0 by default: the 1982 analyser passes on its counts at the window's end).
-    """
-
+    # standard deviation of mean voltage, current and ignition delay, as a share of each one's divisor in the
+    # observation (ours: a moving-coil meter or an early converter has about 1 %)
     noise_share: float = 0.01
+    # resolution of the converters, 1 to 16; full scale is the same divisor. 8 is the word of the 1982 machine, 0 is
+    # without steps.
     bits: int = 8
+    # age of observations in steps (0 by default: the 1982 analyser passes on its counts at the window's end)
     delay_steps: int = 0
 
     def __post_init__(self) -> None:

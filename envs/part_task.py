@@ -64,27 +64,13 @@ MOST_OCTAVES = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class PartWeights(WeightsOfTerms):
-    """Weights of the terms of Part's reward, 0 or more; all are costs. The values are ours.
+    """Weights of the terms of Part's reward, 0 or more; all are costs. The values are ours."""
 
-    Attributes
-    ----------
-    time : float
-        Cost of a minute of cutting.
-    error : float
-        Cost per um of the finished part's error, root mean square over its contour and height.
-    roughness : float
-        Cost per um of Ra of its face.
-    wire_break : float
-        Cost of a minute of threading.
-    limit : float
-        Cost of an unfinished part: its last wire broke, or a limit ended it.
-    """
-
-    time: float = 1.0
-    error: float = 1.0
-    roughness: float = 5.0
-    wire_break: float = 1.0
-    limit: float = 50.0
+    time: float = 1.0  # cost of a minute of cutting
+    error: float = 1.0  # cost per um of the finished part's error, root mean square over its contour and height
+    roughness: float = 5.0  # cost per um of Ra of its face
+    wire_break: float = 1.0  # cost of a minute of threading
+    limit: float = 50.0  # cost of an unfinished part: its last wire broke, or a limit ended it
 
 
 @shows_arguments

@@ -32,42 +32,27 @@ class WeightsOfTerms:
 
 @dataclass(frozen=True, kw_only=True)
 class Weights(WeightsOfTerms):
-    """Weights of the reward's terms, 0 or more. The reward is gains minus costs.
+    """Weights of the reward's terms, 0 or more. The reward is gains minus costs."""
 
-    Attributes
-    ----------
-    progress : float
-        Gain per reference area (`REFERENCE_MM2`) cut. The cut length follows the wire by the share of pulses that
-        ignite (see `path_follower.SUB_ENV`): pushing against metal gains nothing, nor does moving back and forth.
-    short : float
-        Cost of a reference window (`REFERENCE_S`) full of shorts; in proportion for a smaller share. It is per
-        machine time, independent of the pulse period.
-    open : float
-        The same for open pulses.
-    profile : float
-        Cost per reference area cut with the wire `ERROR_UM` from the path, independent of the time it takes.
-    roughness : float
-        Cost per reference area cut with discharges of twice the energy bound (`Family.energy_bound_mJ`), in
-        proportion to the excess over the bound.
-    time : float
-        Cost per reference window (`REFERENCE_S`) of machine time.
-    wire_break, limit : float
-        Cost of a broken wire, and of an episode's end by a limit: the area that the machine cuts at the reference
-        rate (`REFERENCE_MM2_MIN`) in the time of threading. Use 1 for machines that cut at that rate, 2 for twice the
-        rate.
-    done : float
-        Gain for reaching the path's end.
-    """
-
+    # gain per reference area (`REFERENCE_MM2`) cut. The cut length follows the wire by the share of pulses that
+    # ignite (see `path_follower.SUB_ENV`): pushing against metal gains nothing, nor does moving back and forth.
     progress: float = 1.0
+    # cost of a reference window (`REFERENCE_S`) full of shorts; in proportion for a smaller share. It is per machine
+    # time, independent of the pulse period.
     short: float = 0.5
-    open: float = 0.1
+    open: float = 0.1  # the same for open pulses
+    # cost per reference area cut with the wire `ERROR_UM` from the path, independent of the time it takes
     profile: float = 0.0
+    # cost per reference area cut with discharges of twice the energy bound (`Family.energy_bound_mJ`), in proportion
+    # to the excess over the bound
     roughness: float = 0.0
-    time: float = 0.0
+    time: float = 0.0  # cost per reference window (`REFERENCE_S`) of machine time
+    # wire_break, limit: cost of a broken wire, and of an episode's end by a limit: the area that the machine cuts at
+    # the reference rate (`REFERENCE_MM2_MIN`) in the time of threading. Use 1 for machines that cut at that rate, 2
+    # for twice the rate.
     wire_break: float = 1.0
     limit: float = 1.0
-    done: float = 0.0
+    done: float = 0.0  # gain for reaching the path's end
 
 
 TERMS = tuple(f.name for f in fields(Weights))  # names of the reward's terms, in order: those of their weights

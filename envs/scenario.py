@@ -43,36 +43,19 @@ class Drift(NamedTuple):
 
 
 class Scenario(NamedTuple):
-    """Initial state of an episode.
-
-    Attributes
-    ----------
-    machine : Machine
-    stock : Stock
-    legs_um : tuple of float64 arrays (k, 2)
-        The wire's path, leg by leg; a wire is threaded between two legs.
-    heights : (float64 array (m,), float64 array (m,))
-        Path lengths in um at which the height changes, the first 0, and the heights from there on in mm.
-    plant_seed : int
-    drawn : dict
-        The drawn values by name, for `info`.
-    contours : tuple of WireContour
-        The edges of the part program, one for every leg; empty without a program.
-    wall : WallLine or None
-        The wall to be finished by the only leg, along +x.
-    drift : Drift or None
-        Changes of the machine during the episode.
-    """
+    """Initial state of an episode."""
 
     machine: Machine
     stock: Stock
-    legs_um: tuple[Floats, ...]
+    legs_um: tuple[Floats, ...]  # (k, 2): the wire's path, leg by leg; a wire is threaded between two legs
+    # (m,): path lengths in um at which the height changes, the first 0, and the heights from there on in mm
     heights: tuple[Floats, Floats]
     plant_seed: int
-    drawn: dict[str, float | str]
+    drawn: dict[str, float | str]  # the drawn values by name, for `info`
+    # the edges of the part program, one for every leg; empty without a program
     contours: tuple[WireContour, ...] = ()
-    wall: WallLine | None = None
-    drift: Drift | None = None
+    wall: WallLine | None = None  # the wall to be finished by the only leg, along +x
+    drift: Drift | None = None  # changes of the machine during the episode
 
 
 def even_height(machine: Machine) -> tuple[Floats, Floats]:

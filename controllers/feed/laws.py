@@ -19,7 +19,7 @@ PRODUCTION = {
 HEAT = {**PRODUCTION, "period_us": 90.0}
 FINDING = {
     **HEAT, "proportional_share": 0.6, "integral_per_s": 4.0, "shortest_us": 18.0, "recovery_s": 0.5,
-    "retract_feed_um_s": 80.0,
+    "refill_s": 5.0, "retract_feed_um_s": 80.0,
 }  # fmt: skip
 """Defaults of laws that search for the heat flux at which wires break: down to the supply's shortest period."""
 

@@ -35,6 +35,8 @@ COUNT_S = 0.1  # time over which normal pulses are counted: 100 ms (Sato et al.)
 STEP_SHARE = 0.1  # largest change of the period per count (ours: off-times change smoothly, not from pulse to pulse)
 STEP_US = 5  # the shortest period is rounded up to whole multiples of this (ours: knobs have steps)
 MOST_ERROR = 1.0  # no larger deviation from what is held counts (ours: one window of few sparks tells little)
+USUAL_S = 20.0  # time constant of the usual share of opens (ours: many retracts, a tenth of a workpiece)
+WIDER = 0.1  # share of opens above the usual one from which a gap counts as wider (ours: of one window, 0.03)
 _BOILING_K = 373.15
 _Setting = tuple[float | None, float | None]
 
@@ -191,6 +193,9 @@ class HoldHeat(RisingPeriod):
     recovery_s : float
         If above 0, shorts do not shorten the period (the discharges that clear a short could break the wire at the
         shortest period), and the period stays longer for this time after a retract, as for `rise_s` with a new wire.
+    refill_s : float
+        Time after a retract, and of a new wire, in which the period is not shortened while more pulses than usual are
+        open: it would be too short when the gap has closed again.
     """
 
     hold_share: float = 0.6
@@ -200,9 +205,12 @@ class HoldHeat(RisingPeriod):
     shortest_us: float = 25.0
     longest_us: float = 150.0
     recovery_s: float = 0.0
+    refill_s: float = 0.0
 
     log_us: float = field(default=0.0, init=False)  # the period's regulated part
     hold: float = field(default=0.0, init=False)
+    usual_open: float = field(default=0.0, init=False)  # slow mean of the share of opens
+    refilling_s: float = field(default=0.0, init=False)  # time left in which an open gap does not shorten the period
 
     def begin(self) -> None:
         """Begin a leg."""
@@ -214,6 +222,7 @@ class HoldHeat(RisingPeriod):
         super().fresh_wire()
         self.log_us = min(self.log_us + math.log(max(self.slow_factor, 1.0)), self._longest)
         self.hold *= self.break_hold_share
+        self.refilling_s = self.refill_s
 
     @property
     def _longest(self) -> float:
@@ -226,9 +235,19 @@ class HoldHeat(RisingPeriod):
             error = max(error, 0.0)
         if self.recovery_s and law.servo.retracting:
             self.cutting_s = min(self.cutting_s, max(self.rise_s - self.recovery_s, 0.0))
+            self.refilling_s = self.refill_s
+        if self._refills(window):  # the period would be the shortest when the gap has closed again
+            error = max(error, 0.0)
         grown = self.log_us + self.integral_per_s * error * window.duration_s
         self.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
         return max(math.exp(self.log_us + self.proportional_share * error), self.shortest_us)
+
+    def _refills(self, window: WindowObservation) -> bool:
+        """Return whether the gap is still wider than usual after a retract or a break."""
+        share = window.open / WINDOW_PULSES
+        self.usual_open += -math.expm1(-window.duration_s / USUAL_S) * (share - self.usual_open)
+        self.refilling_s = max(self.refilling_s - window.duration_s, 0.0)
+        return self.refilling_s > 0.0 and share > self.usual_open + WIDER
 
 
 @dataclass

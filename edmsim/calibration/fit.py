@@ -34,26 +34,10 @@ def start_of(log: Log) -> CutSettings:
 
 
 def settings_for(log: Log, **options: Any) -> tuple[CutSettings, list[str]]:
-    """Return the settings for comparing a log with the model, and notices for the user.
+    """Return the settings for comparing a log with the model, with overrides, and notices for the user.
 
-    Parameters
-    ----------
-    log : Log
-    **options
-        Options of a cut; they override the log's.
-
-    Returns
-    -------
-    CutSettings
-        The workpiece has one height, by default the greatest of the cut.
-    list of str
-        A line for every option that differs from the log's, one if the workpiece's height changed in the cut, and
-        one for the log's constants that are not used because you name another machine, material or wire.
-
-    Raises
-    ------
-    InputError
-        If an option is invalid.
+    The workpiece has one height, by default the greatest of the cut. A notice names every option that differs from
+    the log's, and the log's constants that are not used because of another machine, material or wire.
     """
     start = start_of(log)
     notices = []
@@ -138,36 +122,19 @@ class FittedConstant(NamedTuple):
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of a calibration.
+    """Result of a calibration."""
 
-    Attributes
-    ----------
-    machine : Machine
-        Machine with the fitted constants; their source texts are unchanged.
-    constants : tuple of FittedConstant
-    undetermined : dict of str to str
-        Constants that the log does not determine, with the reason; their values are unchanged.
-    correlation : float64 array (p, p)
-        Correlation of the fitted constants' errors.
-    misfit : float
-        Squared residuals in units of their noise, per degree of freedom: about 1 if the model reproduces the log.
-        If it is above 1, its square root widens the intervals.
-    stretches : list of Stretch
-        Compared stretches of the log.
-    simulated : float64 array (stretches, 5)
-        `log.STATISTICS` of the fitted model.
-    noise : float64 array (stretches, 5)
-        Standard deviation of simulated less logged statistics by chance.
-    """
-
-    machine: Machine
+    machine: Machine  # machine with the fitted constants; their source texts are unchanged
     constants: tuple[FittedConstant, ...]
+    # constants that the log does not determine, with the reason; their values are unchanged
     undetermined: dict[str, str]
-    correlation: Array
+    correlation: Array  # (p, p): correlation of the fitted constants' errors
+    # squared residuals in units of their noise, per degree of freedom: about 1 if the model reproduces the log. If it
+    # is above 1, its square root widens the intervals.
     misfit: float
-    stretches: list[Stretch]
-    simulated: Array
-    noise: Array
+    stretches: list[Stretch]  # compared stretches of the log
+    simulated: Array  # (stretches, 5): `log.STATISTICS` of the fitted model
+    noise: Array  # (stretches, 5): standard deviation of simulated less logged statistics by chance
 
 
 def calibrate(

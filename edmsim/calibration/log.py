@@ -186,13 +186,7 @@ _MOST = 1e6  # no figure of a log is as large (ours): times of a second, feeds o
 
 
 def read(file: Path) -> dict[str, Array] | None:
-    """Return the windows of a log of ratios; None for a file without their columns.
-
-    Raises
-    ------
-    InputError
-        As `windows_of`, or the file cannot be read.
-    """
+    """Return the windows of a log of ratios; None for a file without their columns."""
     mark = "short_ratio"
     try:
         table = read_table(file, (mark,), [name for name in (*NEEDED, *MEANS) if name != mark])
@@ -297,21 +291,12 @@ _SIGNED = ("feed_um_s", "mean_voltage_V", "mean_current_A", *PLACES)  # columns 
 
 @dataclass(frozen=True)
 class Log:
-    """A machine's log, window by window.
+    """A machine's log, window by window."""
 
-    Attributes
-    ----------
-    name : str
-        Name of its file.
-    columns : mapping of str to float64 array (n,)
-        `COLUMNS`, and `PLACES` if the file has both; ``mean_delay_us`` is NaN if no pulse ignited.
-    settings : CutSettings or None
-        Settings of a simulated cut; None if the file has none.
-    """
-
-    name: str
+    name: str  # name of its file
+    # (n,): `COLUMNS`, and `PLACES` if the file has both; ``mean_delay_us`` is NaN if no pulse ignited
     columns: Mapping[str, Array]
-    settings: CutSettings | None = None
+    settings: CutSettings | None = None  # settings of a simulated cut; None if the file has none
 
     def __len__(self) -> int:
         """Return the number of windows."""

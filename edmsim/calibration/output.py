@@ -42,13 +42,7 @@ def files_of(fit: Fit, out: Path, extra_files: Iterable[str] = ()) -> dict[str, 
 
 
 def write(fit: Fit, log_name: str, out: Path, extra_files: Iterable[str] = ()) -> dict[str, Path]:
-    """Write the fitted set-up as new files; each is replaced atomically.
-
-    Returns
-    -------
-    dict of str to Path
-        As `files_of`.
-    """
+    """Write the fitted set-up as new files, each replaced atomically; returns them as `files_of`."""
     machine = _with_sources(fit, log_name)
     files = files_of(fit, out, extra_files)
     models: dict[str, BaseModel] = {"machine": machine.base, "material": machine.material, "wire": _wire(machine)}
@@ -109,14 +103,7 @@ def check_writable(out: Path) -> None:
 
 
 def render(fit: Fit, resolution: str) -> RenderableType:
-    """Return the fit for the terminal: constants, undetermined ones, correlations, log and model.
-
-    Parameters
-    ----------
-    fit : Fit
-    resolution : str
-        Resolution of the simulation.
-    """
+    """Return the fit for the terminal: constants, undetermined ones, correlations, log and model."""
     from rich.console import Group
     from rich.text import Text
 

@@ -17,7 +17,7 @@ from edmsim.errors import InputError
 def train(
     env_id: Environment,
     out: Annotated[Path, typer.Option(help="Folder for policy, checkpoint and tensorboard logs.")],
-    algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac, tqc or imitation.")] = "ppo",
+    algo: Annotated[str, typer.Option(help="ppo, recurrent-ppo, ppo-lag, sac, tqc, imitation or bandit.")] = "ppo",
     steps: Annotated[int | None, typer.Option(help="Total number of steps; default by environment.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Resume from the folder's checkpoint.")] = False,
     score: Annotated[
@@ -51,15 +51,15 @@ def train(
     ] = None,
     **options: Any,
 ) -> None:
-    """Train a policy (extra rl)."""
+    """Train a policy (extra rl, but for the bandit)."""
     from edmsim.envs.registry import resolve
     from edmsim.evaluation.episode import is_part
     from edmsim.learning.command import TrainOptions, run
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
     with interruptible("run the same command with --resume to continue"):
-        table = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
-    if table is not None:
+        tables = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
+    for table in tables:
         OUT.print(table)
     policy = f"policy:{out / 'policy.json'}"
     use = f"Cut with it: edmsim cut PROGRAM --controller {policy} --out DIR"

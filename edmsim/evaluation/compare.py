@@ -50,24 +50,13 @@ FIGURES = {
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of controllers in one environment.
-
-    Attributes
-    ----------
-    env_id, resolution : str
-    seeds : tuple of int
-        Held-back seeds; every controller makes one cut per seed.
-    results : dict
-        Cuts of each controller, in the order of `seeds`.
-    figures : dict
-        Figures of each controller, by the names in `FIGURES`.
-    """
+    """Comparison of controllers in one environment."""
 
     env_id: str
     resolution: str
-    seeds: tuple[int, ...]
-    results: dict[str, list[Result]]
-    figures: dict[str, dict[str, Figure]]
+    seeds: tuple[int, ...]  # held-back seeds; every controller makes one cut per seed
+    results: dict[str, list[Result]]  # cuts of each controller, in the order of `seeds`
+    figures: dict[str, dict[str, Figure]]  # figures of each controller, by the names in `FIGURES`
 
     @classmethod
     def of(cls, env_id: str, resolution: str, seeds: tuple[int, ...], results: dict[str, list[Result]]) -> Comparison:

@@ -52,54 +52,30 @@ ORACLE = "oracle"  # the reference of a task, whose return is a score of 1: see 
 
 
 class Result(NamedTuple):
-    """Result of an episode.
-
-    Attributes
-    ----------
-    seed : int
-    controller : str
-        Name from the call.
-    outcome : str
-    time_s, length_mm, area_mm2 : float
-        Machine time; length of the path cut, and the area cut (length times local height).
-    rate_mm2_min : float
-        Area over time; every broken wire adds the machine's threading time.
-    total_return : float
-        Sum of the environment's rewards; giving up costs as much as the limit it avoids.
-    wires_lost : int
-        Number of wire breaks.
-    cost : float
-        Sum of the environment's costs.
-    short_share, open_share : float
-        Shares of all pulses.
-    error_um : float
-        Root mean square distance of the wire from the path, over the length that counts
-        (`Family.near_corner_um`); NaN if nothing was cut, and for straight cuts.
-    edge_error_um : float
-        Root mean square distance of the cut edge from the contour; NaN without a contour, or if the cut did not
-        reach it.
-    hottest_K : float
-        Highest wire temperature.
-    ra_um : float
-        Roughness of the face; NaN except for finished parts (`cut_part`).
-    """
+    """Result of an episode."""
 
     seed: int
-    controller: str
+    controller: str  # name from the call
     outcome: str
+    # time_s, length_mm, area_mm2: machine time; length of the path cut, and the area cut (length times local height)
     time_s: Annotated[float, TIME]
     length_mm: Annotated[float, LENGTH]
     area_mm2: float
-    rate_mm2_min: Annotated[float, RATE]
+    rate_mm2_min: Annotated[float, RATE]  # area over time; every broken wire adds the machine's threading time
+    # sum of the environment's rewards; giving up costs as much as the limit it avoids
     total_return: Annotated[float, FigureKind("", "return", column="total_return")]
-    wires_lost: int
-    cost: Annotated[float, FigureKind("", "cost", 2)]
-    short_share: Annotated[float, SHORTS]
+    wires_lost: int  # number of wire breaks
+    cost: Annotated[float, FigureKind("", "cost", 2)]  # sum of the environment's costs
+    short_share: Annotated[float, SHORTS]  # short_share, open_share: shares of all pulses
     open_share: Annotated[float, OPENS]
+    # root mean square distance of the wire from the path, over the length that counts (`Family.near_corner_um`); NaN
+    # if nothing was cut, and for straight cuts
     error_um: Annotated[float, FigureKind("µm", "path error rms", column="path_error_um")]
+    # root mean square distance of the cut edge from the contour; NaN without a contour, or if the cut did not reach
+    # it
     edge_error_um: Annotated[float, FigureKind("µm", "edge error rms", column="error_rms_um")]
-    hottest_K: Annotated[float, HOTTEST]
-    ra_um: Annotated[float, RA] = math.nan
+    hottest_K: Annotated[float, HOTTEST]  # highest wire temperature
+    ra_um: Annotated[float, RA] = math.nan  # roughness of the face; NaN except for finished parts (`cut_part`)
 
     @property
     def broke(self) -> bool:

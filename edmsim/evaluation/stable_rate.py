@@ -30,50 +30,28 @@ Cause = Literal["break", "jam", "generator"]
 
 
 class StablePeriod(NamedTuple):
-    """A step of the search in which the wire neither broke nor jammed.
+    """A step of the search in which the wire neither broke nor jammed."""
 
-    Attributes
-    ----------
-    t_period_us : float
-        Pulse period; the on-time is constant.
-    feed_um_s, rate_mm2_min : float
-        Mean feed, and feed times height.
-    current_A, power_W : float
-        Mean current and power of sparks and arcs, without short-circuit pulses.
-    windows : int
-        Number of windows.
-    """
-
-    t_period_us: float
+    t_period_us: float  # the on-time is constant
     feed_um_s: float
-    rate_mm2_min: float
-    current_A: float
+    rate_mm2_min: float  # mean feed times height
+    current_A: float  # mean of sparks and arcs, without short-circuit pulses, as the power
     power_W: float
     windows: int
 
 
 class StableRate(NamedTuple):
-    """The highest stable cutting rate of a set-up.
+    """The highest stable cutting rate of a set-up."""
 
-    Attributes
-    ----------
-    rate_mm2_min, feed_um_s, current_A, power_W : float
-        Means over the seeds at that step (see `StablePeriod`); 0 if the first step already failed.
-    machine : Machine
-        The set-up with the period of that step.
-    limited_by : {"break", "jam", "generator"}
-        Cause that ended the search for the seed with the fewest stable steps.
-    windows : int
-        Number of windows in all stable steps of all seeds.
-    """
-
+    # rate_mm2_min, feed_um_s, current_A, power_W: means over the seeds at that step (see `StablePeriod`); 0 if the
+    # first step already failed
     rate_mm2_min: float
     feed_um_s: float
     current_A: float
     power_W: float
-    machine: Machine
-    limited_by: Cause
-    windows: int
+    machine: Machine  # the set-up with the period of that step
+    limited_by: Cause  # cause that ended the search for the seed with the fewest stable steps: break, jam, generator
+    windows: int  # number of windows in all stable steps of all seeds
 
 
 def quick_counts(open_share: float) -> str:

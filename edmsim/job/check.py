@@ -34,35 +34,17 @@ class PassEstimate:
 
 @dataclass(frozen=True)
 class Check:
-    """Properties of a cut that need no simulation.
+    """Properties of a cut that need no simulation."""
 
-    Attributes
-    ----------
-    path : CutPath
-        The wire's path, with the reader's notices.
-    machine : Machine
-    cutting_s : float
-        Least time of the path, at `feed_um_s`.
-    feed_um_s : float
-        Highest possible feed.
-    limited_by : {"machine", "generator"}
-        Limit of this feed: the machine's largest, or that at which every pulse removes its maximum.
-    waiting_s : float
-        Time of threading, moves between contours and dwells.
-    passes : tuple of PassEstimate
-        Expected values of the passes by the technology; empty for a cut in one pass.
-    program : Program
-        The program as read.
-    """
-
-    path: CutPath
+    path: CutPath  # with the reader's notices
     machine: Machine
-    cutting_s: float
-    feed_um_s: float
+    cutting_s: float  # least time of the path, at `feed_um_s`
+    feed_um_s: float  # highest possible feed
+    # the machine's largest feed, or that at which every pulse removes its maximum
     limited_by: Literal["machine", "generator"]
-    waiting_s: float
-    passes: tuple[PassEstimate, ...]
-    program: Program
+    waiting_s: float  # threading, moves between contours and dwells
+    passes: tuple[PassEstimate, ...]  # none for a cut in one pass
+    program: Program  # as read
 
     @property
     def expected_s(self) -> float:
@@ -81,26 +63,7 @@ class Check:
 
 
 def check(program: str | Path, settings: CutSettings) -> Check:
-    """Read a program, offset it and estimate its time, as for a cut with these settings.
-
-    Parameters
-    ----------
-    program : path
-        G-code or drawing.
-    settings : CutSettings
-        Those of a cut; the time is for the lowest height.
-
-    Returns
-    -------
-    Check
-
-    Raises
-    ------
-    UnknownWordsError
-        If the program has unknown words; lists all of them.
-    InputError
-        As `edmsim.cut`.
-    """
+    """Read a program, offset it and estimate its time for the lowest height, as for a cut with these settings."""
     read = read_program(program, settings)
     found = with_passes(read, settings, planned)
     settings, path = found.settings, found.path

@@ -53,23 +53,9 @@ def recorders_for(machine: Machine, steps: Sequence[LowerRegion], resolution: st
 
 
 def sample_like(report: Report, windows: pa.Table, *, pulses: int = PULSES) -> PulseSample:
-    """Sample single pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
+    """Sample pulses of a straight cut with a cut's set-up, seed and resolution, at its median feed.
 
     The workpiece has its greatest height, and the mechanics are always modal.
-
-    Parameters
-    ----------
-    report : Report
-        Of the cut.
-    windows : pyarrow.Table
-        The cut's table of windows.
-    pulses : int
-        Number of pulses.
-
-    Raises
-    ------
-    InputError
-        If the cut has no feed, its set-up cannot be read, or as `sample_pulses`.
     """
     feed = cutting_feed_um_s(windows)
     if feed is None:
@@ -94,36 +80,16 @@ _SPECK_SHARE = 0.01
 
 @dataclass(frozen=True)
 class CutResult:
-    """Results of a cut.
+    """Results of a cut."""
 
-    Attributes
-    ----------
-    report : Report
-        The fields of ``report.json``.
-    windows : pyarrow.Table
-        A row per window of 255 pulses: ``windows.parquet``; its metadata have the `CutSettings`.
-    path : CutPath
-        The wire's path.
-    field : KerfField
-        The remaining metal.
-    frames : Frames
-        The wire's shape in a subset of windows.
-    scene : Scene
-        The drawing: nominal and cut edges, errors, corners.
-    closeups : Closeups
-        Windows with every pulse: a subset, and all of them around events.
-    machine : Machine
-        The set-up.
-    """
-
-    report: Report
-    windows: pa.Table
-    path: CutPath
-    field: KerfField
-    frames: Frames
-    scene: Scene
-    closeups: Closeups
-    machine: Machine
+    report: Report  # the fields of ``report.json``
+    windows: pa.Table  # a row per window of 255 pulses: ``windows.parquet``; its metadata have the `CutSettings`
+    path: CutPath  # the wire's path
+    field: KerfField  # the remaining metal
+    frames: Frames  # the wire's shape in a subset of windows
+    scene: Scene  # the drawing: nominal and cut edges, errors, corners
+    closeups: Closeups  # windows with every pulse: a subset, and all of them around events
+    machine: Machine  # the set-up
 
     def __repr__(self) -> str:
         """Say how it ended and the key figures: the fields of the report hold the rest."""

@@ -30,7 +30,7 @@ class BanditController(Snapshots):
     name: ClassVar[str] = "policy"
     STATE: ClassVar[tuple[str, ...]] = (
         "law", "belief", "setting", "clock_s", "spent_s", "path_um", "seconds", "way_um", "pulses", "open", "short",
-        "fifths", "untried",
+        "fifths", "untried", "broken",
     )  # fmt: skip
 
     def __init__(self, card: BanditCard) -> None:
@@ -38,6 +38,7 @@ class BanditController(Snapshots):
         self.law = bandit_file.law_of(card)
         self.belief = Belief(card)
         self.path_um = 0.0  # at the end of the last window
+        self.lost_s = card.start_s  # that a lost wire costs
         self._begin()
 
     def _begin(self) -> None:
@@ -45,6 +46,7 @@ class BanditController(Snapshots):
         self.untried = list(range(1, len(self.card.settings)))
         self.clock_s = -self.card.start_s  # since the setting was chosen; below 0 while a wire begins
         self.spent_s = 0.0  # cutting time
+        self.broken = False  # whether a wire was lost
         self._clear()
 
     def _clear(self) -> None:
@@ -56,6 +58,7 @@ class BanditController(Snapshots):
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Set the machine and the path; called before every leg of the cut."""
         self.path_um = start_um
+        self.lost_s = machine.base.table.threading_s.value + self.card.start_s
         tell(self.law, machine, points_um, start_um)
 
     def reset(self, max_feed_um_s: float) -> FeedCommand:
@@ -66,6 +69,9 @@ class BanditController(Snapshots):
 
     def wire_lost(self) -> FeedCommand:
         """Begin the next wire with the first setting; what was measured of the segment is left out."""
+        if self.broken and self.clock_s >= 0.0:  # the first one shows the law what the machine's wires bear
+            self.belief.lost[self.setting] += 1
+        self.broken = True
         self.clock_s = -self.card.start_s
         self._clear()
         return self.law.wire_lost()
@@ -74,6 +80,8 @@ class BanditController(Snapshots):
         """Measure, decide at the end of a segment, and return the law's command with the setting in force."""
         self.clock_s += window.duration_s
         self.spent_s += window.duration_s
+        if self.clock_s >= 0.0:
+            self.belief.cut_s[self.setting] += window.duration_s
         if self.clock_s > self.card.settle_s:
             self._measure(window)
         self.path_um = window.path_um
@@ -109,11 +117,14 @@ class BanditController(Snapshots):
 
     def choose(self) -> int:
         """Return the setting of the next segment."""
-        if not self.untried or self.spent_s >= self.card.trial_s:
-            return self.belief.best(self.card.bonus)
-        setting = max(self.untried, key=lambda k: self.belief.mean[k])
-        self.untried.remove(setting)
-        return setting
+        if self.spent_s < self.card.trial_s:
+            at_best = self.belief.at_best(self.card.trial_bonus, self.lost_s)
+            promising = [k for k in self.untried if at_best[k] > self.belief.net(self.lost_s).max()]
+            if promising:
+                setting = max(promising, key=lambda k: float(at_best[k]))
+                self.untried.remove(setting)
+                return setting
+        return int(np.argmax(self.belief.at_best(self.card.bonus, self.lost_s)))
 
 
 def from_name(name: str) -> BanditController | PolicyController:

@@ -15,7 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from edmsim.controllers.feed.law import ServoLaw, TruthLaw
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
-FORMAT = "edmsim-bandit-1"
+FORMAT: Final = "edmsim-bandit-1"
 QUANTITIES = "logarithm of the rate", "share of open pulses", "share of short pulses"
 OFFSET = 25.0
 """Variance of the rate's offset at the beginning: large, as no machine's rate is known (ours)."""
@@ -38,15 +38,11 @@ _Positive = Annotated[FiniteFloat, Field(gt=0)]
 _Share = Annotated[FiniteFloat, Field(ge=0)]
 
 
-class BanditCard(BaseModel):
-    """Contents of the file.
+class Choices(BaseModel):
+    """What a bandit chooses among, and when.
 
     Attributes
     ----------
-    format : str
-        `FORMAT`.
-    env_id, environment : str, dict
-        Environment of the training, and its arguments.
     law : str
         See `edmsim.controllers.from_text`.
     settings : list of dict
@@ -55,10 +51,41 @@ class BanditCard(BaseModel):
         Cutting time between two decisions, and its beginning that is not measured.
     start_s : float
         Cutting time of a new wire with the first setting.
-    trial_s : float
-        Cutting time at the beginning in which each setting is tried once, the most promising first.
+    trial_s, trial_bonus : float
+        Cutting time at the beginning in which a setting is tried once that would be the best with a rate of this many
+        standard deviations above the expected one, the most promising first.
     bonus : float
         Later, a setting is chosen by its expected rate plus this many standard deviations.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    law: str
+    settings: Annotated[list[dict[str, FiniteFloat]], Field(min_length=2)]
+    segment_s: _Positive
+    settle_s: _Share
+    start_s: _Share
+    trial_s: _Share
+    trial_bonus: _Share
+    bonus: _Share
+
+    @model_validator(mode="after")
+    def _measures(self) -> Choices:
+        """Refuse segments without a measurement."""
+        if self.settle_s >= self.segment_s:
+            raise ValueError(f"settle_s ({self.settle_s:g}) must be below segment_s ({self.segment_s:g})")
+        return self
+
+
+class BanditCard(Choices):
+    """Contents of the file: choices, and a prior.
+
+    Attributes
+    ----------
+    format : str
+        `FORMAT`.
+    env_id, environment : str, dict
+        Environment of the training, and its arguments.
     mean : list of float
         Of the quantities, each for all settings: (3 n).
     covariance : list of lists of float
@@ -67,27 +94,24 @@ class BanditCard(BaseModel):
         Standard deviations of a segment's measurement of each quantity.
     offset_drift, drift : float
         Standard deviations of the change per segment, of the offset and of each setting's logarithm of the rate.
+    breaks : list of float
+        Of training machines: lost wires per second of cutting with each setting.
+    breaks_s : float
+        Cutting time with a setting after which its own lost wires count as much as `breaks`.
     algorithm, command, seed, steps, versions, scores
         See `edmsim.learning.policy_file.Card`; a step is a segment.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     format: Literal["edmsim-bandit-1"]
     env_id: str
     environment: dict[str, Any]
-    law: str
-    settings: Annotated[list[dict[str, FiniteFloat]], Field(min_length=2)]
-    segment_s: _Positive
-    settle_s: _Share
-    start_s: _Share
-    trial_s: _Share
-    bonus: _Share
     mean: list[FiniteFloat]
     covariance: list[list[FiniteFloat]]
     noise: Annotated[list[_Positive], Field(min_length=3, max_length=3)]
     offset_drift: _Share
     drift: _Share
+    breaks: list[_Share]
+    breaks_s: _Positive
     algorithm: str
     command: str
     seed: int | None
@@ -97,12 +121,12 @@ class BanditCard(BaseModel):
 
     @model_validator(mode="after")
     def _fits(self) -> BanditCard:
-        """Refuse arrays of another size, and segments without a measurement."""
+        """Refuse arrays of another size."""
         size = len(QUANTITIES) * len(self.settings)
         if len(self.mean) != size or [len(row) for row in self.covariance] != [size] * size:
             raise ValueError(f"mean and covariance must have {size} entries, {len(QUANTITIES)} for each setting")
-        if self.settle_s >= self.segment_s:
-            raise ValueError(f"settle_s ({self.settle_s:g}) must be below segment_s ({self.segment_s:g})")
+        if len(self.breaks) != len(self.settings):
+            raise ValueError(f"breaks must have {len(self.settings)} entries, one for each setting")
         return self
 
 
@@ -123,12 +147,14 @@ class Belief(Snapshots):
     card : BanditCard
     """
 
-    STATE = ("mean", "covariance")
+    STATE = ("mean", "covariance", "lost", "cut_s")
 
     card: BanditCard
 
     mean: Floats = field(default_factory=lambda: np.zeros(0), init=False)
     covariance: Floats = field(default_factory=lambda: np.zeros((0, 0)), init=False)
+    lost: Floats = field(default_factory=lambda: np.zeros(0), init=False)  # wires with each setting
+    cut_s: Floats = field(default_factory=lambda: np.zeros(0), init=False)  # time with each setting
 
     def __post_init__(self) -> None:
         self.begin()
@@ -138,6 +164,7 @@ class Belief(Snapshots):
         self.mean = np.array(self.card.mean)
         self.covariance = np.array(self.card.covariance)
         self.covariance[self._rates, self._rates] += OFFSET
+        self.lost, self.cut_s = np.zeros((2, len(self.card.settings)))
 
     @property
     def _rates(self) -> slice:
@@ -154,16 +181,22 @@ class Belief(Snapshots):
         self.covariance[self._rates, self._rates] += self.card.offset_drift**2
         self.covariance[range(count), range(count)] += self.card.drift**2
 
-    def best(self, bonus: float) -> int:
-        """Return the setting of the greatest expected rate plus a bonus for what is not known of its lead."""
-        rates, covariance = self.mean[self._rates], self.covariance[self._rates, self._rates]
+    def net(self, lost_s: float) -> Floats:
+        """Return the logarithm of each setting's rate, less what wires will take that are lost at `lost_s` each."""
+        # the mean of the gamma distribution that these wires in this time leave
+        per_s = (np.array(self.card.breaks) * self.card.breaks_s + self.lost) / (self.card.breaks_s + self.cut_s)
+        return np.asarray(self.mean[self._rates] - np.log1p(per_s * lost_s))
+
+    def at_best(self, bonus: float, lost_s: float) -> Floats:
+        """Return the net rates, each plus this many standard deviations of its lead over the greatest of them."""
+        rates, covariance = self.net(lost_s), self.covariance[self._rates, self._rates]
         first = int(np.argmax(rates))
         variance = np.diag(covariance)
         lead = variance + variance[first] - 2.0 * covariance[first]
-        return int(np.argmax(rates + bonus * np.sqrt(np.maximum(lead, 0.0))))
+        return np.asarray(rates + bonus * np.sqrt(np.maximum(lead, 0.0)))
 
 
-def law_of(card: BanditCard) -> ServoLaw:
+def law_of(choices: Choices) -> ServoLaw:
     """Make the law below a bandit, which must be edmsim's and have the settings' parameters.
 
     Raises
@@ -171,13 +204,13 @@ def law_of(card: BanditCard) -> ServoLaw:
     InputError
         If it is another law, or lacks a parameter.
     """
-    law = None if ".py:" in card.law else from_text(card.law)
+    law = None if ".py:" in choices.law else from_text(choices.law)
     if not isinstance(law, ServoLaw) or isinstance(law, TruthLaw):
-        raise InputError(f"a bandit sets a law of edmsim that a machine could have, not '{card.law}'")
-    for setting in card.settings:
+        raise InputError(f"a bandit sets a law of edmsim that a machine could have, not '{choices.law}'")
+    for setting in choices.settings:
         for name in setting:
             if not any(hasattr(part, name) for part in law.parts):
-                raise InputError(f"the law '{card.law}' has no parameter '{name}' that could be set")
+                raise InputError(f"the law '{choices.law}' has no parameter '{name}' that could be set")
     return law
 
 

@@ -11,17 +11,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from edmsim.envs.registry import resolve
-from edmsim.errors import InputError
-from edmsim.learning import hyperparameters, policy_file, safe
-from edmsim.learning.hyperparameters import Hyperparameters
+from edmsim.errors import InputError, one_of
+from edmsim.learning import bandit_file, bandit_training, hyperparameters, policy_file, safe
+from edmsim.learning.hyperparameters import ALGORITHMS, Hyperparameters
 from edmsim.learning.policy_file import Policy
-from edmsim.learning.score import measure, render
+from edmsim.learning.score import measure, render, write_card
 from edmsim.runs import RunTable
 
 if TYPE_CHECKING:
     from edmsim.learning.train import TrainingProgress
+    from edmsim.progress import ShownProgress
     from edmsim.screen import ScreenTable
 
+BANDIT = "bandit"
+"""The algorithm that has no learner of stable-baselines3: see `edmsim.learning.bandit_training`."""
 CURVE_POINTS = 200  # points of the learning curve that is put into words (ours)
 
 
@@ -75,12 +78,16 @@ class TrainOptions(NamedTuple):
 def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int,
     options: TrainOptions = TrainOptions(),  # noqa: B008 - it cannot be changed
-) -> ScreenTable | None:
-    """Train a policy, write ``policy.json`` and ``policy.npz`` to `out`, and return its scores over `episodes`."""
+) -> list[ScreenTable]:
+    """Train a policy, write its files to `out`, and return tables: settings of a bandit, scores over `episodes`."""
     from edmsim.progress import ShownProgress
 
     if episodes < 0 or episodes == 1:
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
+    if algo not in (*ALGORITHMS, BANDIT):
+        raise InputError(f"unknown algorithm '{algo}'; there are: {one_of(algo, (*ALGORITHMS, BANDIT))}")
+    if algo == BANDIT:
+        return _bandit(env_id, out, steps, seed, resume, episodes, options)
     from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
 
     if options.safe is not None:
@@ -112,14 +119,48 @@ def run(
         if options.safe is not None and options.start is not None:
             verdict = safe.accept(done.env_id, file, options.start, options.safe, bar.show)
             bar.show("accept", 1, 1, verdict.words())
-            card, packed = policy_file.load(str(file)).card, file.with_suffix(".npz").read_bytes()
-        if not episodes:
-            return None
-        runs = out / "score.runs.jsonl"  # of the cuts of an interrupted scoring
-        scores = measure(done.env_id, str(file), episodes, bar.show, table=RunTable(runs))
-    policy_file.write(card.model_copy(update={"scores": [row._asdict() for row in scores]}), packed, file)
+        return _scored(done.env_id, file, episodes, bar)
+
+
+def _bandit(
+    env_id: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int, options: TrainOptions
+) -> list[ScreenTable]:
+    """Train a bandit, and score it."""
+    from edmsim.progress import ShownProgress
+
+    if others := options._replace(settings=None).words():
+        raise InputError(f"a bandit chooses settings of a law: leave out{others}")
+    if options.record_every is not None or options.live:
+        raise InputError("a bandit learns from shifts of single machines, which are not recorded: leave out "
+                         "--record-every and --live")  # fmt: skip
+    if resume and options.settings is not None:
+        raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
+    named = resolve(env_id)
+    settings = None if resume else bandit_training.load(named, options.settings)
+    words = f"{env_id} --algo {BANDIT}" + ("" if steps is None else f" --steps {steps}")
+    file = out / "policy.json"
+    with ShownProgress(keep=True) as bar:
+
+        def watch(machines: int, total: int) -> None:
+            bar.show("train", machines, total, f"{machines} of {total} machines recorded")
+
+        card = bandit_training.train(
+            named, out, steps=steps, seed=seed, resume=resume, settings=settings, watch=watch,
+            command=f"edmsim train {words} --seed {seed}{options.words()}",
+        )  # fmt: skip
+        bandit_file.write(card, file)
+        return [bandit_training.described(card), *_scored(named, file, episodes, bar)]
+
+
+def _scored(env_id: str, file: Path, episodes: int, bar: ShownProgress) -> list[ScreenTable]:
+    """Measure a policy, and write its scores into its card."""
+    if not episodes:
+        return []
+    runs = file.with_name("score.runs.jsonl")  # of the cuts of an interrupted scoring
+    scores = measure(env_id, str(file), episodes, bar.show, table=RunTable(runs))
+    write_card(str(file), scores)
     runs.unlink(missing_ok=True)
-    return render(scores)
+    return [render(scores)]
 
 
 def _recorders(options: TrainOptions, out: Path) -> list[Any]:

@@ -35,7 +35,7 @@ class Network(_Strict):
     first_action : list of float, optional
         PPO: centre of the initial exploration, one action (-1..1) per entry; by default 0.
     lstm : int, optional
-        Recurrent PPO: number of cells of the LSTM before the hidden layers.
+        Recurrent PPO and imitation: number of cells of the LSTM before the hidden layers.
     """
 
     widths: Annotated[list[Annotated[WholeNumber, Field(gt=0)]], Field(min_length=1)]

@@ -2,7 +2,8 @@
 
 - Imitation of a teacher, which may know the true state, in the states that the learner visits: in every state the
   teacher gives the action it would take, and the policy's mean is fitted to it (DAgger, Ross et al., AISTATS 2011).
-  If the teacher knows more than the policy, the policy learns the mean of its actions (Chen et al., CoRL 2019).
+  If the teacher knows more than the policy, the policy learns the mean of its actions (Chen et al., CoRL 2019). With
+  an LSTM it can identify from its history what the teacher knows (Kumar et al., RSS 2021, adapt a policy so).
 - Lagrangian PPO: the reward minus a multiple of ``info["cost"]``. The multiplier grows while the mean cost is above a
   limit, and shrinks below it (Tessler, Mankowitz and Mannor, ICLR 2019, arXiv:1805.11074).
 - Privileged critic: it observes gap, wire temperature, debris and drawn constants, which no machine measures. In the
@@ -20,6 +21,7 @@ import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
@@ -78,42 +80,98 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         return states, teacher_actions
 
 
-# untyped where the extra is missing
-class Imitation(PPO):  # type: ignore[misc, unused-ignore]
-    """A learner that cuts as PPO does, and follows a teacher in place of the reward.
+class _Follows:
+    """What learners have that follow a teacher in place of the reward; base class before one of PPO.
 
-    Its environment is a `VecNormalize` of a `TaughtVecEnv`. It keeps all it was shown, a quarter of a kilobyte for a
-    decision, and its checkpoints have that, too.
+    The environment is a `VecNormalize` of a `TaughtVecEnv`. All decisions so far are stored, a quarter of a kilobyte
+    each, and checkpoints have them, too.
     """
 
+    STORED: tuple[str, ...] = ()
+    """Further lists that are stored, with an entry for each rollout."""
+
     def _setup_model(self) -> None:
-        super()._setup_model()
-        self.states: list[NDArray[np.float32]] = getattr(self, "states", [])  # a checkpoint has some
-        self.teacher_actions: list[NDArray[np.float32]] = getattr(self, "teacher_actions", [])
+        super()._setup_model()  # type: ignore[misc]
+        for name in ("states", "teacher_actions", *self.STORED):
+            setattr(self, name, getattr(self, name, []))  # a checkpoint has some
 
     def train(self) -> None:
         """Fit the policy's mean to the teacher's actions so far, each action in units of its own variance."""
-        self.policy.set_training_mode(True)
-        left = self._current_progress_remaining
-        for group in self.policy.optimizer.param_groups:
-            group["lr"] = self.lr_schedule(left) * max(left, LEAST_RATE)
-        normalise: Any = self.env
-        for stored, new in zip((self.states, self.teacher_actions), normalise.venv.taken(), strict=True):
+        learner: Any = self
+        learner.policy.set_training_mode(True)
+        left = learner._current_progress_remaining
+        for group in learner.policy.optimizer.param_groups:
+            group["lr"] = learner.lr_schedule(left) * max(left, LEAST_RATE)
+        normalise = learner.env
+        for stored, new in zip((learner.states, learner.teacher_actions), normalise.venv.taken(), strict=True):
             stored.append(new)
-        observations = torch.as_tensor(normalise.normalize_obs(np.concatenate(self.states)))
-        teacher_actions = torch.as_tensor(np.concatenate(self.teacher_actions))
+        self.store()
+        observations = torch.as_tensor(normalise.normalize_obs(np.concatenate(learner.states)))
+        teacher_actions = torch.as_tensor(np.concatenate(learner.teacher_actions))
         variance = teacher_actions.var(0).clamp(min=LEAST_VARIANCE)
         losses = []
-        for _ in range(max(self.n_epochs * len(self.teacher_actions[-1]) // self.batch_size, 1)):
-            rows = torch.randint(len(teacher_actions), (self.batch_size,))
-            gaussian: Any = self.policy.get_distribution(observations[rows]).distribution
-            loss = ((gaussian.mean - teacher_actions[rows]) ** 2 / variance).mean()
-            self.policy.optimizer.zero_grad()
+        for _ in range(max(learner.n_epochs * len(learner.teacher_actions[-1]) // learner.batch_size, 1)):
+            rows, mean = self.drawn(observations)
+            loss = ((mean - teacher_actions[rows]) ** 2 / variance).mean()
+            learner.policy.optimizer.zero_grad()
             loss.backward()
-            torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
-            self.policy.optimizer.step()
+            torch.nn.utils.clip_grad_norm_(learner.policy.parameters(), learner.max_grad_norm)
+            learner.policy.optimizer.step()
             losses.append(float(loss.detach()))
-        self.logger.record("train/unexplained_share", float(np.mean(losses)))
+        learner.logger.record("train/unexplained_share", float(np.mean(losses)))
+
+    def store(self) -> None:
+        """Store what else the last rollout has."""
+
+    def drawn(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Draw decisions, and return their rows and the policy's means."""
+        raise NotImplementedError
+
+
+# untyped where the extra is missing
+class Imitation(_Follows, PPO):  # type: ignore[misc, unused-ignore]
+    """A learner that cuts as PPO does, and follows a teacher in place of the reward."""
+
+    def drawn(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Draw single decisions."""
+        rows = torch.randint(len(observations), (self.batch_size,))
+        gaussian: Any = self.policy.get_distribution(observations[rows]).distribution
+        return rows, gaussian.mean
+
+
+# untyped where the extra is missing
+class RecurrentImitation(_Follows, RecurrentPPO):  # type: ignore[misc, unused-ignore]
+    """The same with an LSTM, which learns from whole rollouts and begins each with the memory that it had there.
+
+    The memory of an old rollout is that of the network of then (Kapturowski et al., ICLR 2019, measure the effect).
+    """
+
+    STORED = ("memories", "starts")
+    memories: list[tuple[NDArray[np.float32], NDArray[np.float32]]]  # LSTM's output and cells, (layers, envs, cells)
+    starts: list[NDArray[np.float32]]  # (steps, envs)
+
+    def store(self) -> None:
+        """Store the memory at the rollout's beginning, and where episodes began."""
+        buffer: Any = self.rollout_buffer
+        self.memories.append((buffer.hidden_states_pi[0].copy(), buffer.cell_states_pi[0].copy()))
+        self.starts.append(buffer.episode_starts.copy())
+
+    def drawn(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Draw the rollouts of single sub-environments, as many as fill a batch."""
+        policy: Any = self.policy
+        count = max(int(self.batch_size or 1) // self.n_steps, 1)
+        rollouts = torch.randint(len(self.starts), (count,))
+        envs = torch.randint(self.n_envs, (count,))
+        steps = torch.arange(self.n_steps)
+        rows = ((rollouts[:, None] * self.n_steps + steps) * self.n_envs + envs[:, None]).flatten()
+        starts = torch.as_tensor(np.concatenate(self.starts)).flatten()[rows]
+        pairs = list(zip(rollouts.tolist(), envs.tolist(), strict=True))
+        memory = tuple(
+            torch.as_tensor(np.stack([self.memories[rollout][part][:, env] for rollout, env in pairs], axis=1))
+            for part in (0, 1)
+        )
+        gaussian = policy.get_distribution(observations[rows], memory, starts)[0].distribution
+        return rows, gaussian.mean
 
 
 # untyped where the extra is missing

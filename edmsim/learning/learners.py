@@ -31,6 +31,7 @@ try:
         Imitation,
         Multiplier,
         PrivilegedVecEnv,
+        RecurrentImitation,
         ResidualVecEnv,
         TaughtVecEnv,
     )
@@ -42,6 +43,7 @@ KINDS: dict[str, Any] = {
     "ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC, "imitation": Imitation,
 }
 REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
+RECURRENT = ("recurrent-ppo", "imitation")  # algorithms whose policy may have an LSTM
 CRITICS = ("ppo", "ppo-lag")  # algorithms whose critic may be privileged
 _DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
 
@@ -59,8 +61,10 @@ def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
     """Raise `InputError` if the algorithm cannot use these hyperparameters."""
     if parameters.privileged_critic and algo not in CRITICS:
         raise InputError(f"{algo} has no critic of its own to be privileged; choose one of {', '.join(CRITICS)}")
-    if (parameters.network.lstm is not None) != (algo == "recurrent-ppo"):
-        raise InputError(f"network.lstm is for recurrent-ppo, and needed there; the algorithm is {algo}")
+    if parameters.network.lstm is None and algo == "recurrent-ppo":
+        raise InputError("recurrent-ppo needs an LSTM: give network.lstm its number of cells")
+    if parameters.network.lstm is not None and algo not in RECURRENT:
+        raise InputError(f"network.lstm is for {' and '.join(RECURRENT)}; the algorithm is {algo}")
     if (parameters.lagrangian is not None) != (algo == "ppo-lag"):
         raise InputError(f"the table lagrangian is for ppo-lag, and needed there; the algorithm is {algo}")
     if (parameters.teacher is not None) != (algo == "imitation"):
@@ -119,10 +123,16 @@ def new(algo: str, vec_env: TrainingEnvs, parameters: Hyperparameters, seed: int
     if parameters.privileged_critic:
         policy = AsymmetricPolicy
         options["shown_entries"] = int(np.prod(vec_env.edm.observation_space.shape))
-    model = KINDS[algo](policy, normalise, policy_kwargs=options, seed=seed, device=_DEVICE, **parameters.algorithm)
+    kind = _kind(algo, parameters)
+    model = kind(policy, normalise, policy_kwargs=options, seed=seed, device=_DEVICE, **parameters.algorithm)
     if network.first_action is not None:
         model.policy.action_net.bias.data = torch.tensor(network.first_action)
     return model, normalise
+
+
+def _kind(algo: str, parameters: Hyperparameters) -> Any:
+    """Return the learner's class."""
+    return RecurrentImitation if algo == "imitation" and parameters.network.lstm else KINDS[algo]
 
 
 def load(
@@ -131,7 +141,7 @@ def load(
     """Return a checkpoint's learner, which resumes with `parameters`, and its normalised environments."""
     normalise = VecNormalize.load(str(checkpoint / "normalise.pkl"), vec_env.learned_on)
     normalise.gamma = parameters.algorithm["gamma"]
-    kind = KINDS[algo]
+    kind = _kind(algo, parameters)
     model = kind.load(checkpoint / "model.zip", env=normalise, device=_DEVICE, seed=seed, **parameters.algorithm)
     if (checkpoint / "replay.pkl").exists():
         model.load_replay_buffer(checkpoint / "replay.pkl")

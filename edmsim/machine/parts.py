@@ -33,20 +33,11 @@ class Part(BaseModel):
 
 
 class Constant(Part):
-    """A positive number with its source.
-
-    Attributes
-    ----------
-    value : float
-    source : str
-        Publication, or "ours" with the reason.
-    range : (float, float), optional
-        Published or assumed bounds of the value.
-    """
+    """A positive number with its source."""
 
     value: Annotated[Number, Field(allow_inf_nan=False)]
-    source: Annotated[str, Field(min_length=3)]
-    range: tuple[Number, Number] | None = None
+    source: Annotated[str, Field(min_length=3)]  # publication, or "ours" with the reason
+    range: tuple[Number, Number] | None = None  # published or assumed bounds of the value
 
     @model_validator(mode="after")
     def _value_in_range(self) -> Constant:

@@ -35,47 +35,27 @@ class FoundPass(Part):
 
 
 class PassSetting(Part):
-    """Setting of a pass at one height.
-
-    Attributes
-    ----------
-    generator : str
-    t_on_us, t_period_us : float
-    peak_current_A, open_voltage_V, ignition_wait_us : float, optional
-        By default the generator's own.
-    tension_N, wire_speed_m_s, flushing_lower_Pa, flushing_upper_Pa : float, optional
-        By default the wire's and the machine's own.
-    feed : {"adaptive", "constant"}
-        Whether the feed follows the gap, or is constant and slowed by shorts.
-    open_target_share : float
-        Target share of open pulses of an adaptive feed.
-    stop_share : float
-        Share of shorts at which a constant feed stops.
-    feed_mm_min : float
-        The constant feed; an adaptive one begins at half.
-    last_offset_um : float
-        Offset that produces the drawn size if this is the last pass.
-    step_um : float
-        Decrease of the offset to the next pass.
-    found : FoundPass
-    """
+    """Setting of a pass at one height."""
 
     generator: str
     t_on_us: _Above
     t_period_us: _Above
+    # peak_current_A, open_voltage_V, ignition_wait_us: by default the generator's own
     peak_current_A: _Above | None = None
     open_voltage_V: _Above | None = None
     ignition_wait_us: _Above | None = None
+    # tension_N, wire_speed_m_s, flushing_lower_Pa, flushing_upper_Pa: by default the wire's and the machine's own
     tension_N: _Above | None = None
     wire_speed_m_s: _Above | None = None
     flushing_lower_Pa: _Any | None = None
     flushing_upper_Pa: _Any | None = None
+    # whether the feed follows the gap, or is constant and slowed by shorts: adaptive, constant
     feed: Literal["adaptive", "constant"]
-    open_target_share: Annotated[Number, Field(ge=0, le=1)] = 0.06
-    stop_share: Annotated[Number, Field(gt=0, le=1)] = 0.5
-    feed_mm_min: _Above
-    last_offset_um: _Above
-    step_um: _Any = 0.0
+    open_target_share: Annotated[Number, Field(ge=0, le=1)] = 0.06  # target share of open pulses of an adaptive feed
+    stop_share: Annotated[Number, Field(gt=0, le=1)] = 0.5  # share of shorts at which a constant feed stops
+    feed_mm_min: _Above  # the constant feed; an adaptive one begins at half
+    last_offset_um: _Above  # offset that produces the drawn size if this is the last pass
+    step_um: _Any = 0.0  # decrease of the offset to the next pass
     found: FoundPass
 
     def controller(self, scale: float = 1.0) -> str:
@@ -131,24 +111,15 @@ class PassTable(NamedTuple):
 
 
 class Technology(Part):
-    """Settings of passes for a machine, a material and a wire.
-
-    Attributes
-    ----------
-    title, source : str
-    machine, material, wire, planner : str
-        Names in a cut's options; the wire's includes its diameter.
-    heights : tuple of AtHeight
-        In rising order.
-    """
+    """Settings of passes for a machine, a material and a wire."""
 
     title: str
     source: Annotated[str, Field(min_length=3)]
-    machine: str
+    machine: str  # machine, material, wire, planner: names in a cut's options; the wire's includes its diameter
     material: str
     wire: str
     planner: str = "exact"
-    heights: Annotated[tuple[AtHeight, ...], Field(alias="height", min_length=1)]
+    heights: Annotated[tuple[AtHeight, ...], Field(alias="height", min_length=1)]  # in rising order
 
     @model_validator(mode="after")
     def _in_order(self) -> Technology:

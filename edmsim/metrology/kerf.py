@@ -23,21 +23,11 @@ MAX_KERF_OVER_WIRE = 3.0  # wider than this many wire diameters, a kerf was open
 
 @dataclass(frozen=True)
 class KerfWidth:
-    """Distance between both walls, across the wire's path.
+    """Distance between both walls, across the wire's path."""
 
-    Attributes
-    ----------
-    s_mm : array (n,)
-        Measured places: arc length along the wire's path from the end of the lead-in.
-    width_um : array (slices, n)
-        Width; NaN if the slice has no metal within 0.5 mm.
-    part_um : array (slices, n)
-        Distance from the wire's path to the wall on the part's side.
-    """
-
-    s_mm: Floats
-    width_um: Floats
-    part_um: Floats
+    s_mm: Floats  # (n,): length along the wire's path from the end of the lead-in
+    width_um: Floats  # (slices, n): NaN if the slice has no metal within 0.5 mm
+    part_um: Floats  # (slices, n): from the wire's path to the wall on the part's side
 
 
 def width_stats(width_um: Floats) -> dict[str, float]:
@@ -51,21 +41,8 @@ def width_stats(width_um: Floats) -> dict[str, float]:
 def kerf_width(field: KerfField, contour: WireContour, wire_diameter_um: float) -> KerfWidth:
     """Measure the kerf every 0.05 mm across the wire's path, in all slices.
 
-    It omits places within 0.5 mm of the contour's ends, of corners and arcs with a radius below about
-    0.3 mm, of edges of the blank or of a step in the slice, and of missing walls: not yet cut, or opened by
-    another cut (wider than three wires).
-
-    Parameters
-    ----------
-    field : KerfField
-    contour : WireContour
-    wire_diameter_um : float
-        Above 0.
-
-    Raises
-    ------
-    InputError
-        If the diameter is not above 0.
+    It omits places within 0.5 mm of the contour's ends, of corners and small arcs, of edges of the blank or of a step
+    in the slice, and of missing walls: not yet cut, or opened by another cut.
     """
     if not wire_diameter_um > 0:
         raise InputError(f"a wire diameter of {wire_diameter_um} um cannot be: it must be above 0")

@@ -59,26 +59,14 @@ NEAR_SEGMENTS = 8
 
 @dataclass(frozen=True)
 class ProfileError:
-    """Signed distance from the nominal edge to the part's wall.
+    """Signed distance from the nominal edge to the part's wall."""
 
-    Attributes
-    ----------
-    points_mm : array (n, 2)
-        Points of the nominal edge, at most 0.02 mm apart, with all real corners; of a tapered wall at half the
-        workpiece's height.
-    s_mm : array (n,)
-        Arc length along the nominal edge.
-    error_um : array (slices, n)
-        Positive if metal is left on the part, negative if it is undercut; NaN if the place is not cut, the
-        slice has no metal, or the place is too near to an edge of the blank or of a step in that slice.
-    at_lead_in : bool array (n,)
-        Points within 0.25 mm of the end of the lead-in, which may have a witness mark.
-    """
-
-    points_mm: Floats
-    s_mm: Floats
+    points_mm: Floats  # (n, 2): at most 0.02 mm apart, with all real corners; of a tapered wall at half the height
+    s_mm: Floats  # (n,): length along the nominal edge
+    # (slices, n): positive if metal is left; NaN where not cut, without metal, or too near to an edge of the blank or
+    # of a step in that slice
     error_um: Floats
-    at_lead_in: NDArray[np.bool_]
+    at_lead_in: NDArray[np.bool_]  # (n,): within 0.25 mm of the end of the lead-in, which may have a witness mark
 
     @property
     def mean_um(self) -> Floats:
@@ -100,11 +88,10 @@ def error_stats(error_um: Floats) -> dict[str, float]:
 
 
 def profile_error(field: KerfField, contour: WireContour) -> ProfileError:
-    """Measure the distance of the part's wall from the nominal edge.
+    """Measure the distance from every point of the nominal edge to the wall on the part's side of the wire's path.
 
-    For every point of the nominal edge, it is the distance to the nearest place of the wall on the part's side of
-    the wire's path. In an inner corner this includes metal that the round wire cannot reach. Each slice of a tapered
-    wall is measured in its plane.
+    In an inner corner this includes metal that the round wire cannot reach. Each slice of a tapered wall is measured
+    in its plane.
     """
     chosen = list(range(field.n_slices))
     middle = contour.at_mid_height()
@@ -227,31 +214,16 @@ CORNER_REACH_MM = 0.15  # arc length on both sides of a corner over which its er
 
 
 class CornerError(TypedDict):
-    """A real corner of the nominal edge and its error."""
+    """A corner of the nominal edge: its turn, left positive, and its error."""
 
     x_mm: float
     y_mm: float
     turn_deg: float
-    error_um: float
+    error_um: float  # mean over the height, of largest magnitude within 0.15 mm; NaN if unmeasured
 
 
 def corners(contour: WireContour, profile: ProfileError, min_turn_deg: float = 15.0) -> list[CornerError]:
-    """List the real corners of the nominal edge with their errors.
-
-    Parameters
-    ----------
-    contour : WireContour
-    profile : ProfileError
-        Of that contour.
-    min_turn_deg : float
-        Vertices with a smaller turn are chords of an arc.
-
-    Returns
-    -------
-    list of CornerError
-        ``x_mm``, ``y_mm``, ``turn_deg`` (left positive) and ``error_um``: the mean error over the height,
-        of largest magnitude within 0.15 mm of the corner; NaN if unmeasured.
-    """
+    """List the corners of the nominal edge with their errors; what turns by less than a corner is part of an arc."""
     line = Polyline(contour.nominal_mm, contour.closed)
     found: list[CornerError] = []
     for vertex in line.corners(min_turn_deg):
@@ -268,56 +240,28 @@ _ROUND_MM = 0.003  # points of an arc lie on its circle within this: chord toler
 
 @dataclass(frozen=True)
 class ElementError:
-    """A line or arc of the nominal edge, and its error.
+    """A line or arc of the nominal edge, and its error."""
 
-    Attributes
-    ----------
-    contour, element : int
-        Number of the contour in cutting order, and of the element along it, from 1.
-    line : int or None
-        The program's line; None for a drawing.
-    kind : {"line", "arc", "curve"}
-    radius_mm : float or None
-        Of an arc.
-    x_mm, y_mm, end_x_mm, end_y_mm : float
-        First and last point on the table.
-    length_mm : float
-    mean_um, rms_um : float
-        Of the profile error over the element and all slices, less metal out of reach; NaN if unknown.
-    low_um, high_um : float
-        Least and greatest error; positive is metal left.
-    """
-
-    contour: int
-    element: int
-    line: int | None
-    kind: str
+    contour: int  # number in cutting order, from 1
+    element: int  # number along the contour, from 1
+    line: int | None  # the program's line; None for a drawing
+    kind: str  # line, arc or curve
     radius_mm: float | None
-    x_mm: float
+    x_mm: float  # first and last point, on the table
     y_mm: float
     end_x_mm: float
     end_y_mm: float
     length_mm: float
-    mean_um: float
+    mean_um: float  # of the profile error over all slices, less metal out of reach; NaN if unknown
     rms_um: float
-    low_um: float
+    low_um: float  # least and greatest error
     high_um: float
 
 
 def element_errors(
     number: int, contour: WireContour, profile: ProfileError, unreachable_um: Floats
 ) -> list[ElementError]:
-    """Return the error of every element of a contour, in order; empty if its elements are unknown.
-
-    Parameters
-    ----------
-    number : int
-        Of the contour, from 1.
-    contour : WireContour
-    profile : ProfileError
-    unreachable_um : array (n,)
-        `edmsim.metrology.reach.unreachable_um`.
-    """
+    """Return the error of every element of a contour, whose number counts from 1; empty if elements are unknown."""
     if not contour.elements:
         return []
     begins = arc_lengths(contour.nominal_mm)

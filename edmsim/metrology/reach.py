@@ -23,41 +23,17 @@ EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is one o
 
 @dataclass(frozen=True)
 class WorstPlace:
-    """Place of a largest error.
-
-    Attributes
-    ----------
-    x_mm, y_mm : float
-        Place of the edge on the table.
-    error_um : float
-        Signed: positive is metal left.
-    why : str
-        Kind of place: ``start mark`` (end of the lead-in), ``out of reach`` (the round wire leaves most of the
-        error), ``inner corner``, ``outer corner`` or ``edge``.
-    made_by : str or None
-        Name of the error's largest share (`edmsim.metrology.shares`); None if the shares are unknown.
-    """
+    """Place of a largest error on the table; positive is metal left."""
 
     x_mm: float
     y_mm: float
     error_um: float
-    why: str
-    made_by: str | None
+    why: str  # start mark, out of reach (the round wire leaves most of it), inner corner, outer corner or edge
+    made_by: str | None  # name of the error's largest share (`shares.SHARES`); None if they are unknown
 
 
 def unreachable_um(profile: ProfileError, contour: WireContour) -> Floats:
-    """Return the metal that a wire exactly on its path leaves at every point of the edge.
-
-    Parameters
-    ----------
-    profile : ProfileError
-    contour : WireContour
-
-    Returns
-    -------
-    array (n,)
-        At ``profile.points_mm``, 0 or more. Less than 2 um is rounding of the path and counts as 0.
-    """
+    """Return the metal (n,) that a wire exactly on its path leaves at every point of the edge; rounding is 0."""
     path = shapely.LineString(wire_line(contour).points)
     left_um = shapely.distance(path, shapely.points(profile.points_mm)) * 1e3 - contour.offset_um
     return np.where(left_um > REACH_TOLERANCE_MM * 1e3, left_um, 0.0)
@@ -86,23 +62,7 @@ def worst_place(
     contours: Sequence[WireContour], profiles: Sequence[ProfileError], unreachable: Sequence[Floats],
     shares: Sequence[Floats | None], reachable: bool,
 ) -> WorstPlace | None:
-    """Find the place of the largest error, over all contours and slices.
-
-    Parameters
-    ----------
-    contours, profiles
-    unreachable : sequence of array
-        `unreachable_um`.
-    shares : sequence of array (5, n) or None
-        `edmsim.metrology.shares.error_shares`.
-    reachable : bool
-        Whether to subtract metal out of reach.
-
-    Returns
-    -------
-    WorstPlace or None
-        None if nothing was measured.
-    """
+    """Find the place of the largest error over all contours and slices, perhaps without metal out of reach."""
     worst: WorstPlace | None = None
     for contour, profile, left_um, split in zip(contours, profiles, unreachable, shares, strict=True):
         error = profile.error_um - left_um if reachable else profile.error_um

@@ -94,22 +94,9 @@ STANDARD_K = 298.0  # temperature at which a conductivity is stated
 
 
 def heat_affected_um(machine: Machine, discharge_us: float) -> float:
-    """Depth below a crater to which a discharge heats the metal beyond its `affected_K`, in um.
+    """Return how deep a discharge heats the metal below its crater beyond `affected_K`; NaN for unknown metals.
 
-    The crater's floor is at the melting point during the discharge, and heat flows into the depth:
-    ``T(z) = T0 + (Tm - T0) erfc(z / (2 sqrt(a t)))``. The depth grows with the square root of the duration.
-    More energy changes the crater, not this depth.
-
-    Parameters
-    ----------
-    machine : Machine
-    discharge_us : float
-        Mean duration of the discharges, 0 or more.
-
-    Returns
-    -------
-    float
-        NaN for a material whose file has no section ``[surface]``.
+    Heat flows in from a floor at the melting point for the time of the discharge (docs/theory/workpiece.md).
     """
     from scipy.special import erfcinv
 
@@ -123,25 +110,10 @@ def heat_affected_um(machine: Machine, discharge_us: float) -> float:
 
 
 def electrolysed_um(machine: Machine, voltage_s_mm: float, gap_um: float) -> float:
-    """Depth of metal that the mean voltage dissolves from the walls as the wire passes, in um.
+    """Return the depth of metal that the mean voltage dissolves from the walls as the wire passes; NaN if unknown.
 
-    The wire is a cylinder next to a plane in water of conductivity ``k``. A place becomes wall only when the front
-    has passed, so half of the wire's field passes it. The charge per area is ``pi k U / (v arcosh(1 + g/r))`` for
-    the mean voltage ``U`` and the speed ``v``. All charge dissolves metal (Faraday), so this is an upper bound.
-    The charge of equalising pulses is subtracted.
-
-    Parameters
-    ----------
-    machine : Machine
-    voltage_s_mm : float
-        Gap voltage with its sign, summed over time, per length of path, in V s/mm.
-    gap_um : float
-        Gap between wire and wall, above 0.
-
-    Returns
-    -------
-    float
-        NaN for a material whose file has no section ``[surface]``, or an unknown gap.
+    All charge between a cylinder and a plane dissolves metal, an upper bound (docs/theory/workpiece.md). The voltage
+    has its sign, and is summed over time per length of path.
     """
     surface, water = machine.material.surface, machine.base.dielectric
     if surface is None or not gap_um > 0:

@@ -59,21 +59,11 @@ class Plan:
 
 
 class PopulationResult(NamedTuple):
-    """State of a population.
+    """State of a population."""
 
-    Attributes
-    ----------
-    values : dict
-        Settings of the best learner in its last generation.
-    value : float
-        Mean return of its policy on the training seeds.
-    generation : int
-        Last generation that a learner has finished.
-    """
-
-    values: dict[str, float]
-    value: float
-    generation: int
+    values: dict[str, float]  # settings of the best learner in its last generation
+    value: float  # mean return of its policy on the training seeds
+    generation: int  # last that a learner has finished
 
 
 def train_population(
@@ -83,31 +73,8 @@ def train_population(
 ) -> PopulationResult:
     """Train a population on a Ray cluster, one processor per learner; on fewer processors learners take turns.
 
-    Parameters
-    ----------
-    name : str
-        Id of an environment.
-    out : path
-        Folder for policy, settings, table and checkpoints, at the same path on every computer of the cluster.
-        An interrupted training in it is resumed.
-    address : str
-        See `edmsim.runs.Cluster`.
-    population, generations : int
-        Number of learners (4 or more) and of generations; the learners are compared after each.
-    steps : int, optional
-        Windows per learner over all generations, each rounded up to whole updates; by default those of
-        ``models/training``.
-    algo, seed, seeds
-        See `edmsim.sweep.tune.tune_training`.
-    watch : callable, optional
-        Called with a `PopulationResult` after each generation of a learner.
-
-    Raises
-    ------
-    InputError
-        If there is no such environment or cluster, an argument is invalid, or all learners failed.
-    KeyboardInterrupt
-        If interrupted; the same call resumes.
+    The folder must be at the same path on every computer of the cluster; an interrupted training in it is resumed.
+    The windows of `steps` are those of a learner over all generations, each rounded up to whole updates.
     """
     plan = _plan(name, algo, population, generations, steps, seed, seeds)
     Cluster(address)

@@ -233,20 +233,12 @@ SPECIFICATION = "specification.json"  # file in which a sweep's folder keeps the
 
 
 class SweepProgress(NamedTuple):
-    """Progress of a sweep.
+    """Progress of a sweep."""
 
-    Attributes
-    ----------
-    done, total : int
-        Number of finished runs, and of all.
-    made, failed : int
-        Number of runs that this call finished, and of finished runs that failed.
-    """
-
-    done: int
+    done: int  # finished runs
     total: int
-    made: int
-    failed: int
+    made: int  # finished by this call
+    failed: int  # of the finished ones
 
 
 def sweep(

@@ -290,42 +290,22 @@ MOST_VALUES = 12
 
 @dataclass(frozen=True)
 class Effect:
-    """Effect of a setting on a figure.
+    """Effect of a setting on a figure; NaN where the runs do not determine it."""
 
-    Attributes
-    ----------
-    first_order : float
-        Share (0..1) of the variance that the setting alone explains (first-order Sobol index). NaN if the runs do
-        not determine it.
-    total : float
-        The same with its interactions (total Sobol index).
-    rank_correlation : float
-        Spearman's, over all runs: 1 if the figure only rises with the setting, -1 if it only falls; NaN if the
-        setting is not a number.
-    """
-
-    first_order: float
-    total: float
-    rank_correlation: float
+    first_order: float  # share (0..1) of the variance that the setting alone explains: first-order Sobol index
+    total: float  # the same with its interactions: total Sobol index
+    rank_correlation: float  # Spearman's over all runs: 1 if the figure only rises with the setting
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Sensitivity of a figure to the settings; first orders, interactions and the unexplained share add up to 1.
+    """Sensitivity of a figure to the settings; first orders, interactions and the unexplained share add up to 1."""
 
-    Attributes
-    ----------
-    effects : dict
-        `Effect` of each setting, by name.
-    interactions : float
-        Share of the variance that only combinations of settings explain; NaN if the runs do not determine it.
-    unexplained : float
-        Share that no setting explains: chance and, for a sample, the error of the polynomial. NaN if every
-        combination was run once, as chance then counts as an effect.
-    """
-
-    effects: dict[str, Effect]
+    effects: dict[str, Effect]  # `Effect` of each setting, by name
+    # share of the variance that only combinations of settings explain; NaN if the runs do not determine it
     interactions: float
+    # share that no setting explains: chance and, for a sample, the error of the polynomial. NaN if every combination
+    # was run once, as chance then counts as an effect.
     unexplained: float
 
 

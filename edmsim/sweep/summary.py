@@ -32,23 +32,13 @@ _NO_SETTINGS = {"id", "seed"}
 
 @dataclass(frozen=True)
 class Group:
-    """Runs with the same settings.
+    """Runs with the same settings, averaged over seeds and drawn machines."""
 
-    Attributes
-    ----------
-    settings : dict
-        Values of the settings that differ within the sweep.
-    runs, failed, finished : int
-        Number of all runs, of runs with an error, and of runs that finished the cut.
-    figures : dict
-        Means over the runs without error, with 95 % intervals, by the names of `KEYS`.
-    """
-
-    settings: dict[str, Any]
+    settings: dict[str, Any]  # those that differ within the sweep
     runs: int
-    failed: int
-    finished: int
-    figures: dict[str, Figure]
+    failed: int  # with an error
+    finished: int  # that finished the cut
+    figures: dict[str, Figure]  # means over the runs without error, with 95 % intervals, by the names of `KEYS`
 
 
 def varied(table: pa.Table) -> list[str]:
@@ -63,15 +53,7 @@ def measured(table: pa.Table) -> list[str]:
 
 
 def groups(table: pa.Table, by: list[str] | None = None) -> list[Group]:
-    """Return runs grouped by settings, in the settings' order; a group averages over seeds and drawn machines.
-
-    Parameters
-    ----------
-    table : pyarrow.Table
-        See `edmsim.sweep.table.read`.
-    by : list of str, optional
-        Names of settings; by default those with 2 to `MOST_VALUES` values.
-    """
+    """Return runs grouped by settings, in the settings' order, by default by those with 2 to `MOST_VALUES` values."""
     few = [name for name in _chosen(table) if len(table[name].unique()) <= MOST_VALUES]
     chosen = few if by is None else by
     keys = list(zip(*(table[name].to_pylist() for name in chosen), strict=True)) or [()] * len(table)

@@ -103,10 +103,7 @@ SEEDS = 5
 
 
 def training_seeds(seed: int, seeds: int = SEEDS) -> range:
-    """Return the training seeds of each environment, from `seed` on.
-
-    Raises `InputError` if `seeds` is below 1, or the seeds reach the held-back ones.
-    """
+    """Return the training seeds from `seed` on; raises `InputError` if they reach the held-back ones."""
     if seeds < 1:
         raise InputError(f"{seeds} training seeds judge nothing: give 1 or more")
     if not 0 <= seed <= HELD_BACK - seeds:
@@ -237,22 +234,12 @@ FINAL = "finalists.jsonl"  # table of the trials that are tried once more
 
 
 class Tuned(NamedTuple):
-    """Result of a search.
+    """Result of a search, or its state."""
 
-    Attributes
-    ----------
-    values : dict
-        The best values.
-    value, first_value : float
-        Scores of `values` and of the values in use.
-    trials, failed : int
-        Number of trials of all processes, and of those that failed.
-    """
-
-    values: dict[str, float]
-    value: float
+    values: dict[str, float]  # the best values
+    value: float  # score of `values`, and of the values in use
     first_value: float
-    trials: int
+    trials: int  # of all processes
     failed: int
 
 
@@ -260,31 +247,11 @@ def tune_gains(
     name: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 5,
     engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
 ) -> Tuned:
-    """Search a controller's gains.
+    """Search the gains of a controller of `BOUNDS`; a search in the folder is resumed.
 
-    Parameters
-    ----------
-    name : str
-        A controller of `edmsim.sweep.tune.BOUNDS`.
-    out : path
-        Folder for the search and its result; an existing search is resumed. Processes that you start with the same
-        folder share one study; as they do not count trials in progress elsewhere, they may make a few more.
-    trials : int
-        Number of trials. The first uses the values in use, hence the result is never worse on these seeds; Optuna's
-        TPE proposes the others from the scores before.
-    seed : int
-        First training seed, and seed of the search. On one process the search is reproducible.
-    seeds : int
-        Number of training seeds per trial; seeds held back for comparisons are never used.
-    engine : Engine, optional
-        By default all processors of this computer.
-    watch : callable, optional
-        Called with a `Tuned` after every trial.
-
-    Raises
-    ------
-    InputError
-        If the controller has no gains to search, Optuna is not installed, or an argument is invalid.
+    Processes with the same folder share one study; as they do not count trials in progress elsewhere, they may make a
+    few more. The first trial has the values in use, hence the result is never worse on these seeds. On one process
+    the search is reproducible.
     """
     if name not in BOUNDS:
         raise InputError(f"no gains of '{name}' are searched; choose one of {one_of(name, BOUNDS)}")
@@ -299,15 +266,7 @@ def tune_training(
     env_id: str, out: str | Path, *, algo: str = "ppo", steps: int | None = None, trials: int = 40, seed: int = 0,
     seeds: int = 5, engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
 ) -> Tuned:
-    """Search the hyperparameters of a training; see `tune_gains` for the other parameters.
-
-    Parameters
-    ----------
-    algo : str
-        One of `TRAINING`.
-    steps : int, optional
-        Windows per trial; by default those of ``models/training``.
-    """
+    """Search the hyperparameters of a training, by default with the windows of ``models/training`` per trial."""
     space, judged_by, name = bounds("training", algo), _judged_by(trials, seed, seeds), resolve(env_id)
     windows = load(name, algo).steps if steps is None else steps
     if windows < 1:
@@ -489,28 +448,15 @@ class Spread(NamedTuple):
 
 
 class TunedOwn(NamedTuple):
-    """Result of `tune_own`.
+    """Result of `tune_own`, with spreads on machines that the choice did not use."""
 
-    Attributes
-    ----------
-    values : dict
-        The most robust settings.
-    spread, first_spread : Spread
-        Spreads of `values` and of the settings in use, both on machines that the choice did not use.
-    trials, failed : int
-        Number of all trials, and of those that failed.
-    machines : int
-        Number of machines in the spreads.
-    tried_again : dict
-        Values and spread of each finalist by the number of its trial; -1 is the settings in use.
-    """
-
-    values: dict[str, float]
+    values: dict[str, float]  # the most robust settings
     spread: Spread
-    first_spread: Spread
+    first_spread: Spread  # of the settings in use
     trials: int
     failed: int
-    machines: int
+    machines: int  # in the spreads
+    # values and spread of each finalist by its trial; -1 is the settings in use
     tried_again: dict[int, tuple[dict[str, float], Spread]]
 
 

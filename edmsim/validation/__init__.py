@@ -21,13 +21,7 @@ Watch = Callable[[int, int], None]
 
 
 def checks(modules: Sequence[str] = MODULES) -> list[Check]:
-    """Return the checks of some of `MODULES`, by default of all.
-
-    Raises
-    ------
-    InputError
-        If a module is unknown.
-    """
+    """Return the checks of some of `MODULES`, by default of all."""
     for name in modules:
         if name not in MODULES:
             raise InputError(f"there is no module of checks '{name}'; choose of {one_of(name, MODULES)}")
@@ -35,22 +29,7 @@ def checks(modules: Sequence[str] = MODULES) -> list[Check]:
 
 
 def run(watch: Watch | None = None, modules: Sequence[str] = MODULES) -> list[Row]:
-    """Run checks in parallel, one per processor, and return their rows in a fixed order.
-
-    The rows of a check depend only on its seeds.
-
-    Parameters
-    ----------
-    watch : callable, optional
-        Called after each check with the number of finished checks and of all.
-    modules : sequence of str
-        Names out of `MODULES`.
-
-    Raises
-    ------
-    InputError
-        If a module is unknown.
-    """
+    """Run checks in parallel, and return their rows in a fixed order; these depend only on the seeds."""
     rows = [row for found in perform(lambda check: check(SEEDS), checks(modules), watch) for row in found]
     topics = list(dict.fromkeys(row.topic for row in rows))
     return sorted(rows, key=lambda row: topics.index(row.topic))

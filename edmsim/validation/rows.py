@@ -21,47 +21,22 @@ class Row:
     """One published fact and its simulated counterpart.
 
     Build it with `Row.value`, `Row.band` or `Row.sign`, which set `passed`, or with `Row.report`.
-
-    Attributes
-    ----------
-    topic : str
-        Topic: "ignition", "crater", "wire", "pulse ratios", ...
-    name : str
-        Name of the compared quantity: "median delay at 20 um".
-    source : str
-        Citation of the published fact.
-    published : str
-        Published value, band or sign as text with unit: "132 us", "10..60 mm2/min", "falls".
-    simulated : float
-        Central value; for a sign the difference (changed minus base).
-    uncertainty : float
-        Half width of the 95 % interval over seeds or draws; 0 if exact.
-    unit : str
-        Unit of `simulated` and `uncertainty`.
-    tolerance : str
-        Criterion of agreement, as text.
-    passed : bool
-    note : str
-        Page that explains a failure: "docs/theory/breakdown.md#two-regimes". A row that fails without a note is
-        unexpected.
-    kind : {"judged", "calibration", "context"}
-        Only a judged row counts as agreement or failure.
-    reason : str
-        Reason why a row of another kind does not count.
     """
 
-    topic: str
-    name: str
-    source: str
-    published: str
-    simulated: float
-    uncertainty: float
-    unit: str
-    tolerance: str
+    topic: str  # "ignition", "crater", "wire", "pulse ratios", ...
+    name: str  # name of the compared quantity: "median delay at 20 um"
+    source: str  # citation of the published fact
+    published: str  # published value, band or sign as text with unit: "132 us", "10..60 mm2/min", "falls"
+    simulated: float  # central value; for a sign the difference (changed minus base)
+    uncertainty: float  # half width of the 95 % interval over seeds or draws; 0 if exact
+    unit: str  # unit of `simulated` and `uncertainty`
+    tolerance: str  # criterion of agreement, as text
     passed: bool
+    # page that explains a failure: "docs/theory/breakdown.md#two-regimes". A row that fails without a note is
+    # unexpected.
     note: str = ""
-    kind: Kind = "judged"
-    reason: str = ""
+    kind: Kind = "judged"  # only a judged row counts as agreement or failure: judged, calibration, context
+    reason: str = ""  # reason why a row of another kind does not count
 
     @property
     def unexpected(self) -> bool:
@@ -91,17 +66,7 @@ class Row:
         cls, topic: str, name: str, source: str, *, published: float, simulated: float, within: float,
         uncertainty: float = 0.0, unit: str = "", note: str = "",
     ) -> Row:
-        """Compare with a published value.
-
-        It passes if the central value is within the tolerance and the interval is no wider than that.
-
-        Parameters
-        ----------
-        published : float
-            Published value in `unit`, not zero.
-        within : float
-            Tolerance as a share of the published value: 0.05 is "within 5 %".
-        """
+        """Compare with a published value, not 0; passes within a share of it, the interval being no wider."""
         tolerance = within * abs(published)
         passed = abs(simulated - published) <= tolerance and uncertainty <= tolerance
         return cls(
@@ -114,15 +79,7 @@ class Row:
         cls, topic: str, name: str, source: str, *, simulated: float, low: float = -math.inf, high: float = math.inf,
         published: str = "", uncertainty: float = 0.0, unit: str = "", note: str = "",
     ) -> Row:
-        """Compare with a published band; passes if the central value is in ``low..high``.
-
-        Parameters
-        ----------
-        low, high : float
-            Inclusive bounds; leave one out if only the other is published.
-        published : str, optional
-            Text in place of the band, if the band is our assumption.
-        """
+        """Compare with a published band; passes if the central value is in it. `published` is another text for it."""
         if math.isinf(low):
             words, allowed = f"at most {_text(high, unit)}", f"<= {_text(high, unit)}"
         elif math.isinf(high):
@@ -139,17 +96,7 @@ class Row:
         cls, topic: str, name: str, source: str, *, rises: bool, simulated: float, uncertainty: float,
         published: str = "", unit: str = "", note: str = "",
     ) -> Row:
-        """Compare with a published sign; passes only if the whole interval is on that side of zero.
-
-        Parameters
-        ----------
-        rises : bool
-            Whether the published quantity rises with the change that the name describes.
-        simulated : float
-            Difference, changed minus base.
-        published : str, optional
-            Text in place of "rises" or "falls", if the sign is the quantity's own.
-        """
+        """Compare with the published sign of a difference, changed minus base; passes with its whole interval."""
         passed = simulated - uncertainty > 0 if rises else simulated + uncertainty < 0
         return cls(
             topic, name, source, published or ("rises" if rises else "falls"), float(simulated), float(uncertainty),

@@ -212,6 +212,30 @@ def test_sparks_that_clear_a_short_find_no_shorter_period_than_those_before_it(n
     assert after_us[-1] == pytest.approx(before_us, rel=0.1)
 
 
+@pytest.mark.parametrize("name", ["climbing-hold", "adaptive-hold"])
+def test_a_gap_that_is_still_wide_after_a_short_does_not_shorten_the_period(name: str) -> None:
+    """Wires broke as such a gap closed again, at the shortest period."""
+    found = []
+    for refill_s in (0.0, 60.0):
+        controller = controllers.make(name, refill_s=refill_s, shortest_us=12.0)
+        tell(controller, production_machine(), PATH, 0.0)
+        controller.reset(400.0)
+        period_us, ends_us = 90.0, []
+        for windows, short, open_, fifth in (
+            (500, 20, 10, 45), (50, 255, 0, 0), (150, 0, 155, 20), (150, 20, 10, 45),
+        ):  # fmt: skip
+            for _ in range(windows):
+                window = observed(0.0, (fifth,) * 5)
+                window = window._replace(duration_s=255e-6 * period_us, short=short, open=open_)
+                period_us = controller.update(window).t_period_us or 0.0
+            ends_us.append(period_us)
+        found.append(ends_us)
+    (usual_us, _, wide_us, _), (_, _, limited_us, closed_us) = found
+    assert wide_us < 0.6 * usual_us
+    assert limited_us > 0.9 * usual_us
+    assert closed_us == pytest.approx(usual_us, rel=0.1)
+
+
 def test_sato_begins_every_wire_above_the_operators_period() -> None:
     controller = controllers.make("sato")
     controller.reset(400.0)

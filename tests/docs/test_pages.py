@@ -40,8 +40,10 @@ NOT_RUN = {
         "tests/evaluation/test_technology.py",
     "edmsim cut examples/punch.ngc --passes 2 --height 10 --technology steel.toml --out out/punch-2":
         "it takes what the command before it leaves; tests/evaluation/test_technology.py",
-    "python examples/learning/adapt.py --machines 32 --out out/adapt":
-        "tests/learning/test_adapt_example.py runs a short one",
+    "edmsim train edmsim/MaxRateShift-v0 --algo bandit --score 4 --seed 1 --out out/adapt":
+        "tests/learning/test_bandit_training.py runs a short one",
+    "edmsim train edmsim/MaxRateShift-v0 --algo bandit --settings own.toml --score 0 --out out/own":
+        "tests/learning/test_bandit_training.py runs one with settings of its own",
     "edmsim evaluate edmsim/MaxRateShift-v0 --controllers policy:out/adapt/policy.json,adaptive-hold --seeds 4 "
     "--page out/adapt/compared.md": "it takes what the command before it leaves",
     "python examples/learning/lag.py --machines 300 --rounds 3 --seed 1 --out out/lag":

@@ -19,14 +19,17 @@ ENV_ID = "edmsim/MaxRateShift-v0"
 SETTINGS = [{"open_target_share": 0.0, "shortest_us": 18.0}, {"open_target_share": 0.1, "shortest_us": 12.5},
             {"open_target_share": 0.3, "shortest_us": 12.5}]  # fmt: skip
 
+LOST_S = 25.0  # that a lost wire costs
+
 
 def card(**changes):
     size = 3 * len(SETTINGS)
     usual = {
         "format": bandit_file.FORMAT, "env_id": ENV_ID, "environment": {}, "law": "adaptive-hold",
-        "settings": SETTINGS, "segment_s": 0.5, "settle_s": 0.1, "start_s": 0.2, "trial_s": 2.0,
+        "settings": SETTINGS, "segment_s": 0.5, "settle_s": 0.1, "start_s": 0.2, "trial_s": 2.0, "trial_bonus": 2.0,
         "bonus": 0.3, "mean": [0.0] * size, "covariance": (0.04 * np.eye(size)).tolist(),
-        "noise": [0.05, 0.02, 0.02], "offset_drift": 0.02, "drift": 0.01, "algorithm": "none", "command": "none",
+        "noise": [0.05, 0.02, 0.02], "offset_drift": 0.02, "drift": 0.01, "breaks": [0.002] * len(SETTINGS),
+        "breaks_s": 100.0, "algorithm": "none", "command": "none",
         "seed": None, "steps": 0, "versions": {},
     }  # fmt: skip
     return BanditCard(**{**usual, **changes})
@@ -38,22 +41,27 @@ def policy(tmp_path):
     return from_text(f"policy:{tmp_path / 'policy.json'}")
 
 
+def best(belief, bonus, lost_s):
+    """Return the setting that is the best with this bonus."""
+    return int(np.argmax(belief.at_best(bonus, lost_s)))
+
+
 def cut(belief, rates, segments, bonus, offset=5.0, noise=0.03):
     """Return the settings that a belief chooses where they have these logarithms of rates."""
     rng, chosen, setting = np.random.default_rng(1), [], 0
     for _ in range(segments):
         belief.learn(setting, Segment(offset + rates[setting] + noise * rng.normal(), 0.1, 0.1))
-        setting = belief.best(bonus)
+        setting = best(belief, bonus, LOST_S)
         chosen.append(setting)
     return chosen
 
 
-@pytest.mark.parametrize("best", [0, 1, 2])
-def test_the_setting_that_cuts_fastest_is_found_whatever_the_rate_of_the_machine(best):
-    rates = np.where(np.arange(3) == best, 0.2, 0.0)
+@pytest.mark.parametrize("fastest", [0, 1, 2])
+def test_the_setting_that_cuts_fastest_is_found_whatever_the_rate_of_the_machine(fastest):
+    rates = np.where(np.arange(3) == fastest, 0.2, 0.0)
     for offset in (-3.0, 8.0):
         chosen = cut(Belief(card()), rates, 40, 0.5, offset)
-        assert chosen[-20:].count(best) >= 18
+        assert chosen[-20:].count(fastest) >= 18
 
 
 def test_one_setting_tells_of_another_by_what_machines_have_in_common():
@@ -74,8 +82,34 @@ def test_one_setting_tells_of_another_by_what_machines_have_in_common():
 def test_drift_makes_an_old_measurement_uncertain_again():
     belief = Belief(card(drift=0.05))
     cut(belief, np.array([0.1, 0.0, 0.0]), 30, 0.0)
-    assert belief.best(0.0) == 0
-    assert belief.best(3.0) != 0
+    assert best(belief, 0.0, LOST_S) == 0
+    assert best(belief, 3.0, LOST_S) != 0
+
+
+def test_a_setting_that_loses_wires_gives_way_to_one_that_cuts_a_little_slower():
+    belief = Belief(card(breaks_s=50.0))
+    for setting, rate in enumerate((0.05, 0.0, -0.3)):
+        for _ in range(10):
+            belief.learn(setting, Segment(5.0 + rate, 0.1, 0.1))
+    belief.cut_s[:] = 200.0
+    assert best(belief, 0.0, LOST_S) == 0
+    belief.lost[0] = 2  # two wires in 250 s, with 0.1 of the prior: 21 % of the time; else 1 %
+    assert belief.net(LOST_S)[0] == pytest.approx(belief.mean[0] - np.log(1.0 + 2.1 / 250.0 * LOST_S))
+    assert best(belief, 0.0, LOST_S) == 1
+    belief.begin()
+    assert not belief.lost.any()
+
+
+def test_a_setting_that_can_hardly_be_the_best_is_not_tried(tmp_path):
+    tried = []
+    for deviation in (0.01, 0.2):
+        covariance = np.diag([deviation**2] * 3 + [0.04] * 6)
+        mean = [0.0, 0.0, -0.2, *[0.1] * 6]
+        bandit_file.write(card(mean=mean, covariance=covariance.tolist()), tmp_path / "policy.json")
+        controller = from_text(f"policy:{tmp_path / 'policy.json'}")
+        tried.append([controller.choose() for _ in range(2)])
+    assert 2 not in tried[0]
+    assert tried[1] == [1, 2]
 
 
 def test_in_a_shift_settings_are_tried_and_a_new_wire_begins_with_the_first(policy):
@@ -87,8 +121,14 @@ def test_in_a_shift_settings_are_tried_and_a_new_wire_begins_with_the_first(poli
     assert {setting for setting, _, _ in states} == {0, 1, 2}
     for setting, clock_s, target in states:
         assert target == SETTINGS[setting if clock_s >= 0.0 else 0]["open_target_share"]
-    policy.setting = 2
+    policy.setting, policy.clock_s, policy.broken = 2, 0.1, False
     policy.wire_lost()
+    assert not policy.belief.lost.any()  # the first shows the law what wires bear
+    policy.clock_s = 0.1
+    policy.wire_lost()
+    assert policy.belief.lost.tolist() == [0.0, 0.0, 1.0]
+    policy.wire_lost()  # before the setting was in force again
+    assert policy.belief.lost.tolist() == [0.0, 0.0, 1.0]
     usual = WindowObservation(0.0, 0.01, 5, 15, 30.0, 10.0, 9.0, 20.0, 0.0, fifths=(47, 47, 47, 47, 47))
     policy.update(usual)
     assert policy.law.measure.open_target_share == 0.0
@@ -116,6 +156,7 @@ def test_a_snapshot_goes_on_bit_for_bit(policy, tmp_path):
     [
         ({"mean": [0.0] * 8}, "must have 9 entries"),
         ({"settle_s": 0.5}, "settle_s"),
+        ({"breaks": [0.0]}, "breaks must have 3 entries"),
         ({"law": "heat-oracle"}, "a machine could have"),
         ({"law": "nobody"}, "nobody"),
         ({"settings": [{"size": 1.0}] * 3}, "no parameter 'size'"),

@@ -192,7 +192,7 @@ def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     card = bandit_file.load(bandit) if bandit else policy_file.load(file.stem).card
     name, trained_in = ("adapt", None) if bandit else (card.algorithm, card.trained_in)
     assert file.stem == f"{card.env_id.removeprefix('edmsim/')[:-3]}-{name}"
-    made_by = f"edmsim train {trained_in or card.env_id} --algo {name} "
+    made_by = f"edmsim train {trained_in or card.env_id} --algo {card.algorithm} "
     assert card.command.startswith((made_by, f"python examples/learning/{name}.py "))
     assert trained_in != card.env_id
     rivals, resolutions = measured_with(card.env_id)

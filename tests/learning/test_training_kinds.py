@@ -37,9 +37,14 @@ def exported(tmp_path, env_id, algo, steps=64, **options):
     return trained, policy_file.load(str(tmp_path / "policy.json"))
 
 
+RECURRENT = "[network]\nlstm = 64\n[environment]\nhistory = 1\n"
+
+
 @pytest.mark.slow
-def test_a_recurrent_policy_remembers_as_it_was_trained(short_training, tmp_path):
-    trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", "recurrent-ppo")
+@pytest.mark.parametrize("algo", ["recurrent-ppo", "imitation"])
+def test_a_recurrent_policy_remembers_as_it_was_trained(short_training, tmp_path, algo):
+    (tmp_path / "own.toml").write_text(RECURRENT if algo == "imitation" else "")
+    trained, policy = exported(tmp_path, "edmsim/GapFeed-v2", algo, settings=tmp_path / "own.toml")
     space = trained.model.observation_space
     observed = np.random.default_rng(0).uniform(0, 1, (20, *space.shape)).astype(np.float32)
     state, memory, found, expected = None, policy.fresh_memory(), [], []
@@ -119,6 +124,35 @@ def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     assert command.offset_um == pytest.approx(6.0, abs=1.0)
 
 
+@pytest.mark.slow
+def test_a_recurrent_imitation_learns_from_what_it_remembered_when_it_cut(short_training, tmp_path):
+    import torch
+
+    (tmp_path / "own.toml").write_text(f"{RECURRENT}[algorithm]\nlearning_rate = 1e-12\n")
+    trained, _ = exported(tmp_path, "edmsim/GapFeed-v2", "imitation", steps=256, settings=tmp_path / "own.toml")
+    model, buffer = trained.model, trained.model.rollout_buffer
+    decisions = model.n_steps * model.n_envs
+    assert len(model.starts) == 256 // decisions > 1
+    assert model.memories[1][0].any()
+    model.starts, model.memories = model.starts[-1:], model.memories[-1:]  # of the rollout that the buffer has
+    rows, mean = model.drawn(torch.as_tensor(buffer.observations.reshape(decisions, -1)))
+    gaussian = torch.distributions.Normal(mean, model.policy.log_std.exp())
+    actions = torch.as_tensor(buffer.actions.reshape(decisions, -1))[rows]
+    found = gaussian.log_prob(actions).sum(dim=1).detach().numpy()
+    assert found == pytest.approx(buffer.log_probs.reshape(decisions)[rows.numpy()], abs=1e-3)
+
+
+@pytest.mark.slow
+def test_a_recurrent_imitation_resumes_with_all_rollouts(short_training, tmp_path):
+    from edmsim.learning.train import train
+
+    (tmp_path / "own.toml").write_text(RECURRENT)
+    trained, _ = exported(tmp_path, "edmsim/GapFeed-v2", "imitation", settings=tmp_path / "own.toml")
+    rollouts = len(trained.model.starts)
+    again = train("edmsim/GapFeed-v2", "imitation", tmp_path, steps=128, seed=3, resume=True)
+    assert len(again.model.starts) == len(again.model.memories) == len(again.model.states) > rollouts
+
+
 def test_a_teacher_says_what_it_would_do_where_the_learner_is():
     from edmsim.envs.sb3 import make_sb3_vec_env
     from edmsim.learning.kinds import TaughtVecEnv
@@ -148,6 +182,12 @@ def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, optio
     with pytest.raises(InputError, match=named):
         exported(tmp_path / "out", "edmsim/GapFeed-v2", algo, **options)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_memory_is_refused_where_no_learner_has_one(short_training, tmp_path):
+    (tmp_path / "own.toml").write_text("[network]\nlstm = 8\n")
+    with pytest.raises(InputError, match=r"network.lstm is for recurrent-ppo and imitation; the algorithm is sac"):
+        exported(tmp_path / "out", "edmsim/GapFeed-v2", "sac", settings=tmp_path / "own.toml")
 
 
 def test_a_teacher_without_a_target_is_none_for_a_servo(short_training, tmp_path):

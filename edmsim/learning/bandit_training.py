@@ -1,0 +1,361 @@
+"""Training of a policy that chooses settings of a law: histories of training machines, and the prior that fits them.
+
+1. `record` cuts on a training machine with all settings in random order, and returns what each segment measured.
+2. `prior_of` fits what machines have in common: mean and covariance, over machines, of what each setting does; how
+   exactly a segment measures it; and how fast it changes.
+
+Basu et al., "No Regrets for Learning the Prior in Bandits" (NeurIPS 2021), learn a bandit's prior in a similar way.
+A machine does not know the area that it cuts; the histories have the true one, and `BanditSettings.meter` is the
+error of the measured rate. Needs no extra.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from collections.abc import Callable, Sequence
+from importlib import resources
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, FiniteFloat, ValidationError
+
+from edmsim.envs.episode import Task
+from edmsim.envs.registry import base_of, find, make_family, stand_in
+from edmsim.envs.shift import Shift
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import HELD_BACK, Episode
+from edmsim.files import locked
+from edmsim.learning import bandit_file
+from edmsim.learning.bandit_controller import BanditController
+from edmsim.learning.bandit_file import BanditCard, Choices, Segment
+from edmsim.runs import RunTable, perform
+from edmsim.screen import ScreenTable
+
+FIRST_SEED = 21_000
+"""Seed of the first training machine of a training with seed 0."""
+LEAST_PASSES = 2  # in fewer, all that a segment differs from another is its setting, and no noise is known
+HISTORIES = "histories.jsonl"
+LEAST_SPREAD = 0.1  # least variance among machines of the factor on the rate of lost wires (ours: few are seen)
+Floats = NDArray[np.float64]
+_Positive = Annotated[FiniteFloat, Field(gt=0)]
+
+
+class BanditSettings(Choices):
+    """Settings of a training: those of the policy (see `edmsim.learning.bandit_file.Choices`), and of its prior.
+
+    Attributes
+    ----------
+    machines : int
+        Training machines, 2 or more.
+    passes : int
+        Segments with each setting on every training machine.
+    shrink : float
+        Share by which the covariance over machines is moved towards its diagonal, as machines are few.
+    meter : float
+        Standard deviation of the measured rate's logarithm from the true one's.
+    drift : float
+        Standard deviation of the change of a setting's logarithm of the rate per segment, relative to the others.
+    """
+
+    machines: Annotated[int, Field(ge=2)]
+    passes: Annotated[int, Field(ge=LEAST_PASSES)]
+    shrink: Annotated[FiniteFloat, Field(ge=0, le=1)]
+    meter: _Positive
+    drift: Annotated[FiniteFloat, Field(ge=0)]
+
+    @property
+    def segments(self) -> int:
+        """Segments on every training machine."""
+        return self.passes * len(self.settings)
+
+
+class About(NamedTuple):
+    """What a policy file says of its training."""
+
+    command: str
+    seed: int
+    steps: int
+
+
+class History(NamedTuple):
+    """What was recorded on a training machine."""
+
+    rows: list[list[float]]  # (n, 5): setting, shares of opens and shorts, seconds and area in mm2 of each segment
+    lost: list[float]  # wires with each setting
+    cut_s: list[float]  # time with each setting
+
+
+def load(env_id: str, file: Path | None = None) -> BanditSettings:
+    """Return the settings of ``models/training/NAME-bandit.toml``, with changes from a file of yours.
+
+    Raises
+    ------
+    InputError
+        If the environment is no shift, or a value cannot be used.
+    """
+    family, _ = find(env_id)
+    if not issubclass(family, Shift):
+        raise InputError(
+            f"{env_id} is no shift: a bandit needs one to adapt in, edmsim/MaxRateShift-v0 or edmsim/ThinWireShift-v0"
+        )
+    own = resources.files("edmsim.models") / "training" / f"{base_of(family)}-bandit.toml"
+    values = tomllib.loads(own.read_text(encoding="utf-8"))
+    if file is not None:
+        try:
+            values |= tomllib.loads(file.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise InputError(f"the settings cannot be read: {error}", file) from None
+    return checked(values, file)
+
+
+def checked(values: dict[str, Any], file: Path | None = None) -> BanditSettings:
+    """Return settings; raises `InputError` in one line for one that cannot be used."""
+    try:
+        settings = BanditSettings.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise InputError(f"{place + ': ' if place else ''}{first['msg']}", file) from None
+    bandit_file.law_of(settings)
+    return settings
+
+
+class Prior(NamedTuple):
+    """What machines have in common; see `edmsim.learning.bandit_file.BanditCard`."""
+
+    mean: Sequence[float]
+    covariance: Sequence[Sequence[float]]
+    noise: Sequence[float]
+    offset_drift: float
+    breaks: Sequence[float]
+    breaks_s: float
+
+
+def card_of(env_id: str, settings: BanditSettings, prior: Prior, about: About) -> BanditCard:
+    """Return a policy with these settings and this prior."""
+    choices = {name: getattr(settings, name) for name in Choices.model_fields}
+    versions = {name: version(name) for name in ("edmsim", "numpy")}
+    return BanditCard(
+        format=bandit_file.FORMAT, env_id=env_id, environment={}, **choices, **prior._asdict(), drift=settings.drift,
+        algorithm="bandit", **about._asdict(), versions=versions,
+    )  # fmt: skip
+
+
+# 1. histories of training machines
+
+
+class Trier(BanditController):
+    """Tries all settings in random order, and notes what each segment measured."""
+
+    def __init__(self, env_id: str, settings: BanditSettings, seed: int) -> None:
+        count = len(settings.settings)
+        unknown = Prior([0.0] * 3 * count, np.eye(3 * count).tolist(), [1.0] * 3, 0.0, [0.0] * count, 1.0)
+        super().__init__(card_of(env_id, settings, unknown, About("", seed, 0)))
+        self.rows: list[tuple[int, float, float]] = []  # setting, shares of opens and shorts
+        self._random = np.random.default_rng(seed)
+        self._order: list[int] = []
+
+    @property
+    def measures(self) -> bool:
+        """Whether the present segment's measurement has begun."""
+        return self.seconds > 0.0
+
+    def learn(self, measured: Segment) -> None:
+        """Note a segment."""
+        self.rows.append((self.setting, measured.open, measured.short))
+
+    def choose(self) -> int:
+        """Return the next setting; each comes once before one comes again."""
+        self._order = self._order or list(self._random.permutation(len(self.card.settings)))
+        return int(self._order.pop())
+
+
+def record(env_id: str, settings: BanditSettings, seed: int) -> History:
+    """Cut on a training machine, with `BanditSettings.segments` segments or up to the end of the shift."""
+    trier = Trier(env_id, settings, seed)
+    episode = Episode(Task(env_id, test_s=0.0), trier, seed, "trier")
+    rows: list[list[float]] = []
+    outcome, seconds, area = None, 0.0, 0.0
+    while outcome is None and len(rows) < settings.segments:
+        before = trier.measures
+        outcome = episode.step()
+        if before or trier.measures:
+            assert episode.last is not None
+            seconds += episode.last.observation.duration_s
+            area += episode.last.area_mm2
+        if len(trier.rows) > len(rows):
+            rows.append([*trier.rows[-1], seconds, area])
+        if not trier.measures:  # a segment or a wire has ended
+            seconds = area = 0.0
+    return History(rows, trier.belief.lost.tolist(), trier.belief.cut_s.tolist())
+
+
+# 2. what machines have in common
+
+
+def effects(values: Floats, setting: NDArray[np.int64], count: int) -> tuple[Floats, Floats, Floats]:
+    """Return what each setting (count,) and each pass (p,) adds to values (n,), and what is left (n,)."""
+    passes = np.arange(len(values)) // count
+    design = np.concatenate([np.eye(count)[setting], np.eye(passes[-1] + 1)[passes]], axis=1)
+    found = np.linalg.lstsq(design, values, rcond=None)[0]
+    offset = found[count:].mean()
+    return found[:count] + offset, found[count:] - offset, values - design @ found
+
+
+def prior_of(histories: Sequence[History], settings: BanditSettings) -> Prior:
+    """Return the prior that fits these machines; those that tried a setting less than twice are left out.
+
+    Raises
+    ------
+    InputError
+        If fewer than two machines are left.
+    """
+    count = len(settings.settings)
+    machines, left, moved = [], [], []
+    for history in histories:
+        rows = np.array(history.rows, float).reshape(-1, 5)
+        rows = rows[(rows[:, 3] > 0) & (rows[:, 4] > 0)]
+        setting = rows[:, 0].astype(np.int64)
+        if np.bincount(setting, minlength=count).min() < LEAST_PASSES:
+            continue
+        log_rate = np.log(rows[:, 4] / rows[:, 3])
+        found = [effects(values, setting, count) for values in (log_rate, rows[:, 1], rows[:, 2])]
+        rates = found[0][0] - found[0][0].mean()  # relative to the machine's others
+        machines.append(np.concatenate([rates, found[1][0], found[2][0]]))
+        freedom = len(rows) - len(found[0][0]) - len(found[0][1]) + 1
+        left.append([(each[2] ** 2).sum() / freedom for each in found])
+        moved.append(np.diff(found[0][1]))
+    if len(machines) < 2:
+        raise InputError(
+            f"only {len(machines)} of {len(histories)} training machines cut with every setting {LEAST_PASSES} "
+            "times: give shorter segments or settings that lose fewer wires"
+        )
+    noise = np.sqrt(np.mean(left, axis=0) + np.array([settings.meter**2, 0.0, 0.0]))
+    covariance = np.cov(np.array(machines).T)
+    covariance = (1.0 - settings.shrink) * covariance + settings.shrink * np.diag(np.diag(covariance))
+    offset_drift = math.sqrt(float(np.mean(np.concatenate(moved) ** 2)) / count)
+    lost, cut_s = (np.array(each) for each in zip(*((one.lost, one.cut_s) for one in histories), strict=True))
+    return Prior(
+        np.mean(machines, axis=0).tolist(), covariance.tolist(), noise.tolist(), offset_drift, *breaks_of(lost, cut_s)
+    )
+
+
+def breaks_of(lost: Floats, cut_s: Floats) -> tuple[list[float], float]:
+    """Return lost wires per second with each setting, and how much of a machine's own time weighs as much.
+
+    Numbers of lost wires (machines, settings) in times of the same shape are Poisson. Their rates differ from those
+    of the settings by factors of a gamma distribution, whose variance follows from that of the numbers.
+    """
+    total = lost.sum()
+    # as if one more wire were lost, evenly over the settings: none has a rate of 0
+    per_s = (lost.sum(axis=0) + 1.0 / lost.shape[1]) / cut_s.sum(axis=0)
+    if not total:
+        return per_s.tolist(), float(cut_s.sum())
+    expected = cut_s * lost.sum(axis=0) / cut_s.sum(axis=0)
+    beyond = float(((lost - expected) ** 2 - expected).sum() / (expected**2).sum())  # variance of the rate's factor
+    shape = 1.0 / max(beyond, LEAST_SPREAD)
+    return per_s.tolist(), shape * float(cut_s.sum() / total)
+
+
+def described(card: BanditCard) -> ScreenTable:
+    """Return how the settings differ on training machines."""
+    deviations, count = np.sqrt(np.diag(np.array(card.covariance))), len(card.settings)
+    heads = "rate beside the others, %", "opens, %", "shorts, %", "wires lost per hour"
+    table = ScreenTable("setting", numbers=heads)
+    for k, setting in enumerate(card.settings):
+        rate = f"{100 * card.mean[k]:+.1f} ± {100 * deviations[k]:.1f}"
+        shares = (f"{100 * card.mean[k + part * count]:.0f}" for part in (1, 2))
+        table.add_row(shown(setting), rate, *shares, f"{3600 * card.breaks[k]:.1f}")
+    return table
+
+
+def shown(setting: dict[str, float]) -> str:
+    """Return a setting as controllers' parameters are written."""
+    return ",".join(f"{name}={value:g}" for name, value in setting.items())
+
+
+# 3. both, so that they can be resumed
+
+
+def train(
+    env_id: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
+    settings: BanditSettings | None = None, command: str = "", watch: Callable[[int, int], None] | None = None,
+) -> BanditCard:
+    """Record training machines, and return the policy whose prior fits them.
+
+    Parameters
+    ----------
+    env_id : str
+        A shift.
+    out : Path
+        Folder for `HISTORIES`.
+    steps : int, optional
+        Segments on all machines together, rounded up to whole machines; by default those of `settings`.
+    seed : int
+        Added to the number of the first training machine.
+    resume : bool
+        Whether to use the folder's histories, which must have been recorded with the same seed; their settings apply.
+    settings : BanditSettings, optional
+        By default those of ``models/training``.
+    command : str
+        What the policy's file says of its making.
+    watch : callable, optional
+        Called with the numbers of recorded and of all machines.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, or there is nothing to resume.
+    """
+    file = out / HISTORIES
+    if resume:
+        settings = _settings_of(file)
+    settings = settings or load(env_id)
+    machines = settings.machines if steps is None else max(-(-steps // settings.segments), 2)
+    first = FIRST_SEED + seed
+    if steps is not None and steps < 1:
+        raise InputError(f"steps is {steps}: give 1 or more")
+    if seed < 0 or first + machines > HELD_BACK:
+        raise InputError(f"the seed {seed} must be from 0 to {HELD_BACK - FIRST_SEED - machines}")
+    _check_time(env_id, settings)
+    with locked(out, "edmsim train"):
+        if not resume:
+            file.unlink(missing_ok=True)
+        of = {"env_id": env_id, "seed": seed, "settings": settings.model_dump(exclude={"machines"})}
+        table = RunTable(file, of)
+        seeds = range(first, first + machines)
+        rows = perform(
+            lambda number: record(env_id, settings, number)._asdict(), seeds, watch, table=table,
+            ids=[str(number) for number in seeds],
+        )  # fmt: skip
+    histories = [History(row["rows"], row["lost"], row["cut_s"]) for row in rows]
+    about = About(command, seed, sum(len(history.rows) for history in histories))
+    known_as, _ = stand_in(*find(env_id))
+    return card_of(known_as, settings, prior_of(histories, settings), about)
+
+
+def _check_time(env_id: str, settings: BanditSettings) -> None:
+    """Refuse segments that no shift has time for."""
+    family = make_family(env_id)
+    needed_s = settings.segments * settings.segment_s
+    if family.episode_s is not None and needed_s > family.episode_s:
+        raise InputError(
+            f"{settings.segments} segments of {settings.segment_s:g} s are {needed_s:g} s of cutting; a shift has "
+            f"{family.episode_s:g} s: fewer passes or shorter segments"
+        )
+
+
+def _settings_of(file: Path) -> BanditSettings:
+    """Return the settings that histories were recorded with."""
+    if not file.exists():
+        raise InputError("there is no training to resume in this folder", file.parent)
+    try:
+        with file.open(encoding="utf-8") as opened:
+            return BanditSettings.model_validate({**json.loads(opened.readline())["of"]["settings"], "machines": 2})
+    except (ValueError, LookupError, TypeError) as error:
+        raise InputError(f"the histories are damaged ({error}); train again without --resume", file) from None

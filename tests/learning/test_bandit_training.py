@@ -1,0 +1,161 @@
+"""Training of a bandit: it finds what machines have in common, can be resumed, and its policy cuts."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from edmsim.controllers import from_text
+from edmsim.envs.episode import Task
+from edmsim.errors import InputError
+from edmsim.evaluation.episode import Episode
+from edmsim.learning import bandit_file, bandit_training
+from edmsim.learning.bandit_file import Belief, Segment
+from edmsim.learning.bandit_training import About, History
+
+ENV_ID = "edmsim/MaxRateShift-v0"
+ABOUT = About("a test", 0, 0)
+SETTINGS = bandit_training.load(ENV_ID)
+COUNT = len(SETTINGS.settings)
+SHORT = """segment_s = 0.4
+settle_s = 0.1
+start_s = 0.2
+passes = 3
+machines = 2
+settings = [{open_target_share = 0.0}, {open_target_share = 0.2}]
+"""
+
+
+def histories(count=60, noise=0.04):
+    """Return histories of machines of two kinds, and their rates: on one a wide gap pays, on the other shorts do."""
+    rng, made, rates = np.random.default_rng(2), [], []
+    for machine in range(count):
+        wide = machine % 2
+        rate = np.array([0.0, 0.1, 0.2, 0.3, -0.1, -0.2]) * (1 if wide else -1) + 0.03 * rng.normal(size=COUNT)
+        short = np.array([0.2, 0.1, 0.05, 0.0, 0.3, 0.4]) if wide else np.full(COUNT, 0.4)
+        offset, rows = rng.normal(5.0, 1.0), []
+        for _ in range(SETTINGS.passes):
+            offset += 0.05 * rng.normal()
+            for setting in rng.permutation(COUNT):
+                area = 8.0 * np.exp(offset + rate[setting] + noise * rng.normal())
+                rows.append([setting, 0.1, short[setting] + 0.01 * rng.normal(), 8.0, area])
+        made.append(History(rows, [0.0] * COUNT, [40.0] * COUNT))
+        rates.append(rate - rate.mean())
+    return made, np.array(rates)
+
+
+def test_the_prior_is_what_machines_have_in_common():
+    made, rates = histories()
+    prior = bandit_training.prior_of(made, SETTINGS)
+    assert prior.noise[0] == pytest.approx(0.05, rel=0.2)  # with the meter's
+    assert prior.noise[2] == pytest.approx(0.01, rel=0.2)
+    assert prior.mean[:COUNT] == pytest.approx(rates.mean(axis=0), abs=0.02)
+    assert np.diag(prior.covariance)[:COUNT] == pytest.approx(rates.var(axis=0), rel=0.3, abs=2e-3)
+
+
+def test_with_the_prior_one_segment_tells_which_setting_pays():
+    card = bandit_training.card_of(ENV_ID, SETTINGS, bandit_training.prior_of(histories()[0], SETTINGS), ABOUT)
+    for short, best in ((0.2, {2, 3}), (0.4, {4, 5})):
+        belief = Belief(card)
+        belief.learn(0, Segment(6.0, 0.1, short))
+        assert int(np.argmax(belief.at_best(0.0, 25.0))) in best
+
+
+def test_lost_wires_are_counted_by_setting_and_machine():
+    rng = np.random.default_rng(3)
+    factor = rng.gamma(2.0, 0.5, size=(4000, 1))  # of a machine: a variance of a half
+    cut_s = np.full((4000, 3), 100.0)
+    lost = rng.poisson(factor * np.array([0.001, 0.004, 0.01]) * cut_s)
+    per_s, weight_s = bandit_training.breaks_of(lost.astype(float), cut_s)
+    assert per_s == pytest.approx([0.001, 0.004, 0.01], rel=0.15)
+    assert weight_s == pytest.approx(2.0 / 0.005, rel=0.5)  # the shape over the mean rate
+    per_s, weight_s = bandit_training.breaks_of(np.zeros((5, 2)), np.full((5, 2), 100.0))
+    assert per_s == pytest.approx([0.001, 0.001])  # as if one wire had been lost
+    assert weight_s == 1000.0
+
+
+def test_machines_that_tried_too_little_are_left_out_and_none_is_refused():
+    made, _ = histories(count=6)
+    short = made[0]._replace(rows=made[0].rows[:COUNT])
+    assert bandit_training.prior_of([short, *made[1:]], SETTINGS) != bandit_training.prior_of(made, SETTINGS)
+    with pytest.raises(InputError, match="only 0 of 2 training machines"):
+        bandit_training.prior_of([short, short], SETTINGS)
+
+
+@pytest.fixture
+def short_file(tmp_path):
+    """A settings file for two machines and short segments."""
+    (tmp_path / "short.toml").write_text(SHORT, encoding="utf-8")
+    return tmp_path / "short.toml"
+
+
+def test_the_command_trains_a_policy_that_cuts_and_resumes(edmsim, tmp_path, short_file):
+    out = tmp_path / "out"
+    words = ["train", ENV_ID, "--algo", "bandit", "--score", "0", "--out", out]
+    first = edmsim(*words, "--settings", short_file)
+    assert first.status == 0
+    assert "per hour" in first.out
+    card = bandit_file.load(out / "policy.json")
+    assert card.steps == 12  # two settings in three passes on two machines
+    assert [setting["open_target_share"] for setting in card.settings] == [0.0, 0.2]
+    rows = [json.loads(line) for line in (out / "histories.jsonl").read_text().splitlines()[1:]]
+    assert {row["id"] for row in rows} == {"21000", "21001"}
+    segments = np.array(rows[0]["rows"])
+    assert segments[:, 3] == pytest.approx(0.3, abs=0.05)  # what is left of a segment
+    assert set(segments[:, 0].tolist()) == {0.0, 1.0}
+    controller = from_text(f"policy:{out / 'policy.json'}")
+    assert Episode(Task(ENV_ID, episode_s=1.0), controller, 3, "bandit").run().outcome == "time"
+    before = (out / "histories.jsonl").read_bytes()
+    assert edmsim(*words, "--resume", "--steps", 13).status == 0  # a third machine
+    assert (out / "histories.jsonl").read_bytes().startswith(before)
+    assert bandit_file.load(out / "policy.json").steps == 18
+    other = edmsim(*words, "--resume", "--seed", 5)
+    assert other.status == 2
+    assert "it has the runs of seed 0, not 5" in other.err
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["edmsim/Corner-v2"], "edmsim/Corner-v2 is no shift"),
+        ([ENV_ID, "--teacher", "counts"], "leave out --teacher counts"),
+        ([ENV_ID, "--record-every", "2"], "--record-every"),
+        ([ENV_ID, "--steps", "0"], "steps is 0"),
+        ([ENV_ID, "--resume"], "no training to resume"),
+        ([ENV_ID, "--algo", "bandits"], "unknown algorithm 'bandits'"),
+    ],
+)
+def test_what_cannot_be_trained_is_refused_in_one_line(edmsim, tmp_path, words, named):
+    refused = edmsim("train", "--algo", "bandit", "--out", tmp_path / "out", *words)
+    assert refused.status == 2
+    assert named in refused.err
+    assert len(refused.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("passes = 1", "passes"),
+        ("segment_s = 2.0\nsettle_s = 2.0", "settle_s (2) must be below segment_s"),
+        ('law = "oracle"', "a machine could have"),
+        ("settings = [{size = 1.0}, {size = 2.0}]", "no parameter 'size'"),
+        ("speed = 1", "speed"),
+        ("passes = 40", "a shift has 1200 s"),
+        ("passes =", "the settings cannot be read"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused_in_one_line(tmp_path, text, named):
+    (tmp_path / "own.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        bandit_training.train(ENV_ID, tmp_path / "out", settings=bandit_training.load(ENV_ID, tmp_path / "own.toml"))
+    assert named in str(refused.value)
+
+
+def test_every_shift_has_settings_of_its_own():
+    for env_id in (ENV_ID, "edmsim/ThinWireShift-v0"):
+        law = bandit_file.law_of(bandit_training.load(env_id))
+        first = bandit_training.load(env_id).settings[0]
+        for name, value in first.items():  # a new wire begins as the law itself does
+            assert [getattr(part, name) for part in law.parts if hasattr(part, name)] == [value]
