@@ -22,7 +22,7 @@ from edmsim.errors import InputError
 
 # QCL text: lines without comments, the words of a line, and the problems of a text.
 
-_WORD = re.compile(r"\s*([0-9]+|[A-Za-z_]\w*(?::[A-Za-z_]\w*)?|[=*/+()<>-])")
+_WORD = re.compile(r"\s*([0-9]+|[A-Za-z_]\w*(?::[A-Za-z_]\w*)?|[=*/+()<>,[\]-])")
 
 
 MOST_DIGITS = 18  # digits of a number (ours: the widest variable, of 32 bits, has ten)
@@ -81,12 +81,27 @@ def words_of(line: str) -> list[str]:
 # A configuration (.CNF): variables, cards on the bus, inputs and outputs by slot, and the internal devices.
 # ``Axis_X EANPOS 2 2.CNT02 3 3.INP01 3.AN01`` declares a device that samples every 2 ms, with counter 2 of slot 2,
 # interrupt line 3, input 1 and analogue output 1 of slot 3 (manual 1.1). ``X.X``, or ``X`` for a line, omits one.
-# For timers the manual has only the section; its lines, a name each, follow QEM's manual of QVIEW.
+# For timers and data groups the manual has only the sections; their lines follow QEM's manual of QVIEW::
+#     TIMER
+#     tmPause
+#     DATAGROUP
+#     dgParts
+#     DATAPROGRAM
+#     10                ; recipes, 1 to 10: speed[3]
+#     speed L
+#     STEP
+#     4                 ; steps of each, 1 to 4: place[3, 1]
+#     place L
 
 _NAME = re.compile(r"[A-Za-z_]\w*$")
 _NUMBER = re.compile(r"[0-9]{1,4}$")
 _SIZES = {"F": (0, 1), "B": (-128, 127), "W": (-32768, 32767), "L": (-(2**31), 2**31 - 1), "S": (-3.4e38, 3.4e38)}
 """Flag, byte, word, long and single float, and what fits into each."""
+
+
+_PARTS = {"DATAPROGRAM": "recipes", "STEP": "steps"}
+"""Parts of a data group: variables with a value for each recipe, and for each step of each; what counts them."""
+_MOST = 65534  # steps of a data group at most (QVIEW); here recipes, too
 
 
 class Variable(NamedTuple):
@@ -118,6 +133,24 @@ class Declaration(NamedTuple):
         return Resources(*(part is not None for part in self[2:]))
 
 
+@dataclass(frozen=True)
+class DataVariable:
+    """A variable of a data group: its values by recipe, 1 to ``recipes``, and by step, if ``steps`` is not 0."""
+
+    variable: Variable
+    recipes: int
+    steps: int
+
+
+@dataclass
+class _DataGroup:
+    """A data group that is being read: its counts, None until they are given, and which part its lines are of."""
+
+    recipes: int | None = None
+    steps: int | None = None
+    part: str = ""
+
+
 @dataclass
 class Configuration:
     """Declarations of a configuration, by name."""
@@ -125,16 +158,21 @@ class Configuration:
     constants: dict[str, int] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
     timers: set[str] = field(default_factory=set)
+    data: dict[str, DataVariable] = field(default_factory=dict)
     cards: dict[int, str | None] = field(default_factory=dict)  # slots of the bus, None where they are empty
     inputs: dict[str, str] = field(default_factory=dict)  # slot addresses, such as ``2.INP01``
     outputs: dict[str, str] = field(default_factory=dict)
     devices: dict[str, Declaration] = field(default_factory=dict)
     shared: list[str] = field(default_factory=list)  # addresses that two users have: allowed, but seldom meant
+    _groups: dict[str, _DataGroup] = field(default_factory=dict)
 
     @property
     def names(self) -> set[str]:
         """All names, in lower case."""
-        groups = self.constants, self.variables, self.timers, self.inputs, self.outputs, self.devices
+        groups = (
+            self.constants, self.variables, self.timers, self.data, self._groups, self.inputs, self.outputs,
+            self.devices,
+        )  # fmt: skip
         return {name for group in groups for name in group}
 
 
@@ -192,21 +230,51 @@ def _constant(found: Configuration, fields: list[str]) -> None:
 
 def _variables(retained: bool) -> Callable[[Configuration, list[str]], None]:
     def declare(found: Configuration, fields: list[str]) -> None:
-        name, size = _fields(fields, "NAME", "SIZE")
-        if size.upper() not in _SIZES:
-            raise InputError(f"{name} has size {size!r}; it must be F, B, W, L or S")
-        key = _new(found, name)
-        found.variables[key] = Variable(key, size.upper(), retained)
+        variable = _variable(found, fields, retained)
+        found.variables[variable.name] = variable
 
     return declare
+
+
+def _variable(found: Configuration, fields: list[str], retained: bool) -> Variable:
+    name, size = _fields(fields, "NAME", "SIZE")
+    if size.upper() not in _SIZES:
+        raise InputError(f"{name} has size {size!r}; it must be F, B, W, L or S")
+    return Variable(_new(found, name), size.upper(), retained)
 
 
 def _timer(found: Configuration, fields: list[str]) -> None:
     found.timers.add(_new(found, *_fields(fields, "NAME")))
 
 
-def _data_group(found: Configuration, fields: list[str]) -> None:
-    raise InputError("data groups are not implemented; declare variables in SYSTEM, and leave DATAGROUP empty")
+def _data(found: Configuration, fields: list[str]) -> None:
+    """Read a line of a data group: its name, the begin of a part, the part's count, or a variable of it."""
+    group = list(found._groups.values())[-1] if found._groups else None
+    word = fields[0].upper()
+    if len(fields) == 1 and word in _PARTS:
+        if group is None:
+            raise InputError(f"{word} comes before the name of its data group")
+        group.part = word
+    elif group is not None and group.part and getattr(group, _PARTS[group.part]) is None:
+        setattr(group, _PARTS[group.part], _count(found, fields, group.part))
+    elif len(fields) == 1:
+        found._groups[_new(found, fields[0])] = _DataGroup()
+    elif group is None or not group.part:
+        raise InputError(f"{' '.join(fields)!r} comes before DATAPROGRAM; a data group is its name, then its parts")
+    elif group.recipes is None:
+        raise InputError("STEP comes before DATAPROGRAM, which says how many recipes there are")
+    else:
+        variable = _variable(found, fields, retained=True)
+        steps = (group.steps or 0) if group.part == "STEP" else 0
+        found.data[variable.name] = DataVariable(variable, group.recipes, steps)
+
+
+def _count(found: Configuration, fields: list[str], part: str) -> int:
+    text = " ".join(fields)
+    number = found.constants.get(text.lower(), int(text) if re.fullmatch("[0-9]{1,6}", text) else 0)
+    if not 1 <= number <= _MOST:
+        raise InputError(f"{part} is followed by {text!r}; it must be how many there are, 1 to {_MOST}")
+    return number
 
 
 def _slot(found: Configuration, fields: list[str]) -> None:
@@ -261,18 +329,19 @@ def _device(found: Configuration, fields: list[str]) -> None:
 
 _SECTIONS: dict[str, Callable[[Configuration, list[str]], None]] = {
     "CONST": _constant, "SYSTEM": _variables(True), "GLOBAL": _variables(False), "TIMER": _timer,
-    "DATAGROUP": _data_group, "BUS": _slot, "INPUT": _terminal("INP"), "OUTPUT": _terminal("OUT"),
+    "DATAGROUP": _data, "BUS": _slot, "INPUT": _terminal("INP"), "OUTPUT": _terminal("OUT"),
     "INTDEVICE": _device,
 }  # fmt: skip
 
 
 # A program of QCL: a list of statements, with the targets of IF, ELSE and JUMP.
 # ``Axis:prsvel = (20 * Axis:maxvel)/100`` assigns, ``START Axis`` sends a command, ``WAIT NOT Axis:st_emrg`` waits,
-# ``IF NOT (gfMovAuto OR gfMovMan)`` to ENDIF is conditional, ``MAIN:`` is a label for JUMP.
+# ``IF NOT (gfMovAuto OR gfMovMan)`` to ENDIF is conditional, ``MAIN:`` is a label for JUMP. ``place[3, 1]`` is a
+# data group's variable in recipe 3 and step 1.
 
 Expression = tuple["str | int | Expression", ...]
 """An operation on others: ``("*", left, right)``, ``("NOT", other)``, ``("number", 3)``, ``("name", "speed")``,
-``("member", "axis", "setpos")``."""
+``("member", "axis", "setpos")``, ``("element", "place", recipe, step)``."""
 _COMPARISONS = ("EQ", "NE", "LT", "GT", "LE", "GE")
 _KEYWORDS = ("AND", "OR", "NOT", *_COMPARISONS)
 _LEVELS: tuple[tuple[str, ...], ...] = (("OR",), ("AND",), (), _COMPARISONS, ("+", "-"), ("*", "/"))
@@ -290,6 +359,7 @@ class Statement(NamedTuple):
     target: tuple[str, ...] = ()  # a name, or device and member or command
     value: Expression = ()
     to: int = 0  # number of the statement that an IF that fails, or a JUMP, leads to
+    at: tuple[Expression, ...] = ()  # recipe and step of a data group's variable
 
 
 class QclProgram(NamedTuple):
@@ -317,7 +387,7 @@ def read_program(text: str, configuration: Configuration, file: str | None = Non
 
 def _depth(words: list[str]) -> int:
     """Return how many brackets of an expression are within each other."""
-    return max(accumulate(((word == "(") - (word == ")") for word in words), initial=0))
+    return max(accumulate(((word in "([") - (word in ")]") for word in words), initial=0))
 
 
 class _Reader:
@@ -351,8 +421,11 @@ class _Reader:
             self._add(number, "jump")
         elif verb in COMMANDS and len(words) == 2:
             self._add(number, "command", (self._device(words[1]), verb))
-        elif words[1:2] == ["="] and len(words) > 2:
-            self._add(number, "assign", self._target(words[0]), self._expression(words[2:]))
+        elif "=" in words[1:-1]:
+            equals = words.index("=", 1)
+            target, at = self._target(words[:equals])
+            self._add(number, "assign", target, self._expression(words[equals + 1 :]))
+            self._statements[-1] = self._statements[-1]._replace(at=at)
         else:
             raise InputError(f"{line!r} is not a statement; a comment begins with ;")
 
@@ -388,15 +461,36 @@ class _Reader:
             raise InputError(f"{name} is not a device that the configuration declares")
         return name.lower()
 
-    def _target(self, word: str) -> tuple[str, ...]:
-        """Return what is assigned to."""
-        found = self._configuration
+    def _target(self, words: list[str]) -> tuple[tuple[str, ...], tuple[Expression, ...]]:
+        """Return what is assigned to, and the recipe and step of a data group's variable."""
+        word, found = words[0], self._configuration
+        if word.lower() in found.data:
+            (_, name, *at), rest = self._element(word, words[1:])
+            if rest:
+                raise InputError(f"{' '.join(rest)!r} is left over before =")
+            return (str(name),), tuple(at)  # type: ignore[arg-type]
+        if len(words) > 1:
+            raise InputError(f"{' '.join(words)!r} is nothing that can be assigned to")
         if ":" in word:
             device, member = word.split(":")
-            return self._device(device), parameter_name(member)
+            return (self._device(device), parameter_name(member)), ()
         if word.lower() not in found.variables.keys() | found.outputs.keys() | found.timers:
             raise InputError(f"{word} is not a variable or output that the configuration declares")
-        return (word.lower(),)
+        return (word.lower(),), ()
+
+    def _element(self, word: str, words: list[str]) -> tuple[Expression, list[str]]:
+        """Read recipe and step behind the name of a data group's variable."""
+        steps = self._configuration.data[word.lower()].steps
+        form = f"{word}[recipe, step]" if steps else f"{word}[recipe]"
+        count, at, rest = 2 if steps else 1, [], words
+        for separator in "[,"[:count]:
+            if not rest or rest[0] != separator:
+                raise InputError(f"{word} is a data group's variable; it is written {form}")
+            value, rest = self._operation(rest[1:], 0)
+            at.append(value)
+        if not rest or rest[0] != "]":
+            raise InputError(f"{word} is a data group's variable; it is written {form}")
+        return ("element", word.lower(), *at), rest[1:]
 
     def _expression(self, words: list[str]) -> Expression:
         if len(words) > MOST_WORDS or _depth(words) > DEEPEST:
@@ -439,6 +533,8 @@ class _Reader:
             return ("number", whole_number(word)), rest
         if not re.match(r"[A-Za-z_]", word) or word.upper() in _KEYWORDS:
             raise InputError(f"{word!r} is not a value")
+        if word.lower() in self._configuration.data:
+            return self._element(word, rest)
         return self._named(word), rest
 
     def _named(self, word: str) -> Expression:
@@ -483,6 +579,9 @@ class Control:
     ----------
     variables : dict of str to int
         Values by name, in lower case.
+    data : dict of (str, int, int) to int
+        Values of data groups by name, recipe and step; the step is 0 if the variable has no steps. Missing values
+        are 0.
     now_ms : int
         The control's clock for timers; the caller sets it.
     inputs, outputs : dict of str to bool
@@ -497,6 +596,7 @@ class Control:
         self._configuration, self._program = configuration, program
         self._devices = dict(devices or {})
         self.variables = dict.fromkeys(configuration.variables, 0)
+        self.data: dict[tuple[str, int, int], int] = {}
         self.now_ms = 0
         self._over_ms: dict[str, int] = {}
         self.inputs = dict.fromkeys(configuration.inputs.values(), False)
@@ -510,7 +610,7 @@ class Control:
         return statements[self._next].line if self._next < len(statements) else 0
 
     def restart(self) -> None:
-        """Restart as at power-up; SYSTEM variables keep their values."""
+        """Restart as at power-up; SYSTEM variables and data groups keep their values."""
         for name, variable in self._configuration.variables.items():
             if not variable.retained:
                 self.variables[name] = 0
@@ -536,13 +636,13 @@ class Control:
             if self._next >= len(statements) or statements[self._next].verb == "end":
                 self._next = len(statements)
                 return None
-            line, verb, target, value, to = statements[self._next]
+            line, verb, target, value, to, at = statements[self._next]
             try:
                 if verb == "wait":
                     self._next += 1 if self._value(value) else 0
                     return None
                 if verb == "assign":
-                    self._assign(target, self._value(value))
+                    self._assign(target, at, self._value(value))
                 elif verb == "command":
                     self._devices[target[0]].command(target[1])
                 leads = verb == "jump" or (verb == "if" and not self._value(value))
@@ -553,21 +653,29 @@ class Control:
                 raise InputError(f"line {line}: {error}") from None
         return None
 
-    def _assign(self, target: tuple[str, ...], value: int) -> None:
+    def _assign(self, target: tuple[str, ...], at: tuple[Expression, ...], value: int) -> None:
         found = self._configuration
         if len(target) == 2:
             self._devices[target[0]].parameters[target[1]] = value
+        elif at:
+            self.data[self._place(target[0], at)] = _fitting(found.data[target[0]].variable, value)
         elif target[0] in found.timers:
             if not 0 <= value <= LONGEST_MS:
                 raise InputError(f"the timer {target[0]} cannot run for {value} ms; it must be 0 to {LONGEST_MS}")
             self._over_ms[target[0]] = self.now_ms + value
-        elif target[0] in found.outputs:
-            self.outputs[found.outputs[target[0]]] = value != 0
+        elif target[0] in self._configuration.outputs:
+            self.outputs[self._configuration.outputs[target[0]]] = value != 0
         else:
-            least, greatest = found.variables[target[0]].limits
-            if not least <= value <= greatest:
-                raise InputError(f"{target[0]} cannot hold {value}; it must be {least} to {greatest}")
-            self.variables[target[0]] = value
+            self.variables[target[0]] = _fitting(found.variables[target[0]], value)
+
+    def _place(self, name: str, at: tuple[Expression, ...]) -> tuple[str, int, int]:
+        """Return name, recipe and step of a data group's variable."""
+        found = self._configuration.data[name]
+        recipe, step = [*(self._value(part) for part in at), 0][:2]
+        for what, number, most in (("recipe", recipe, found.recipes), ("step", step, found.steps)):
+            if most and not 1 <= number <= most:
+                raise InputError(f"{name} has no {what} {number}; it must be 1 to {most}")
+        return name, recipe, step
 
     def _value(self, expression: Expression) -> int:
         kind = str(expression[0])
@@ -577,6 +685,8 @@ class Control:
             return self._named(str(expression[1]))
         if kind == "member":
             return self._member(str(expression[1]), str(expression[2]))
+        if kind == "element":
+            return self.data.get(self._place(str(expression[1]), expression[2:]), 0)  # type: ignore[arg-type]
         values = [self._value(part) for part in expression[1:]]  # type: ignore[arg-type]
         if kind == "NOT":
             return int(not values[0])
@@ -599,6 +709,14 @@ class Control:
             raise _WaitsFor(device)
         found = self._devices[device]
         return int(found.states[member] if member.startswith("st_") else found.parameters[member])
+
+
+def _fitting(variable: Variable, value: int) -> int:
+    """Return a value if it fits into a variable."""
+    least, greatest = variable.limits
+    if not least <= value <= greatest:
+        raise InputError(f"{variable.name} cannot hold {value}; it must be {least} to {greatest}")
+    return value
 
 
 def _operate(kind: str, left: int, right: int) -> int:

@@ -76,7 +76,7 @@ SUB_ENV = np.dtype(
 
 @exactly_compiled
 def _run(
-    advance: int, planner: Any, points: NDArray[np.float64], along: NDArray[np.float64],
+    advance: int, planner: Any, points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
     start_ns: int, end_ns: int, row: Any, out: NDArray[np.int64],
 ) -> int:
     """Run a planner through a window: at the feed before until the new one counts; see `run.advance`."""
@@ -84,11 +84,11 @@ def _run(
     if turn_ns > end_ns:
         turn_ns = end_ns
     if turn_ns > start_ns:
-        made = advance_at(advance, (planner, points, along, start_ns, turn_ns, row.units_before, out))
+        made = advance_at(advance, (planner, points, along, lengths, start_ns, turn_ns, row.units_before, out))
         if made == LIMIT or turn_ns == end_ns:
             return made
     room = out[made:] if made < out.shape[0] else out[out.shape[0]:]
-    more = advance_at(advance, (planner, points, along, turn_ns, end_ns, row.units, room))
+    more = advance_at(advance, (planner, points, along, lengths, turn_ns, end_ns, row.units, room))
     return LIMIT if more == LIMIT else made + more
 
 
@@ -96,7 +96,7 @@ def _run(
 def plan(
     indices: NDArray[np.int64], rows: NDArray[np.void], feeds_um_s: NDArray[np.float64], limit_um_s: float,
     unit_nm_s: float, counts: bool, advance: int, planners: NDArray[np.void], ahead: NDArray[np.void],
-    points: NDArray[np.float64], along: NDArray[np.float64], states: NDArray[np.void],
+    points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64], states: NDArray[np.void],
     out: NDArray[np.int64],
 ) -> tuple[int, bool]:
     """Command feeds, negative backwards, and plan motor steps (n, room, 3) for the longest window there can be.
@@ -115,7 +115,7 @@ def plan(
         row.feed_um_s = units * unit_nm_s * 1e-3 if counts else feed
         ahead[0] = planners[i]
         now = states[i].time_ns
-        made = _run(advance, ahead[0], points[i], along[i], now, now + row.longest_ns, row, out[i])
+        made = _run(advance, ahead[0], points[i], along[i], lengths[i], now, now + row.longest_ns, row, out[i])
         row.steps = made if made > 0 else 0
         if made > most:
             most = made
@@ -172,7 +172,7 @@ def _look(
 @exactly_compiled
 def follow(
     indices: NDArray[np.int64], rows: NDArray[np.void], advance: int, path_um: int, done: int,
-    planners: NDArray[np.void], points: NDArray[np.float64], along: NDArray[np.float64],
+    planners: NDArray[np.void], points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
     height_from: NDArray[np.float64], heights: NDArray[np.float64], states: NDArray[np.void],
     windows: NDArray[np.void], nowhere: NDArray[np.int64],
 ) -> None:
@@ -187,7 +187,7 @@ def follow(
         row, planner, state, window, path, on = rows[i], planners[i], states[i], windows[i], points[i], along[i]
         spent_ns, counts, exact, begin = window.duration_ns, window.counts, planner.kind == EXACT, planner.along
         was_um = 0.0 if exact else path_um_at(path_um, (planner, path, on))
-        made = _run(advance, planner, path, on, state.time_ns - spent_ns, state.time_ns, row, nowhere)
+        made = _run(advance, planner, path, on, lengths[i], state.time_ns - spent_ns, state.time_ns, row, nowhere)
         row.units_before = row.units
         row.path_um = path_um_at(path_um, (planner, path, on))
         row.travel_um = (planner.along - begin) / FINE_PER_UM if exact else row.path_um - was_um
@@ -215,5 +215,5 @@ def follow(
         row.shorted_s = row.shorted_s + spent_ns * 1e-9 if counts[3] >= SHORTED_SHARE * pulses else 0.0
         limit_um, slack_um = row.table_um, row.step_um
         switch = switches_open(x, limit_um, slack_um) != 0 or switches_open(y, limit_um, slack_um) != 0
-        shorted, at_end = row.shorted_s > SHORTED_S, done_at(done, (planner, path, on))
+        shorted, at_end = row.shorted_s > SHORTED_S, done_at(done, (planner, path, on, lengths[i]))
         row.cause = judge(window.broken != 0, False, switch or made == LIMIT, False, shorted, False, at_end)

@@ -80,6 +80,7 @@ class SubEnvs:
         self.leg = [0] * count  # which leg of its path each is on
         self._points: Floats = np.zeros((count, 2, 2))
         self._along: Floats = np.zeros((count, 2))
+        self._lengths: Ints = np.zeros((count, 2), np.int64)
         self._height_from: Floats = np.full((count, 1), np.inf)
         self._heights: Floats = np.zeros((count, 1))
         self._steps: Ints = np.zeros((count, 8, 3), np.int64)
@@ -146,6 +147,7 @@ class SubEnvs:
         self.planners[index] = course.row[0]
         self._points = _with_row(self._points, index, course.points_um, 0.0)
         self._along = _with_row(self._along, index, course.along_um, np.inf)
+        self._lengths = _with_row(self._lengths, index, course.lengths, 0)
         self.corner_um = _with_row(self.corner_um, index, corner_um, np.inf)
         self.corner_deg = _with_row(self.corner_deg, index, corner_deg, 0.0)
 
@@ -187,7 +189,7 @@ class SubEnvs:
         fleet, rows = self.fleet, self.rows
         kind = self._planner
         feeds = feeds_um_s, kind.max_feed_um_s, kind.speed_unit_nm_s, kind.counts
-        code, path = addresses(), (self._points, self._along)
+        code, path = addresses(), (self._points, self._along, self._lengths)
         planners = code.advance, self.planners, self._other_planner
         most, sideways = plan(indices, rows, *feeds, *planners, *path, fleet.states, self._steps)
         if most + 2 > self._steps.shape[1]:

@@ -48,17 +48,17 @@ from edmsim.controllers.mcu.firmware.tstates import seconds as duration_s
 from edmsim.controllers.planner.errors import around
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
 from edmsim.recording.figures.cut import error_figure
-from edmsim.recording.figures.palette import BLUE, INK, MUTED, ORANGE, VERMILION
+from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, VERMILION
 from edmsim.recording.windows import column
 
 plt.rcParams.update({"figure.dpi": 90, "figure.constrained_layout.use": True, "axes.grid": True, "grid.alpha": 0.3})
 COUNTING = [name for name, kind in PLANNERS.items() if kind.counts]  # all but the exact one, which has no units
-COLOURS = dict(zip(COUNTING, (BLUE, VERMILION, ORANGE), strict=True))
+COLOURS = dict(zip(COUNTING, (BLUE, VERMILION, GREEN, ORANGE), strict=True))
 
 # %% tags=["parameters"]
 directions_deg = list(range(0, 360, 5))  # of the straight moves
 speeds = [4, 127]  # units of 262.5 nm/s
-cut_planners = ["poscal", "poscal-literal", "sine-table"]  # a part is cut with
+cut_planners = ["poscal", "poscal-literal", "sine-table", "dda"]  # a part is cut with
 cut_time_s = 600.0  # machine time after which its cuts stop
 bit_time_s = 30.0  # machine time of the comparison bit for bit
 vectors = 20_000  # displacements whose cost is counted
@@ -66,12 +66,13 @@ vectors = 20_000  # displacements whose cost is counted
 # %% [markdown]
 # ## One move
 #
-# Three planners move 2.5 mm along an oblique line at low speed:
+# Four planners move 2.5 mm along an oblique line at low speed:
 #
 # - `poscal-literal` is the algorithm of the thesis. It computes the speeds of the axes once, in whole units, and each
 #   axis stops at its own target.
 # - `poscal` runs the same integer routines, but after every step it aims them again at a point 32 µm ahead.
 # - `sine-table` does the same with a table of 255 sines in place of the square root, as the thesis proposes.
+# - `dda` follows the ideal line as closely as whole steps allow.
 
 # %%
 RUN_UM = (2400, 700)
@@ -123,10 +124,10 @@ for (planner, speed), error in worst.items():
     assert planner == "poscal-literal" or error < STEP_UM
 
 # %% [markdown]
-# Moves along an axis have no error, so they do not appear on the logarithmic scale. Two planners stay within one
+# Moves along an axis have no error, so they do not appear on the logarithmic scale. Three planners stay within one
 # step in every direction and at both speeds. The algorithm of 1982 does not. At low speed one unit of speed is
 # coarse, and at any speed the rounding of REDUC, which reduces numbers to 8 bits, is never corrected on the way.
-# The arithmetic is good enough: computed again at every step, as `poscal` does, it keeps the line to a step.
+# The arithmetic is good enough: computed again at every step, as `poscal` does, it keeps the line as well as `dda`.
 #
 # ## Effect on the part
 #

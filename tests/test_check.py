@@ -184,7 +184,7 @@ def test_a_cut_goes_to_a_folder_of_its_program_and_its_traces_to_a_file(
 
 
 def test_help_and_refusals_list_what_a_registry_has(edmsim: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(PLANNERS, "a-new-one", PLANNERS["sine-table"])
+    monkeypatch.setitem(PLANNERS, "a-new-one", PLANNERS["dda"])
     assert "a-new-one" in edmsim("cut", "--help").out
     assert "a-new-one" in edmsim("console", "1982", "--help").out
     assert "a-new-one" in edmsim("check", EXAMPLES / "gear.dxf", "--planner", "nobody").err

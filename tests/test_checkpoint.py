@@ -61,7 +61,7 @@ def whole(cut_small: Cut) -> edmsim.CutResult:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
-    [{}, {"planner": "sine-table"}, {"planner": "poscal-literal"}, {"drive": "uhu"}, {"generator": "iso-energetic"},
+    [{}, {"planner": "dda"}, {"planner": "poscal-literal"}, {"drive": "uhu"}, {"generator": "iso-energetic"},
      {"generator": "ignition-pulse", "controller": "fixed:feed_um_s=12"},
      {"generator": "iso-energetic", "pulse_shape": "triangle", "peak_current_A": 5.0, "flushing_lower_Pa": 0.0,
       "standoff_upper_mm": 1.0}],
@@ -143,7 +143,7 @@ def test_wall_time_goes_on_from_the_checkpoint(cut_small: Cut, tmp_path: Path) -
         ({"seed": 7}, "seed 1, not 7"),
         ({"height_mm": 6.0}, "height_mm 5.0, not 6.0"),
         ({"controller": "fixed"}, "controller 'counts', not 'fixed'"),
-        ({"planner": "exact"}, "planner 'poscal', not 'exact'"),
+        ({"planner": "dda"}, "planner 'poscal', not 'dda'"),
         ({"resolution": "default"}, "resolution 'fast', not 'default'"),
         ({"tension": 7.0}, "tension_N"),
         ({"wire_speed_m_s": 0.2}, "wire_speed_m_s None, not 0.2"),

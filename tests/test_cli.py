@@ -98,7 +98,7 @@ def test_stopped_machine_exits_3_with_a_full_report(small_punch: Path, tmp_path:
 def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim: Run) -> None:
     edmsim("cut", small_punch, "--out", tmp_path, "--quiet", "--max-time", 0.1, "--height", 7, "--resolution", "fast",
            "--material", "copper", "--wire", "molybdenum-150", "--tension", 9, "--generator", "ignition-pulse",
-           "--t-on", 15, "--t-period", 120, "--controller", "fixed:feed_um_s=11", "--planner", "exact", "--offset",
+           "--t-on", 15, "--t-period", 120, "--controller", "fixed:feed_um_s=11", "--planner", "dda", "--offset",
            "0.1", "--seed", 12, "--machine", "agiecut-dem15",
            "--mechanics", "modal", "--height-at", "1:5", "--height-at", "2.5:6.5", "--open-voltage", 200,
            "--peak-current", 5, "--ignition-wait", 30, "--pulse-shape", "triangle", "--wire-speed", 0.15,
@@ -110,7 +110,7 @@ def test_every_option_reaches_the_cut(small_punch: Path, tmp_path: Path, edmsim:
         "max_time_s": 0.1, "height_mm": 7.0, "heights": [[1.0, 5.0], [2.5, 6.5]], "resolution": "fast",
         "material": "copper", "wire": "molybdenum-150", "wire_diameter_um": 150.0, "tension_N": 9.0,
         "generator": "ignition-pulse", "t_on_us": 15.0, "t_period_us": 120.0,
-        "controller": "fixed:feed_um_s=11", "planner": "exact", "offset_um": 100.0, "open_voltage_V": 200.0,
+        "controller": "fixed:feed_um_s=11", "planner": "dda", "offset_um": 100.0, "open_voltage_V": 200.0,
         "peak_current_A": 5.0, "resistance_ohm": None, "ignition_wait_us": 30.0, "pulse_shape": "triangle",
         "wire_speed_m_s": 0.15, "flushing_lower_Pa": 0.0, "flushing_upper_Pa": 1e5,
         "standoff_lower_mm": 3.0, "standoff_upper_mm": 0.4,

@@ -293,7 +293,7 @@ def test_broken_wire_leaves_a_full_report(
     assert json.loads((tmp_path / "out" / "report.json").read_text()) == report
 
 
-@pytest.mark.parametrize("planner", ["poscal-literal", "sine-table"])
+@pytest.mark.parametrize("planner", ["poscal-literal", "dda", "sine-table"])
 def test_other_planners_cut_too(cut_small: Callable[..., edmsim.CutResult], planner: str) -> None:
     report = cut_small(planner=planner, max_time_s=4).report
     assert report["settings"]["planner"] == planner
@@ -325,7 +325,7 @@ BAD = [
     ({"controller": "fixed:feed_um_s=fast"}, "feed_um_s=fast"),
     ({"controller": "fixed:feed_um_s=-1"}, "-1"),
     ({"controller": "fixed:feed_um_s=34"}, "33.3375"),
-    ({"planner": "straight"}, "poscal, poscal-literal, sine-table"),
+    ({"planner": "straight"}, "poscal, poscal-literal, dda"),
     ({"mechanics": "steam"}, "modal"),
     ({"engine": "diesel"}, "a cut has no option 'engine'; there are: machine, material"),
     ({"drive": "steam"}, "no drive 'steam'; choose one of stepper, uhu, servo-module"),

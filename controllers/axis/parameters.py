@@ -94,7 +94,7 @@ class SerialDrive(ABC):
 
     @abstractmethod
     def _deliver(self, stored: Mapping[str, int] | None) -> None:
-        """Fill the EEPROM, with parameters if there are any."""
+        """Prepare a new drive; fill its EEPROM, with parameters if there are any."""
 
     @abstractmethod
     def power_up(self) -> bytes:

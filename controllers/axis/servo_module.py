@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.controllers.axis import extensions
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
 from edmsim.controllers.axis.parameters import WORD, SerialDrive, decode, encode
 from edmsim.controllers.axis.serial_line import NEW_LINE, Command, LineEditor, command_in
@@ -27,18 +28,17 @@ PARAMETERS = (
 
 SETTINGS = (
     GAIN_SCALE, STEP_SENSE, ENCODER_SENSE, REST_NS, SAVE_NS, LED_RUN_NS, LED_RECORDER_NS, LED_REPEAT_NS, LED_FLASH_NS,
-    SATURATING,
-) = tuple(range(15, 25))  # fmt: skip
+) = tuple(range(15, 24))  # fmt: skip
 """The table ``law`` of ``models/drives/servo_module.toml``, in its order."""
 
-CHIP = DUTY_CENTRE, GREATEST_CLAMP, BYTE_NS = tuple(range(25, 28))
+CHIP = DUTY_CENTRE, GREATEST_CLAMP, BYTE_NS = tuple(range(24, 27))
 """Of its table ``chip``; the last is the time that a byte takes on the serial line."""
 
 (
     STATUS, FRESH, SETPOINT, POSITION, ORIGIN, EDGES, ERROR, VELOCITY, COMMANDED, LAST_SETPOINT, LAST_POSITION,
     LAST_ERROR, ACCUMULATED, TICK, OUTPUT, DUTY, LIMIT, PEAK, NOW_NS, MOVED_NS, SAVED_FROM_NS, SAVING, CODE, RECORDED,
     DUMPING, DUMPED, LINE_FREE_NS, RELEASING,
-) = range(28, 56)  # fmt: skip
+) = range(27, 55)  # fmt: skip
 """State of the loop: counts, counts per cycle, duty counts, and times of the plant's clock. ``FRESH`` lasts from
 power-up to the first cycle; ``ORIGIN`` is what the encoder's counter showed where the position is 0, ``ACCUMULATED``
 the integral times ``GAIN_SCALE``, ``SAVING`` whether the EEPROM is being written, ``CODE`` that of the recorder,
@@ -48,7 +48,7 @@ for the cycle in which the fault output is let go, which may be what holds the f
 
 IMAGE, N_IMAGE = 64, 62
 """The bytes that a save writes, eight to a word: 15 parameters and a checksum in their code
-(`edmsim.controllers.axis.parameters`)."""
+(`edmsim.controllers.axis.parameters`). Words from 96 on are those of `edmsim.controllers.axis.extensions`."""
 N_MEMORY = 128  # words of the recorder's memory (row M-A4)
 
 FAULT_BIT, FOLLOWING_BIT, EXTERNAL_BIT = 1 << 0, 1 << 1, 1 << 2
@@ -87,7 +87,7 @@ def _report_saturation(reg: Words) -> None:
 def narrowed(reg: Words, value: int, bits: int) -> int:
     """Fit a number into a word: held at its limit and reported as saturated, or wrapped (row M-35)."""
     fits = wrapped(value, bits)
-    if fits == value or reg[SATURATING] == 0:
+    if fits == value or reg[extensions.SATURATING] == 0:
         return fits
     _report_saturation(reg)
     limit = (1 << (bits - 1)) - 1
@@ -113,6 +113,7 @@ def put_duty(reg: Words, output: int) -> None:
     held = min(max(demand, -clamp_of(reg)), clamp_of(reg))
     if held != demand:
         _report_saturation(reg)
+    extensions.note_limit(reg, reg[NOW_NS], (demand > held) - (demand < held))
     reg[OUTPUT] = output
     reg[DUTY] = reg[DUTY_CENTRE] + held
 
@@ -131,6 +132,7 @@ def reset_loop(reg: Words) -> None:
     reg[SETPOINT] = reg[POSITION]
     reg[LAST_SETPOINT] = reg[SETPOINT]
     reg[ERROR] = reg[LAST_ERROR] = reg[COMMANDED] = reg[ACCUMULATED] = reg[TICK] = reg[PEAK] = 0
+    extensions.start_command(reg, reg[SETPOINT])
     reg[RELEASING] = 1
     put_duty(reg, 0)
 
@@ -141,7 +143,7 @@ def _control(reg: Words, acceleration: int) -> int:
     error = reg[ERROR]
     scale = reg[SCALE] if abs(error) <= reg[REGION] else SCALE_ONE
     reg[TICK] += 1
-    if reg[TICK] >= reg[INTERVAL]:
+    if reg[TICK] >= reg[INTERVAL] and not extensions.holds_integrator(reg, error):
         reg[TICK] = 0
         most = clamp_of(reg) * reg[GAIN_SCALE]
         reg[ACCUMULATED] += reg[INTEGRAL] * scale // SCALE_ONE * error
@@ -149,6 +151,8 @@ def _control(reg: Words, acceleration: int) -> int:
     total = reg[PROPORTIONAL] * scale // SCALE_ONE * error + reg[ACCUMULATED]
     total += reg[DERIVATIVE] * scale // SCALE_ONE * (error - reg[LAST_ERROR])
     total += reg[VELOCITY_FF] * reg[COMMANDED] + reg[ACCELERATION_FF] * acceleration
+    extensions.derive_command(reg, reg[extensions.COMMAND] + reg[COMMANDED])
+    total += towards_zero(extensions.feed_forward(reg) * reg[GAIN_SCALE], SCALE_ONE)
     reg[LAST_ERROR] = error
     return narrowed(reg, towards_zero(narrowed(reg, total, 32), reg[GAIN_SCALE]), 16)
 
@@ -463,6 +467,8 @@ def _servo_module(drive_at: Any, axis_at: Any) -> None:
     ran, turned = cycle(reg, axis.count, drive.setpoint, axis.lines & axis_rows.FAULT_IN != 0, drive.now_ns)
     if ran:
         note(reg, drive.memory, turned)
+    faulty = reg[STATUS] & FAULT_BIT != 0
+    extensions.record_sample(reg, drive.memory, reg[ERROR], reg[VELOCITY], reg[OUTPUT], faulty)
     dump(drive)
     drive.command = (reg[DUTY] - reg[DUTY_CENTRE]) / reg[DUTY_CENTRE]
     drive.lines = _lines(reg)
@@ -486,6 +492,9 @@ class ServoModule(SerialDrive):
     parameters : mapping of str to int
         Parameters set by the terminal's letters, by name. A new loop rate or encoder filter acts from the next call
         of `line`; only ``S`` saves them to the EEPROM.
+    extensions : Extensions
+        Functions beyond its guide. ``saturating_arithmetic`` is 1 by default (row M-35). In compatible mode all are
+        0, and 16 and 32 bits wrap as the guide warns in 4.4.
 
     Raises
     ------
@@ -504,6 +513,8 @@ class ServoModule(SerialDrive):
     baud: float = _CHIP["baud"]
 
     def _deliver(self, stored: Mapping[str, int] | None) -> None:
+        self.extensions = extensions.Extensions(self, wraps=True)
+        self.extensions["saturating_arithmetic"] = 1
         self._editor = LineEditor(echo=False)
         self.parameters.update(stored or {})
         self.record["eeprom"][0, : N_IMAGE] = list(encode(words_of(self.record["reg"][0])))
@@ -552,7 +563,8 @@ class ServoModule(SerialDrive):
         stored = decode(self.record["eeprom"][0, : N_IMAGE].tobytes())
         words = stored.words if stored.valid else None
         fresh = self._fresh(words or DELIVERED)
-        reg = fresh["reg"][0]
+        old, reg = self.record["reg"][0], fresh["reg"][0]
+        reg[extensions.EXTENSION_WORDS] = old[extensions.EXTENSION_WORDS]
         reg[FRESH], reg[EDGES], reg[NOW_NS] = 1, self.record["setpoint"][0], self.record["now_ns"][0]
         reg[MOVED_NS] = reg[NOW_NS] - reg[REST_NS]
         if words is None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.axis import parameters
+from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
 from edmsim.controllers.axis.parameters import SerialDrive
 from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor, command_in, number_in
@@ -96,18 +96,22 @@ def measure(reg: NDArray[np.int64], count: int) -> None:
 
 
 @exactly_compiled
-def control(reg: NDArray[np.int64]) -> int:
+def control(reg: NDArray[np.int64], now_ns: int) -> int:
     """Return the control variable, -T to T; the reference follows the setpoint by X at most (row U-A29)."""
     behind = reg[TARGET] * reg[SPEED_DIVISOR] - reg[REFERENCE]
     reg[REFERENCE] += min(max(behind, -reg[X]), reg[X])
     reference = reg[REFERENCE] // reg[SPEED_DIVISOR]
-    error = min(max(reference - reg[POSITION], -_LARGEST_ERROR), _LARGEST_ERROR)
+    extensions.derive_command(reg, reference)
+    error = reference - reg[POSITION]
+    error = min(max(error, -_LARGEST_ERROR), _LARGEST_ERROR)
     most = min(reg[T], reg[CONTROL_FULL])
     limit = most * _ONE
-    grown = reg[INTEGRAL] + reg[I] * error * _ONE // reg[INTEGRAL_DIVISOR]
-    reg[INTEGRAL] = min(max(grown, -limit), limit)
+    if not extensions.holds_integrator(reg, error):
+        grown = reg[INTEGRAL] + reg[I] * error * _ONE // reg[INTEGRAL_DIVISOR]
+        reg[INTEGRAL] = min(max(grown, -limit), limit)
     damping = reg[D] * reg[SPEED] + reg[H] * reg[CHANGE]
-    demand = reg[P] * error + reg[INTEGRAL] - damping
+    demand = reg[P] * error + reg[INTEGRAL] - damping + extensions.feed_forward(reg)
+    extensions.note_limit(reg, now_ns, 1 if demand >= limit else -1 if demand <= -limit else 0)
     demand = min(max(demand, -limit), limit)
     reg[CONTROL] += (demand - reg[CONTROL]) * reg[N] // (reg[N] + reg[FILTER_OFFSET])
     return int(min(max((reg[CONTROL] + _ONE // 2) // _ONE, -most), most))
@@ -260,11 +264,16 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         if reg[RESTART] != 0:
             low = False  # its own error output, let go only now, may hold the net low
             reset_loop(reg, drive.setpoint, axis.count, axis.illegal)
+            extensions.start_command(reg, reg[TARGET])
         take_steps(reg, drive.setpoint)
         measure(reg, axis.count)
         judge(reg, axis.illegal, low)
         if reg[LATCHED] == 0:
-            output = control(reg)
+            output = control(reg, drive.now_ns)
+        else:
+            extensions.note_limit(reg, drive.now_ns, 0)
+        error = reg[TARGET] - reg[POSITION]
+        extensions.record_sample(reg, drive.memory, error, reg[SPEED], output, reg[LATCHED] != 0)
         sent = stream_byte(reg)
         if sent != 0:
             axis_rows.put_byte(drive, sent)
@@ -303,6 +312,8 @@ class Uhu(SerialDrive):
     parameters : mapping of str to int
         Parameters set by the terminal's letters, by name; words 0 to 65535. A ``cycle`` typed at the terminal acts
         from the next interval, one set here from the next reset.
+    extensions : Extensions
+        Functions beyond its manual, see `edmsim.controllers.axis.extensions`.
 
     Raises
     ------
@@ -320,14 +331,6 @@ class Uhu(SerialDrive):
     baud = DATA["clock"]["crystal_Hz"] / 16 / DATA["serial"]["baud_divisor"]
     sample: axis_rows.SampleFunction = _recalculate
 
-    def _deliver(self, stored: Mapping[str, int] | None) -> None:
-        self._dialogue = Dialogue({row["letter"]: row["label"] for row in _TABLE}, DATA["identity"]["serial_number"])
-        for bank in range(_N_BANKS):
-            self.save(bank, false_checksum=True)
-        if stored is not None:
-            self.parameters.update(stored)
-            self.save(0)
-
     def _fresh(self) -> NDArray[np.void]:
         pins, law = DATA["pins"], self._law
         values = [row["value"] for row in _TABLE]
@@ -342,6 +345,15 @@ class Uhu(SerialDrive):
         record["pwm_ns"] = 1_000_000_000 // law["pwm_Hz"]
         record["count_rate_Hz"] = law["edge_rate_Hz"]
         return record
+
+    def _deliver(self, stored: Mapping[str, int] | None) -> None:
+        self.extensions = extensions.Extensions(self, wraps=False)
+        self._dialogue = Dialogue({row["letter"]: row["label"] for row in _TABLE}, DATA["identity"]["serial_number"])
+        for bank in range(_N_BANKS):
+            self.save(bank, false_checksum=True)
+        if stored is not None:
+            self.parameters.update(stored)
+            self.save(0)
 
     @property
     def counts_per_step(self) -> float:
@@ -367,7 +379,9 @@ class Uhu(SerialDrive):
 
     def power_up(self) -> bytes:
         """Start as after power-up, a low reset pin or ``+``: load bank 0 and return the start-up text (row U-39)."""
-        restart(self.record, self._fresh())
+        fresh = self._fresh()
+        fresh["reg"][0, extensions.EXTENSION_WORDS] = self._reg[extensions.EXTENSION_WORDS]
+        restart(self.record, fresh)
         stored = self._read(0)
         if stored.words is not None:
             self._use(stored.words)

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit, unit_um
-from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S, timer_clock_hz
-from edmsim.controllers.planner.kinds import EXACT, PLANNER, Floats, begin
+from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S, TIMER_COUNT, timer_clock_hz
+from edmsim.controllers.planner.kinds import DDA, EXACT, NM, PLANNER, Floats, Ints, begin
 from edmsim.errors import InputError
 from edmsim.geometry import Polyline
 
@@ -23,6 +23,7 @@ class Course(NamedTuple):
     row: NDArray[np.void]
     points_um: Floats  # (n, 2): corners of the path, each different from the one before
     along_um: Floats  # (n,): length of path up to each
+    lengths: Ints  # (n - 1,): of every move in 65 536ths of a motor step, rounded down; 0 but for `DDA`
 
     @classmethod
     def of(
@@ -39,28 +40,31 @@ class Course(NamedTuple):
         if kind == EXACT:
             points, along = _exact(array)
         else:
+            grid_um = 1 / NM if kind == DDA and step_um != round(step_um) else size_um
             # counters of um that are off the grid of steps may pass a corner by half a step
-            _check_counts(array, size_um, 0.0 if step_um <= STEP_UM or unit == "step" else step_um)
+            _check_counts(array, grid_um, size_um, 0.0 if step_um <= STEP_UM or unit == "step" else step_um)
             clock = timer_clock_hz(speed_unit_nm_s, step_um)
             row["hertz"], row["per"] = clock.numerator, clock.denominator
             points, along = _counted(array)
         if len(points) < 2:
             raise InputError(f"a path needs two different points, not {len(points)}")
         row["last_move"], row["from_um"] = len(points) - 2, array[0]
+        lengths = _lengths(points, step_um) if kind == DDA else np.zeros(len(points) - 1, np.int64)
         begin(row[0], points)
-        return cls(row, points, along)
+        return cls(row, points, along, lengths)
 
 
-def _check_counts(points: Floats, size_um: int, margin_um: float) -> None:
-    """Refuse points that counters of such units cannot hold."""
+def _check_counts(points: Floats, grid_um: float, size_um: int, margin_um: float) -> None:
+    """Refuse points that counters of such units cannot hold, or that lie between those of a grid."""
     low, high = margin_um, WORD * size_um - margin_um
     for i, (x, y) in enumerate(points.tolist()):
         if not (low <= x <= high and low <= y <= high):
             raise InputError(
                 f"point {i} of the path lies at ({x:g}, {y:g}) um, outside the table's {low:.10g}..{high:.10g} um"
             )
-        if any(abs(v / size_um - round(v / size_um)) > 1e-6 for v in (x, y)):
-            what = f"a whole number of {size_um} um steps" if size_um > 1 else "in whole um"
+        if any(abs(v / grid_um - round(v / grid_um)) > 1e-6 for v in (x, y)):
+            of_nm = "in whole um" if grid_um == 1 else "in whole nm"
+            what = f"a whole number of {grid_um:g} um steps" if grid_um > 1 else of_nm
             raise InputError(f"point {i} of the path, ({x:g}, {y:g}) um, is not {what}")
 
 
@@ -79,3 +83,15 @@ def _exact(points: Floats) -> tuple[Floats, Floats]:
         raise InputError("a path needs points of finite numbers")
     line = Polyline(points * 1e-3, closed=False)
     return line.points * 1e3, line.s * 1e3
+
+
+def _lengths(points: Floats, step_um: float) -> Ints:
+    """Lengths of the moves in 65 536ths of a step, rounded down."""
+    nm = [(round(x * NM), round(y * NM)) for x, y in points.tolist()]
+    return np.array(
+        [
+            math.isqrt(((bx - ax) ** 2 + (by - ay) ** 2) * TIMER_COUNT**2 // round(step_um * NM) ** 2)
+            for (ax, ay), (bx, by) in pairwise(nm)
+        ],
+        np.int64,
+    )

@@ -18,6 +18,7 @@ from edmsim.controllers.mcu.firmware.poscal import Displacement, counted, look_u
 from edmsim.controllers.mcu.firmware.timers import (
     NEVER,
     STEP_PHASE,
+    TIMER_COUNT,
     loaded,
     run_phase,
     tick_before,
@@ -27,7 +28,7 @@ from edmsim.controllers.mcu.firmware.timers import (
 
 # A planner's data in compiled code: a row of numbers and the corners of its path.
 
-POSCAL, LITERAL, SINE_TABLE, EXACT = range(4)  # kinds of planners
+POSCAL, LITERAL, DDA, SINE_TABLE, EXACT = range(5)  # kinds of planners
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -35,7 +36,7 @@ Row = Any  # one row of `PLANNER`; compiled code writes to it
 
 PLANNER = np.dtype(
     [
-        ("kind", "i8"),  # one of the four above
+        ("kind", "i8"),  # one of the five above
         ("last_move", "i8"),  # index of the path's last straight move
         ("unit_um", "i8"),  # travel of one unit of position
         ("hertz", "i8"),  # the clock is hertz / per
@@ -45,7 +46,7 @@ PLANNER = np.dtype(
         # what changes while it runs, see `CHANGES`
         ("move", "i8"),  # the one the wire is on
         ("counter", "i8", 2),  # steps made, those back deducted
-        ("along", "i8"),  # length run in 1 / 10^12 um (`EXACT`)
+        ("along", "i8"),  # length run in 1 / 10^12 um (`EXACT`), or within the move in step_um / 65536 (`DDA`)
         ("timer", "i8", 2),  # to the next step: an accumulator's phase, or ticks left of a reload counter (`LITERAL`)
         ("rate", "i8", 2),  # axis speeds in units / 128
         ("aim", "i8", 5),  # fields of the `Displacement` they come from, but its halvings
@@ -105,6 +106,77 @@ def aim_at(row: Row, way: Displacement) -> None:
 def aimed(row: Row) -> Displacement:
     """Return the vector kept."""
     return Displacement(row.aim[0], row.aim[1], row.aim[2], row.aim[3], row.aim[4], 0)
+
+
+# An ideal line generator: each axis stays within half a step of a point that runs along the path.
+# Lengths along the path are whole numbers of 65 536ths of a motor step. At every tick of the clock, the point moves
+# by the speed in units. An axis steps when it is over half a step behind.
+
+NM = 1000  # nanometres in a um: steps and corners of this planner are whole numbers of them
+_HALF_WORD = 1 << 16
+
+
+@exactly_compiled
+def run_dda(row: Row, points: Floats, lengths: Ints, tick: int, last: int, speed: int, out: Ints) -> int:
+    """Run from one tick to another; return the number of steps, or `LIMIT`."""
+    made, heading = 0, 1 if speed > 0 else -1
+    budget, travelled = abs(speed) * (last - tick), 0
+    while True:
+        x, y = _until_step(row, points, lengths, 0, heading), _until_step(row, points, lengths, 1, heading)
+        ahead, axis = (x, 0) if x <= y else (y, 1)
+        room = lengths[row.move] - row.along if heading > 0 else row.along
+        way = min(ahead, room)
+        if way > budget - travelled:
+            row.along += heading * (budget - travelled)
+            return made
+        row.along += heading * way
+        travelled += way
+        if ahead <= room:
+            direction = heading if points[row.move + 1, axis] > points[row.move, axis] else -heading
+            if not count(row, axis, direction):
+                return LIMIT
+            # The point passes the threshold between two ticks; the motor hears of it at the later one.
+            made = note(row, out, made, tick - (-travelled // abs(speed)), axis, direction)
+        elif 0 <= row.move + heading <= row.last_move:
+            row.move += heading
+            row.along = 0 if heading > 0 else lengths[row.move]
+        else:
+            return made
+
+
+@exactly_compiled
+def dda_path_um(row: Row, along: Floats) -> float:
+    """Length run, in um."""
+    return float(along[row.move] + row.along * row.step_um / TIMER_COUNT)
+
+
+@exactly_compiled
+def _nm(um: float) -> int:
+    return round(um * NM)
+
+
+@exactly_compiled
+def _until_step(row: Row, points: Floats, lengths: Ints, axis: int, heading: int) -> int:
+    """Length until the running point is more than half a step ahead of an axis."""
+    run = _nm(points[row.move + 1, axis] - points[row.move, axis]) * heading
+    if run == 0:
+        return NEVER
+    # Measured from the end the point comes from, in the axis' own direction of travel.
+    length, step = lengths[row.move], _nm(row.step_um)
+    origin = _nm(points[row.move, axis] if heading > 0 else points[row.move + 1, axis])
+    behind = (_nm(row.from_um[axis]) + step * row.counter[axis] - origin) * (1 if run > 0 else -1)
+    passed = row.along if heading > 0 else length - row.along
+    return int(max(_scaled(length, 2 * behind + step, 2 * abs(run)) + 1 - passed, 0))
+
+
+@exactly_compiled
+def _scaled(length: int, share: int, of: int) -> int:
+    """A length times a share of a whole, rounded down; the product alone would not fit 64 bits."""
+    whole = share // of
+    rest = share - whole * of
+    high, low = length // _HALF_WORD, length % _HALF_WORD
+    part = rest * high // of
+    return whole * length + part * _HALF_WORD + ((rest * high - part * of) * _HALF_WORD + rest * low) // of
 
 
 # An exact planner: it accumulates the length of path in whole attometres, without rounding errors.
@@ -447,7 +519,9 @@ def begin(row: Row, points: Floats) -> None:
 
 
 @exactly_compiled
-def advance(row: Row, points: Floats, along: Floats, start_ns: int, end_ns: int, speed: int, out: Ints) -> int:
+def advance(
+    row: Row, points: Floats, along: Floats, lengths: Ints, start_ns: int, end_ns: int, speed: int, out: Ints
+) -> int:
     """Run a planner for a window; writes time in ns, axis and direction of each step to `out` (room, 3).
 
     Returns the number of steps, also where there was no room for all; `LIMIT` if one would leave the counters' range.
@@ -460,16 +534,20 @@ def advance(row: Row, points: Floats, along: Floats, start_ns: int, end_ns: int,
     tick, last = tick_before(start_ns, row.hertz, row.per), tick_before(end_ns, row.hertz, row.per)
     if row.kind == LITERAL:
         return run_literal(row, points, tick, last, speed, out)
+    if row.kind == DDA:
+        return run_dda(row, points, lengths, tick, last, speed, out)
     return run_poscal(row, points, tick, last, speed, out)
 
 
 @exactly_compiled
-def done(row: Row, points: Floats, along: Floats) -> bool:
+def done(row: Row, points: Floats, along: Floats, lengths: Ints) -> bool:
     """Whether the path's end is reached."""
     if row.kind == EXACT:
         return bool(row.along >= path_end(row, along))
     if row.kind == LITERAL:
         return literal_done(row, points)
+    if row.kind == DDA:
+        return bool(row.move == row.last_move and row.along == lengths[row.last_move])
     return bool(row.move == row.last_move and near(row, points, row.last_move + 1))
 
 
@@ -478,6 +556,8 @@ def path_um(row: Row, points: Floats, along: Floats) -> float:
     """Length travelled along the path, for counters that stray from it at the foot of their position."""
     if row.kind == EXACT:
         return float(row.along / FINE_PER_UM)
+    if row.kind == DDA:
+        return dda_path_um(row, along)
     x0, y0 = int(points[row.move, 0]), int(points[row.move, 1])
     x1, y1 = int(points[row.move + 1, 0]), int(points[row.move + 1, 1])
     length = along[row.move + 1] - along[row.move]
@@ -497,10 +577,11 @@ class Addresses(NamedTuple):
 def addresses() -> Addresses:
     """Return the addresses for `advance_at` and its neighbours."""
     path = from_dtype(PLANNER), float64[:, ::1], float64[::1]
+    lengths, ints = int64[::1], int64[:, ::1]
     return Addresses(
-        address_of(advance, *path, int64, int64, int64, int64[:, ::1]),
+        address_of(advance, *path, lengths, int64, int64, int64, ints),
         address_of(path_um, *path),
-        address_of(done, *path),
+        address_of(done, *path, lengths),
     )
 
 

@@ -13,7 +13,7 @@ from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit, soft_limit, un
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
 from edmsim.controllers.planner import kinds
 from edmsim.controllers.planner.course import Course
-from edmsim.controllers.planner.kinds import CHANGES, EXACT, LIMIT, LITERAL, POSCAL, SINE_TABLE, position_um
+from edmsim.controllers.planner.kinds import CHANGES, DDA, EXACT, LIMIT, LITERAL, NM, POSCAL, SINE_TABLE, position_um
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError, one_of
 
@@ -92,26 +92,28 @@ class RowPlanner:
     @property
     def path_um(self) -> float:
         """Length travelled along the path in um."""
-        return kinds.path_um(self._row, self._course.points_um, self._course.along_um)
+        _, points, along, _ = self._course
+        return kinds.path_um(self._row, points, along)
 
     @property
     def done(self) -> bool:
         """Whether the path's end is reached."""
-        return kinds.done(self._row, self._course.points_um, self._course.along_um)
+        _, points, along, lengths = self._course
+        return kinds.done(self._row, points, along, lengths)
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
         """Steps in a window of time; see `Planner.advance`."""
         self._check_window(start_ns, end_ns, speed_units)
-        _, points, along = self._course
+        _, points, along, lengths = self._course
         before = self._row.copy()
-        made = kinds.advance(self._row, points, along, start_ns, end_ns, speed_units, self._room)
+        made = kinds.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
         if made == LIMIT:
             size_um = int(self._row["unit_um"])
             raise soft_limit(next(v for v in self.position_um if not 0 <= v <= WORD * size_um), size_um)
         if made > len(self._room):
             self._room = np.zeros((made, 3), np.int64)
             self._course.row[0] = before
-            kinds.advance(self._row, points, along, start_ns, end_ns, speed_units, self._room)
+            kinds.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
         return [Step(*step) for step in self._room[:made].tolist()]
 
     def snapshot(self) -> PlannerState:
@@ -156,6 +158,7 @@ class Kind(NamedTuple):
 PLANNERS: dict[str, Kind] = {
     "poscal": Kind(POSCAL),
     "poscal-literal": Kind(LITERAL),
+    "dda": Kind(DDA),
     "sine-table": Kind(SINE_TABLE),
     "exact": Kind(EXACT, 1.0, None),
 }
@@ -175,7 +178,7 @@ def position_unit(name: str, travel_um: float, step_um: float = STEP_UM) -> Unit
     if not kind.counts:
         return "um"
     _check_step(name, kind, step_um)
-    return unit_for(travel_um, int(step_um))
+    return unit_for(travel_um, int(step_um) if step_um == int(step_um) else 1)
 
 
 def make_planner(
@@ -188,8 +191,8 @@ def make_planner(
     """Make a planner of `PLANNERS` for one path: corners (n, 2), whole um within 0..65535, but any for ``exact``.
 
     Its speed unit is 262.5 nm/s if not given, or 252.6 as the thesis prints it (row T-A1), and 1 nm/s for ``exact``.
-    The unit ``step`` takes points at whole steps, 0..65535 of them (row T-61); `step_um` is whole, up to 16, or
-    any for ``exact``.
+    The unit ``step`` takes points at whole steps, 0..65535 of them (row T-61); `step_um` is whole, up to 16, a whole
+    number of nm for ``dda``, any for ``exact``.
     """
     kind = kind_of(name)
     _check_step(name, kind, step_um)
@@ -204,8 +207,12 @@ def make_planner(
 def _check_step(name: str, kind: Kind, step_um: float) -> None:
     if not (step_um > 0 and math.isfinite(step_um)):
         raise InputError(f"table.step_um is {step_um:g}: a motor step is a number of um above 0")
-    if kind.counts and not (step_um == int(step_um) <= MOST_STEP_UM):
+    if kind.number == DDA and abs(step_um * NM - round(step_um * NM)) > 1e-6:
+        raise InputError(
+            f"the planner dda counts in whole nm, and table.step_um is {step_um:g} um: choose the planner exact"
+        )
+    if kind.number in (POSCAL, LITERAL, SINE_TABLE) and not (step_um == int(step_um) <= MOST_STEP_UM):
         raise InputError(
             f"the planner {name} counts in whole um, and table.step_um is {step_um:g}: give the machine steps of "
-            f"1 to {MOST_STEP_UM} whole um, or choose the planner exact"
+            f"1 to {MOST_STEP_UM} whole um, or choose the planner exact or dda"
         )

@@ -26,7 +26,7 @@ from edmsim.controllers.planner.errors import (
     move,
 )
 from edmsim.controllers.planner.registry import PLANNERS
-from edmsim.recording.figures.palette import BLUE, GRID, INK, MUTED, ORANGE, PURPLE, VERMILION
+from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, PURPLE, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,6 +70,7 @@ A planner turns path and speed into the steps of two motors.
 |---|---|
 | `poscal` | the default: the integer routines of 1982, aimed at every step at a point 32 um ahead |
 | `poscal-literal` | the algorithm of the thesis: POSCAL once per move, and each axis stops at its own target |
+| `dda` | an ideal line: each axis within half a step of a point that runs along it |
 | `sine-table` | like `poscal`, with the direction from a table of 255 sines in place of the square root (T-72) |
 | `exact` | an ideal line in whole attometres: any feed in nm/s, any corners, no greatest feed of its own |
 | `mcu` | no planner: the computer of 1982 makes the steps, with `--controller mcu --planner poscal-literal` |
@@ -86,12 +87,12 @@ The tables below have the errors on straight moves over {long} um and over {shor
 - *mean speed*: from the first step to the last, along the line, relative to the commanded one; the lowest and the
   highest of all directions. Over {short} um one step is {quantum:.0f} % of the distance.
 - *ripple*: rms deviation of the speed over stretches of {stretch:g} um from its mean, in the worst direction; that of
-  `exact` comes from the steps alone.
+  `dda` comes from the steps alone.
 - *end*: distance of the motors' last position from the end of the move, in the worst direction.
 
 ## What follows
 
-- `poscal` keeps the line to {poscal:.2f} um, `sine-table` to {table:.2f} um and `exact` to {exact:.2f} um, in every
+- `poscal` keeps the line to {poscal:.2f} um, `sine-table` to {table:.2f} um and `dda` to {dda:.2f} um, in every
   direction and at every speed: all within one step. The table is as good as the square root, because the next step
   corrects the error of half an entry.
 - The mean speed of `poscal` and `sine-table` is right to {speed:.1f} % over {long} um; their axis speeds are rounded
@@ -181,7 +182,7 @@ def _introduction(errors: Errors) -> str:
     return _INTRODUCTION.format(
         directions=len(DIRECTIONS_DEG), speeds=len(SPEEDS), long=LONG_UM, short=SHORT_UM, stretch=STRETCH_UM,
         quantum=100 * 2 / SHORT_UM,
-        poscal=worst("poscal"), table=worst("sine-table"), exact=worst("exact"), speed=np.abs(steered[:, 2]).max(),
+        poscal=worst("poscal"), table=worst("sine-table"), dda=worst("dda"), speed=np.abs(steered[:, 2]).max(),
         literal=literal[:, 0].max(), machine=np.abs(itself[:, 0] - literal[:, 0]).max(),
         lost=move("poscal-literal", LOST.run_um, LOST.speed).end_um,
     )  # fmt: skip
@@ -198,7 +199,7 @@ def figure(errors: Errors) -> Figure:
 
     drawn = Figure(figsize=(9.0, 3.6), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(drawn)
-    colours = dict(zip(PLANNERS, (BLUE, VERMILION, ORANGE, PURPLE), strict=True))
+    colours = dict(zip(PLANNERS, (BLUE, VERMILION, GREEN, ORANGE, PURPLE), strict=True))
     panels = drawn.subplots(1, 2, sharey=True)
     for axes, speed in zip(panels, (4, 127), strict=True):
         for planner, colour in colours.items():

@@ -59,7 +59,7 @@ def homing(mode: int) -> NDArray[np.float64]:
     bench, device = bench_with(prsmode=mode, tinvt=10)
     bench.home_cam("x", 500.0, 650.0)
     bench.motor("x")["index_um"], bench.motor("x")["index_phase_um"] = 400.0, 30.0
-    device.command("PRESET")
+    device.home()
     rows = []
     for k in range(4500):
         bench.run(0.001)
@@ -84,9 +84,11 @@ def ramps() -> Figure:
 
     figure = Figure(figsize=(9, 5.4), layout="constrained")
     (full, short), (stop, change) = figure.subplots(2, 2)
+    limited = {"jerk_limit": 8000}
     for axes, curves in (
         (full, (("trapezoidal", speeds(3.6, **TRAPEZOID)), ("epicycloidal", speeds(3.6, **EPICYCLOID)),
-                ("epicycloidal by gradient", speeds(3.6, settings={"gradient": 1}, **EPICYCLOID)))),
+                ("epicycloidal by gradient", speeds(3.6, settings={"gradient": 1}, **EPICYCLOID)),
+                ("jerk limited", speeds(3.6, settings=limited)))),
         (short, (("rtype 0: time kept", speeds(1.2, setpos=200, **EPICYCLOID)),
                  ("rtype 1: slope kept", speeds(1.2, setpos=200, rtype=1, **EPICYCLOID)))),
         (stop, (("stopt 0: ramp finished", speeds(1.2, 0.25, **EPICYCLOID)),
@@ -94,7 +96,7 @@ def ramps() -> Figure:
         (change, (("equal ramps", speeds(3.6)), ("rampmode 1: 0.5 s up, 2 s down", speeds(
             3.6, rampmode=1, tacc=50, tdec=200)))),
     ):  # fmt: skip
-        for (label, curve), colour in zip(curves, (BLUE, VERMILION, GREEN), strict=False):
+        for (label, curve), colour in zip(curves, (BLUE, VERMILION, GREEN, ORANGE), strict=False):
             axes.plot(*curve.T, color=colour, lw=1.5, label=label)
         axes.legend(fontsize=7, frameon=False, labelcolor=INK)
     _frame(full, "2000 um at 50 %", "s", "um/s")

@@ -23,6 +23,7 @@ from typer.models import ArgumentInfo
 from edmsim import controllers
 from edmsim.cli import app as cli
 from edmsim.cli.options import flag, with_options
+from edmsim.controllers.axis import ServoModule, Uhu
 from edmsim.controllers.axis.drive import data_of
 from edmsim.controllers.feed.law import GapServo, ServoLaw
 from edmsim.machine.machine import Machine
@@ -38,6 +39,7 @@ MARK = re.compile(
 LINUXCNC = {
     "proportional_gain": "Pgain", "integral_gain": "Igain", "derivative_gain": "Dgain", "clamp": "maxoutput",
     "output_offset": "bias", "velocity_feed_forward": "FF1", "acceleration_feed_forward": "FF2",
+    "jerk_feed_forward": "FF3",
 }  # fmt: skip
 """Pins of LinuxCNC's component ``pid`` (its manual page) that do the same."""
 VALUES = {str: "TEXT", int: "INTEGER", float: "NUMBER", Path: "PATH"}
@@ -146,7 +148,7 @@ def letters() -> list[str]:
     chips = [
         {row["name"]: row["letter"] for row in data_of(file)["parameter"]} for file in ("uhu", "servo_module")
     ]
-    names = {**chips[0], **chips[1]}
+    names = {**chips[0], **chips[1], **dict.fromkeys(Uhu().extensions), **dict.fromkeys(ServoModule().extensions)}
     return rows(("name in Python", "UHU", "servo module", "LinuxCNC `pid`"), (
         (f"`{name}`", *(f"`{chip[name]}`" if name in chip else "" for chip in chips),
          f"`{LINUXCNC[name]}`" if name in LINUXCNC else "")

@@ -34,7 +34,6 @@ def table(
 ) -> None:
     """Measure a machine's table as a laser interferometer does."""
     from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
-    from edmsim.errors import InputError
     from edmsim.files import make_writable, replacing
     from edmsim.job.result import FORMATS
     from edmsim.job.settings import CutSettings
@@ -106,7 +105,7 @@ def gap(
     ] = None,
     samples: Annotated[
         Path | None,
-        typer.Option(help="File for samples of gap voltage and current, .parquet."),
+        typer.Option(help="File for samples of gap voltage and current, .parquet or .wav."),
     ] = None,
     log: Annotated[
         Path | None, typer.Option(help="File for ratios and positions, .csv, for edmsim calibrate.")
@@ -164,7 +163,7 @@ def gap(
                 rig.watch(taker.frame)
         _run(rig, serial is not None, speed, seconds, feed)
     if sampled is not None:
-        say(f"{sampled.count} samples of {samples}")
+        say(f"{sampled.count} samples of {samples}" + (f": {sampled.notice}" if sampled.notice else ""))
     if rig.gap.lost and serial is None:
         say(rig.gap.lost)
 
@@ -293,7 +292,6 @@ def positioner(
     """Run a QCL program on EANPOS positioners and their axes."""
     from edmsim.consoles.positioner import Station, contactors_of, press_of, run_and_tell
     from edmsim.controllers.qcl import QclError
-    from edmsim.errors import InputError
 
     presses = [press_of(text) for text in press or []]
     contactors = contactors_of(contactor or [])

@@ -89,7 +89,7 @@ DRIVE = np.dtype(
         # its own: parameters, ramps, what it records, what outlasts the power
         ("reg", "i8", 256),
         ("real", "f8", 32),
-        ("memory", "i8", 128),
+        ("memory", "i8", 512),
         ("eeprom", "u1", 128),
     ]
 )

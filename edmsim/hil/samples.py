@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import ctypes
 import math
+import wave
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
@@ -27,6 +26,8 @@ from edmsim.plant.kernel.state import OPEN, SHORT
 Array = NDArray[np.float64]
 LEAST_HZ, MOST_HZ = 1e4, 1e5
 _FINE_US = 1.0  # the filter goes on in steps of at most this (ours: below a tenth of any pulse of these boards)
+COUNT_V, COUNT_A = 0.01, 0.01  # a count of a WAV file
+_COUNTS = 32767
 READ = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.POINTER(ctypes.c_float), ctypes.POINTER(ctypes.c_float), ctypes.c_int64
 )
@@ -191,18 +192,22 @@ class SampleReader:
 
 
 class SampleFile:
-    """A Parquet file of samples, written frame by frame: time, voltage, current."""
+    """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``.
+
+    A WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count.
+    """
 
     def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:
-        if file.suffix != ".parquet":
-            raise InputError("samples are written as .parquet", file)
+        if file.suffix not in (".parquet", ".wav"):
+            raise InputError("samples are written as .parquet or .wav", file)
         self._sampler = Sampler(sensing, start_s * 1e6)
         self._file, self._partial = file, file.with_name(file.name + ".part")
         self._rows: list[tuple[Array, Array, Array]] = []
+        self._clipped = 0
         self.count = 0
-        schema = pa.schema([("t_s", pa.float64()), ("voltage_V", pa.float32()), ("current_A", pa.float32())])
+        self._sound: BinaryIO | None = None
         try:
-            self._writer = pq.ParquetWriter(self._partial, schema, compression="zstd")
+            self._writer = self._wav(sensing) if file.suffix == ".wav" else self._parquet()
         except OSError as error:
             raise InputError(f"cannot be written: {error.strerror or error}", file) from None
 
@@ -215,6 +220,8 @@ class SampleFile:
         """Close the file; it takes its name whatever ended it, as what is in it is whole."""
         self._write()
         self._writer.close()
+        if self._sound is not None:
+            self._sound.close()
         self._partial.replace(self._file)
 
     def frame(self, frame: Frame) -> None:
@@ -223,10 +230,43 @@ class SampleFile:
         if len(self._rows) >= 256:
             self._write()
 
+    @property
+    def notice(self) -> str:
+        """Notice about the file for the user; may be empty."""
+        most = f"{_COUNTS * COUNT_V:g} V or {_COUNTS * COUNT_A:g} A"
+        return (
+            f"{self._clipped} samples are beyond {most}, which is the most a WAV file holds" if self._clipped else ""
+        )
+
+    def _wav(self, sensing: Sensing) -> Any:
+        if sensing.rate_Hz != int(sensing.rate_Hz):
+            raise InputError("a WAV file has a whole number of samples per second", self._file)
+        self._sound = self._partial.open("wb")
+        writer = wave.open(self._sound, "wb")  # noqa: SIM115, closed by __exit__
+        writer.setnchannels(2)
+        writer.setsampwidth(2)
+        writer.setframerate(int(sensing.rate_Hz))
+        return writer
+
+    def _parquet(self) -> Any:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        schema = pa.schema([("t_s", pa.float64()), ("voltage_V", pa.float32()), ("current_A", pa.float32())])
+        return pq.ParquetWriter(self._partial, schema, compression="zstd")
+
     def _write(self) -> None:
-        if self._rows:
-            time, voltage, current = (np.concatenate(rows) for rows in zip(*self._rows, strict=True))
-            self._rows = []
-            self.count += len(time)
-            columns = {"t_s": time, "voltage_V": voltage.astype(np.float32), "current_A": current.astype(np.float32)}
-            self._writer.write_table(pa.table(columns))
+        if not self._rows:
+            return
+        time, voltage, current = (np.concatenate(rows) for rows in zip(*self._rows, strict=True))
+        self._rows = []
+        self.count += len(time)
+        if self._file.suffix == ".wav":
+            counts = np.stack([voltage / COUNT_V, current / COUNT_A], axis=1).round()
+            self._clipped += int((np.abs(counts) > _COUNTS).any(axis=1).sum())
+            self._writer.writeframes(np.clip(counts, -_COUNTS, _COUNTS).astype("<i2").tobytes())
+            return
+        import pyarrow as pa
+
+        columns = {"t_s": time, "voltage_V": voltage.astype(np.float32), "current_A": current.astype(np.float32)}
+        self._writer.write_table(pa.table(columns))

@@ -1,7 +1,12 @@
-; Visits two places, one axis after the other.
-slSpeed = 50000
-glPlaceX = 600
-glPlaceY = 300
+; Goes through the places of a recipe, one axis after the other.
+speed[1] = 50000
+placeX[1, 1] = 600
+placeY[1, 1] = 300
+placeX[1, 2] = 200
+placeY[1, 2] = 400
+IF slPart EQ 0
+  slPart = 1
+ENDIF
 AxisX:measure = 10000
 AxisY:measure = 10000
 AxisX:pulse = 40000
@@ -34,8 +39,8 @@ ofMotorX = 1
 tmSettle = 50                  ; ms until its contacts are at rest
 WAIT tmSettle
 REGON AxisX
-AxisX:setvel = slSpeed
-AxisX:setpos = glPlaceX
+AxisX:setvel = speed[slPart]
+AxisX:setpos = placeX[slPart, gbStep]
 WAIT NOT AxisX:st_regoff
 START AxisX
 WAIT AxisX:st_still AND AxisX:st_toll
@@ -46,8 +51,8 @@ ofMotorY = 1
 tmSettle = 50
 WAIT tmSettle
 REGON AxisY
-AxisY:setvel = slSpeed
-AxisY:setpos = glPlaceY
+AxisY:setvel = speed[slPart]
+AxisY:setpos = placeY[slPart, gbStep]
 WAIT NOT AxisY:st_regoff
 START AxisY
 WAIT AxisY:st_still AND AxisY:st_toll
@@ -55,8 +60,6 @@ REGOFF AxisY
 WAIT AxisY:st_regoff
 ofMotorY = 0
 gbStep = gbStep + 1
-glPlaceX = 200
-glPlaceY = 400
 IF gbStep LE 2
   JUMP NEXT
 ENDIF

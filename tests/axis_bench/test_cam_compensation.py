@@ -270,6 +270,19 @@ def test_old_firmware_compensates_nothing():
     assert rig.control.elcam.at(0).write_int(Function.COMPENSATION, 1) is CallStatus.REFUSED
 
 
+def test_a_compensation_may_come_in_slowly():
+    # E-34 [ours]: a rate instead of a jump
+    rig = pitch_rig()
+    rig.control.axes[X].compensation_rate = 0.1
+    run(rig, 0)
+    watch(rig)
+    compensate(rig)
+    settle(rig)
+    steps = np.diff(rig.traces().compensation[:, X])
+    assert steps.max() == pytest.approx(1e-4)
+    assert rig.control.resource(73, X) == pytest.approx(0.020)
+
+
 def test_a_reversal_is_taken_out_by_direction():
     rig = rig_of("xyu")
     table(rig, 0, ((-10.0, 0.0), (200.0, 0.0)), axis=X, master=X, mode=Mode.COMPENSATION)

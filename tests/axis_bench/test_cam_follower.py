@@ -275,6 +275,21 @@ def test_a_curve_passes_through_the_points_without_corners():
     assert bends[True] < 0.1 * bends[False]
 
 
+def test_a_follower_can_come_in_on_a_ramp():
+    rig = rig_of()
+    go(rig, X, 5.0)
+    table(rig, 0, HAT)
+    watch(rig)
+    assert rig.control.cam_in(0, ramp_s=0.2)
+    rig.run(0.1)
+    assert not rig.control.in_sync(0)
+    rig.run(0.15)
+    assert rig.control.in_sync(0)
+    settle(rig)
+    assert jumps(rig.traces(), Y) < 0.02  # of 2.5
+    assert rig.count("y") / COUNTS == pytest.approx(2.5, abs=0.002)
+
+
 def test_names_of_plcopen():
     rig = rig_of()
     table(rig, 0, HAT)

@@ -58,7 +58,7 @@ def test_chords_lie_within_1_um_of_the_circle_and_sweep_the_angle(radius, start,
     assert sweep_deg(points) == pytest.approx(expected_deg, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", ["poscal", "sine-table"])
+@pytest.mark.parametrize("name", ["poscal", "dda", "sine-table"])
 @pytest.mark.parametrize("radius", [5, 20, 77, 300, 1500])
 def test_the_steps_stay_within_one_step_of_the_circle(name, radius):  # T-16, T-18
     for start, sweep in ((3.0, 360.0), (100.0, 90.0), (211.0, -360.0), (330.0, -75.0)):

@@ -16,7 +16,7 @@ from edmsim.controllers.planner.registry import make_planner
 SECOND = 1_000_000_000
 CASES = 60
 DIGESTS = {
-    "poscal": "fc971b6f11359cb1", "poscal-literal": "aec15f62487d20a4",
+    "poscal": "fc971b6f11359cb1", "poscal-literal": "aec15f62487d20a4", "dda": "86d9f12121b90da9",
     "sine-table": "8090d20acdcc22da",
 }  # fmt: skip
 

@@ -107,11 +107,11 @@ def test_steps_add_up_and_the_end_is_reached(name, points, plan):  # T-16, T-17,
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "limit"),
-    [("exact", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0)],
+    [("dda", math.sqrt(2) + 1e-9), ("exact", math.sqrt(2) + 1e-9), ("poscal", 2.0), ("sine-table", 2.0)],
 )
 @settings(max_examples=25)
 @given(points=polylines(500), plan=st.lists(st.tuples(SPEEDS, DURATIONS), max_size=12))
-def test_default_and_exact_keep_the_line_forwards_and_backwards(name, limit, points, plan):  # T-G11, T-G12
+def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, points, plan):  # T-G11, T-G12
     planner = Rated(name, points)
     steps, time = run_plan(planner, plan)
     steps += run_to_end(planner, time)
@@ -177,7 +177,7 @@ def test_speed_zero_stands_still_and_loses_nothing(name):  # T-76
 
 
 @pytest.mark.parametrize(("unit", "interval"), [(262.5, 59_992_501), (252.6, 62_343_747)])
-@pytest.mark.parametrize("name", ["poscal", "sine-table"])
+@pytest.mark.parametrize("name", ["poscal", "dda", "sine-table"])
 def test_step_interval_at_full_speed(name, unit, interval):  # T-73, T-A1
     steps = make_planner(name, np.array([(0, 0), (2002, 0)]), unit).advance(0, 90 * SECOND, 127)
     assert len(steps) == 1001
@@ -191,7 +191,7 @@ def test_literal_step_interval_is_the_reload_count():  # T-76
 
 
 @pytest.mark.parametrize("speed", [1, 2, 3, 5, 8, 16, 40, 64, 127])
-@pytest.mark.parametrize("name", ["poscal", "sine-table"])
+@pytest.mark.parametrize("name", ["poscal", "dda", "sine-table"])
 def test_path_speed_and_straightness_in_any_direction(name, speed):  # T-G9, T-G10, T-G12
     for degrees in (0.05, 0.6, 13.0, 30.0, 45.0, 88.9, 137.0, 201.5, 270.3, 333.3):
         angle = math.radians(degrees)
@@ -283,10 +283,10 @@ def test_a_path_that_cannot_be_used_is_refused(points, words):  # T-61, T-A11
 
 def test_orders_that_cannot_be_used_are_refused():
     points = np.array([(0, 0), (9, 9)])
-    with pytest.raises(InputError, match="no planner 'bresenham'; choose one of poscal, poscal-literal, sine-table"):
+    with pytest.raises(InputError, match="no planner 'bresenham'; choose one of poscal, poscal-literal, dda"):
         make_planner("bresenham", points)
     with pytest.raises(InputError, match="speed unit must be above 0"):
-        make_planner("poscal", points, speed_unit_nm_s=0.0)
+        make_planner("dda", points, speed_unit_nm_s=0.0)
     for name in COUNTING:
         with pytest.raises(InputError, match=r"-127\.\.127 units, not 128"):
             make_planner(name, points).advance(0, WINDOW, 128)
@@ -328,10 +328,11 @@ def test_steps_of_another_length_lead_to_the_end_too(name, step_um, points, spee
         assert deviation_um(points, positions) <= step_um * (1 if step_um > 1 else 1.5)
 
 
-def test_steps_of_a_fraction_of_a_um_too():
+@pytest.mark.parametrize("name", ["dda", "exact"])
+def test_steps_of_a_fraction_of_a_um_too(name):
     points = np.array([(1000, 1000), (1400, 1150)])
-    planner = make_planner("exact", points, step_um=2.5)
-    steps = planner.advance(0, 60 * SECOND, 33_337)
+    planner = make_planner(name, points, step_um=2.5)
+    steps = planner.advance(0, 60 * SECOND, 127 if name == "dda" else 33_337)
     assert planner.done
     assert planner.position_um == (1400, 1150)
     assert len(steps) == (400 + 150) / 2.5
@@ -343,6 +344,7 @@ def test_steps_of_a_fraction_of_a_um_too():
         ("poscal", 2.5, "table.step_um is 2.5: give the machine steps of 1 to 16 whole um, or choose"),
         ("poscal-literal", 17, "table.step_um is 17"),
         ("sine-table", 0, "table.step_um is 0"),
+        ("dda", 2.0005, "whole nm, and table.step_um is 2.0005"),
         ("exact", math.inf, "table.step_um is inf"),
     ],
 )
@@ -423,7 +425,7 @@ def test_exact_on_two_axes_is_the_planner_of_two_axes():
     assert_alike(run(four, 40.0), run(two, 40.0))
 
 
-@pytest.mark.parametrize("name", ["poscal", "sine-table"])
+@pytest.mark.parametrize("name", ["poscal", "dda", "sine-table"])
 def test_u_and_v_follow_planners_that_count(name):
     planner = make_leaning_planner(name, POINTS, LEADS, ALONG, step_um=STEP_UM)
     steps = run(planner, 80.0, windows=400)

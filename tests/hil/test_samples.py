@@ -6,6 +6,7 @@ import ctypes
 import math
 import shutil
 import subprocess
+import wave
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from edmsim.errors import InputError
 from edmsim.hil import Rig, SampleReader, Sensing, delay_table, delays
 from edmsim.hil.delays import QUANTILES, write_delays
 from edmsim.hil.gap import Frame
-from edmsim.hil.samples import SampleFile, Sampler
+from edmsim.hil.samples import COUNT_A, COUNT_V, SampleFile, Sampler
 from edmsim.plant.kernel.state import OPEN, PULSE, SHORT, SPARK
 
 FIRMWARE = r"""
@@ -150,17 +151,21 @@ def test_a_firmware_in_c_filters_what_it_reads(tmp_path):
     assert slow.value > 0
 
 
-def test_the_file_holds_what_the_reader_reads(tmp_path):
-    rig = Rig("powercore", seed=2)
-    with SampleFile(tmp_path / "gap.parquet", Sensing(rate_Hz=2e4)) as file:
-        rig.watch(file.frame)
-        rig.run(0.3)
+def test_both_files_hold_the_same_samples(tmp_path):
+    for name in ("gap.wav", "gap.parquet"):
+        rig = Rig("powercore", seed=2)
+        with SampleFile(tmp_path / name, Sensing(rate_Hz=2e4)) as file:
+            rig.watch(file.frame)
+            rig.run(0.3)
+        assert file.notice == ""
     table = pq.read_table(tmp_path / "gap.parquet")
-    voltage, current = SampleReader(Rig("powercore", seed=2), Sensing(rate_Hz=2e4)).read(table.num_rows)
-    assert table.num_rows == file.count == pytest.approx(6000, abs=30)
-    assert np.array_equal(table["voltage_V"], voltage)
-    assert np.array_equal(table["current_A"], current)
-    assert voltage.max() == pytest.approx(80.0, abs=0.1)
+    with wave.open(str(tmp_path / "gap.wav")) as sound:
+        assert (sound.getframerate(), sound.getnchannels()) == (20_000, 2)
+        counts = np.frombuffer(sound.readframes(sound.getnframes()), "<i2").reshape(-1, 2)
+    assert len(counts) == table.num_rows == pytest.approx(6000, abs=30)
+    assert np.allclose(counts[:, 0] * COUNT_V, table["voltage_V"].to_numpy(), atol=COUNT_V)
+    assert np.allclose(counts[:, 1] * COUNT_A, table["current_A"].to_numpy(), atol=COUNT_A)
+    assert table["voltage_V"].to_numpy().max() == pytest.approx(80.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -177,10 +182,10 @@ def test_what_cannot_be_measured_is_refused(tmp_path, sensing, said):
 
 
 def test_a_file_of_another_kind_or_in_no_folder_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"written as \.parquet"):
+    with pytest.raises(InputError, match=r"\.parquet or \.wav"):
         SampleFile(tmp_path / "gap.csv", Sensing())
     with pytest.raises(InputError, match="cannot be written"):
-        SampleFile(tmp_path / "none" / "gap.parquet", Sensing())
+        SampleFile(tmp_path / "none" / "gap.wav", Sensing())
 
 
 @pytest.mark.slow
@@ -228,10 +233,10 @@ def test_a_table_of_delays(tmp_path, monkeypatch):
     [
         ((), "give --serial BOARD"), (("--serial", "uhu"), "there is no board 'uhu'"),
         (("--serial", "spark", "--speed", "0"), "--speed is above 0"),
-        (("--samples", "a.csv"), "written as .parquet"),
+        (("--samples", "a.csv"), "written as .parquet or .wav"),
         (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--fmu", "gap.cir"), "written as .fmu"),
-        (("--samples", "a.parquet", "--rate", "1"), "10000 to 100000 Hz"),
-        (("--samples", "a.parquet", "--gap", "0"), "the gap is"),
+        (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
+        (("--samples", "a.wav", "--gap", "0"), "the gap is"),
         (("--log", "a.csv", "--generator", "steam"), "steam"),
     ],
 )  # fmt: skip

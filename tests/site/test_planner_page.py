@@ -65,7 +65,7 @@ def test_page_and_picture_are_written(
 
 
 def test_a_straight_move_along_an_axis_has_no_error_but_its_ends() -> None:
-    found = move("exact", (1000, 0), 64)
+    found = move("dda", (1000, 0), 64)
     assert found.path_max_um == 0.0
     assert found.end_um == 0.0
     assert found.speed_percent == pytest.approx(0.0, abs=1e-3)
@@ -80,7 +80,7 @@ def test_a_lost_axis_is_reported_as_the_end_s_error_and_45_degrees_as_the_path_s
     assert slow.path_max_um == pytest.approx(400 * 300 / math.hypot(700, 300), abs=1.5)
 
 
-@pytest.mark.parametrize(("planner", "speed"), [("poscal", 3), ("sine-table", 5), ("exact", 99)])
+@pytest.mark.parametrize(("planner", "speed"), [("poscal", 3), ("sine-table", 5), ("dda", 99)])
 def test_between_the_speeds_of_the_page_it_is_no_worse(planner: str, speed: int) -> None:  # T-G12
     found = MoveError(*around(planner, 400, speed, np.arange(0.25, 360, 7.3)).T)
     assert np.max(found.path_max_um) < 2.0

@@ -294,6 +294,43 @@ class Eanpos:
         real = self.record["real"][0]
         return float(real[at.THEORY]), float(real[at.SPEED])
 
+    def home(self) -> None:
+        """Search the reference point (PLCopen MC_Home): PRESET."""
+        self.command("PRESET")
+
+    def move_absolute(self, position: int, velocity: int) -> None:
+        """Move to a position (MC_MoveAbsolute): setvel, setpos, START; in motion it changes both."""
+        self.parameters["setvel"], self.parameters["setpos"] = velocity, position
+        if self.states["st_still"]:
+            self.command("START")
+
+    def move_velocity(self, velocity: int, forward: bool = True) -> None:
+        """Move until `halt` or the software limit (MC_MoveVelocity): setvel and MANFW or MANBW."""
+        self.parameters["setvel"] = velocity
+        self.command("MANFW" if forward else "MANBW")
+
+    def halt(self) -> None:
+        """Stop on the ramp (MC_Halt): STOP."""
+        self.command("STOP")
+
+    def stop(self) -> None:
+        """Stop without a ramp and stay locked until `power` (MC_Stop): EMRG."""
+        self.command("EMRG")
+
+    def power(self, on: bool = True) -> None:
+        """Close the position loop and leave the emergency state (MC_Power), or open the loop."""
+        if on and self.states["st_emrg"]:
+            self.command("RESUME")
+        self.command("LOOPON" if on else "LOOPOFF")
+
+    def set_position(self, position: int) -> None:
+        """Set the axis' count to a position (MC_SetPosition): posit."""
+        self.parameters["posit"] = position
+
+    def reset(self) -> None:
+        """Clear an error (MC_Reset): RSERR."""
+        self.command("RSERR")
+
     @property
     def counts_per_step(self) -> float:
         """Encoder edges per step, if it follows steps: a step changes setpos by `follow_step`."""

@@ -14,14 +14,15 @@ from edmsim.controllers.axis.eanpos.registers import Reals, Words
 
 # Speed profiles of a QEM EANPOS: a ramp, a constant speed and a ramp to rest, each evaluated in closed form.
 # From 0 to 2000 units at 833 units/s with 1667 units/s^2 an axis moves for 2.9 s: 0.5 s up, 1.9 s at constant
-# speed, 0.5 s down. A ramp is trapezoidal or epicycloidal (the manual's name for the cycloidal law of speed, row
-# Q-40). All ramps are symmetrical about their middle: the mean speed is
+# speed, 0.5 s down. A ramp is trapezoidal, epicycloidal (the manual's name for the cycloidal law of speed, row
+# Q-40), or, beyond the manual, of limited jerk. All ramps are symmetrical about their middle: the mean speed is
 # that of both ends, so one formula gives the travel. A change in motion makes a new profile from the present
 # position and speed.
 
-STRAIGHT, EPICYCLOID, STEEP_EPICYCLOID = range(3)
+STRAIGHT, EPICYCLOID, STEEP_EPICYCLOID, JERK = range(4)
 """Laws of a ramp; a steep one has the time of the straight one, and twice its slope in the middle."""
 _CLOSE = 1e-6  # ways within so much of a unit are equal: far below an edge
+_HALVINGS = 60  # a speed is searched to the last bit
 
 
 @exactly_compiled
@@ -33,6 +34,8 @@ def slope_of(seconds: float, speed: float) -> float:
 @exactly_compiled
 def law_of(reg: Words, up: bool) -> int:
     """Return the law that the parameters ask for: ramptype 1 is epicycloidal, 2 and 3 on one side only."""
+    if reg[at.JERK_LIMIT] > 0:
+        return JERK
     kind = reg[at.RAMPTYPE]
     if kind == 1 or kind == (3 if up else 2):
         return EPICYCLOID if reg[at.GRADIENT] != 0 else STEEP_EPICYCLOID
@@ -40,19 +43,23 @@ def law_of(reg: Words, up: bool) -> int:
 
 
 @exactly_compiled
-def _ramp_s(change: float, slope: float, law: int) -> float:
+def _ramp_s(change: float, slope: float, law: int, jerk: float) -> float:
     """Time of a ramp over a change of speed, 0 or more, with an inverse slope."""
+    if law == JERK:
+        if slope > 0.0 and change * slope * slope * jerk > 1.0:
+            return change * slope + 1.0 / (slope * jerk)
+        return 2.0 * math.sqrt(change / jerk)
     return change * slope * (2.0 if law == EPICYCLOID else 1.0)
 
 
 @exactly_compiled
 def _up_s(reg: Words, real: Reals, change: float) -> float:
-    return float(_ramp_s(change, real[at.UP_SLOPE], reg[at.UP_LAW]))
+    return float(_ramp_s(change, real[at.UP_SLOPE], reg[at.UP_LAW], float(reg[at.JERK_LIMIT])))
 
 
 @exactly_compiled
 def _down_s(reg: Words, real: Reals, change: float) -> float:
-    return float(_ramp_s(change, real[at.DOWN_SLOPE], reg[at.DOWN_LAW]))
+    return float(_ramp_s(change, real[at.DOWN_SLOPE], reg[at.DOWN_LAW], float(reg[at.JERK_LIMIT])))
 
 
 @exactly_compiled
@@ -62,10 +69,26 @@ def stopping_way(reg: Words, real: Reals, speed: float) -> float:
 
 
 @exactly_compiled
+def _way_by(reg: Words, real: Reals, speed: float, peak: float) -> float:
+    """Way of the ramps from a speed up to a peak and down to rest."""
+    return float(0.5 * (speed + peak) * _up_s(reg, real, peak - speed) + stopping_way(reg, real, peak))
+
+
+@exactly_compiled
 def _peak(reg: Words, real: Reals, speed: float, top: float, way: float) -> float:
     """Speed that ramps of the full slope reach on a way too short for `top`."""
-    up, down = _up_s(reg, real, 1.0), _down_s(reg, real, 1.0)
-    return min(max(math.sqrt((2.0 * way + speed * speed * up) / (up + down)), speed), top)
+    if reg[at.UP_LAW] != JERK:
+        up = real[at.UP_SLOPE] * (2.0 if reg[at.UP_LAW] == EPICYCLOID else 1.0)
+        down = real[at.DOWN_SLOPE] * (2.0 if reg[at.DOWN_LAW] == EPICYCLOID else 1.0)
+        return min(max(math.sqrt((2.0 * way + speed * speed * up) / (up + down)), speed), top)
+    low, high = speed, top
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if _way_by(reg, real, speed, middle) < way:
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 @exactly_compiled
@@ -97,7 +120,7 @@ def plan(reg: Words, real: Reals, way: float, top: float) -> bool:
     if even >= 0.0:
         _put(real, top, first_s, even / top, last_s, way, direction)
         return True
-    keeps_time = reg[at.RAMPTYPE] == 1 and reg[at.RTYPE] == 0
+    keeps_time = reg[at.RAMPTYPE] == 1 and reg[at.RTYPE] == 0 and reg[at.UP_LAW] != JERK
     if reg[at.MOVE] == at.PLACING and keeps_time and 2.0 * way - speed * first_s > speed * (first_s + last_s):
         _put(real, (2.0 * way - speed * first_s) / (first_s + last_s), first_s, 0.0, last_s, way, direction)
         return True
@@ -172,13 +195,27 @@ def begin(reg: Words, real: Reals, direction: int, slopes: tuple[float, float]) 
 
 
 @exactly_compiled
-def _ramp(t: float, span: float, change: float, law: int) -> tuple[float, float]:
+def _ramp(t: float, span: float, change: float, law: int, slope: float, jerk: float) -> tuple[float, float]:
     """Change of speed, and way beyond that of the first speed, at a time in a ramp."""
     if law == STRAIGHT:
         return change * t / span, 0.5 * change * t * t / span
-    s, turn = t / span, 2.0 * math.pi
-    wave = math.cos(turn * s) - 1.0
-    return change * (s - math.sin(turn * s) / turn), change * span * (0.5 * s * s + wave / (turn * turn))
+    if law != JERK:
+        s, turn = t / span, 2.0 * math.pi
+        wave = math.cos(turn * s) - 1.0
+        speed = change * (s - math.sin(turn * s) / turn)
+        return speed, change * span * (0.5 * s * s + wave / (turn * turn))
+    early = min(t, span - t)
+    rise = span - abs(change) * slope if abs(change) * slope * slope * jerk > 1.0 else 0.5 * span
+    signed = math.copysign(jerk, change)
+    if early < rise:
+        speed, way = 0.5 * signed * early * early, signed * early**3 / 6.0
+    else:
+        steep = signed * rise
+        speed = steep * (early - 0.5 * rise)
+        way = steep * (0.5 * early * early - 0.5 * rise * early + rise * rise / 6.0)
+    if t > early:
+        return change - speed, change * (t - 0.5 * span) + way
+    return speed, way
 
 
 @exactly_compiled
@@ -195,14 +232,15 @@ def follow(reg: Words, real: Reals) -> None:
     reg[at.ST_ACC] = reg[at.ST_DEC] = reg[at.ST_VCONST] = 0
     if reg[at.MOVE] == at.RESTING:
         return
-    t = since_s(reg)
+    t, jerk = since_s(reg), float(reg[at.JERK_LIMIT])
     first, top, first_s, even_s = real[at.FIRST_SPEED], real[at.TOP_SPEED], real[at.FIRST_S], real[at.EVEN_S]
     way = 0.0
     if t < 0.0:
         real[at.SPEED] = 0.0
     elif t < first_s:
         rises = top >= first
-        change, more = _ramp(t, first_s, top - first, reg[at.UP_LAW if rises else at.DOWN_LAW])
+        law, slope = (reg[at.UP_LAW], real[at.UP_SLOPE]) if rises else (reg[at.DOWN_LAW], real[at.DOWN_SLOPE])
+        change, more = _ramp(t, first_s, top - first, law, slope, jerk)
         real[at.SPEED], way = first + change, first * t + more
         reg[at.ST_ACC if rises else at.ST_DEC] = 1
     elif t < first_s + even_s:
@@ -211,7 +249,7 @@ def follow(reg: Words, real: Reals) -> None:
         reg[at.ST_VCONST] = 1
     elif t < first_s + even_s + real[at.LAST_S]:
         since = t - first_s - even_s
-        change, more = _ramp(since, real[at.LAST_S], -top, reg[at.DOWN_LAW])
+        change, more = _ramp(since, real[at.LAST_S], -top, reg[at.DOWN_LAW], real[at.DOWN_SLOPE], jerk)
         real[at.SPEED] = top + change
         way = 0.5 * (first + top) * first_s + top * (even_s + since) + more
         reg[at.ST_DEC] = 1

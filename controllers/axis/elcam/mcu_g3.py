@@ -18,6 +18,7 @@ from edmsim.compiled.axis_rows import SampleFunction, carray, sample
 from edmsim.controllers.axis.drive import axis_row, new_record
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.registers import DATA, Function, Mode
+from edmsim.controllers.axis.elcam.table import blend
 from edmsim.errors import InputError
 
 CYCLE_S = DATA["axis"]["cycle_ns"] * 1e-9  # interpolator's cycle
@@ -39,6 +40,8 @@ class ControlAxis:
         Counts of that encoder in one unit (gfaux); it may change at any time.
     accel : float
         Acceleration in units per s2.
+    compensation_rate : float
+        Extension: rate of compensation after switching, in units per s; 0 applies it at once.
     """
 
     counts_per_unit: float
@@ -46,6 +49,7 @@ class ControlAxis:
     use_encoder: bool = False
     auxiliary_factor: float = 1.0
     accel: float = DATA["axis"]["accel"]
+    compensation_rate: float = 0.0
     setpoint: float = 0.0
     velocity: float = 0.0
     count: int = 0
@@ -96,6 +100,7 @@ class MotionControl:
         self.axes = list(axes)
         self.elcam = Elcam(self.axes, **options)
         self._followers: set[int] = set()
+        self._ramps: dict[int, tuple[float, float, float]] = {}  # offset at first, time passed, time it takes
 
     def move_absolute(self, axis: int, target: float, speed: float) -> bool:
         """Move an axis to a position; False if it follows a cam table and so refuses travel commands."""
@@ -115,13 +120,15 @@ class MotionControl:
         """Stop an axis on its ramp (the control's js); False if it follows a cam table."""
         return self.move_velocity(axis, 0.0)
 
-    def cam_in(self, table: int) -> bool:
+    def cam_in(self, table: int, ramp_s: float = 0.0) -> bool:
         """Start to follow a table.
 
         Parameters
         ----------
         table : int
             Number of a table that is ready to run.
+        ramp_s : float
+            Extension: time in which the follower moves to its position in the table, without a jump.
 
         Returns
         -------
@@ -129,7 +136,12 @@ class MotionControl:
             Whether it follows; if not, see the register ERROR.
         """
         at = self.elcam.at(table)
-        return not at.write_int(Function.MODE, int(at.read_int(Function.MODE).value) | Mode.RUN)
+        if at.write_int(Function.MODE, int(at.read_int(Function.MODE).value) | Mode.RUN):
+            return False
+        axis = self.elcam.tables[table].axis
+        if ramp_s > 0.0 and axis in (places := self.elcam.follow()):
+            self._ramps[axis] = self.axes[axis].setpoint - places[axis], 0.0, ramp_s
+        return True
 
     def cam_out(self, table: int) -> None:
         """Stop following a table; a moving follower continues at its speed until the next command."""
@@ -139,7 +151,7 @@ class MotionControl:
     def in_sync(self, table: int) -> bool:
         """Return whether the follower is at its position in the table."""
         found = self.elcam.tables.get(table)
-        return found is not None and found.runs
+        return found is not None and found.runs and found.axis not in self._ramps
 
     def resource(self, number: int, axis: int) -> float:
         """Return a resource of an axis: 73, its compensation, the sum of all active tables.
@@ -173,12 +185,12 @@ class MotionControl:
                 axis.travel(CYCLE_S)
         followed = self.elcam.follow()
         for k, place in followed.items():
-            axis = self.axes[k]
-            axis.velocity = (place - axis.setpoint) / CYCLE_S
-            axis.setpoint, axis.target = place, None
+            self._place(k, place)
         self._followers = set(followed)
         for k, axis in enumerate(self.axes):
-            axis.compensation = self.elcam.compensation(k)
+            demand = self.elcam.compensation(k) - axis.compensation
+            most = axis.compensation_rate * CYCLE_S or math.inf
+            axis.compensation += min(max(demand, -most), most)
 
     def _release(self) -> set[int]:
         """Let axes go on at their speed that follow no longer; return those that do."""
@@ -187,6 +199,20 @@ class MotionControl:
             self.axes[k].target, self.axes[k].speed = None, self.axes[k].velocity
         self._followers &= cams
         return cams
+
+    def _place(self, k: int, place: float) -> None:
+        """Put a follower where its table says, or on the ramp to there."""
+        axis = self.axes[k]
+        if k in self._ramps:
+            offset, passed_s, ramp_s = self._ramps[k]
+            passed_s += CYCLE_S
+            place += offset * (1.0 - blend(passed_s / ramp_s))
+            if passed_s >= ramp_s:
+                del self._ramps[k]
+            else:
+                self._ramps[k] = offset, passed_s, ramp_s
+        axis.velocity = (place - axis.setpoint) / CYCLE_S
+        axis.setpoint, axis.target = place, None
 
 
 TARGET, COMPENSATION, FEED_FORWARD, PROPORTIONAL, PER_SAMPLE, STILL, SUM = range(7)

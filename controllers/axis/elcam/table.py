@@ -55,6 +55,12 @@ def _slope(xs: NDArray[Any], ys: NDArray[Any], a: int, b: int) -> float:
     return (float(ys[b]) - float(ys[a])) / width if width > 0.0 else 0.0
 
 
+def blend(share: float) -> float:
+    """Return how much of a ramp is done at a share of its time: without a jump in speed at either end."""
+    share = min(max(share, 0.0), 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
 UNSET = -1  # number of an axis that nobody has named yet
 _ROW_FAULTS = Error.ROW_SIZE | Error.ROW_START | Error.ROW_END | Error.ROW_AXIS
 

@@ -74,7 +74,7 @@ CONTACTORS = {"ofMotorX": "AxisX", "OFMOTORY": "axisy"}
 
 
 @pytest.mark.slow
-def test_a_program_leads_one_drive_to_two_motors():  # 1.4.1, Q-79; timers as well
+def test_a_program_leads_one_drive_to_two_motors():  # 1.4.1, Q-79; timers and a data group as well
     one = Station.of_files(*TWO, "analogue", CONTACTORS)
     ways, connected = {"x": [0.0], "y": [0.0]}, set()
     for _ in range(400):

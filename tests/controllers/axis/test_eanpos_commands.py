@@ -363,3 +363,32 @@ def test_a_command_that_is_fulfilled_already_warns_unless_set_otherwise():  # Q-
     for fine in (0, 1):
         p.device.settings["already_so_is_fine"] = fine
         assert [refused(p, command) for command in ("RESUME", "REGON")] == [not fine] * 2
+
+
+def test_names_of_plcopen():
+    """Beyond the manual: PLCopen's functions by name."""
+    p = Positioner()
+    p.device.move_absolute(500, 100000)
+    p.sample()
+    p.device.move_absolute(900, 50000)
+    p.until("st_still")
+    assert (p.theory[0], p["setvel"]) == (900.0, 50000)
+    p.device.move_velocity(50000, forward=False)
+    p.run(0.5)
+    assert p["st_movdir"]
+    p.device.halt()
+    p.until("st_still")
+    p.device.set_position(0)
+    p.device.stop()
+    p.sample()
+    assert (p["st_emrg"], p["posit"]) == (1, 0)
+    p.device.power()
+    p.sample()
+    assert (p["st_emrg"], p["st_loopon"]) == (0, 1)
+    p.device.power(on=False)
+    p.device.home()
+    p.sample()
+    assert (p["st_prson"], p["st_loopon"]) == (1, 0)
+    p.device.reset()
+    p.sample()
+    assert p.warning == 0

@@ -541,8 +541,7 @@ def homed_and_placed(mechanics):
     for name, goal in (("x", 700), ("y", -400)):
         assert bench.drive(name).states["st_prsok"]
         homed.append(float(bench.axis(name)["place_um"]) - edges[name])
-        bench.drive(name).parameters.update(setvel=2000, setpos=goal)
-        bench.drive(name).command("START")
+        bench.drive(name).move_absolute(goal, 2000)
     bench.run(1.5)
     return homed, [float(bench.axis(name)["place_um"]) - edges[name] for name in "xy"]
 

@@ -134,7 +134,9 @@ def test_the_limit_itself_does_not_trip_and_one_count_more_does(limit):  # M-9
 
 def _duty_against(gain, error, saturating):
     stored = {"proportional_gain": gain, "derivative_gain": 0, "error_limit": NO_TRIP}
-    bench = AxisBench({"x": ServoModule(axis_row("table"), stored, law={"saturating_arithmetic": saturating})})
+    drive = ServoModule(axis_row("table"), stored)
+    drive.extensions["saturating_arithmetic"] = saturating
+    bench = AxisBench({"x": drive})
     bench.run(0.02)
     bench.received("x")
     locked(bench, error)
@@ -143,7 +145,7 @@ def _duty_against(gain, error, saturating):
 
 
 @pytest.mark.parametrize(("gain", "error"), [(1000, 10_000), (100, 40_000)])
-def test_arithmetic_saturates_and_says_so_and_wraps_where_the_law_says_so(gain, error):  # M-35
+def test_arithmetic_saturates_and_says_so_and_wraps_in_compatible_mode(gain, error):  # M-35
     assert _duty_against(gain, error, 1) == (1784, {10})
     duty, _ = _duty_against(gain, error, 0)
     assert duty < 1024
@@ -415,8 +417,44 @@ def test_a_trip_limit_of_two_degrees_is_22_counts_of_4000():  # M-59
     assert status(bench) >= {0, 1}
 
 
+def bench_with(stored, **extensions):
+    drive = ServoModule(axis_row("table"), {"error_limit": NO_TRIP, **stored})
+    drive.extensions.update(extensions)
+    bench = AxisBench({"x": drive})
+    bench.run(0.02)
+    bench.received("x")
+    return bench
+
+
+def test_the_third_feed_forward_acts_on_the_change_of_acceleration():
+    outputs = []
+    for gain in (0, 256):
+        bench = bench_with({"proportional_gain": 0, "derivative_gain": 0}, jerk_feed_forward=gain)
+        bench.hold("x", True)
+        bench.trace = True
+        bench.step_times("x", [30_000_000], 1)
+        bench.run(0.05)
+        outputs.append(np.round(bench.samples("x")["command"] * 1024).astype(int))
+    assert set(outputs[0]) == {0}
+    pulse = outputs[1][np.flatnonzero(outputs[1])]
+    assert list(pulse) == [1, -2, 1]  # a step's third difference
+
+
+def test_the_filtered_command_makes_the_feed_forward_smoother():
+    rough = []
+    for smoothing in (0, 4):
+        gains = {"proportional_gain": 0, "derivative_gain": 0, "step_multiplier": 9}
+        bench = bench_with(gains, velocity_feed_forward=2600, command_filter=smoothing)
+        bench.hold("x", True)
+        stepped(bench, 1000, 1100.0, 20_000.0, run_s=0.3)
+        bench.trace = True
+        bench.run(0.3)
+        rough.append(float(np.std(bench.samples("x")["command"])))
+    assert 0 < rough[1] < 0.5 * rough[0]
+
+
 def test_parameters_are_set_by_name_and_shown_by_letter():
-    bench = on_bench(error_limit=NO_TRIP)
+    bench = bench_with({})
     bench.drive("x").parameters["proportional_gain"] = 900
     bench.drive("x").parameters["output_offset"] = -3
     assert say(bench, "P") == "(P) - Kp: 900"

@@ -49,7 +49,14 @@ def test_a_wrong_declaration_is_refused(line, reason):  # Q-1, Q-83
         ("GLOBAL\na L\nA F", "A is declared twice"), ("SYSTEM\na X", "a has size 'X'; it must be F, B, W, L or S"),
         ("CONST\na 1.5", "it must be a whole number"), ("TIMER\nt 10", "'t 10' must be NAME, all on one line"),
         ("TIMER\nt\nt", "t is declared twice"), ("TIMER\n3t", "'3t' is not a name"),
-        ("DATAGROUP\ndgParts", "data groups are not implemented"),
+        ("DATAGROUP\nSTEP", "STEP comes before the name of its data group"),
+        ("DATAGROUP\ng\nplace L", "'place L' comes before DATAPROGRAM"),
+        ("DATAGROUP\ng\nSTEP\n4\nplace L", "STEP comes before DATAPROGRAM"),
+        ("DATAGROUP\ng\nDATAPROGRAM\nspeed L", "DATAPROGRAM is followed by 'speed L'; it must be how many there are"),
+        ("DATAGROUP\ng\nDATAPROGRAM\n0", "DATAPROGRAM is followed by '0'; it must be how many there are, 1 to 65534"),
+        ("DATAGROUP\ng\nDATAPROGRAM\n2\nSTEP\n65535", "STEP is followed by '65535'"),
+        ("DATAGROUP\ng\nDATAPROGRAM\n2\nspeed X", "speed has size 'X'"),
+        ("GLOBAL\nspeed L\nDATAGROUP\ng\nDATAPROGRAM\n2\nspeed L", "speed is declared twice"),
         ("BUS\n1 card", "must be SLOT CARD VERSION"), ("BUS\n1 a 0\n1 b 0", "slot 1 is declared twice"),
         ("BUS\n1 a 0\nINPUT\ni L 1.INP01", "is a flag, F"), ("stray", "stands before the first section"),
     ],
@@ -98,7 +105,8 @@ def test_if_else_and_jump():  # Q-82
 
 
 TIMED = read_configuration(
-    "CONST\nmany 3\nSYSTEM\nkept L\nGLOBAL\na L\nb L\nTIMER\ntmPause\ntmOther\nDATAGROUP\nEND"
+    "CONST\nmany 3\nSYSTEM\nkept L\nGLOBAL\na L\nb L\nTIMER\ntmPause\ntmOther\nDATAGROUP\ndgParts\n"
+    "DATAPROGRAM\nMany\nspeed B\ngood F\nSTEP\n4\nplace L\ndgOthers\nDATAPROGRAM\n2\nother W\nEND"
 )
 
 
@@ -123,12 +131,47 @@ def test_a_timer_runs_for_its_time_and_reports_when_it_is_over():
         timed("tmPause = -1").run_pass()
 
 
-def test_system_variables_outlast_the_power():
-    control = timed("kept = -5", "a = 2")
+def test_a_data_group_keeps_values_by_recipe_and_step():
+    control = timed(
+        "a = 2", "speed[1] = 10", "speed[a] = speed[a - 1] + 5", "place[a, many] = 70 * speed[a]", "good[3] = 1",
+        "b = place[2, 3] + place[2, 4]", "a = (speed[1] + speed[2]) * good[1 + 2]", "other[2] = -5",
+        "kept = other[2]",
+    )  # fmt: skip
     control.run_pass()
-    assert control.variables == {"kept": -5, "a": 2, "b": 0}
-    control.restart()
+    assert (control.variables["a"], control.variables["b"], control.variables["kept"]) == (25, 1050, -5)
+    assert control.data["place", 2, 3] == 1050
+    control.restart()  # data groups outlast the power
+    assert control.data["speed", 2, 0] == 15
     assert control.variables == {"kept": -5, "a": 0, "b": 0}
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("speed[4] = 1", "speed has no recipe 4; it must be 1 to 3"), ("a = speed[0]", "speed has no recipe 0"),
+        ("a = place[3, 5]", "place has no step 5; it must be 1 to 4"), ("speed[1] = 128", "speed cannot hold 128"),
+        ("good[1] = 2", "good cannot hold 2; it must be 0 to 1"), ("a = place[1/0, 1]", "divided by nought"),
+    ],
+)  # fmt: skip
+def test_a_data_groups_errors_name_their_line(line, reason):
+    with pytest.raises(InputError, match=f"line 2: .*{reason}"):
+        timed("a = 1", line).run_pass()
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("speed = 1", r"speed is a data group's variable; it is written speed\[recipe\]"),
+        ("a = place[1]", r"it is written place\[recipe, step\]"), ("a = speed[1, 2]", r"written speed\[recipe\]"),
+        ("a = speed[1", r"written speed\[recipe\]"), ("speed[1] 2 = 3", "'2' is left over before ="),
+        ("dgParts = 1", "dgParts is not a variable"), ("a = dgParts", "dgParts is not a name"),
+        ("a[1] = 2", "nothing that can be assigned to"), ("= a = 2", "nothing that can be assigned to"),
+        ("a = b[1]", r"'\[ 1 \]' is left over"),
+    ],
+)  # fmt: skip
+def test_a_data_groups_variable_needs_its_indices(line, reason):
+    with pytest.raises(QclError, match=reason):
+        timed(line)
 
 
 def test_wait_gives_up_the_pass():
@@ -158,7 +201,7 @@ def test_a_loop_without_wait_ends_its_pass():
         ("Bxis:setpos = 1", "Bxis is not a device"), ("a = (1", "a bracket is not closed"),
         ("a = 1)", "')' is left over"),
         ("a = 1 +", "an expression ends early"), ("a = * 2", "'*' is not a value"),
-        ("a = 1.5", "is not a word of QCL"), ("a[1] = 2", "is not a word of QCL"), ("= a = 2", "not a statement"),
+        ("a = 1.5", "is not a word of QCL"),
         ("IF a", "IF without ENDIF"), ("ENDIF", "ENDIF without IF"), ("ELSE", "ELSE without IF"),
         ("JUMP AWAY", "no label 'away'"), ("M:\nM:", "stands twice"), ("WAIT", "an expression ends early"),
     ],
