@@ -14,7 +14,7 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.workpiece.blanks import started_slot
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording import WindowTable
+from edmsim.recording.windows import WindowTable
 from edmsim.validation.breakage import rough_rig
 
 SETTLE_S, CUT_S = 2.0, 2.5
