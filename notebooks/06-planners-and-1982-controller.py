@@ -47,7 +47,7 @@ from edmsim.controllers.mcu.firmware.tstates import POSCAL_BOUND_T, READ_OUT_T, 
 from edmsim.controllers.mcu.firmware.tstates import seconds as duration_s
 from edmsim.controllers.planner.errors import around
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
-from edmsim.recording.figures import error_figure
+from edmsim.recording.figures.cut import error_figure
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, VERMILION
 from edmsim.recording.windows import column
 

@@ -15,7 +15,7 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording import WindowTable
+from edmsim.recording.windows import WindowTable
 
 START = (30_000, 30_000)
 

@@ -44,8 +44,7 @@ LEAST_GAIN = 1.2
 OF_MACHINE = {"MaxRateShift": {1_000_008: ("adaptive-hold:limit_share=0.6,limit_spread=0.1",)}}
 """Laws that begin with what was found out of a machine in a shift before: of the one that lost most wires."""
 SERVO_SETTINGS = """In MaxRateShift only parameters of the wire's limit were tried here. Settings of the servo that
-fit the machine are worth more: [a policy that learns them](training.md#adapt-to-a-machine) earns 107 % (101 to 114)
-of the best law's return in the mean of 24 machines' ratios."""
+fit the machine are worth more: see [a policy that learns them](training.md#adapt-to-a-machine)."""
 RULE = "|---" * 5 + "|"
 SERVO = "set-point:open_target_share="
 GAP = f"{SERVO}0.05"

@@ -73,7 +73,7 @@ def show(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a sweep.", show_default=False)],
 ) -> None:
     """Show the results of a sweep, and draw DIR/pareto.png."""
-    from edmsim.recording.figures import write_figure
+    from edmsim.recording.figures.profile import write_figure
     from edmsim.sweep.summary import pareto_figure, render
     from edmsim.sweep.table import read
 

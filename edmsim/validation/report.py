@@ -20,8 +20,8 @@ REASONS = {
         "Shorts slow the finest pass down: it removes its micrometre only at an offset at which it shorts. At an "
         "offset 4 um greater it keeps its feed, but removes two fifths.",
     ("passes", "accuracy"):
-        "The model lacks the main errors of a shop's cut: machine, temperature and stress in the metal. So one pass "
-        "and two are five times as accurate as on the trade page.",
+        "The model lacks the main errors of a shop's cut: machine, temperature and stress in the metal. So it is "
+        "more accurate than the trade page, with one pass and two by ten times.",
     ("passes", "outer-corners"):
         "The third pass removes 45 um. At a constant feed its pulses find little metal at a corner except the tip, "
         "and round it, on any path. After two and after four passes a quarter of the rough cut's error remains.",

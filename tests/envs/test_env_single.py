@@ -158,7 +158,7 @@ def test_pushing_against_metal_gains_nothing_and_ends_the_episode(make_env):
     env.reset(seed=1)
     rewards, over = [], False
     while not over:
-        _, reward, over, _, info = env.step(np.array([0.6], np.float32))
+        _, reward, over, _, info = env.step(np.array([0.9], np.float32))
         if info["short"] == 255:
             rewards.append(reward)
     assert info["cause"] in ("persistent-short", "out-of-range")
