@@ -14,8 +14,7 @@ from edmsim.envs.recorder import EpisodeRecorder
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.numeric import whole_from
-from edmsim.recording.rerun.playback import RECORDING
-from edmsim.recording.rerun.viewer import LiveViewer, show
+from edmsim.recording.cut_folder import RECORDING
 
 
 class RecordedEpisodes:
@@ -27,7 +26,11 @@ class RecordedEpisodes:
         self.folders: list[Path] = []  # written so far
         self.recorder: EpisodeRecorder | None = None  # of the episode under way, if it is recorded
         self._folder = Path(folder)
-        self._viewer = None if hint is None else LiveViewer("the episodes", hint)
+        self._viewer: LiveViewer | None = None
+        if hint is not None:
+            from edmsim.recording.rerun.viewer import LiveViewer
+
+            self._viewer = LiveViewer("the episodes", hint)
 
     def is_due(self, episode: int) -> bool:
         """Whether an episode is recorded."""
@@ -46,7 +49,7 @@ class RecordedEpisodes:
         recorder.write(folder / RECORDING, f"{name}, episode {episode}", settings, outcome)
         self.folders.append(folder)
         if self._viewer is not None:
-            show(folder / RECORDING, self._viewer)
+            self._viewer.show(folder / RECORDING)
 
     def close(self) -> None:
         """Let the viewer go."""

@@ -27,8 +27,8 @@ class _Registered(NamedTuple):
 _REGISTERED = {
     "GapFeed": _Registered("gap_feed", 2, 1795.0), "HeightStep": _Registered("height_step", 2, 1527.0),
     "Corner": _Registered("corner", 2, 1530.0), "Contour": _Registered("contour", 2, 2416.0),
-    "MaxRate": _Registered("max_rate", 1, 3935.0), "ThinWire": _Registered("thin_wire", 1, 5813.0),
-    "Trim": _Registered("trim", 1, 813.0), "Part": _Registered("part", 0, -15.5),
+    "MaxRate": _Registered("max_rate", 1, 3935.0), "ThinWire": _Registered("thin_wire", 1, 5832.0),
+    "Trim": _Registered("trim", 1, 813.0), "Part": _Registered("part", 0, -16.2),
     "MaxRateShift": _Registered("shift", 0, 231122.0), "ThinWireShift": _Registered("shift", 0, 59551.0),
 }  # fmt: skip
 _GENERAL = "edmsim.envs.environment:EdmEnv", "edmsim.envs.environment:EdmVectorEnv"

@@ -47,7 +47,7 @@ from edmsim.controllers.mcu.firmware.tstates import POSCAL_BOUND_T, READ_OUT_T, 
 from edmsim.controllers.mcu.firmware.tstates import seconds as duration_s
 from edmsim.controllers.planner.errors import around
 from edmsim.controllers.planner.registry import PLANNERS, make_planner
-from edmsim.recording.figures import error_figure
+from edmsim.recording.figures.cut import error_figure
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, VERMILION
 from edmsim.recording.windows import column
 
@@ -160,7 +160,7 @@ for planner in cut_planners:
 error_figure(cuts[cut_planners[min(1, len(cut_planners) - 1)]].scene)
 
 # %% [markdown]
-# The figure shows the cut by `poscal-literal`. Its error is no larger than that of the others, because the lines of
+# The figure shows the cut by `poscal-literal`. Its error is hardly larger than that of the others, because the lines of
 # this part are short, and the discharges dominate the error.
 #
 # ## Behind the registers

@@ -259,13 +259,11 @@ def test_settings_say_how_to_cut_it_again(small_cut: SimpleNamespace) -> None:
     assert expected.items() <= settings.items()
 
 
-@pytest.mark.slow
 def test_same_seed_same_cut_another_seed_another(
     small_cut: SimpleNamespace, cut_small: Callable[..., edmsim.CutResult]
 ) -> None:
-    again, other = cut_small(), cut_small(seed=2, max_time_s=3)
-    assert without_wall_time(again.report) == without_wall_time(small_cut.result.report)
-    assert same_rows(again.windows, small_cut.result.windows)
+    again, other = cut_small(max_time_s=8), cut_small(seed=2, max_time_s=3)
+    assert same_rows(again.windows, small_cut.result.windows.slice(0, again.windows.num_rows))
     first = small_cut.result.windows.slice(0, other.windows.num_rows)
     assert not other.windows.column("spark").equals(first.column("spark"))
 

@@ -35,8 +35,8 @@ def test_a_stepper_has_no_following_error():
 
 @pytest.mark.slow
 def test_a_following_error_stops_the_machine_and_leaves_with_3(monkeypatch, tmp_path, edmsim):
-    tuned = dict(uhu._data()["tuned"]["table"], error_limit=10)
-    monkeypatch.setitem(uhu._data()["tuned"], "table", tuned)
+    tuned = dict(uhu.DATA["tuned"]["table"], error_limit=10)
+    monkeypatch.setitem(uhu.DATA["tuned"], "table", tuned)
     words = ("cut", SLOT, "--drive", "uhu", "--height", 10, "--resolution", "fast", "--quiet", "--max-time", 10)
     assert edmsim(*words, "--out", tmp_path / "cut").status == 3
     report = json.loads((tmp_path / "cut" / "report.json").read_text(encoding="utf-8"))

@@ -10,39 +10,16 @@
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.axis.drive import Screw, axis_row
 from edmsim.errors import InputError
-
-
-def by_name(values: Mapping[str, float], table: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    """Return values by name that are given by name or letter; an unknown name is returned as it is."""
-    names = {row["letter"]: row["name"] for row in table}
-    found: dict[str, Any] = {names.get(key.upper(), key): value for key, value in values.items()}
-    return found
-
-
-def tuned_values(
-    data: Mapping[str, Any], what: str, axis: str, changes: Mapping[str, float], screw: Screw | None
-) -> dict[str, int]:
-    """Return by name the parameters that a drive's file has for an axis, some of them changed, for a screw."""
-    tuned = data["tuned"]
-    if axis not in tuned:
-        raise InputError(f"no {what} is tuned for an axis {axis!r}; there are: {', '.join(tuned)}")
-    fitted = {} if screw is None else {"step_multiplier": max(round(screw.counts_of(axis_row(axis))) - 1, 0)}
-    return {**tuned[axis], **fitted, **by_name(changes, data["parameter"])}
-
-
-def law_with(law: Mapping[str, Any], changes: Mapping[str, int], what: str) -> dict[str, Any]:
-    """Return a drive's settings not in its manual, with changes."""
-    if unknown := sorted(changes.keys() - law.keys()):
-        raise InputError(f"the law of the {what} has no {unknown[0]!r}; it has {', '.join(law)}")
-    return {**law, **changes}
 
 
 class HasRecord(Protocol):
@@ -84,6 +61,69 @@ class Registers(MutableMapping[str, int]):
         if name not in self._places:
             raise InputError(f"the drive has no {name!r}; it has {', '.join(self._places)}")
         return self._places[name]
+
+
+class SerialDrive(ABC):
+    """A chip with an EEPROM and a serial line: 8 data bits, no parity, 1 stop bit."""
+
+    name: str
+    title: ClassVar[str]  # in messages
+    data: ClassVar[Mapping[str, Any]]  # ``models/drives/NAME.toml``
+    signed: ClassVar[str] = ""  # the parameter that has a sign
+    baud: float  # bits per second
+
+    def __init__(
+        self, motor: NDArray[np.void] | None = None, stored: Mapping[str, int] | None = None,
+        law: Mapping[str, int] | None = None,
+    ) -> None:  # fmt: skip
+        self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
+        settings: Mapping[str, int] = self.data["law"]
+        if unknown := sorted((law or {}).keys() - settings.keys()):
+            raise InputError(f"the law of the {self.title} has no {unknown[0]!r}; it has {', '.join(settings)}")
+        self._law = {**settings, **(law or {})}
+        self.record: NDArray[np.void] = self._fresh()
+        names = [row["name"] for row in self.data["parameter"]]
+        limits = [(-WORD // 2, WORD // 2 - 1) if name == self.signed else (0, WORD - 1) for name in names]
+        self.parameters = Registers(self, {name: (k, *limits[k]) for k, name in enumerate(names)})
+        self._deliver(stored)
+        self.power_up()
+
+    @abstractmethod
+    def _fresh(self) -> NDArray[np.void]:
+        """Return the record of a drive that was just reset, before its EEPROM was read."""
+
+    @abstractmethod
+    def _deliver(self, stored: Mapping[str, int] | None) -> None:
+        """Prepare a new drive; fill its EEPROM, with parameters if there are any."""
+
+    @abstractmethod
+    def power_up(self) -> bytes:
+        """Start as after power-up, and return the start-up text."""
+
+    @abstractmethod
+    def receive_error(self) -> None:
+        """Take note that a byte came without a stop bit, or before the last one was read."""
+
+    @classmethod
+    def tuned(
+        cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
+    ) -> Self:
+        """Return a drive tuned for an axis of `axis_row`; its EEPROM has the parameters, with overrides by `changes`.
+
+        With a machine's screw, a step is the machine's, rounded to a whole number of counts.
+
+        Raises
+        ------
+        InputError
+            No tuning exists for that axis, or a parameter is unknown.
+        """
+        tuned = cls.data["tuned"]
+        if axis not in tuned:
+            raise InputError(f"no {cls.title} is tuned for an axis {axis!r}; there are: {', '.join(tuned)}")
+        fitted = {} if screw is None else {"step_multiplier": max(round(screw.counts_of(axis_row(axis))) - 1, 0)}
+        names = {row["letter"]: row["name"] for row in cls.data["parameter"]}
+        changed: dict[str, Any] = {names.get(key.upper(), key): value for key, value in changes.items()}
+        return cls(axis_row(axis), {**tuned[axis], **fitted, **changed})
 
 
 # The code of a drive's words in its EEPROM: a checksum, and every half byte as an extended Hamming word.

@@ -6,8 +6,7 @@ Its parameters, and settings not in its guide, are in ``models/drives/servo_modu
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
-from typing import Any, Self, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,8 @@ from numpy.typing import NDArray
 from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions
-from edmsim.controllers.axis.drive import Screw, axis_row, data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import WORD, Registers, decode, encode, law_with, tuned_values
+from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
+from edmsim.controllers.axis.parameters import WORD, SerialDrive, decode, encode
 from edmsim.controllers.axis.serial_line import NEW_LINE, Command, LineEditor, command_in
 
 # The servo processor module's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
@@ -419,7 +418,7 @@ _READ = {
 }
 
 
-LARGEST_OFFSET = -WORD // 2, WORD // 2 - 1  # the offset is the only signed parameter (row M-46)
+DELIVERED = tuple(entry["value"] for entry in DATA["parameter"])
 _BITS_OF_A_BYTE = 10  # start bit, eight, stop bit
 _CHIP = DATA["chip"]
 
@@ -475,7 +474,7 @@ def _servo_module(drive_at: Any, axis_at: Any) -> None:
     drive.lines = _lines(reg)
 
 
-class ServoModule:
+class ServoModule(SerialDrive):
     r"""The servo processor module on an axis.
 
     Parameters
@@ -508,42 +507,30 @@ class ServoModule:
     b'(P) - Kp: 1250\r\n'
     """
 
-    name = "servo-module"
+    name, title, data = "servo-module", "servo module", DATA
+    signed = "output_offset"  # row M-46
     sample: axis_rows.SampleFunction = _servo_module
     baud: float = _CHIP["baud"]
 
-    def __init__(
-        self, motor: NDArray[np.void] | None = None, stored: Mapping[str, int] | None = None,
-        law: Mapping[str, int] | None = None,
-    ) -> None:  # fmt: skip
-        self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
-        self._law = law_with(DATA["law"], law or {}, "servo module")
-        self.record: NDArray[np.void] = _fresh(self._law, None)
-        names = [entry["name"] for entry in DATA["parameter"]]
-        bounds = [LARGEST_OFFSET if register == OFFSET else (0, WORD - 1) for register in PARAMETERS]
-        self.parameters = Registers(self, {name: (k, *bounds[k]) for k, name in enumerate(names)})
+    def _deliver(self, stored: Mapping[str, int] | None) -> None:
         self.extensions = extensions.Extensions(self, wraps=True)
         self.extensions["saturating_arithmetic"] = 1
         self._editor = LineEditor(echo=False)
         self.parameters.update(stored or {})
         self.record["eeprom"][0, : N_IMAGE] = list(encode(words_of(self.record["reg"][0])))
-        self.power_up()
 
-    @classmethod
-    def tuned(
-        cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
-    ) -> Self:
-        """Return a module tuned for an axis: `changes` override the parameters of the table ``tuned``.
-
-        With a machine's screw, a step is the machine's, rounded to a whole number of counts.
-
-        Raises
-        ------
-        InputError
-            No tuning exists for that axis, or a parameter is unknown.
-        """
-        values = tuned_values(DATA, "servo module", axis, changes, screw)
-        return cls(axis_row(axis), values)
+    def _fresh(self, words: Sequence[int] = DELIVERED) -> NDArray[np.void]:
+        record = new_record((1, 1))
+        reg = record["reg"][0]
+        reg[list(PARAMETERS)] = words
+        reg[OFFSET] = wrapped(reg[OFFSET], 16)
+        reg[list(SETTINGS)] = list(self._law.values())
+        reg[list(CHIP)] = _CHIP["duty_centre"], _CHIP["greatest_clamp"], round(_BITS_OF_A_BYTE * 1e9 / _CHIP["baud"])
+        put_duty(reg, 0)
+        record["delay_ns"], record["pwm_ns"] = _CHIP["calculation_ns"], _CHIP["duty_period_ns"]
+        record["num"], record["den"] = _period(reg)
+        record["count_rate_Hz"] = _count_rate(reg)
+        return record
 
     @property
     def counts_per_step(self) -> float:
@@ -575,7 +562,7 @@ class ServoModule:
         """Start with the EEPROM's parameters; if they are invalid, with the defaults and the motor off."""
         stored = decode(self.record["eeprom"][0, : N_IMAGE].tobytes())
         words = stored.words if stored.valid else None
-        fresh = _fresh(self._law, words)
+        fresh = self._fresh(words or DELIVERED)
         old, reg = self.record["reg"][0], fresh["reg"][0]
         reg[extensions.EXTENSION_WORDS] = old[extensions.EXTENSION_WORDS]
         reg[FRESH], reg[EDGES], reg[NOW_NS] = 1, self.record["setpoint"][0], self.record["now_ns"][0]
@@ -592,21 +579,6 @@ class ServoModule:
         """Set the receive error in the status; the current line becomes an unknown command."""
         self.record["reg"][0, STATUS] |= RECEIVE_BIT
         self._editor.take(0)
-
-
-def _fresh(law: Mapping[str, int], words: Sequence[int] | None) -> NDArray[np.void]:
-    """Return the record of a module that starts with some parameters, the defaults if there are none."""
-    record = new_record((1, 1))
-    reg = record["reg"][0]
-    reg[list(PARAMETERS)] = [entry["value"] for entry in DATA["parameter"]] if words is None else words
-    reg[OFFSET] = wrapped(reg[OFFSET], 16)
-    reg[list(SETTINGS)] = list(law.values())
-    reg[list(CHIP)] = _CHIP["duty_centre"], _CHIP["greatest_clamp"], round(_BITS_OF_A_BYTE * 1e9 / _CHIP["baud"])
-    put_duty(reg, 0)
-    record["delay_ns"], record["pwm_ns"] = _CHIP["calculation_ns"], _CHIP["duty_period_ns"]
-    record["num"], record["den"] = _period(reg)
-    record["count_rate_Hz"] = _count_rate(reg)
-    return record
 
 
 def _period(reg: Words) -> tuple[int, int]:

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from functools import cache
-from types import MappingProxyType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +15,11 @@ from numpy.typing import NDArray
 from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions, parameters
-from edmsim.controllers.axis.drive import Screw, axis_row, data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import Registers, law_with, tuned_values
+from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
+from edmsim.controllers.axis.parameters import SerialDrive
 from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor, command_in, number_in
+
+DATA = data_of("uhu")
 
 # The UHU's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
 
@@ -241,8 +241,10 @@ def _reply(line: str) -> bytes:
 
 
 _DUTY_RANGE = 0  # place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase
-_N_BANKS, _LARGEST = 3, 65535
-_NOT_STORED = "overruns"
+_N_BANKS = 3
+_TABLE = DATA["parameter"]
+_NAMES = {row["letter"]: row["name"] for row in _TABLE}
+_STORED = [name for name in _NAMES.values() if name != "overruns"]
 
 
 @axis_rows.sample
@@ -283,38 +285,15 @@ def _recalculate(drive_at: Any, axis_at: Any) -> None:
         drive.lines = axis_rows.FAULT | axis_rows.FREEWHEEL | axis_rows.ERROR_LED | own
 
 
-@cache
-def _data() -> dict[str, Any]:
-    return data_of("uhu")
-
-
 def _period_ns(cycle: int) -> tuple[int, int]:
     """Return the recalculation interval as a fraction: C = 50 is 533 333.3 ns; 0 acts as 1 (rows U-4, U-A23)."""
-    clock = _data()["clock"]
+    clock = DATA["clock"]
     num, den = max(cycle, 1) * clock["prescaler"] * 1_000_000_000, clock["crystal_Hz"]
     common = math.gcd(num, den)
     return num // common, den // common
 
 
-def _fresh(law: Mapping[str, int]) -> NDArray[np.void]:
-    """Return the record of a chip that was just reset, with the preset parameters, before its EEPROM was read."""
-    data = _data()
-    pins = data["pins"]
-    values = [parameter["value"] for parameter in data["parameter"]]
-    record = new_record(_period_ns(values[C]))
-    reg = record["reg"][0]
-    reg[: len(values)] = values
-    reg[list(SETTINGS)] = list(law.values())[: len(SETTINGS)]
-    reg[RESTART] = HARD
-    record["real"][0, _DUTY_RANGE] = pins["duty_high"] - pins["duty_low"]
-    record["lines"] = axis_rows.FREEWHEEL
-    record["watchdog_ns"] = data["clock"]["watchdog_ms"] * 1_000_000
-    record["pwm_ns"] = 1_000_000_000 // law["pwm_Hz"]
-    record["count_rate_Hz"] = law["edge_rate_Hz"]
-    return record
-
-
-class Uhu:
+class Uhu(SerialDrive):
     r"""A UHU servo controller.
 
     Parameters
@@ -348,52 +327,33 @@ class Uhu:
     b'R\r\nOK\r\n>'
     """
 
-    name = "uhu"
+    name, title, data = "uhu", "UHU", DATA
+    baud = DATA["clock"]["crystal_Hz"] / 16 / DATA["serial"]["baud_divisor"]
+    sample: axis_rows.SampleFunction = _recalculate
 
-    def __init__(
-        self,
-        motor: NDArray[np.void] | None = None,
-        stored: Mapping[str, int] | None = None,
-        law: Mapping[str, int] | None = None,
-    ) -> None:
-        data = _data()
-        self._law = law_with(data["law"], law or {}, "UHU")
-        self.record = _fresh(self._law)
-        self.motor: NDArray[np.void] | None = axis_row() if motor is None else motor
-        self.baud = data["clock"]["crystal_Hz"] / 16 / data["serial"]["baud_divisor"]
-        table = data["parameter"]
-        self._letters = {row["letter"]: row["name"] for row in table}
-        self.parameters = Registers(self, {row["name"]: (place, 0, _LARGEST) for place, row in enumerate(table)})
+    def _fresh(self) -> NDArray[np.void]:
+        pins, law = DATA["pins"], self._law
+        values = [row["value"] for row in _TABLE]
+        record = new_record(_period_ns(values[C]))
+        reg = record["reg"][0]
+        reg[: len(values)] = values
+        reg[list(SETTINGS)] = list(law.values())[: len(SETTINGS)]
+        reg[RESTART] = HARD
+        record["real"][0, _DUTY_RANGE] = pins["duty_high"] - pins["duty_low"]
+        record["lines"] = axis_rows.FREEWHEEL
+        record["watchdog_ns"] = DATA["clock"]["watchdog_ms"] * 1_000_000
+        record["pwm_ns"] = 1_000_000_000 // law["pwm_Hz"]
+        record["count_rate_Hz"] = law["edge_rate_Hz"]
+        return record
+
+    def _deliver(self, stored: Mapping[str, int] | None) -> None:
         self.extensions = extensions.Extensions(self, wraps=False)
-        self._stored = [row["name"] for row in table if row["name"] != _NOT_STORED]
-        self._dialogue = Dialogue({row["letter"]: row["label"] for row in table}, data["identity"]["serial_number"])
+        self._dialogue = Dialogue({row["letter"]: row["label"] for row in _TABLE}, DATA["identity"]["serial_number"])
         for bank in range(_N_BANKS):
             self.save(bank, false_checksum=True)
         if stored is not None:
             self.parameters.update(stored)
             self.save(0)
-        self.power_up()
-
-    @classmethod
-    def tuned(
-        cls, axis: str = "table", changes: Mapping[str, float] = MappingProxyType({}), screw: Screw | None = None
-    ) -> Self:
-        """Return a drive tuned for an axis of `axis_row`; bank 0 has its parameters, with overrides by `changes`.
-
-        With a machine's screw, a step is the machine's, rounded to a whole number of counts.
-
-        Raises
-        ------
-        InputError
-            No tuning exists for that axis, or a parameter is unknown.
-        """
-        values = tuned_values(_data(), "UHU", axis, changes, screw)
-        return cls(axis_row(axis), values)
-
-    @property
-    def sample(self) -> axis_rows.SampleFunction:
-        """The recalculation, the same for every UHU."""
-        return _recalculate
 
     @property
     def counts_per_step(self) -> float:
@@ -402,10 +362,9 @@ class Uhu:
 
     def why_stopped(self) -> str:
         """Return why its output is off (row U-50)."""
-        watchdog_ms = _data()["clock"]["watchdog_ms"]
         causes = {
             TRACKING: f"its following error reached the limit E of {self._reg[E]} counts",
-            TIMED_OUT: f"its watchdog saw no recalculation for {watchdog_ms} ms",
+            TIMED_OUT: f"its watchdog saw no recalculation for {DATA['clock']['watchdog_ms']} ms",
             BAD_BANK: "its parameters could not be read",
         }
         return ", ".join(text for bit, text in causes.items() if self._reg[LATCHED] & bit)
@@ -420,7 +379,7 @@ class Uhu:
 
     def power_up(self) -> bytes:
         """Start as after power-up, a low reset pin or ``+``: load bank 0 and return the start-up text (row U-39)."""
-        fresh = _fresh(self._law)
+        fresh = self._fresh()
         fresh["reg"][0, extensions.EXTENSION_WORDS] = self._reg[extensions.EXTENSION_WORDS]
         restart(self.record, fresh)
         stored = self._read(0)
@@ -437,12 +396,12 @@ class Uhu:
 
     def value(self, letter: str) -> int:
         """Return a letter's parameter."""
-        return self.parameters[self._letters[letter]]
+        return self.parameters[_NAMES[letter]]
 
     def enter(self, letter: str, value: int) -> None:
         """Set a letter's parameter, at once."""
         take_steps(self._reg, int(self.record["setpoint"][0]))
-        self.parameters[self._letters[letter]] = value
+        self.parameters[_NAMES[letter]] = value
         self._time_next()
 
     def load(self, bank: int) -> bool:
@@ -458,7 +417,7 @@ class Uhu:
 
     def save(self, bank: int, *, false_checksum: bool = False) -> None:
         """Save the parameters to a bank without any check (row U-47)."""
-        words = [self.parameters[name] for name in self._stored]
+        words = [self.parameters[name] for name in _STORED]
         self.record["eeprom"][0, self._place(bank)] = list(parameters.encode(words, false_checksum=false_checksum))
 
     def go(self, counts: int) -> None:
@@ -485,14 +444,14 @@ class Uhu:
         return registers
 
     def _place(self, bank: int) -> slice:
-        size = parameters.size_of(len(self._stored))
+        size = parameters.size_of(len(_STORED))
         return slice(bank * size, (bank + 1) * size)
 
     def _read(self, bank: int) -> parameters.Stored:
         return parameters.decode(self.record["eeprom"][0, self._place(bank)].tobytes())
 
     def _use(self, words: tuple[int, ...]) -> None:
-        self.parameters.update(zip(self._stored, words, strict=True))
+        self.parameters.update(zip(_STORED, words, strict=True))
 
     def _time_next(self) -> None:
         """Let C be the length of the intervals after the present one."""

@@ -23,14 +23,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from edmsim.controllers.protocols import (
-    FeedCommand,
-    GapWindow,
-    SeesTruth,
-    WindowObservation,
-    check_feed,
-    check_parameters,
-)
+from edmsim.controllers import protocols
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.snapshots import Snapshots
@@ -40,7 +33,7 @@ SHORTED_SHARE = 0.5
 """Share of short pulses from which a window counts as shorted (ours, as in the counts controller)."""
 
 
-def shorted(window: WindowObservation) -> bool:
+def shorted(window: protocols.WindowObservation) -> bool:
     """Return whether a window counts as shorted."""
     return window.short >= SHORTED_SHARE * WINDOW_PULSES
 
@@ -121,17 +114,17 @@ class GapServo(Part):
         """Weight of a window in the low-pass filter."""
         return -math.expm1(-duration_s / self.filter_s) if self.filter_s else 1.0
 
-    def update(self, window: WindowObservation, error: float, gains: Gains) -> FeedCommand:
+    def update(self, window: protocols.WindowObservation, error: float, gains: Gains) -> protocols.FeedCommand:
         """Return the command for the next window; `error` is positive if the gap is too wide."""
         if math.isnan(error):
             error = self.error
         short = shorted(window)
         self.shorted_s = self.shorted_s + window.duration_s if short else 0.0
         if self.shorted_s >= self.give_up_s:
-            return FeedCommand(0.0, PERSISTENT_SHORT)
+            return protocols.FeedCommand(0.0, PERSISTENT_SHORT)
         if short and self.shorted_s >= self.patience_s:
             self.retracting = True
-            return FeedCommand(-self._back_um_s)
+            return protocols.FeedCommand(-self._back_um_s)
         if self.retracting:  # cleared: the filter forgets the short
             self.retracting = False
             self.error = error
@@ -141,7 +134,7 @@ class GapServo(Part):
         growth = gains.integral * self.error * window.duration_s
         self.integral_um_s = min(max(self.integral_um_s + growth, 0.0), self.max_feed_um_s)
         feed = self.integral_um_s + gains.proportional * self.error
-        return FeedCommand(min(max(feed, -self._back_um_s), self.max_feed_um_s))
+        return protocols.FeedCommand(min(max(feed, -self._back_um_s), self.max_feed_um_s))
 
     @property
     def _back_um_s(self) -> float:
@@ -162,7 +155,7 @@ class Measure(Part, ABC):
         return Gains(getattr(self, proportional), getattr(self, integral), servo.filter_s)
 
     @abstractmethod
-    def error(self, window: WindowObservation, servo: GapServo) -> float:
+    def error(self, window: protocols.WindowObservation, servo: GapServo) -> float:
         """Return the error, positive if the gap is too wide; NaN if the window has no measurement."""
 
     def first_feed_um_s(self, servo: GapServo) -> float:
@@ -177,7 +170,9 @@ class PeriodRule(Part):
         """Return on-time and period for the beginning of a leg or wire; None keeps the present ones."""
         return None, None
 
-    def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> tuple[float | None, float | None]:
+    def next_setting_us(
+        self, window: protocols.WindowObservation, law: ServoLaw
+    ) -> tuple[float | None, float | None]:
         """Return on-time and period of the next window; called before the servo's update."""
         return None, None
 
@@ -188,7 +183,7 @@ class CornerRule(Part):
     start_um = 0.0
     """Length of path at which the leg begins."""
 
-    def look(self, window: WindowObservation) -> None:
+    def look(self, window: protocols.WindowObservation) -> None:
         """Read a window."""
 
     def slowing(self, path_um: float) -> float:
@@ -204,7 +199,7 @@ class Gauge(Part, ABC):
     """Estimates how near the wire is to boiling dry."""
 
     @abstractmethod
-    def near(self, window: WindowObservation) -> float:
+    def near(self, window: protocols.WindowObservation) -> float:
         """Return the measure: 1 where the wire boils dry, 0 far from it."""
 
 
@@ -247,7 +242,7 @@ class ServoLaw(Snapshots):
 
     def __post_init__(self) -> None:
         """Make the parts of the parameters."""
-        check_parameters(self)
+        protocols.check_parameters(self)
         for slot, kind in self.PARTS.items():
             own = [each.name for each in _arguments(kind) if hasattr(self, each.name)]
             setattr(self, slot, kind(**{parameter: getattr(self, parameter) for parameter in own}))
@@ -262,31 +257,31 @@ class ServoLaw(Snapshots):
         for part in self.parts:
             part.set_up(machine, points_um, start_um)
 
-    def reset(self, max_feed_um_s: float) -> FeedCommand:
+    def reset(self, max_feed_um_s: float) -> protocols.FeedCommand:
         """Begin a leg; refuses feeds above the machine's largest."""
         for parameter in ("start_feed_um_s", "retract_feed_um_s", *self.measure.FEEDS):
             feed_um_s = getattr(self, parameter)
             if parameter != "retract_feed_um_s" or feed_um_s != getattr(type(self), parameter):
-                check_feed(self.name, parameter, feed_um_s, max_feed_um_s)
+                protocols.check_feed(self.name, parameter, feed_um_s, max_feed_um_s)
         for part in self.parts:
             part.begin()
         return self._first(max_feed_um_s)
 
-    def wire_lost(self) -> FeedCommand:
+    def wire_lost(self) -> protocols.FeedCommand:
         """Begin with a new wire at the place of a break."""
         limit_um_s = self.servo.max_feed_um_s
         for part in self.parts:
             part.fresh_wire()
         return self._first(limit_um_s)
 
-    def _first(self, limit_um_s: float) -> FeedCommand:
+    def _first(self, limit_um_s: float) -> protocols.FeedCommand:
         self.servo.start(limit_um_s)
         on_us, period_us = self.period.first_setting_us(self)
         offset_um = self.corner.offset(self.corner.start_um)
         feed_um_s = self.measure.first_feed_um_s(self.servo)
-        return FeedCommand(feed_um_s, t_on_us=on_us, t_period_us=period_us, offset_um=offset_um)
+        return protocols.FeedCommand(feed_um_s, t_on_us=on_us, t_period_us=period_us, offset_um=offset_um)
 
-    def update(self, window: WindowObservation) -> FeedCommand:
+    def update(self, window: protocols.WindowObservation) -> protocols.FeedCommand:
         """Feed, setting and offset for the next window."""
         self.corner.look(window)
         on_us, period_us = self.period.next_setting_us(window, self)
@@ -299,10 +294,10 @@ class ServoLaw(Snapshots):
 class TruthLaw(ServoLaw):
     """A law with parts that read the true state of the gap: a bound for comparisons."""
 
-    def see(self, truth: GapWindow) -> None:
+    def see(self, truth: protocols.GapWindow) -> None:
         """Read the true state of the gap."""
         for part in self.parts:
-            if isinstance(part, SeesTruth):
+            if isinstance(part, protocols.SeesTruth):
                 part.see(truth)
 
 

@@ -4,20 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from edmsim.controllers.feed import periods
 from edmsim.controllers.feed.adaptive_hold import AdaptiveHold, ClimbingHold
 from edmsim.controllers.feed.corners import Corners, TrueBend
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
 from edmsim.controllers.feed.measures import FuzzyRules, MeanDelay, MeanVoltage, OpenShare, ShortShare, TrueGap
-from edmsim.controllers.feed.periods import (
-    Climb,
-    FluxGauge,
-    FreshNormalPulses,
-    HeatGauge,
-    HoldHeat,
-    NormalPulses,
-    RisingPeriod,
-    SetPoint,
-)
 from edmsim.controllers.protocols import FeedCommand, WindowObservation
 
 PRODUCTION = {
@@ -51,15 +42,16 @@ class FuzzyController(ServoLaw, measure=FuzzyRules):
     name: ClassVar[str] = "fuzzy"
 
 
-class AdaptiveOffTimeController(ServoLaw, measure=OpenShare, period=NormalPulses):
+class AdaptiveOffTimeController(ServoLaw, measure=OpenShare, period=periods.NormalPulses):
     """Holds the share of opens minus shorts with the feed, and the count of normal pulses with the off-time."""
 
     name: ClassVar[str] = "adaptive-off-time"
 
 
 class SatoController(
-    ServoLaw, measure=OpenShare, period=FreshNormalPulses, height_factor=176.0, shortest_factor=0.3, **PRODUCTION
-):
+    ServoLaw, measure=OpenShare, period=periods.FreshNormalPulses, height_factor=176.0, shortest_factor=0.3,
+    **PRODUCTION,
+):  # fmt: skip
     """Holds the count of normal pulses with an off-time that may fall below the operator's.
 
     This is the law as published. Its `height_factor` comes from tool steel 40 mm high at 35 um/s and 8.1 A with the
@@ -79,15 +71,15 @@ class OracleController(TruthLaw, measure=TrueGap):
     name: ClassVar[str] = "oracle"
 
 
-class FixedPeriodController(ServoLaw, measure=OpenShare, period=RisingPeriod, **PRODUCTION):
+class FixedPeriodController(ServoLaw, measure=OpenShare, period=periods.RisingPeriod, **PRODUCTION):
     """Holds the share of opens minus shorts with the feed, at a period that a new wire reaches slowly."""
 
     name: ClassVar[str] = "fixed-period"
 
 
 class HeatFluxController(
-    ServoLaw, measure=OpenShare, period=HoldHeat, gauge=FluxGauge, hold_share=0.4, proportional_share=0.6,
-    integral_per_s=4.0, **HEAT,
+    ServoLaw, measure=OpenShare, period=periods.HoldHeat, gauge=periods.FluxGauge, hold_share=0.4,
+    proportional_share=0.6, integral_per_s=4.0, **HEAT,
 ):  # fmt: skip
     """Holds the highest local heat flux, estimated from located sparks and the files' constants, with the period."""
 
@@ -95,7 +87,7 @@ class HeatFluxController(
 
 
 class ClimbingHoldController(
-    ServoLaw, measure=OpenShare, period=ClimbingHold, gauge=FluxGauge, hold_share=0.3, break_hold_share=0.85,
+    ServoLaw, measure=OpenShare, period=ClimbingHold, gauge=periods.FluxGauge, hold_share=0.3, break_hold_share=0.85,
     **FINDING,
 ):  # fmt: skip
     """Raises the held local heat flux until a wire breaks; then lowers it and raises it more slowly."""
@@ -104,8 +96,8 @@ class ClimbingHoldController(
 
 
 class AdaptiveHoldController(
-    ServoLaw, measure=OpenShare, period=AdaptiveHold, gauge=FluxGauge, fixed=("hold_share", "break_hold_share"),
-    **FINDING,
+    ServoLaw, measure=OpenShare, period=AdaptiveHold, gauge=periods.FluxGauge,
+    fixed=("hold_share", "break_hold_share"), **FINDING,
 ):  # fmt: skip
     """Holds the local heat flux with the largest expected return, estimated from the breaks so far."""
 
@@ -113,15 +105,17 @@ class AdaptiveHoldController(
 
 
 class HeatOracleController(
-    TruthLaw, measure=OpenShare, period=HoldHeat, gauge=HeatGauge, hold_share=0.2, proportional_share=0.8,
-    integral_per_s=2.0, shortest_us=18.0, **HEAT,
+    TruthLaw, measure=OpenShare, period=periods.HoldHeat, gauge=periods.HeatGauge, hold_share=0.2,
+    proportional_share=0.8, integral_per_s=2.0, shortest_us=18.0, **HEAT,
 ):  # fmt: skip
     """Holds the wire's true highest temperature with the period: the bound for `heat-flux`."""
 
     name: ClassVar[str] = "heat-oracle"
 
 
-class SetPointController(ServoLaw, measure=OpenShare, period=SetPoint, corner=Corners, fixed=("short_weight",)):
+class SetPointController(
+    ServoLaw, measure=OpenShare, period=periods.SetPoint, corner=Corners, fixed=("short_weight",)
+):
     """Holds the share of opens minus shorts with the feed, at a setting in proportion to the operator's.
 
     It stands for an operator with a table of settings and for the corner functions of machines.
@@ -130,13 +124,15 @@ class SetPointController(ServoLaw, measure=OpenShare, period=SetPoint, corner=Co
     name: ClassVar[str] = "set-point"
 
 
-class ClimbController(ServoLaw, measure=OpenShare, period=Climb, corner=Corners, fixed=("short_weight",)):
+class ClimbController(ServoLaw, measure=OpenShare, period=periods.Climb, corner=Corners, fixed=("short_weight",)):
     """Shortens the period step by step until the wire breaks, then stays at a longer one."""
 
     name: ClassVar[str] = "climb"
 
 
-class LeadOracleController(TruthLaw, measure=OpenShare, period=SetPoint, corner=TrueBend, fixed=("short_weight",)):
+class LeadOracleController(
+    TruthLaw, measure=OpenShare, period=periods.SetPoint, corner=TrueBend, fixed=("short_weight",)
+):
     """Cuts like `SetPointController`, with an offset that keeps the bent wire on the path."""
 
     name: ClassVar[str] = "lead-oracle"

@@ -41,8 +41,8 @@ COMMANDS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         "validate": studies.validate, "bench": studies.bench, "gap": machines.gap, "warm-up": studies.warm_up,
     }),
     "sweep": ("Run many cuts from one specification.", {"run": search.run, "show": search.show}),
-    "tune": ("Search gains, settings, trainings, technologies; tune a drive.", {
-        "gains": search.gains, "own": search.own, "training": search.training, "population": search.population,
+    "tune": ("Search settings, trainings, technologies; tune a drive.", {
+        "controller": search.controller, "training": search.training, "population": search.population,
         "technology": search.technology, "drive": search.drive,
     }),
     "measure": ("Measure a machine's table, or its wire guides.", {

@@ -128,8 +128,8 @@ def view(
     ] = None,
 ) -> None:
     """Play a cut back in rerun, or two side by side."""
-    from edmsim.recording import compare as show_both
-    from edmsim.recording import view as show
+    from edmsim.recording.rerun.viewer import compare as show_both
+    from edmsim.recording.rerun.viewer import view as show
 
     raise typer.Exit(show(directory) if other is None else show_both(directory, other))
 
@@ -154,9 +154,10 @@ def report(
     Without options it writes report.html, with options only the files they name.
     """
     from edmsim.job.result import remake
-    from edmsim.recording import find_recording, take_screenshots
     from edmsim.recording.cut_folder import read_cut
     from edmsim.recording.exports import write_contour, write_faces
+    from edmsim.recording.rerun.playback import find_recording
+    from edmsim.recording.rerun.viewer import take_screenshots
 
     if contour is None and contour_height is not None:
         raise InputError("--contour-height is that of a contour: give the file with --contour")
@@ -179,8 +180,8 @@ def report(
 
 
 def _film(directory: Path, film: Path, seconds: float) -> Path:
-    from edmsim.recording import find_recording, render
-    from edmsim.recording.film import check_film
+    from edmsim.recording.film import check_film, render
+    from edmsim.recording.rerun.playback import find_recording
 
     recording = find_recording(directory)
     check_film(film, seconds)

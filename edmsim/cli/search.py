@@ -13,11 +13,9 @@ from edmsim.cli.options import SET_UP, Unset, takes
 from edmsim.errors import InputError
 
 if TYPE_CHECKING:
-    from edmsim.progress import ShownProgress
     from edmsim.runs import Engine
     from edmsim.sweep.run import SweepProgress
     from edmsim.sweep.specification import Specification
-    from edmsim.sweep.tune import Tuned
 
 
 Ray = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Ray cluster: auto, or HOST:PORT (extra cluster).")]
@@ -75,7 +73,7 @@ def show(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a sweep.", show_default=False)],
 ) -> None:
     """Show the results of a sweep, and draw DIR/pareto.png."""
-    from edmsim.recording.figures import write_figure
+    from edmsim.recording.figures.profile import write_figure
     from edmsim.sweep.summary import pareto_figure, render
     from edmsim.sweep.table import read
 
@@ -137,27 +135,6 @@ Algorithm = Annotated[str, typer.Option(help="As in edmsim train.")]
 Steps = Annotated[int | None, typer.Option(help="Windows of each training; default by environment.")]
 
 
-def gains(
-    name: Annotated[str, typer.Argument(help="Feed controller with a file in models/gains.",
-                                        show_default=False)],
-    out: Study,
-    trials: Trials = 40,
-    seed: FirstSeed = 0,
-    seeds: Seeds = 5,
-    ray: Ray = None,
-    processes: ProcessCount = None,
-) -> None:  # fmt: skip
-    """Search for gains of a feed controller (extra tune)."""
-    from edmsim.sweep.tune import tune_gains
-
-    with interruptible() as bar:
-        found = tune_gains(
-            name, out, trials=trials, seed=seed, seeds=seeds, engine=engine_of(ray, processes),
-            watch=lambda found: _show(bar, name, trials, found),
-        )  # fmt: skip
-    _print_found(name, found, out)
-
-
 def training(
     env_id: Environment,
     out: Study,
@@ -175,9 +152,10 @@ def training(
     with interruptible() as bar:
         found = tune_training(
             env_id, out, algo=algo, steps=steps, trials=trials, seed=seed, seeds=seeds,
-            engine=engine_of(ray, processes), watch=lambda found: _show(bar, env_id, trials, found),
+            engine=engine_of(ray, processes), watch=lambda made, best: bar.show(env_id, made, trials, f"{best:.4g}"),
         )  # fmt: skip
-    _print_found(env_id, found, out)
+    score = f"score {found.value:.4g} (before {found.first_value:.4g})"
+    _print_values(env_id, found.values, f"{score}; {found.trials} trials, {found.failed} failed", out)
 
 
 def population(
@@ -210,9 +188,9 @@ def population(
 
 @takes("machine", SET_UP, machine=Unset(""), material=Unset(""), wire=Unset(""), generator=Unset(""),
        height_mm=Unset("Default: drawn, 4 to 40."))  # fmt: skip
-def own(
-    name: Annotated[str, typer.Argument(metavar="FILE.py:CLASS", help="Your controller; its BOUNDS list the "
-                                        "parameters to search.", show_default=False)],
+def controller(
+    name: Annotated[str, typer.Argument(help="Feed controller with a file in models/gains; or FILE.py:CLASS, whose "
+                                        "BOUNDS list the parameters to search.", show_default=False)],
     out: Study,
     trials: Trials = 40,
     seed: FirstSeed = 0,
@@ -221,13 +199,13 @@ def own(
     processes: ProcessCount = None,
     **options: Any,
 ) -> None:  # fmt: skip
-    """Search for settings of your controller (extra tune)."""
-    from edmsim.sweep.tune import BEST, tune_own
+    """Search for settings of a controller on drawn machines (extra tune)."""
+    from edmsim.sweep.tune import BEST, tune_controller
 
     height = {key: options.pop(key) for key in ("height_mm",) if key in options}
     machine = {"name" if key == "machine" else key: value for key, value in options.items()}
     with interruptible() as bar:
-        found = tune_own(
+        found = tune_controller(
             name, out, trials=trials, seed=seed, seeds=seeds, engine=engine_of(ray, processes),
             watch=lambda made, best: bar.show(name, made, trials, f"{best:.4g}"),
             **({"machine": machine} if machine else {}), **height,
@@ -292,15 +270,6 @@ def drive(
     from edmsim.consoles.autotune import tune
 
     OUT.print("\n".join(tune(name, axis, out, say)), highlight=False)
-
-
-def _show(bar: ShownProgress, name: str, trials: int, found: Tuned) -> None:
-    bar.show(name, found.trials, trials, f"{found.value:.4g}")
-
-
-def _print_found(name: str, found: Tuned, out: Path) -> None:
-    score = f"score {found.value:.4g} (before {found.first_value:.4g})"
-    _print_values(name, found.values, f"{score}; {found.trials} trials, {found.failed} failed", out)
 
 
 def _print_values(name: str, values: dict[str, float], score: str, out: Path) -> None:

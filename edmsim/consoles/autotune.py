@@ -18,9 +18,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
@@ -29,14 +31,9 @@ from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis.drive import data_of
 from edmsim.errors import InputError, one_of
 from edmsim.files import make_writable
-from edmsim.recording.figures import write_figure
 from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
+from edmsim.recording.figures.profile import write_figure
 from edmsim.recording.figures.style import column_figure, dress, legend
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 # An operator at a drive's serial line: types values, steps or moves the axis, and watches what the drive sends.
 # Both chips send the tracking error: the UHU by the stream for its analyser (rows U-33 to U-36), the servo module

@@ -22,7 +22,6 @@ from edmsim.controllers.axis.drive import axis_names, axis_row, data_of
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError, one_of
 from edmsim.files import make_writable
-from edmsim.recording.rerun.viewer import LiveViewer
 
 # The scope of the UHU's terminal program: the tracking error as a curve over a moving time line, drawn by rerun.
 
@@ -39,6 +38,8 @@ class Scope:
     def __init__(self, live: bool, file: Path | None, streams: bool = True) -> None:
         import rerun as rr
         import rerun.blueprint as rrb
+
+        from edmsim.recording.rerun.viewer import LiveViewer
 
         if file is not None:
             make_writable(file.parent)

@@ -27,8 +27,8 @@ from edmsim.errors import InputError
 from edmsim.evaluation.lines import lines_of
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.metrology.profile import profile_error
+from edmsim.recording.cut_folder import RECORDING
 from edmsim.recording.report import HOTTEST, LENGTH, OPENS, RA, RATE, SHORTS, TIME, FigureKind
-from edmsim.recording.rerun.playback import RECORDING
 
 if TYPE_CHECKING:
     from edmsim.envs.recorder import EpisodeRecorder

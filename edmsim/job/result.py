@@ -24,8 +24,6 @@ from edmsim.plant.workpiece.height_steps import LowerRegion, middle_slice
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.path import CutPath
 from edmsim.recording.cut_folder import read_cut
-from edmsim.recording.figures.profile import profile_png
-from edmsim.recording.html_report import card, pictures, write_html
 from edmsim.recording.report import Report, build_report, cut_id, outcome_text, summary
 from edmsim.recording.scene import Scene
 from edmsim.recording.stores import Closeups, Frames
@@ -101,6 +99,8 @@ class CutResult:
 
     def _repr_html_(self) -> str:
         """Show table and picture in a notebook."""
+        from edmsim.recording.html_report import card
+
         return card(self.report, self._title, self.plot())
 
     @property
@@ -128,7 +128,7 @@ class CutResult:
         InputError
             If there is no such figure, or this cut has no single pulses.
         """
-        from edmsim.recording.figures import profile_figure
+        from edmsim.recording.figures.profile import profile_figure
         from edmsim.recording.html_report import OF_CUT, OF_SAMPLE
 
         if figure in OF_SAMPLE:
@@ -219,7 +219,12 @@ class CutResult:
         OSError
             If writing fails later, for example on a full disk.
         """
-        from edmsim.recording import write_json, write_recording, write_scene, write_windows
+        from edmsim.recording.figures.profile import profile_png
+        from edmsim.recording.html_report import write_html
+        from edmsim.recording.report import write_json
+        from edmsim.recording.rerun.write import write_recording
+        from edmsim.recording.scene import write_scene
+        from edmsim.recording.windows import write_windows
 
         make_writable(Path(folder))
         tell, title = enter or (lambda _: None), self._title
@@ -266,6 +271,9 @@ def remake(
     directory: str | Path, figures: str | Path | None, kind: str, leave_out: Callable[[str], None]
 ) -> list[Path]:
     """Write a folder's ``report.html`` again, or its figures as files of their own; returns the files written."""
+    from edmsim.recording.figures.profile import profile_png
+    from edmsim.recording.html_report import pictures, write_html
+
     if kind not in FORMATS:
         raise InputError(f"figures cannot be written as '{kind}'; there are: {one_of(kind, FORMATS)}")
     cut = read_cut(directory)

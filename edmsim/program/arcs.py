@@ -73,7 +73,6 @@ def sweep_of(start: complex, end: complex, centre: complex, turn: int) -> float:
 def centre_from_radius(start: complex, end: complex, radius: float, turn: int, tolerance_mm: float) -> complex | None:
     """Return the centre of the arc with a radius, negative for more than half a circle, or None if there is none."""
     # by `tolerance_mm` the radius may be smaller than half the distance of the ends
-    # by `tolerance_mm` the radius may be smaller than half the distance of the ends
     chord = end - start
     half = abs(chord) / 2
     if half < SAME_PLACE_MM or abs(radius) < half - tolerance_mm:

@@ -26,18 +26,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.program.entities import (
-    CUT,
-    POLYLINES,
-    SHAPES,
-    UNDRAWN,
-    Chain,
-    joined_contours,
-    named,
-    pieces_of,
-    spot,
-    without_duplicates,
-)
+from edmsim.program import entities
 from edmsim.program.limits import MOST_POINTS, check_contours, check_count, check_points, check_size
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline, Program, refuse_self_crossing, signed_area
 
@@ -87,10 +76,10 @@ def regular(data: bytes) -> Regular:
             header = b""
             entity[1:] = [(code, _at_least_marked(value), line) for code, value, line in entity[1:]]
         elif section in ("ENTITIES", "BLOCKS"):
-            if kind in UNDRAWN:
+            if kind in entities.UNDRAWN:
                 found.left_out[kind] += 1
                 continue
-            if kind in CUT | _PARTS:
+            if kind in entities.CUT | _PARTS:
                 _refuse_no_numbers(entity)
                 entity = _marked(kind, _with_own_handle(entity, handles))
             elif kind not in _STRUCTURE:
@@ -169,7 +158,7 @@ def _in_order(kind: str, entity: list[_Tag]) -> list[_Tag]:
                 rest = [i for i in point[1:] if i is not None]
                 behind[point[0]] = [entity[i] for i in rest]
                 moved.update(rest)
-        elif kind in CUT | _PARTS:
+        elif kind in entities.CUT | _PARTS:
             raise InputError(f"{kind} has X and Y without each other (group codes {x_code} and {x_code + 10}): "
                              "export it as DXF again", line=entity[0][2])
     return [t for i, tag in enumerate(entity) if i not in moved for t in (tag, *behind.get(i, ()))]
@@ -208,7 +197,8 @@ def look_into(path: Path, look: Callable[[Drawing], Found]) -> tuple[Found, list
             raise
         except Exception:
             if drawing.foreign:
-                raise InputError(f"{named(drawing.foreign[0])} cannot be cut: draw {SHAPES}") from None
+                what = entities.named(drawing.foreign[0])
+                raise InputError(f"{what} cannot be cut: draw {entities.SHAPES}") from None
             raise InputError(f"this DXF drawing is damaged, its contents cannot be read: {_EXPORT}") from None
     left_out = [f"{count} {kind} left out" for kind, count in sorted(drawing.left_out.items())]
     return found, [f"the drawing is irregular and is read by recovering what it holds: {_COMPARE}", *left_out]
@@ -394,7 +384,7 @@ def _taken_out(block: Any) -> list[Any]:
     """Take out of a block what is not cut: the library drops, explodes or fails on some of it when it moves it."""
     others = [] if block.is_any_layout else [
         entity for entity in block
-        if entity.dxftype() not in CUT | {"INSERT"}
+        if entity.dxftype() not in entities.CUT | {"INSERT"}
         or (entity.dxftype() in ("ARC", "CIRCLE") and abs(entity.dxf.radius) < _EQUAL)
     ]
     for entity in others:
@@ -459,7 +449,7 @@ def read_dxf(
 
 def _content(
     document: Drawing, layers: Sequence[str], unit: str | None, without: str | None
-) -> tuple[list[Chain], float, list[str]]:
+) -> tuple[list[entities.Chain], float, list[str]]:
     """Return what is drawn, the drawing's unit in mm, and notices."""
     unit_mm, notices = _unit(document, unit)
     drawn = Drawn(document, layers, without)
@@ -472,16 +462,16 @@ def _content(
     return [chain for chain, _ in chains], unit_mm, notices
 
 
-def _chains(drawn: Drawn, unit_mm: float) -> Iterator[tuple[Chain, str]]:
+def _chains(drawn: Drawn, unit_mm: float) -> Iterator[tuple[entities.Chain, str]]:
     """Go through the entities that have a length, each with its kind."""
     count = 0
     for place, entity in enumerate(drawn):
         kind = entity.dxftype()
-        if kind not in UNDRAWN:
+        if kind not in entities.UNDRAWN:
             pieces = _read(entity, unit_mm)
             count += sum(map(len, pieces))
             check_count(count)
-            chain = Chain.of(pieces, place) if pieces else None
+            chain = entities.Chain.of(pieces, place) if pieces else None
             if chain is not None and len(chain.points) > 1:
                 yield chain, kind
                 continue
@@ -492,42 +482,43 @@ def _chains(drawn: Drawn, unit_mm: float) -> Iterator[tuple[Chain, str]]:
 def _read(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
     """Return the pieces of an entity; the library lets errors of any kind through."""
     try:
-        return pieces_of(entity, unit_mm)
+        return entities.pieces_of(entity, unit_mm)
     except InputError:
         raise
     except Exception:
-        kind = entity.dxftype()
-        raise InputError(f"{named(kind)} in it cannot be read: draw it again, or export it as DXF again") from None
+        what = entities.named(entity.dxftype())
+        raise InputError(f"{what} in it cannot be read: draw it again, or export it as DXF again") from None
 
 
-def _short(chain: Chain, kind: str) -> Iterator[str]:
+def _short(chain: entities.Chain, kind: str) -> Iterator[str]:
     """Name what of an entity lies within the tolerance that joins ends: all of it, or segments of a polyline."""
     if chain.is_short:
         yield kind
-    elif kind in POLYLINES:
+    elif kind in entities.POLYLINES:
         yield from (f"{kind} segment" for _, short in chain.parts() if short)
 
 
-def _contours(chains: list[Chain], unit_mm: float, notices: list[str]) -> list[Chain]:
+def _contours(chains: list[entities.Chain], unit_mm: float, notices: list[str]) -> list[entities.Chain]:
     if not chains:
-        raise InputError(f"nothing to cut: draw {SHAPES} in model space")
+        raise InputError(f"nothing to cut: draw {entities.SHAPES} in model space")
     hint = f"; the drawing's unit is {unit_mm:g} mm: is that what was meant? If not, give --unit"
     low, high = (np.array([end(chain.points, axis=0) for chain in chains]) for end in (np.min, np.max))
     check_points(np.array([low.min(axis=0), high.max(axis=0)]), "the drawing", hint)
     extent = float((high.max(axis=0) - low.min(axis=0)).max())
     if extent < LEAST_EXTENT_MM:
         raise InputError(f"the drawing spans {extent:.3g} mm: a wire cuts nothing under {LEAST_EXTENT_MM:g} mm{hint}")
-    contours = _once(joined_contours(_once(chains, "entity", "entities", notices)), "contour", "contours", notices)
+    joined = entities.joined_contours(_once(chains, "entity", "entities", notices))
+    contours = _once(joined, "contour", "contours", notices)
     check_contours(len(contours))
     for number, points in enumerate((contour.points for contour in contours), 1):
         refuse_self_crossing(points, (0,) * (len(points) - 1))
         if abs(signed_area(points)) < JOIN_TOLERANCE_MM**2:
-            raise InputError(f"contour {number} at {spot(points[0])} encloses nothing: draw it closed")
+            raise InputError(f"contour {number} at {entities.spot(points[0])} encloses nothing: draw it closed")
     return contours
 
 
-def _once(chains: list[Chain], one: str, several: str, notices: list[str]) -> list[Chain]:
-    distinct = without_duplicates(chains)
+def _once(chains: list[entities.Chain], one: str, several: str, notices: list[str]) -> list[entities.Chain]:
+    distinct = entities.without_duplicates(chains)
     twice = len(chains) - len(distinct)
     if twice:
         what = f"1 {one} drawn twice is" if twice == 1 else f"{twice} {several} drawn twice are"
@@ -550,21 +541,21 @@ def _unit(document: Drawing, chosen: str | None) -> tuple[float, list[str]]:
     return UNIT_MM[code], [] if code == 4 else listed
 
 
-def _nested(contours: list[Chain]) -> list[Outline]:
+def _nested(contours: list[entities.Chain]) -> list[Outline]:
     """Find out which contours lie in which, and turn and sort them accordingly."""
     polygons = [shapely.Polygon(contour.points) for contour in contours]
     lines = [polygon.exterior for polygon in polygons]
     for a, b in combinations(range(len(lines)), 2):
         if lines[a].intersects(lines[b]):
             meeting = shapely.get_coordinates(lines[a].intersection(lines[b]))[0]
-            raise InputError(f"two contours cross or touch at {spot(meeting)}: keep them apart")
+            raise InputError(f"two contours cross or touch at {entities.spot(meeting)}: keep them apart")
     # contains is false for a contour's own corner, which lies on its boundary
     depths = [sum(p.contains(shapely.Point(points[0])) for p in polygons) for points in (c.points for c in contours)]
     order = sorted(range(len(contours)), key=lambda i: -depths[i])
     return [_outline(contours[i], is_hole=depths[i] % 2 == 1) for i in order]
 
 
-def _outline(contour: Chain, is_hole: bool) -> Outline:
+def _outline(contour: entities.Chain, is_hole: bool) -> Outline:
     turned = contour.reversed() if (signed_area(contour.points) < 0) != is_hole else contour
     elements = np.cumsum(np.diff(turned.elements, prepend=turned.elements[0]) != 0) + 1
     return Outline(

@@ -191,7 +191,6 @@ def check_reach(
 ) -> list[str]:
     """Name what of an edge the wire cannot make: radii and grooves, the worst first, and sharp inner corners."""
     # within one element, line or arc, there are no corners
-    # within one element, line or arc, there are no corners
     found = unreachable(edge, path, distance_mm, line_numbers, elements)
     corners = [place for place in found if place.radius_mm == 0]
     others = [place for place in found if place.radius_mm != 0]

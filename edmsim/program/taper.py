@@ -275,10 +275,6 @@ def offset_surface(wall: Ruled, side: Side | None, offset_mm: float) -> Ruled:
     """Return the way of a wire's centre beside a wall, or along it; the offset is square to the wire."""
     # in a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is offset /
     # cos(angle) away, the angle that between wall and vertical across the path
-    # in a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is offset /
-    # cos(angle) away, the angle that between wall and vertical across the path
-    # in a horizontal plane a leaning wire is an ellipse: across the slope of the wall its centre is offset /
-    # cos(angle) away, the angle that between wall and vertical across the path
     if side is None or offset_mm == 0:
         return wall
     slope, sign = wall.slope, _wire_sign(side)

@@ -14,6 +14,9 @@ from edmsim.recording.windows import CUT_KEY, read_windows
 if TYPE_CHECKING:
     import pyarrow as pa
 
+RECORDING = "cut.rrd"  # name of the recording for rerun
+
+
 class RecordedCut(NamedTuple):
     """Contents of a cut's folder: ``report.json``, ``windows.parquet``, ``part.npz``."""
 

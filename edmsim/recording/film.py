@@ -7,10 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
+from PIL import Image
+from PIL.Image import Image as Picture
 
 from edmsim.errors import InputError
 from edmsim.files import replacing
@@ -21,12 +30,6 @@ from edmsim.recording.rerun.gap import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH,
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.stream import CLASS_COLOURS
 from edmsim.recording.windows import broken, pause_rows
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from PIL.Image import Image as Picture
-
 
 SIZE_INCH = (12.8, 7.2)
 GROUND = "#161d24"
@@ -49,9 +52,6 @@ class Film:
     """Draws a recording at any time; `size` are the pictures' width and height in pixels, both even."""
 
     def __init__(self, play: Playback, dpi: int) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
         self._play = play
         self._sizes = Sizes(*play.sizes)
         self._figure = Figure(figsize=SIZE_INCH, dpi=dpi, facecolor=GROUND)
@@ -111,8 +111,6 @@ class Film:
     # --- the part ------------------------------------------------------------------------------------------
 
     def _part(self, axes: Axes) -> None:
-        from matplotlib.collections import LineCollection, PolyCollection
-
         s = self._sizes
         middle = (s.x0_mm + s.x1_mm) / 2, (s.y0_mm + s.y1_mm) / 2
         reach = 0.62 * max(s.x1_mm - s.x0_mm, s.y1_mm - s.y0_mm, 1.0)
@@ -150,9 +148,6 @@ class Film:
     # --- the gap -------------------------------------------------------------------------------------------
 
     def _gap(self, axes: Axes) -> None:
-        from matplotlib.collections import LineCollection
-        from matplotlib.patches import Circle
-
         radius = self._sizes.wire_diameter_um / 2
         reach = radius + 70.0
         axes.set_aspect("equal")
@@ -184,8 +179,6 @@ class Film:
     # --- the oscilloscope ----------------------------------------------------------------------------------
 
     def _scope(self, axes: Axes) -> None:
-        from matplotlib.collections import LineCollection
-
         low = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
         axes.set_xlim(-24.0, SCOPE_WIDTH + 24.0)
         axes.set_ylim(low + 14.0, -6.0)
@@ -243,8 +236,6 @@ def rgb01(colours: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _few_ticks() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
     return MaxNLocator(nbins=4)
 
 
@@ -326,8 +317,6 @@ def _write_mp4(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[in
 
 
 def _write_gif(file: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[int, int]) -> None:
-    from PIL import Image
-
     frames: list[Picture] = []
     colours: Picture | None = None
     before: NDArray[np.uint8] | None = None

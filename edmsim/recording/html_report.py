@@ -6,7 +6,10 @@ import base64
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+import pyarrow as pa
+from matplotlib.figure import Figure
 
 from edmsim.cosim.straight import PulseSample
 from edmsim.files import replacing
@@ -17,11 +20,6 @@ from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_f
 from edmsim.recording.figures.wire import spectrum_figure
 from edmsim.recording.report import Element, Report, duration_text, outcome_text, summary
 from edmsim.recording.scene import Scene
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    from matplotlib.figure import Figure
-
 
 # All figures of one cut, with their captions: what ``report.html`` holds and ``edmsim report`` writes.
 

@@ -121,7 +121,8 @@ def _drawn(run: SweepRun, sample: int) -> dict[str, float]:
 
 
 def _recorded(run: SweepRun, result: Any) -> dict[str, bytes]:
-    from edmsim.recording import write_json, write_windows
+    from edmsim.recording.report import write_json
+    from edmsim.recording.windows import write_windows
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

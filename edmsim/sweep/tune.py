@@ -1,16 +1,12 @@
-"""Searches of gains, of the settings of your own controller, and of hyperparameters: ``edmsim tune``.
+"""Searches of a controller's settings, ours or your own, and of a training's hyperparameters: ``edmsim tune``.
 
 By Optuna (extra ``tune``). The driver asks a study for values, the engine makes the
 trials, and the driver reports their scores. Hence the same search runs on one computer or on a cluster, whose nodes
 need neither Optuna nor a shared file.
 
-Gains are searched in episodes of the straight and the stepped workpiece at resolution ``fast``, on drawn machines
-with training seeds, never those of comparisons. A search maximises the mean return, as a learner does; for the
-oracle, the upper bound, it maximises the cutting rate.
-
-Firmware has dozens of settings that users tune by trial on the machine. `tune_own` tries them on machines drawn
-within the ranges of the gap's uncertain constants, chooses those that do well on the worst machines, and tests them
-once more on other machines.
+Firmware has dozens of settings that users tune by trial on the machine. `tune_controller` tries them on machines
+drawn within the ranges of the gap's uncertain constants, with training seeds, never those of comparisons. It chooses
+those that do well on the worst machines, and tests them once more on other machines.
 """
 
 from __future__ import annotations
@@ -20,7 +16,6 @@ import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -32,11 +27,11 @@ from edmsim.controllers.own import from_file
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, one_of
-from edmsim.evaluation.episode import HELD_BACK, ORACLE, Episode, Result
+from edmsim.evaluation.episode import HELD_BACK, Episode, cut
 from edmsim.files import make_writable, replacing
 from edmsim.learning.hyperparameters import load
 from edmsim.numeric import real
-from edmsim.runs import Engine, LostJob, Processes, RunTable, digests_of, identity, perform
+from edmsim.runs import Engine, LostJob, Processes, RunTable, digests_of, identity
 from edmsim.sweep.run import said
 from edmsim.user_code import named, run
 
@@ -96,12 +91,7 @@ BOUNDS = {
 }  # fmt: skip
 """What is searched of each controller, and where (ours: from timid to reckless). Shorts must count for something, or
 a gap that closes is not noticed. What is found for `counts` hunts at long periods, so it is not shipped."""
-ENV_IDS = ("edmsim/GapFeed-v2", "edmsim/HeightStep-v2")
-SEEDS = 5
-"""Number of training seeds per environment."""
-
-
-def training_seeds(seed: int, seeds: int = SEEDS) -> range:
+def training_seeds(seed: int, seeds: int) -> range:
     """Return the training seeds from `seed` on; raises `InputError` if they reach the held-back ones."""
     if seeds < 1:
         raise InputError(f"{seeds} training seeds judge nothing: give 1 or more")
@@ -110,37 +100,18 @@ def training_seeds(seed: int, seeds: int = SEEDS) -> range:
     return range(seed, seed + seeds)
 
 
-def run_all(
-    seeds: Sequence[int], controller: Callable[[], FeedController], threads: int | None = None
-) -> list[Result]:
-    """Make all cuts, each with a new controller, in as many threads as there are cores, or in `threads`."""
-
-    def run(job: tuple[str, int]) -> Result:
-        law = controller()
-        return Episode(Task(job[0], resolution="fast"), law, job[1], law.name).run()
-
-    return perform(run, [(env_id, seed) for env_id in ENV_IDS for seed in seeds], threads=threads)
-
-
-def score(results: Sequence[Result]) -> float:
-    """Return the mean return of the cuts; for the oracle their mean cutting rate in mm2/min."""
-    if results[0].controller == ORACLE:
-        return float(np.mean([result.rate_mm2_min for result in results]))
-    return float(np.mean([result.total_return for result in results]))
-
-
 @dataclass(frozen=True)
 class Trial:
     """A trial as plain data."""
 
     number: int  # in the study
-    kind: Literal["gains", "training", "own"]
-    name: str  # controller, environment, or ``FILE.py:CLASS`` of a user's own controller
+    kind: Literal["controller", "training"]
+    name: str  # controller, ours or ``FILE.py:CLASS``, or environment
     values: Mapping[str, float]
     seeds: tuple[int, ...]  # training seeds that it is judged by
     algo: str = ""  # of a training
     steps: int = 0  # windows of a training
-    # arguments of the environment in which a user's own controller cuts
+    # arguments of the environment in which a controller cuts
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -157,28 +128,28 @@ class TrialResult:
 def judge_trial(trial: Trial) -> TrialResult:
     """Make a trial; a failure is returned, not raised."""
     try:
-        return {"gains": _gains, "training": _training, "own": _own}[trial.kind](trial)
+        return (_training if trial.kind == "training" else _controller)(trial)
     except Exception as error:  # whatever it is: the search goes on without this trial
         return TrialResult(math.nan, said(error))
 
 
-def _gains(trial: Trial) -> TrialResult:
-    return TrialResult(score(run_all(trial.seeds, partial(make, trial.name, **trial.values), 1)))
-
-
-def _own(trial: Trial) -> TrialResult:
-    """Cut straight on as many drawn machines as there are seeds, with a user's own controller."""
-    own = named(trial.name)
-    assert own is not None
+def _controller(trial: Trial) -> TrialResult:
+    """Cut straight on as many drawn machines as there are seeds."""
     returns = []
     for seed in trial.seeds:
-        law = from_file(own, dict(trial.values))
-        returns.append(Episode(Task(OWN_ENV, **trial.options), law, seed, law.name).run().total_return)
+        law = law_of(trial.name, trial.values)
+        returns.append(Episode(Task(CUTS_IN, **trial.options), law, seed, law.name).run().total_return)
     return TrialResult(worst_share_mean(returns), None, {}, tuple(returns))
 
 
-OWN_ENV = "edmsim/GapFeed-v2"
-"""What a user's own controller cuts: straight on, on machines drawn within the ranges of their constants."""
+def law_of(name: str, values: Mapping[str, float]) -> FeedController:
+    """Return a controller, ours or the user's, with other values of some settings."""
+    own = named(name)
+    return make(name, **values) if own is None else from_file(own, dict(values))
+
+
+CUTS_IN = "edmsim/GapFeed-v2"
+"""What a controller cuts: straight on, on machines drawn within the ranges of their constants."""
 WORST_SHARE = 0.25
 """A robust choice maximises the mean over this share of the worst cuts (ours: firmware runs on one machine, which may
 be a bad one)."""
@@ -191,10 +162,9 @@ def worst_share_mean(returns: Sequence[float]) -> float:
 
 
 def _training(trial: Trial) -> TrialResult:
-    from edmsim.learning import hyperparameters
     from edmsim.learning.train import train
 
-    usual = hyperparameters.load(trial.name, trial.algo)
+    usual = load(trial.name, trial.algo)
     changed = usual.model_copy(update={"algorithm": {**usual.algorithm, **trial.values}})
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -209,7 +179,6 @@ def _training(trial: Trial) -> TrialResult:
 
 def judge_policy(trained: Trained, command: str, folder: Path, seeds: Sequence[int]) -> float:
     """Write a training's ``policy.json`` and ``policy.npz``; return the policy's mean return on training seeds."""
-    from edmsim.evaluation.episode import cut
     from edmsim.learning import policy_file
 
     card, packed = trained.export(command)
@@ -224,7 +193,7 @@ FINAL = "finalists.jsonl"  # table of the trials that are tried once more
 
 
 class Tuned(NamedTuple):
-    """Result of a search, or its state."""
+    """Result of `tune_training`."""
 
     values: dict[str, float]  # the best values
     value: float  # score of `values`, and of the values in use
@@ -233,35 +202,35 @@ class Tuned(NamedTuple):
     failed: int
 
 
-def tune_gains(
-    name: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 5,
-    engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
-) -> Tuned:
-    """Search the gains of a controller of `BOUNDS`; a search in the folder is resumed.
-
-    Processes with the same folder share one study; as they do not count trials in progress elsewhere, they may make a
-    few more. The first trial has the values in use, hence the result is never worse on these seeds. On one process
-    the search is reproducible.
-    """
-    if name not in BOUNDS:
-        raise InputError(f"no gains of '{name}' are searched; choose one of {one_of(name, BOUNDS)}")
-    space, law = {key: Bound(*ends) for key, ends in BOUNDS[name].items()}, make(name)
-    in_use = Trial(0, "gains", name, {key: getattr(law, key) for key in space}, tuple(training_seeds(seed, seeds)))
-    return _studied(in_use, space, name, Path(out), trials, seed, engine, watch)
-
-
 def tune_training(
     env_id: str, out: str | Path, *, algo: str = "ppo", steps: int | None = None, trials: int = 40, seed: int = 0,
-    seeds: int = 5, engine: Engine | None = None, watch: Callable[[Tuned], None] | None = None,
+    seeds: int = 5, engine: Engine | None = None, watch: Callable[[int, float], None] | None = None,
 ) -> Tuned:
-    """Search the hyperparameters of a training, by default with the windows of ``models/training`` per trial."""
+    """Search the hyperparameters of a training, by default with the windows of ``models/training`` per trial.
+
+    A search in the folder is resumed. Processes with the same folder share one study; as they do not count trials in
+    progress elsewhere, they may make a few more. The first trial has the values in use, hence the result is never
+    worse on these seeds. On one process the search is reproducible. `watch` is as that of `tune_controller`.
+    """
     space, judged_by, name = training_space(algo), tuple(training_seeds(seed, seeds)), resolve(env_id)
     usual = load(name, algo)
     windows = usual.steps if steps is None else steps
     if windows < 1:
         raise InputError(f"{windows} windows train nothing: give 1 or more steps")
-    in_use = Trial(0, "training", name, usual.algorithm, judged_by, algo, windows)
-    return _studied(in_use, space, f"{env_id} {algo}", Path(out), trials, seed, engine, watch)
+    folder = Path(out)
+    study = open_study(folder, f"{env_id} {algo}", seed, trials, within(space, usual.algorithm))
+
+    def made(number: int, values: dict[str, float]) -> Trial:
+        return Trial(number, "training", name, values, judged_by, algo, windows)
+
+    def best(trial: Trial, result: TrialResult) -> None:
+        what = f"training: {algo} on {name}, {windows} windows; trial {trial.number}"
+        write_found(folder, what, result.value, judged_by, "algorithm", trial.values, result.files)
+
+    run_study(study, space, trials, engine or Processes(), made, watch, best)
+    first, values = study.trials[0].value, _rounded(study.best_trial)
+    first = math.nan if first is None else float(first)
+    return Tuned(values, float(study.best_value), first, made_in(study), made_in(study, "FAIL"))
 
 
 def training_space(algo: str) -> dict[str, Bound]:
@@ -276,31 +245,12 @@ def within(space: Mapping[str, Bound], values: Mapping[str, Any]) -> dict[str, f
     return {key: float(values[key]) for key, b in space.items() if key in values and b.low <= values[key] <= b.high}
 
 
-def _studied(
-    in_use: Trial, space: dict[str, Bound], title: str, folder: Path, trials: int, seed: int, engine: Engine | None,
-    watch: Callable[[Tuned], None] | None,
-) -> Tuned:
-    """Search around the values in use; those without bounds stay."""
-    study = open_study(folder, title, seed, trials, within(space, in_use.values))
-
-    def made(number: int, values: dict[str, float]) -> Trial:
-        return replace(in_use, number=number, values=values)
-
-    def ended(trial: Trial, result: TrialResult) -> None:
-        if result.error is None and study.best_trial.number == trial.number:
-            _write_best(folder, trial, result)
-        if watch is not None and made_in(study, "COMPLETE"):
-            watch(_found(study))
-
-    run_study(study, space, trials, engine or Processes(), made, ended)
-    return _found(study)
-
-
 def run_study(
     study: Any, space: Mapping[str, Bound], trials: int, engine: Engine,
-    make_trial: Callable[[int, dict[str, float]], Trial], ended: Callable[[Trial, TrialResult], None],
+    make_trial: Callable[[int, dict[str, float]], Trial], watch: Callable[[int, float], None] | None = None,
+    best: Callable[[Trial, TrialResult], None] | None = None,
 ) -> None:
-    """Make the missing trials of a study, and report their scores to it and then to `ended`."""
+    """Make the missing trials of a study, report their scores to it, and hand every better one to `best`."""
     under_way: dict[int, Any] = {}
 
     def new_trials() -> Iterator[Trial]:
@@ -313,7 +263,10 @@ def run_study(
         for trial, answer in engine.done(judge_trial, new_trials()):
             result = _result_of(answer)
             _tell(study, under_way.pop(trial.number), result)
-            ended(trial, result)
+            if best is not None and result.error is None and study.best_trial.number == trial.number:
+                best(trial, result)
+            if watch is not None and (ended := made_in(study, "COMPLETE")):
+                watch(ended, float(study.best_value))
     finally:
         for left in under_way.values():
             _tell(study, left, TrialResult(math.nan, "interrupted"))
@@ -372,19 +325,9 @@ def _tell(study: Any, trial: Any, result: TrialResult) -> None:
         study.tell(trial, state=TrialState.FAIL)
 
 
-def _found(study: Any) -> Tuned:
-    best, first = study.best_trial, study.trials[0]
-    values = {key: float(f"{value:.3g}") for key, value in best.params.items()}
-    first_value = math.nan if first.value is None else float(first.value)
-    return Tuned(values, float(best.value), first_value, made_in(study), made_in(study, "FAIL"))
-
-
-def _write_best(folder: Path, trial: Trial, result: TrialResult) -> None:
-    """Write the best values, and of a training the policy."""
-    is_training = trial.kind == "training"
-    what = f"training: {trial.algo} on {trial.name}, {trial.steps} windows" if is_training else f"gains: {trial.name}"
-    table = "algorithm" if is_training else "gains"
-    write_found(folder, f"{what}; trial {trial.number}", result.value, trial.seeds, table, trial.values, result.files)
+def _rounded(trial: Any) -> dict[str, float]:
+    """Return a trial's values as they were tried; see `_suggested`."""
+    return {name: float(f"{value:.3g}") for name, value in trial.params.items()}
 
 
 def write_found(
@@ -429,8 +372,8 @@ class Spread(NamedTuple):
         )
 
 
-class TunedOwn(NamedTuple):
-    """Result of `tune_own`, with spreads on machines that the choice did not use."""
+class TunedController(NamedTuple):
+    """Result of `tune_controller`, with spreads on machines that the choice did not use."""
 
     values: dict[str, float]  # the most robust settings
     spread: Spread
@@ -442,16 +385,17 @@ class TunedOwn(NamedTuple):
     tried_again: dict[int, tuple[dict[str, float], Spread]]
 
 
-def tune_own(
-    own: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 8, engine: Engine | None = None,
-    watch: Callable[[int, float], None] | None = None, **options: Any,
-) -> TunedOwn:
-    """Search the settings of your own controller on drawn machines.
+def tune_controller(
+    controller: str, out: str | Path, *, trials: int = 40, seed: int = 0, seeds: int = 8,
+    engine: Engine | None = None, watch: Callable[[int, float], None] | None = None, **options: Any,
+) -> TunedController:
+    """Search the settings of a controller on drawn machines.
 
     Parameters
     ----------
-    own : str
-        ``FILE.py:CLASS``. The class names the settings and their bounds in `BOUNDS`.
+    controller : str
+        A name of `BOUNDS`, or ``FILE.py:CLASS`` for your own. Your class names the settings and their bounds in
+        `BOUNDS`.
     out : path
         Folder for ``best.toml`` and the study; an existing study is resumed.
     trials : int
@@ -470,48 +414,47 @@ def tune_own(
     Raises
     ------
     InputError
-        If the file has no such controller, the class has no `BOUNDS`, or an argument is invalid.
+        If there is no such controller, its class has no `BOUNDS`, or an argument is invalid.
     """
-    own_class = named(own)
-    if own_class is None or not own_class.name:
-        raise InputError(f"'{own}' names no controller of your own: give FILE.py:CLASS")
-    text = f"{Path(own_class.file).absolute()}:{own_class.name}"
-    law = from_file(own_class, {})
-    space = bounds_of(own)
+    own = named(controller)
+    if own is not None and not own.name:
+        raise InputError(f"'{controller}' names no controller of your own: give FILE.py:CLASS")
+    title = controller if own is None else own.name
+    name = title if own is None else f"{Path(own.file).absolute()}:{own.name}"
+    law, space = law_of(controller, {}), bounds_of(controller)
     fresh = tuple(training_seeds(seed, FRESH * seeds))
     first_of_trials = seed + FRESH * seeds
     training_seeds(first_of_trials, (trials + 1) * seeds)
     options = {"resolution": "fast", **options}
-    Task(OWN_ENV, **options)  # refused here, in one line, and not in every trial
+    Task(CUTS_IN, **options)  # refused here, in one line, and not in every trial
     folder = Path(out)
-    in_use = {name: _value_in_use(law, name) for name in space}
-    first = {name: min(max(in_use[name], bound.low), bound.high) for name, bound in space.items()}
-    study = open_study(folder, f"own {own_class.name}", seed, trials, first)
+    in_use = {key: _value_in_use(law, key) for key in space}
+    first = {key: min(max(in_use[key], bound.low), bound.high) for key, bound in space.items()}
+    study = open_study(folder, title, seed, trials, first)
     machines = engine or Processes()
 
     def made(number: int, values: dict[str, float]) -> Trial:
         # machines of its own: on the same ones a search finds what these bear, and not what most do
         judged_by = training_seeds(first_of_trials + max(number, 0) * seeds, seeds)
-        return Trial(number, "own", text, values, tuple(judged_by), options=options)
+        return Trial(number, "controller", name, values, tuple(judged_by), options=options)
 
-    def ended(trial: Trial, result: TrialResult) -> None:
-        if watch is not None and made_in(study, "COMPLETE"):
-            watch(made_in(study), float(study.best_value))
-
-    run_study(study, space, trials, machines, made, ended)
+    run_study(study, space, trials, machines, made, watch)
     spreads = _judged_again([made(-1, in_use), *_finalists(study, made)], fresh, machines, RunTable(folder / FINAL))
     chosen = max(spreads, key=lambda number: spreads[number][1].worst)
     values, spread = spreads[chosen]
-    found = TunedOwn(values, spread, spreads[-1][1], made_in(study), made_in(study, "FAIL"), len(fresh), spreads)
-    what = f"own: {own_class.name}, {spread} on {len(fresh)} drawn machines; in use before: {found.first_spread}"
+    before, ended, failed = spreads[-1][1], made_in(study), made_in(study, "FAIL")
+    what = f"controller: {title}, {spread} on {len(fresh)} drawn machines; in use before: {before}"
     write_found(folder, what, spread.worst, fresh, "parameters", values, {})
-    return found
+    return TunedController(values, spread, before, ended, failed, len(fresh), spreads)
 
 
-def bounds_of(own: str) -> dict[str, Bound]:
-    """Return the bounds of the settings that a user's class searches; raise `InputError` if they are invalid."""
-    own_class = named(own)
-    assert own_class is not None
+def bounds_of(controller: str) -> dict[str, Bound]:
+    """Return the bounds of the settings of ours or a user's class; raise `InputError` if they are invalid."""
+    own_class = named(controller)
+    if own_class is None:
+        if controller not in BOUNDS:
+            raise InputError(f"no gains of '{controller}' are searched; choose {one_of(controller, BOUNDS)}")
+        return {name: Bound(*ends) for name, ends in BOUNDS[controller].items()}
     kind = vars(run(own_class.file))[own_class.name]
     declared = getattr(kind, "BOUNDS", None)
     if not isinstance(declared, Mapping) or not declared:
@@ -547,7 +490,7 @@ def _finalists(study: Any, made: Callable[[int, dict[str, float]], Trial]) -> li
     """Return the best trials of a study."""
     whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
     best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
-    return [made(trial.number, {name: float(f"{v:.3g}") for name, v in trial.params.items()}) for trial in best]
+    return [made(trial.number, _rounded(trial)) for trial in best]
 
 
 def _judged_again(

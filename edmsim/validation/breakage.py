@@ -134,19 +134,25 @@ PAIRED = 20
 # ours. A search shortens the period by 5 %, so 5 % is the least effect looked for, 1.2 A on 60 mm, and less than half
 # of it the interval. The differences of eight seeds had a standard deviation of 0.95 A, mostly from the size of the
 # steps, as both searches see the same pulses until a wire breaks: 2.09 x 0.95 / sqrt(20) = 0.44 A
+TENSIONS = 32
+"""Seeds of the difference by tension."""
+# ours. A step is 0.65 A on 20 mm, where the differences of eight seeds had a standard deviation of 0.82 A: half of it
+# is the interval, 2.04 x 0.82 / sqrt(32) = 0.30 A
 OFF_MM = 2.0  # distance by which Sato took one nozzle off the piece
 
 
 def limits(seeds: Sequence[int]) -> list[Row]:
     """What the limit does with height, flushing, cooling and tension."""
     cooling = "base.cooling.convection_W_m2K"
-    thin, thick = (_limits(sato_rig(h), seeds) for h in (THIN_MM, THICK_MM))
-    every = _limits(sato_rig(MIDDLE_MM), extended(seeds, PAIRED))
+    paired, tensions = extended(seeds, PAIRED), extended(seeds, TENSIONS)
+    every_thin = _limits(sato_rig(THIN_MM), tensions)
+    thin, thick = every_thin[: len(seeds)], _limits(sato_rig(THICK_MM), seeds)
+    every = _limits(sato_rig(MIDDLE_MM), paired)
     middle = every[: len(seeds)]
     convection = sato_rig(THIN_MM).base.cooling.convection_W_m2K.value
     off = {h: _limits(sato_rig(h).with_(standoff_upper_mm=OFF_MM), seeds) for h in (THIN_MM, MIDDLE_MM)}
-    uncooled = _limits(sato_rig(MIDDLE_MM, {cooling: 0.7 * convection}), extended(seeds, PAIRED))
-    taut = _limits(sato_rig(THIN_MM, tension=33.0), seeds)
+    uncooled = _limits(sato_rig(MIDDLE_MM, {cooling: 0.7 * convection}), paired)
+    taut = _limits(sato_rig(THIN_MM, tension=33.0), tensions)
     gentle, hard = (_limits(sato_rig(MIDDLE_MM, peak_A=peak), seeds) for peak in (LEAST_PEAK_A, MOST_PEAK_A))
     one_limit, half_one = mean_and_interval([b / a for a, b in zip(gentle, hard, strict=True)])
     slopes = [math.log(b / a) / math.log(THICK_MM / THIN_MM) for a, b in zip(thin, thick, strict=True)]
@@ -162,7 +168,7 @@ def limits(seeds: Sequence[int]) -> list[Row]:
         _sign("limit, 60 mm, a nozzle off", SATO, False, middle, off[MIDDLE_MM], "A"),
         _sign("share lost with a nozzle off, 20 to 60 mm", SATO, True, lost_thin, lost_middle),
         _sign("limit, 60 mm, convection x0.7", COOLING, False, every, uncooled, "A"),
-        _sign("limit, 20 mm, tension 22 to 33 N", STRENGTH, False, thin, taut, "A"),
+        _sign("limit, 20 mm, tension 22 to 33 N", STRENGTH, False, every_thin, taut, "A"),
     ]
 
 

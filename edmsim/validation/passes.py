@@ -131,10 +131,10 @@ class Corner(NamedTuple):
 
 @cache
 def corner(passes: int, seed: int) -> Corner:
-    """Cut an outer corner in `passes` passes."""
+    """Cut an outer corner in `passes` passes, at the resolution at which the technology's offsets were measured."""
     edge = np.array([[0.0, 0.0], [CORNER_MM, 0.0], [CORNER_MM, -CORNER_MM]])
     simulation = cut_in_passes(
-        technology_for("tool-steel"), HEIGHT_MM, passes, CORNER_MM, seed=seed, resolution="fast", edge_mm=edge
+        technology_for("tool-steel"), HEIGHT_MM, passes, CORNER_MM, seed=seed, resolution="default", edge_mm=edge
     )
     contour = simulation.path.contours[0]
     measured = profile_error(simulation.plant.field, contour)

@@ -200,16 +200,6 @@ def ready_pic():
     return chip
 
 
-def test_the_jump_table_has_four_bytes_an_entry():  # T-48
-    chip, entries = ready_pic(), []
-    for level in range(8):
-        chip.request(level)
-        entries.append(chip.acknowledge())
-        chip.write(0, pic.END_OF_INTERRUPT)
-    assert entries == [0x3FE0 + 4 * level for level in range(8)]
-    assert entries[-1] + 3 == 0x3FFF
-
-
 @given(st.lists(st.integers(0, 7), min_size=1, max_size=8, unique=True))
 def test_requests_are_served_by_priority(levels):  # T-45
     chip = ready_pic()

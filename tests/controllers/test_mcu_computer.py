@@ -191,16 +191,6 @@ def test_a_move_ends_at_its_target_and_a_new_speed_counts_from_the_next_step(): 
     assert (computer.position, computer.moving) == ((30_100, 30_000), False)
 
 
-def test_one_routine_has_two_areas():  # T-71
-    computer = ready()
-    assert at.YPOS - at.XPOS == at.YVELOC - at.XVELOC == at.NEWY - at.NEWX
-    computer.store(at.YVELOC, -5)
-    computer.board.interrupts.request(pic.Y_STEPPER)
-    computer.serve()
-    assert computer.position == (30_000, 29_998)
-    assert [(s.axis, s.direction) for s in computer.board.steps] == [(1, -1)]
-
-
 def test_only_rising_edges_step():  # T-16, T-17
     computer = ready(start=False)
     for byte, steps in ((0x01, 0), (0x05, 1), (0x05, 1), (0x01, 1), (0x07, 2), (0x1F, 3), (0x00, 3)):

@@ -13,7 +13,7 @@ from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording import WindowTable
+from edmsim.recording.windows import WindowTable
 
 START = (30_000, 30_000)
 ZIGZAG = [(0, 0), (101, 53), (40, 160)]

@@ -240,16 +240,13 @@ def test_instructions_do_what_the_manual_says(code, expected, cost):
     assert spent == cost + 5
 
 
-@pytest.mark.parametrize("op", [0x08, 0x10, 0x18, 0x28, 0x38, 0xCB, 0xD9, 0xDD, 0xED, 0xFD])
-def test_what_is_not_an_instruction_is_refused(op):
-    with pytest.raises(NoCodeError, match=f"{op:02X}H at 3400H is not an instruction of the 8085"):
-        run(bytes([op]))
-
-
-def test_every_other_byte_is_an_instruction():
+def test_every_byte_is_an_instruction_or_is_refused():
     for op in range(256):
-        if op not in (0x08, 0x10, 0x18, 0x28, 0x38, 0xCB, 0xD9, 0xDD, 0xED, 0xFD):
-            cpu = run(b"")[0]
-            cpu._memory.write(0x3400, op)
-            cpu.pc, cpu.halted = 0x3400, False
+        cpu = run(b"")[0]
+        cpu._memory.write(0x3400, op)
+        cpu.pc, cpu.halted = 0x3400, False
+        if op in (0x08, 0x10, 0x18, 0x28, 0x38, 0xCB, 0xD9, 0xDD, 0xED, 0xFD):
+            with pytest.raises(NoCodeError, match=f"{op:02X}H at 3400H is not an instruction of the 8085"):
+                cpu.step()
+        else:
             assert 4 <= cpu.step() <= 18

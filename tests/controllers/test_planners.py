@@ -184,12 +184,6 @@ def test_step_interval_at_full_speed(name, unit, interval):  # T-73, T-A1
     assert (steps[-1].time_ns - steps[0].time_ns) / 1000 == pytest.approx(interval, rel=4e-6)
 
 
-def test_literal_step_interval_is_the_reload_count():  # T-76
-    steps = make_planner("poscal-literal", np.array([(0, 0), (200, 0)])).advance(0, 9 * SECOND, 127)
-    intervals = np.diff([step.time_ns for step in steps])
-    assert intervals == pytest.approx(516 / 8601.6 * 1e9, abs=1)
-
-
 @pytest.mark.parametrize("speed", [1, 2, 3, 5, 8, 16, 40, 64, 127])
 @pytest.mark.parametrize("name", ["poscal", "dda", "sine-table"])
 def test_path_speed_and_straightness_in_any_direction(name, speed):  # T-G9, T-G10, T-G12

@@ -14,7 +14,7 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import open_V
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording import WindowTable
+from edmsim.recording.windows import WindowTable
 
 START_UM = 30_000
 LENGTH_UM = 1_500

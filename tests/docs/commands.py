@@ -23,7 +23,7 @@ from edmsim.cli import app as cli
 
 from .pages import BIN, ROOT
 
-CUT_S, LOG_S, EPISODE_S = 5.0, 40.0, 2.0
+CUT_S, LOG_S, EPISODE_S = 2.5, 40.0, 2.0
 """Machine time of a cut, where the page does not want less, of one whose log is fitted afterwards, and of an episode
 in which controllers are compared."""
 FEW_ENVS = 2  # sub-environments of a training
@@ -45,8 +45,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "measure guides": ("--height", "3", "--quiet"),
     "sweep run": ("--processes", "1"),
     "sweep show": (),
-    "tune gains": ("--trials", "1", "--seeds", "1"),
-    "tune own": ("--trials", "1", "--seeds", "1"),
+    "tune controller": ("--trials", "1", "--seeds", "1"),
     "tune technology": (),
     "tune drive": (),
     "gap": ("--seconds", "0.2"),

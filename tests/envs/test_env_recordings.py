@@ -13,7 +13,7 @@ from rerun.chunk import RrdReader
 from edmsim.envs import RecordRerun
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import cut
-from edmsim.recording import Playback
+from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.viewer import write_comparison
 
 
@@ -128,8 +128,8 @@ def test_a_training_is_recorded_and_stays_the_same(tmp_path) -> None:
 @pytest.mark.slow
 def test_a_recording_is_shown_as_it_ends(make_env, tmp_path, monkeypatch) -> None:
     shown = []
-    monkeypatch.setattr("edmsim.envs.record.LiveViewer", lambda *words: SimpleNamespace(close=lambda: None))
-    monkeypatch.setattr("edmsim.envs.record.show", lambda file, viewer: shown.append(file.is_file()))
+    viewer = SimpleNamespace(show=lambda file: shown.append(file.is_file()), close=lambda: None)
+    monkeypatch.setattr("edmsim.recording.rerun.viewer.LiveViewer", lambda *words: viewer)
     env = RecordRerun(make_env("GapFeed", episode_s=0.1), tmp_path, every=1, live=True)
     for _ in range(2):
         played(env, 9)

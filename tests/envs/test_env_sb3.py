@@ -168,15 +168,6 @@ def test_gymnasiums_vector_has_the_attributes_of_its_sub_environments_too():
         native.set_attr("note", [1, 2, 3])
 
 
-def test_same_seed_same_trajectory():
-    def rewards():
-        env = make_sb3_vec_env("edmsim/HeightStep-v2", 2, seed=3, resolution="fast")
-        env.reset()
-        return [env.step(np.full((2, 1), 0.3, np.float32))[1].tolist() for _ in range(10)]
-
-    assert rewards() == rewards()
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_ppo_learns_on_it():

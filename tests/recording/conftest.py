@@ -10,19 +10,10 @@ import shapely
 
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
-from edmsim.recording import (
-    Closeups,
-    ErrorMap,
-    Frames,
-    Report,
-    Scene,
-    SceneCorner,
-    Totals,
-    WindowTable,
-    build_report,
-    polylines,
-)
-from edmsim.recording.report import Corner, Kerf, Origin, ProfileErrors, Surface
+from edmsim.recording.report import Corner, Kerf, Origin, ProfileErrors, Report, Surface, Totals, build_report
+from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, polylines
+from edmsim.recording.stores import Closeups, Frames
+from edmsim.recording.windows import WindowTable
 
 N_WINDOWS = 3000
 N_SLICES = 9

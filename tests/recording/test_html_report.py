@@ -15,9 +15,9 @@ import pytest
 
 from edmsim import InputError
 from edmsim.job.result import remake
-from edmsim.recording import Scene, read_scene, write_scene
 from edmsim.recording.cut_folder import read_cut
 from edmsim.recording.html_report import page
+from edmsim.recording.scene import Scene, read_scene, write_scene
 
 NAMES = [
     "profile", "profile-error", "error-shares", "corner", "kerf-section", "face", "pulses", "short-open",

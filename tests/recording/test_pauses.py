@@ -14,13 +14,14 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from edmsim.recording import Playback, write_recording
-from edmsim.recording.figures import error_figure
-from edmsim.recording.figures.canvas import NotebookFigure
+from edmsim.recording.figures.cut import error_figure
 from edmsim.recording.figures.profile import PANELS, draw_map, draw_series, profile_figure
 from edmsim.recording.figures.pulses import plane_figure, pulses_figure
+from edmsim.recording.figures.style import NotebookFigure
 from edmsim.recording.film import Film
 from edmsim.recording.rerun.machine import growing_kerf
+from edmsim.recording.rerun.playback import Playback
+from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.scene import SceneCorner
 from edmsim.recording.windows import (
     ROW_NAMES,

@@ -18,11 +18,13 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from edmsim.errors import InputError
-from edmsim.recording import Closeups, Frames, Playback, WindowTable, render, take_screenshots
-from edmsim.recording.film import Film
+from edmsim.recording.film import Film, render
 from edmsim.recording.rerun import viewer
-from edmsim.recording.rerun.viewer import SHARES
+from edmsim.recording.rerun.playback import Playback
+from edmsim.recording.rerun.viewer import SHARES, take_screenshots
 from edmsim.recording.rerun.write import write_recording
+from edmsim.recording.stores import Closeups, Frames
+from edmsim.recording.windows import WindowTable
 
 
 @pytest.fixture(scope="module")

@@ -14,13 +14,13 @@ from edmsim.job.result import recorders_for
 from edmsim.machine.machine import Machine
 from edmsim.plant.kernel.state import SHORT
 from edmsim.program.path import CutPath, WireContour
-from edmsim.recording import Closeups, Playback, WindowTable, build_report, read_windows, write_windows
 from edmsim.recording.figures.pulses import pulses_figure
-from edmsim.recording.report import summary
+from edmsim.recording.report import build_report, summary
 from edmsim.recording.rerun.gap import SCOPE_PULSES, VOLTAGE_HEIGHT
+from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.write import write_recording
-from edmsim.recording.stores import traces
-from edmsim.recording.windows import NAMES, column
+from edmsim.recording.stores import Closeups, traces
+from edmsim.recording.windows import NAMES, WindowTable, column, read_windows, write_windows
 
 
 def cut_of(generator: str) -> SimpleNamespace:

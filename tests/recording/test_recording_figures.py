@@ -14,9 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.recording import Scene, WindowTable
-from edmsim.recording.figures import profile_figure, write_figure
-from edmsim.recording.figures.profile import binned
+from edmsim.recording.figures.profile import binned, profile_figure, write_figure
+from edmsim.recording.scene import Scene
+from edmsim.recording.windows import WindowTable
 
 
 def texts(cut: SimpleNamespace, scene: Scene, **report: object) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from edmsim.plant.kernel.state import OPEN
-from edmsim.recording import Playback
 from edmsim.recording.rerun.gap import AGES, SCOPE_PULSES, discharges, faded
+from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.stores import traces
 

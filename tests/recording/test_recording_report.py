@@ -14,19 +14,24 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from edmsim.recording import Report, Totals, WindowTable, build_report, render_table, write_json
 from edmsim.recording.report import (
     Corner,
     Feed,
     Following,
     Offset,
+    Report,
+    Totals,
+    build_report,
     cut_id,
     duration_text,
     figure_text,
     outcome_text,
     rate_text,
+    render_table,
     summary,
+    write_json,
 )
+from edmsim.recording.windows import WindowTable
 
 FIELDS: dict[str, Any] = {
     "outcome": None, "reason": None, "machining_time_s": None, "wall_time_s": None, "realtime_factor": None,

@@ -13,13 +13,13 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from edmsim.recording import Closeups, Frames, Scene, WindowTable
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS
 from edmsim.recording.rerun.machine import Shapes, face_mesh, wire_strips
 from edmsim.recording.rerun.viewer import RERUN
 from edmsim.recording.rerun.write import group_starts, grouped, recording_id, write_recording
-from edmsim.recording.scene import PassFace, read_scene, write_scene
-from edmsim.recording.windows import NAMES, column, lag_along_um
+from edmsim.recording.scene import PassFace, Scene, read_scene, write_scene
+from edmsim.recording.stores import Closeups, Frames
+from edmsim.recording.windows import NAMES, WindowTable, column, lag_along_um
 
 
 def compare(one: Path, two: Path) -> int:

@@ -8,9 +8,8 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.recording import ErrorMap, polylines
 from edmsim.recording.figures.palette import ERROR_STOPS, error_rgb, rgb
-from edmsim.recording.scene import round_factor, round_number
+from edmsim.recording.scene import ErrorMap, polylines, round_factor, round_number
 
 
 @pytest.mark.parametrize(("side", "radius_mm"), [("left", 5.01), ("right", 4.99)])

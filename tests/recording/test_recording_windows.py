@@ -13,8 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.errors import InputError
-from edmsim.recording import WindowTable, read_windows, write_windows
-from edmsim.recording.windows import NAMES, ROW_NAMES, column, lag_along_um, travel_direction
+from edmsim.recording.windows import (
+    NAMES,
+    ROW_NAMES,
+    WindowTable,
+    column,
+    lag_along_um,
+    read_windows,
+    travel_direction,
+    write_windows,
+)
 
 AGREED = (
     "t_s x_um y_um feed_um_s short open spark arc mean_voltage_V mean_current_A mean_delay_us gap_um "

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edmsim.recording import Frames
-from edmsim.recording.stores import AROUND, BLOCKS, NOTHING, REGULAR, RETRACT, TURN, Closeups, turns_um
+from edmsim.recording.stores import AROUND, BLOCKS, NOTHING, REGULAR, RETRACT, TURN, Closeups, Frames, turns_um
 
 
 def show(closeups: Closeups, start: int, stop: int, happened: dict[int, int]) -> None:

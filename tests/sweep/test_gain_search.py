@@ -16,7 +16,6 @@ from edmsim import models
 from edmsim.controllers import make
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import HELD_BACK, Result
-from edmsim.sweep import tune
 from edmsim.sweep.tune import BOUNDS, training_seeds
 
 
@@ -31,23 +30,29 @@ def result(controller: str, rate: float, reward: float) -> Result:
     )
 
 
+@pytest.fixture
+def gains_script(load_script: Callable[[Path], ModuleType]) -> ModuleType:
+    return load_script(Path(__file__).parents[2] / "docs" / "make" / "gains.py")
+
+
 @pytest.mark.slow
-def test_gains_are_scored_on_real_cuts_the_same_every_time() -> None:
-    made = [tune.run_all(training_seeds(3, 1), lambda: make("voltage", reference_V=9.0)) for _ in range(2)]
+def test_gains_are_scored_on_real_cuts_the_same_every_time(gains_script: ModuleType) -> None:
+    made = [gains_script.run_all(training_seeds(3, 1), lambda: make("voltage", reference_V=9.0)) for _ in range(2)]
     assert str(made[0]) == str(made[1])  # as text, in which one NaN is like another
-    assert len(made[0]) == len(tune.ENV_IDS)
-    assert tune.score(made[0]) > 0
+    assert len(made[0]) == len(gains_script.ENV_IDS)
+    assert gains_script.score(made[0]) > 0
 
 
 @pytest.mark.parametrize("end", [0, 1])
-def test_every_feed_that_is_searched_can_be_run(end: int) -> None:
-    made = tune.run_all(training_seeds(3, 1), lambda: make("fixed", feed_um_s=BOUNDS["fixed"]["feed_um_s"][end]))
-    assert len(made) == len(tune.ENV_IDS)
+def test_every_feed_that_is_searched_can_be_run(gains_script: ModuleType, end: int) -> None:
+    feed_um_s = BOUNDS["fixed"]["feed_um_s"][end]
+    made = gains_script.run_all(training_seeds(3, 1), lambda: make("fixed", feed_um_s=feed_um_s))
+    assert len(made) == len(gains_script.ENV_IDS)
 
 
-def test_the_oracle_is_scored_by_its_rate_the_others_by_their_return() -> None:
-    assert tune.score([result("oracle", 10.0, 1.0), result("oracle", 20.0, 1.0)]) == 15.0
-    assert tune.score([result("counts", 10.0, 1.0), result("counts", 20.0, 2.0)]) == 1.5
+def test_the_oracle_is_scored_by_its_rate_the_others_by_their_return(gains_script: ModuleType) -> None:
+    assert gains_script.score([result("oracle", 10.0, 1.0), result("oracle", 20.0, 1.0)]) == 15.0
+    assert gains_script.score([result("counts", 10.0, 1.0), result("counts", 20.0, 2.0)]) == 1.5
 
 
 def test_held_back_seeds_are_never_trained_on() -> None:
@@ -72,10 +77,10 @@ def test_the_found_gains_are_used_and_name_their_command(name: str) -> None:
 
 
 def test_the_script_of_the_gains_finds_the_best_and_repeats_itself_also_interrupted(
-    load_script: Callable[[Path], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    gains_script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of cuts that earn most, 100, with a reference of 12 V and little proportional action."""
-    script = load_script(Path(__file__).parents[2] / "docs" / "make" / "gains.py")
+    script = gains_script
     monkeypatch.chdir(tmp_path)
     calls, interrupt_at = itertools.count(), [-1]
 
@@ -86,7 +91,7 @@ def test_the_script_of_the_gains_finds_the_best_and_repeats_itself_also_interrup
         reward = 100.0 - 10 * abs(law.reference_V - 12.0) - law.proportional_um_s_V
         return [result("voltage", 1.0, reward)] * len(seeds)
 
-    monkeypatch.setattr(tune, "run_all", cuts)
+    monkeypatch.setattr(script, "run_all", cuts)
     gains, value = script.search("voltage", 120, 3)
     assert gains["reference_V"] == pytest.approx(12.0, abs=1.0)
     assert 80.0 < value < 100.0

@@ -1,4 +1,4 @@
-"""A search of gains and training settings: it goes on, is shared, is never worse, and tells what failed."""
+"""A search of training settings: it goes on, is shared, is never worse, and tells what failed."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ import pytest
 
 from edmsim.controllers import from_text
 from edmsim.errors import InputError
+from edmsim.learning.hyperparameters import load
 from edmsim.runs import LostJob
-from edmsim.sweep.tune import Trial, TrialResult, Tuned, judge_trial, tune_gains, tune_training
+from edmsim.sweep.tune import Trial, TrialResult, judge_trial, tune_controller, tune_training
+
+ENV_ID = "edmsim/GapFeed-v2"
 
 
 class Peak:
-    """An engine that takes a feed of 20 um/s for the best, loses the third job, and may do something in between."""
+    """An engine that takes a clip range of 0.3 for the best, loses the third job, and may do something in between."""
 
     def __init__(self, then: Any = None, stop_after: int = 10**9) -> None:
         self.observed, self.then, self.left = list[Trial](), then, stop_after
@@ -32,65 +35,62 @@ class Peak:
                 self.then, then = None, self.then
                 then()
             lost = job.number == 2
-            result = TrialResult(-((job.values["feed_um_s"] - 20.0) ** 2))
+            result = TrialResult(-((job.values["clip_range"] - 0.3) ** 2))
             yield job, LostJob("the computer was lost") if lost else result
 
 
 @pytest.mark.slow
 def test_a_search_finds_what_is_best_and_goes_on(tmp_path: Path) -> None:
-    observed: list[Tuned] = []
+    observed: list[tuple[int, float]] = []
     first = Peak(stop_after=10)
     with pytest.raises(KeyboardInterrupt):
-        tune_gains("fixed", tmp_path, trials=30, engine=first, watch=observed.append)
+        tune_training(ENV_ID, tmp_path, trials=30, engine=first, watch=lambda *a: observed.append(a))
     again = Peak()
-    found = tune_gains("fixed", tmp_path, trials=30, engine=again, watch=observed.append)
+    found = tune_training(ENV_ID, tmp_path, trials=30, engine=again, watch=lambda *a: observed.append(a))
     # the eleventh was asked for when the search was interrupted; nothing of it is left under way
     assert (found.trials, found.failed, len(again.observed)) == (30, 2, 19)
-    assert found.values["feed_um_s"] == pytest.approx(20.0, abs=0.5)
-    assert found.value >= max(found.first_value, observed[0].value)
-    usual = from_text("fixed").feed_um_s  # type: ignore[attr-defined]
-    assert first.observed[0].values["feed_um_s"] == pytest.approx(usual, rel=0.01)
-    best = tomllib.loads((tmp_path / "best.toml").read_text())["gains"]
-    assert best == found.values
-    assert from_text(f"fixed:feed_um_s={best['feed_um_s']}").name == "fixed"
+    assert found.values["clip_range"] == pytest.approx(0.3, abs=0.03)
+    assert found.value >= max(found.first_value, observed[0][1])
+    usual = load(ENV_ID, "ppo").algorithm
+    assert first.observed[0].values == {name: pytest.approx(usual[name], rel=0.01) for name in found.values}
+    assert tomllib.loads((tmp_path / "best.toml").read_text())["algorithm"] == found.values
 
 
 def test_processes_share_a_study(tmp_path: Path) -> None:
     other = Peak()
-    one = Peak(then=lambda: tune_gains("fixed", tmp_path, trials=8, engine=other))
-    found = tune_gains("fixed", tmp_path, trials=16, engine=one)
+    one = Peak(then=lambda: tune_training(ENV_ID, tmp_path, trials=8, engine=other))
+    found = tune_training(ENV_ID, tmp_path, trials=16, engine=one)
     assert found.trials == 16
     assert (len(other.observed), len(one.observed)) == (8, 8)
     numbers = [trial.number for trial in (*one.observed, *other.observed)]
     assert sorted(numbers) == list(range(16))
-    feeds = {trial.values["feed_um_s"] for trial in (*one.observed, *other.observed)}
-    assert len(feeds) > 12
+    assert len({trial.values["clip_range"] for trial in (*one.observed, *other.observed)}) > 12
 
 
-def test_gains_are_judged_by_training_seeds() -> None:
-    judged = judge_trial(Trial(0, "gains", "fixed", {"feed_um_s": 400.0}, (3,)))
+def test_settings_are_judged_by_training_seeds() -> None:
+    judged = judge_trial(Trial(0, "controller", "fixed", {"feed_um_s": 400.0}, (3,)))
     assert "feed_um_s" in str(judged.error)
     with pytest.raises(InputError, match="training seeds"):
-        tune_gains("fixed", "nowhere", seed=1_000_000)
+        tune_controller("fixed", "nowhere", seed=1_000_000)
     assert not Path("nowhere").exists()
 
 
 @pytest.mark.parametrize(("options", "named"), [
-    ({"name": "genius"}, "counts"), ({"name": "fixed", "trials": 0}, "1 or more"),
-    ({"env_id": "edmsim/GapFeed-v2", "algo": "dqn"}, "ppo, sac"), ({"name": "fixed", "seeds": 0}, "1 or more"),
+    ({"controller": "genius"}, "counts"), ({"controller": "fixed", "trials": 0}, "1 or more"),
+    ({"env_id": "edmsim/GapFeed-v2", "algo": "dqn"}, "ppo, sac"), ({"controller": "fixed", "seeds": 0}, "1 or more"),
     ({"env_id": "edmsim/GapFeed-v2", "algo": "imitation"}, "no settings of the algorithm 'imitation' are searched"),
     ({"env_id": "edmsim/GapFeed-v2", "steps": 0}, "0 windows train nothing"),
 ])  # fmt: skip
 def test_what_cannot_be_searched_is_refused(options: dict[str, Any], named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):
-        (tune_training if "env_id" in options else tune_gains)(**options, out=tmp_path / "new")
+        (tune_training if "env_id" in options else tune_controller)(**options, out=tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
 def test_a_folder_has_one_study(tmp_path: Path) -> None:
-    tune_gains("fixed", tmp_path, trials=1, engine=Peak())
-    with pytest.raises(InputError, match="of fixed, not of counts"):
-        tune_gains("counts", tmp_path, trials=1, engine=Peak())
+    tune_training(ENV_ID, tmp_path, trials=1, engine=Peak())
+    with pytest.raises(InputError, match="GapFeed-v2 ppo, not of edmsim/GapFeed-v2 sac"):
+        tune_training(ENV_ID, tmp_path, algo="sac", trials=1, engine=Peak())
 
 
 @pytest.mark.slow

@@ -1,9 +1,10 @@
-"""Search of a user's own controller: what it declares, the robust choice and its spread, refusals."""
+"""Search of a controller's settings: what a user's own declares, the robust choice and its spread, refusals."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from edmsim.sweep.tune import (
     TrialResult,
     bounds_of,
     judge_trial,
-    tune_own,
+    tune_controller,
     worst_share_mean,
 )
 
@@ -81,7 +82,9 @@ class Machines:
 def test_the_choice_is_robust_and_its_spread_is_of_other_machines(tmp_path):
     engine, observed = Machines(), list[tuple[int, float]]()
     own = written(tmp_path)
-    found = tune_own(own, tmp_path / "study", trials=25, seeds=4, engine=engine, watch=lambda *a: observed.append(a))
+    found = tune_controller(
+        own, tmp_path / "study", trials=25, seeds=4, engine=engine, watch=lambda *a: observed.append(a)
+    )
     assert 5.5 < found.values["feed_um_s"] <= 6.5
     assert found.spread.worst == found.spread.low == found.values["feed_um_s"]
     assert found.first_spread.worst == 5.0
@@ -95,10 +98,10 @@ def test_the_choice_is_robust_and_its_spread_is_of_other_machines(tmp_path):
     best = tomllib.loads((tmp_path / "study" / "best.toml").read_text())["parameters"]
     assert best == found.values
     same = Machines()
-    assert tune_own(own, tmp_path / "study", trials=25, seeds=4, engine=same) == found
+    assert tune_controller(own, tmp_path / "study", trials=25, seeds=4, engine=same) == found
     assert not same.observed  # the finalists' cuts are not made again, either
     more = Machines()
-    tune_own(own, tmp_path / "study", trials=27, seeds=4, engine=more)
+    tune_controller(own, tmp_path / "study", trials=27, seeds=4, engine=more)
     assert [trial.number for trial in more.observed if len(trial.seeds) == 4] == [25, 26]  # the study goes on
 
 
@@ -106,15 +109,21 @@ def test_the_choice_is_robust_and_its_spread_is_of_other_machines(tmp_path):
 def test_a_trial_cuts_on_drawn_machines(tmp_path):
     own = written(tmp_path)
     options = {"resolution": "fast", "episode_s": 1.0, "height_mm": 10.0}
-    worths = [
-        judge_trial(Trial(0, "own", own, {"feed_um_s": 6.0}, seeds, options=options)) for seeds in ((1, 2), (2, 1))
-    ]
+    trial = Trial(0, "controller", own, {"feed_um_s": 6.0}, (1, 2), options=options)
+    worths = [judge_trial(one) for one in (trial, replace(trial, seeds=(2, 1)))]
     assert worths[0].error is None
     assert worths[0].returns == worths[1].returns[::-1]
     assert worths[0].returns[0] != worths[0].returns[1]
     assert worths[0].value == min(worths[0].returns)
-    failed = judge_trial(Trial(0, "own", own, {"feed_um_s": 6.0, "gain": 1.0}, (1,), options=options))
+    failed = judge_trial(Trial(0, "controller", own, {"feed_um_s": 6.0, "gain": 1.0}, (1,), options=options))
     assert "no parameter 'gain'" in str(failed.error)
+
+
+def test_ours_are_searched_alike(tmp_path):
+    found = tune_controller("fixed", tmp_path / "study", trials=25, seeds=4, engine=Machines())
+    assert found.first_spread.worst < 4.0 < found.values["feed_um_s"] <= 6.5
+    with pytest.raises(InputError, match="of fixed, not of counts"):
+        tune_controller("counts", tmp_path / "study", trials=1, engine=Machines())
 
 
 def test_bounds_are_read_as_declared(tmp_path):
@@ -134,7 +143,7 @@ def test_bounds_are_read_as_declared(tmp_path):
 )  # fmt: skip
 def test_bounds_that_say_nothing_are_refused(tmp_path, bounds, said):
     with pytest.raises(InputError, match=said):
-        tune_own(written(tmp_path, bounds), tmp_path / "study", engine=Machines())
+        tune_controller(written(tmp_path, bounds), tmp_path / "study", engine=Machines())
     assert not (tmp_path / "study").exists()
 
 
@@ -142,13 +151,13 @@ def test_bounds_that_say_nothing_are_refused(tmp_path, bounds, said):
     ("arguments", "said"),
     [
         (["own.py:A"], "--out"), (["--out", "s"], "missing"), (["a.py:A", "--colour", "5", "--out", "s"], "--colour"),
-        (["firmware", "--out", "s"], "names no controller of your own"),
+        (["firmware.py", "--out", "s"], "names no controller of your own"),
         (["none.py:A", "--out", "s"], "cannot be read"),
     ],
 )  # fmt: skip
 def test_the_command_refuses_in_one_line(arguments, said, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["edmsim", "tune", "own", *arguments])
+    monkeypatch.setattr("sys.argv", ["edmsim", "tune", "controller", *arguments])
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == 2
@@ -157,4 +166,4 @@ def test_the_command_refuses_in_one_line(arguments, said, monkeypatch, capsys, t
 
 def test_a_finalist_that_is_lost_is_said(tmp_path):
     with pytest.raises(InputError, match="trial -1 could not be tried again: the computer was lost"):
-        tune_own(written(tmp_path), tmp_path / "study", trials=2, seeds=2, engine=Machines(lost=-1))
+        tune_controller(written(tmp_path), tmp_path / "study", trials=2, seeds=2, engine=Machines(lost=-1))

@@ -20,21 +20,8 @@ from typing import NamedTuple, Protocol
 
 from edmsim.controllers.mcu.chips.bus import Bus
 from edmsim.controllers.mcu.chips.dac import time_text
+from edmsim.controllers.mcu.dialogue import part_program
 from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, skip
-from edmsim.controllers.mcu.dialogue.part_program import (
-    Codes,
-    Entry,
-    Move,
-    Setting,
-    at_end,
-    read_code,
-    read_move,
-    read_number,
-    read_numbers,
-    read_program,
-    read_setting,
-    read_word,
-)
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.pulse_counters import percent_of_window
 from edmsim.errors import InputError
@@ -63,7 +50,7 @@ class Status(NamedTuple):
     voltage_V: float  # mean over the gap
     current_A: float
     time_s: float
-    move: Move | None  # of the cut under way
+    move: part_program.Move | None  # of the cut under way
 
     @property
     def erosion(self) -> int:
@@ -71,7 +58,7 @@ class Status(NamedTuple):
         return max(self.counted - self.short - self.open, 0)
 
 
-def describe(status: Status, target: Move | None) -> str:
+def describe(status: Status, target: part_program.Move | None) -> str:
     """What STATUS prints; where a cut is under way its move, wherever that was given, else the new position."""
     x, y = status.position
     return "\n".join(
@@ -223,15 +210,15 @@ class ProgramStore:
         self._first = first
         self._most = most
 
-    def write(self, entries: Sequence[Entry]) -> None:
+    def write(self, entries: Sequence[part_program.Entry]) -> None:
         """Put a program into memory."""
         data = b"".join(map(_bytes_of, entries)) + bytes([END])
         for offset, byte in enumerate(data):
             self._memory.write(self._first + offset, byte)
 
-    def read(self) -> list[Entry]:
+    def read(self) -> list[part_program.Entry]:
         """The program in memory; raises `InputError` if the bytes are not a program."""
-        entries: list[Entry] = []
+        entries: list[part_program.Entry] = []
         address = self._first
         while kind := self._memory.read(address):
             if len(entries) == self._most:
@@ -239,19 +226,20 @@ class ProgramStore:
             if kind in _WORDS:
                 words = [self._memory.word(address + 1 + 2 * k) for k in range(_WORDS[kind])]
                 centre = (words[2], words[3]) if len(words) == 4 else None
-                entries.append(Move((words[0], words[1]), centre, kind == CLOCKWISE))
+                entries.append(part_program.Move((words[0], words[1]), centre, kind == CLOCKWISE))
                 address += 1 + 2 * len(words)
             elif kind & ~0x07 == SETTING:
                 words = [self._memory.word(address + 1 + 2 * k) for k in range(3)]
-                entries.append(Setting(*(word if kind >> k & 1 else None for k, word in enumerate(words))))
+                known = (word if kind >> k & 1 else None for k, word in enumerate(words))
+                entries.append(part_program.Setting(*known))
                 address += 1 + 2 * len(words)
             else:
                 raise InputError(f"the program's byte at {address:04X}H is {kind:02X}H, which begins no entry")
         return entries
 
 
-def _bytes_of(entry: Entry) -> bytes:
-    if isinstance(entry, Setting):
+def _bytes_of(entry: part_program.Entry) -> bytes:
+    if isinstance(entry, part_program.Setting):
         kind = SETTING | sum((value is not None) << k for k, value in enumerate(entry))
         words = [value or 0 for value in entry]
     else:
@@ -264,7 +252,7 @@ class MachinePort(Protocol):
     """What MAIN can do to the machine. Everything that cannot be done raises `InputError` and does nothing."""
 
     @property
-    def codes(self) -> Codes:
+    def codes(self) -> part_program.Codes:
         """How us become codes."""
 
     def status(self) -> Status:
@@ -273,10 +261,10 @@ class MachinePort(Protocol):
     def set_position(self, position: tuple[int, int]) -> None:
         """Set the position counters."""
 
-    def set(self, setting: Setting) -> None:
+    def set(self, setting: part_program.Setting) -> None:
         """Take over codes and speed."""
 
-    def cut(self, program: Sequence[Entry]) -> None:
+    def cut(self, program: Sequence[part_program.Entry]) -> None:
         """Start timers and machine along a path."""
 
     def go_on(self) -> None:
@@ -357,13 +345,13 @@ class MainProgram:
         return tuple(self._words)
 
     @property
-    def target(self) -> Move | None:
+    def target(self) -> part_program.Move | None:
         """The new position; None while none was given, or what stands there was altered to none."""
         try:
             found = self._new_place.read()
         except InputError:
             return None
-        return found[0] if found and isinstance(found[0], Move) else None
+        return found[0] if found and isinstance(found[0], part_program.Move) else None
 
     @property
     def prompt(self) -> str:
@@ -382,7 +370,7 @@ class MainProgram:
         self._question = None
         if not waits:
             return
-        self._word = read_word(buffer)
+        self._word = part_program.read_word(buffer)
         if self._word not in self._words:
             found = self._word or buffer.rest.decode("ascii")
             raise InputError(f"{found} is not a word of this machine; HELP shows them")
@@ -390,20 +378,20 @@ class MainProgram:
 
     def _plain(self, do: Callable[[], None]) -> Callable[[InputBuffer], None]:
         def word(buffer: InputBuffer) -> None:
-            at_end(buffer)
+            part_program.at_end(buffer)
             do()
 
         return word
 
     def _help(self, buffer: InputBuffer) -> None:
-        word = read_word(buffer)
-        at_end(buffer)
+        word = part_program.read_word(buffer)
+        part_program.at_end(buffer)
         if word and ALIASES.get(word, word) not in WORDS:
             raise InputError(f"there is no help on {word}; there is on {' '.join(WORDS)}")
         self._say(WORDS[ALIASES.get(word, word)] if word else JOB)
 
     def _status(self, buffer: InputBuffer) -> None:
-        at_end(buffer)
+        part_program.at_end(buffer)
         self._say(describe(self._machine.status(), self.target))
 
     def _pos(self, buffer: InputBuffer) -> None:
@@ -411,20 +399,20 @@ class MainProgram:
             now = self._machine.status()
             self._say("POSITION X {} Y {} {}".format(*now.position, now.unit))
             return
-        x, y = read_numbers(buffer, 2, "POS x y")
-        at_end(buffer)
+        x, y = part_program.read_numbers(buffer, 2, "POS x y")
+        part_program.at_end(buffer)
         self._machine.set_position((x, y))
 
     def _new(self, buffer: InputBuffer) -> None:
-        self._new_place.write([read_move(self._word, buffer)])
+        self._new_place.write([part_program.read_move(self._word, buffer)])
 
     def _set(self, buffer: InputBuffer) -> None:
-        self._machine.set(read_setting(self._word, buffer, self._machine.codes))
+        self._machine.set(part_program.read_setting(self._word, buffer, self._machine.codes))
         now = self._machine.status()
         self._say(f"{pulses(now)}   SPEED {now.speed}")
 
     def _start(self, buffer: InputBuffer) -> None:
-        at_end(buffer)
+        part_program.at_end(buffer)
         target = self.target
         if target is None:
             raise InputError("no new position was given; NEW x y gives one")
@@ -437,50 +425,50 @@ class MainProgram:
         sign = -1 if buffer.waiting == ord("-") else 1
         if buffer.waiting in b"+-":
             buffer.advance()
-        way = sign * read_number(buffer)
-        at_end(buffer)
+        way = sign * part_program.read_number(buffer)
+        part_program.at_end(buffer)
         self._machine.jog(axis, way)
 
     def _gen(self, buffer: InputBuffer) -> None:
-        word = read_word(buffer)
-        at_end(buffer)
+        word = part_program.read_word(buffer)
+        part_program.at_end(buffer)
         if word not in ("ON", "OFF"):
             raise InputError("GEN ON or GEN OFF is wanted")
         self._machine.generator(word == "ON")
 
     def _tension(self, buffer: InputBuffer) -> None:
-        word = read_word(buffer)
-        at_end(buffer)
+        word = part_program.read_word(buffer)
+        part_program.at_end(buffer)
         if word not in ("LOW", "FULL"):
             raise InputError("TENSION LOW or TENSION FULL is wanted")
         self._machine.tension(word == "LOW")
 
     def _wait(self, buffer: InputBuffer) -> None:
-        seconds = read_number(buffer) if skip(buffer) else None
-        at_end(buffer)
+        seconds = part_program.read_number(buffer) if skip(buffer) else None
+        part_program.at_end(buffer)
         self._desk.wait(seconds)
 
     def _load(self, buffer: InputBuffer) -> None:
-        at_end(buffer)
-        program = read_program(self._desk.host_lines(), self._machine.codes)
+        part_program.at_end(buffer)
+        program = part_program.read_program(self._desk.host_lines(), self._machine.codes)
         self._program.write(program)
-        moves = sum(isinstance(entry, Move) for entry in program)
+        moves = sum(isinstance(entry, part_program.Move) for entry in program)
         self._say(f"LOADED: {moves} MOVES, {len(program) - moves} SETTINGS")
 
     def _list(self, buffer: InputBuffer) -> None:
-        at_end(buffer)
+        part_program.at_end(buffer)
         program = self._program.read()
         self._say("\n".join(map(str, program)) if program else "NO PROGRAM")
 
     def _run(self, buffer: InputBuffer) -> None:
-        at_end(buffer)
+        part_program.at_end(buffer)
         program = self._program.read()
         if not program:
             raise InputError("there is no program; LOAD takes one from the host")
         self._machine.cut(program)
 
     def _main(self, buffer: InputBuffer) -> None:
-        at_end(buffer)
+        part_program.at_end(buffer)
         self._question = _POSITION
 
     def _shown(self, question: int) -> str:
@@ -520,24 +508,24 @@ class MainProgram:
         """Take an answer over; t(i) waits for t(p), as the two may not be set independently (row T-34)."""
         codes = self._machine.codes
         if question == _T_I:
-            t_i = read_code(buffer, codes.of_t_i, "t(i) in us")
-            at_end(buffer)
+            t_i = part_program.read_code(buffer, codes.of_t_i, "t(i) in us")
+            part_program.at_end(buffer)
             self._t_i = t_i
         elif question == _T_P:
-            t_p = read_code(buffer, codes.of_t_p, "t(p) in us")
-            at_end(buffer)
+            t_p = part_program.read_code(buffer, codes.of_t_p, "t(p) in us")
+            part_program.at_end(buffer)
             self._set_pulses(t_p)
         elif question == _SPEED:
-            self._machine.set(read_setting("SPEED", buffer, codes))
+            self._machine.set(part_program.read_setting("SPEED", buffer, codes))
         elif question == _NEW:
-            self._new_place.write([read_move("NEW", buffer)])
+            self._new_place.write([part_program.read_move("NEW", buffer)])
         else:
             self._pos(buffer)
 
     def _set_pulses(self, t_p: int | None) -> None:
         """Set both; a pair that is refused is asked for again."""
         try:
-            self._machine.set(Setting(self._t_i, t_p))
+            self._machine.set(part_program.Setting(self._t_i, t_p))
         except InputError:
             self._question = _T_I
             raise

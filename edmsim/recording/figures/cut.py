@@ -2,38 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
+import pyarrow as pa
 import shapely
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
+from edmsim.metrology.edges import filled
 from edmsim.metrology.shares import SHARES
-from edmsim.recording.figures.palette import BLUE, ERROR_STOPS, GREEN, GRID, INK, METAL, MUTED, ORANGE, PURPLE, SKY
-from edmsim.recording.figures.profile import label_places
-from edmsim.recording.figures.style import (
-    LABEL_PT,
-    TICK_PT,
-    colour_bar,
-    column_figure,
-    dress,
-    legend,
-    nothing_to_show,
-)
+from edmsim.recording.figures import palette, style
+from edmsim.recording.figures.profile import draw_errors, label_corners
 from edmsim.recording.report import Report
 from edmsim.recording.scene import ErrorMap, Scene, SceneCorner
 from edmsim.recording.windows import column
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 Array = NDArray[np.float64]
 
-_COLOURS = SKY, PURPLE, GREEN, BLUE, ORANGE
+_COLOURS = palette.SKY, palette.PURPLE, palette.GREEN, palette.BLUE, palette.ORANGE
 _SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may leave them (ours)
 
 
@@ -50,25 +39,26 @@ def shares_figure(scene: Scene) -> Figure:
     matplotlib.figure.Figure
         One column wide, with an Agg canvas: a panel for the error and each share, all on one scale.
     """
-    figure = column_figure(5.6, top_in=0.25, left_in=0.52)
+    figure = style.column_figure(5.6, top_in=0.25, left_in=0.52)
     split = [edge for edge in scene.maps if edge.shares_um is not None and np.isfinite(edge.error_um).any()]
     if not split:
-        return nothing_to_show(figure, "no shares: no error was measured, or the wire's centre ran on the edge")
+        return style.nothing_to_show(figure, "no shares: no error was measured, or the wire's centre ran on the edge")
     s_mm, error, shares = _joined(split)
     panels = figure.subplots(1 + len(SHARES), 1, sharex=True, sharey=True, gridspec_kw={"hspace": 0.22})
-    names, colours = ("profile error", *SHARES), (INK, *_COLOURS)
+    names, colours = ("profile error", *SHARES), (palette.INK, *_COLOURS)
     for axes, name, values, colour in zip(panels, names, (error, *shares), colours, strict=True):
-        dress(axes, "", "")
-        axes.axhline(0.0, color=MUTED, linewidth=0.6)
+        style.dress(axes, "", "")
+        axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
         axes.plot(s_mm, values, color=colour, linewidth=0.7)
         known = values[np.isfinite(values)]
         rms, mean = np.sqrt(np.mean(known**2)), f"{known.mean():+.1f}".replace("-", "−")
-        axes.set_title(f"{name}: mean {mean}, {rms:.1f} µm rms", fontsize=TICK_PT, color=INK, loc="left", pad=2)
+        title = f"{name}: mean {mean}, {rms:.1f} µm rms"
+        axes.set_title(title, fontsize=style.TICK_PT, color=palette.INK, loc="left", pad=2)
     limit = 1.2 * max(float(np.nanpercentile(np.abs([error, *shares]), _SHOWN)), 0.5)
     panels[0].set_ylim(-limit, limit)
     panels[0].margins(x=0)
-    panels[-1].set_xlabel("along the nominal edge, mm", fontsize=LABEL_PT, color=MUTED)
-    panels[len(SHARES) // 2].set_ylabel("µm, + metal left", fontsize=LABEL_PT, color=MUTED)
+    panels[-1].set_xlabel("along the nominal edge, mm", fontsize=style.LABEL_PT, color=palette.MUTED)
+    panels[len(SHARES) // 2].set_ylabel("µm, + metal left", fontsize=style.LABEL_PT, color=palette.MUTED)
     return figure
 
 
@@ -86,6 +76,8 @@ def _joined(split: list[ErrorMap]) -> tuple[Array, Array, Array]:
 
 
 CORNER_REACH_MM = 0.4  # half the width of what a corner's detail shows (ours: kerf and wire are in it whole)
+
+
 LABELLED = 6  # corners whose error is written beside them: the worst ones
 
 
@@ -103,66 +95,29 @@ def error_figure(scene: Scene) -> Figure:
         One column wide, with an Agg canvas.
     """
     if not len(scene.known_errors()):
-        return nothing_to_show(column_figure(2.0), "no profile error: no edge of the part was measured")
+        return style.nothing_to_show(style.column_figure(2.0), "no profile error: no edge of the part was measured")
     scene = scene.in_program()
     points = np.concatenate([edge.nominal_mm for edge in scene.maps])
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
     margin = 0.08 * max(x1 - x0, y1 - y0)
     across, high = x1 - x0 + 2 * margin, y1 - y0 + 2 * margin
-    figure = column_figure(float(np.clip(2.9 * high / across, 1.0, 4.2)) + 0.85, top_in=0.49)
+    figure = style.column_figure(float(np.clip(2.9 * high / across, 1.0, 4.2)) + 0.85, top_in=0.49)
     axes = figure.add_subplot()
-    dress(axes, *scene.axis_labels())
+    style.dress(axes, *scene.axis_labels())
     axes.grid(visible=False)
     factor = scene.error_factor()
-    lines = _error_lines(axes, scene, factor)
+    lines = draw_errors(axes, scene, factor, (0.4, 1.2), 0.4, 3)
+    assert lines is not None
     for edge in scene.maps:
-        axes.plot(*edge.nominal_mm.T, color=INK, linewidth=0.6, linestyle=(0, (5, 3)), zorder=2)
+        axes.plot(*edge.nominal_mm.T, color=palette.INK, linewidth=0.6, linestyle=(0, (5, 3)), zorder=2)
     axes.set_aspect("equal")
     axes.set_xlim(x0 - margin, x1 + margin)
     axes.set_ylim(y0 - margin, y1 + margin)
     axes.apply_aspect()  # labels are placed by what they would cover
-    _label_corners(axes, scene)
-    colour_bar(figure, lines, f"profile error, µm: − undercut, + metal left; drawn × {factor:g}")
+    box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
+    label_corners(axes, scene, LABELLED, style.TICK_PT, box, 5)
+    style.colour_bar(figure, lines, f"profile error, µm: − undercut, + metal left; drawn × {factor:g}")
     return figure
-
-
-def _error_lines(axes: Axes, scene: Scene, factor: float) -> Any:
-    from matplotlib.collections import LineCollection
-    from matplotlib.colors import LinearSegmentedColormap, Normalize
-
-    limit = scene.error_limit_um()
-    style = {
-        "norm": Normalize(-limit, limit), "cmap": LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
-    }
-    lines = None
-    for edge in scene.maps:
-        shown = edge.exaggerated_mm(factor)
-        smooth = edge.smooth()
-        axes.add_collection(LineCollection(
-            list(np.stack([edge.points_mm, shown], axis=1)), array=edge.error_um, linewidth=0.4, alpha=0.4,
-            zorder=3, **style,
-        ))  # fmt: skip
-        lines = LineCollection(
-            list(np.stack([shown[:-1], shown[1:]], axis=1)[smooth]), linewidth=1.2, capstyle="round", zorder=4,
-            array=((edge.error_um[:-1] + edge.error_um[1:]) / 2)[smooth], **style,
-        )
-        axes.add_collection(lines)
-    return lines
-
-
-def _label_corners(axes: Axes, scene: Scene) -> None:
-    known = [corner for corner in scene.corners if np.isfinite(corner.error_um)]
-    x0, y0, x1, y1 = scene.extent_mm()
-    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
-    worst = sorted(known, key=lambda c: -abs(c.error_um))[:LABELLED]
-    if not worst:
-        return
-    for corner, offset_pt in label_places(axes, worst, middle, TICK_PT):
-        axes.annotate(
-            f"{corner.error_um:+.1f}".replace("-", "−"), (corner.x_mm, corner.y_mm), xytext=offset_pt,
-            textcoords="offset points", ha="center", va="center", fontsize=TICK_PT, color=INK, zorder=5,
-            bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
-        )  # fmt: skip
 
 
 def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) -> Figure:
@@ -187,9 +142,9 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     InputError
         If there is no such corner.
     """
-    figure = column_figure(5.2, top_in=0.55)
+    figure = style.column_figure(5.2, top_in=0.55)
     if not scene.corners and corner is None:
-        return nothing_to_show(figure, "no corner: the edge as drawn has none")
+        return style.nothing_to_show(figure, "no corner: the edge as drawn has none")
     chosen = _chosen_corner(scene, corner)
     detail, below = figure.subplots(2, 1, height_ratios=[2.6, 1.0], gridspec_kw={"hspace": 0.5})
     place = np.array([chosen.x_mm, chosen.y_mm])
@@ -199,7 +154,7 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     error = "not measured" if np.isnan(chosen.error_um) else f"{chosen.error_um:+.1f} µm".replace("-", "−")
     detail.set_title(
         f"corner at X {x:.3f} Y {y:.3f} mm, {chosen.turn_deg:+.0f}°: {error}".replace("-", "−"),
-        fontsize=LABEL_PT, color=INK, loc="left", pad=28,
+        fontsize=style.LABEL_PT, color=palette.INK, loc="left", pad=28,
     )  # fmt: skip
     return figure
 
@@ -221,20 +176,15 @@ def _paths_um(windows: pa.Table, place_mm: Array, reach_mm: float) -> tuple[Arra
 
 
 def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array) -> None:
-    from matplotlib.patches import Circle
-
-    from edmsim.metrology.edges import filled
-
     reach = 1000 * CORNER_REACH_MM
-    dress(axes, "X from the corner, µm", "Y from the corner, µm")
+    style.dress(axes, "X from the corner, µm", "Y from the corner, µm")
     axes.grid(visible=False)
-    axes.set_facecolor(METAL)
+    axes.set_facecolor(palette.METAL)
     edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
     box = shapely.box(*(place_mm - CORNER_REACH_MM), *(place_mm + CORNER_REACH_MM))
     kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
-    for polygon in shapely.get_parts(shapely.intersection(shapely.make_valid(kerf), box)):
-        if polygon.geom_type == "Polygon":
-            _fill(axes, shapely.transform(polygon, lambda mm: 1000 * (mm - place_mm)))
+    shown = shapely.intersection(shapely.make_valid(kerf), box)
+    style.fill(axes, shapely.transform(shown, lambda mm: 1000 * (mm - place_mm)))
     for number, line in enumerate(edges):
         axes.plot(
             *(1000 * (line - place_mm)).T, color="#3d4852", linewidth=0.8, zorder=3,
@@ -242,35 +192,28 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array) -
         )  # fmt: skip
     for number, edge in enumerate(scene.maps):
         axes.plot(
-            *(1000 * (edge.nominal_mm - place_mm)).T, color=INK, linewidth=0.8, linestyle=(0, (5, 3)), zorder=4,
-            label="nominal edge" if number == 0 else None,
+            *(1000 * (edge.nominal_mm - place_mm)).T, color=palette.INK, linewidth=0.8, linestyle=(0, (5, 3)),
+            zorder=4, label="nominal edge" if number == 0 else None,
         )  # fmt: skip
     guides, wire = _paths_um(windows, place_mm, 2 * CORNER_REACH_MM)
-    axes.plot(*guides.T, color=ORANGE, linewidth=0.9, zorder=5, label="guides")
-    axes.plot(*wire.T, color=BLUE, linewidth=0.6, zorder=6, label="wire")
+    axes.plot(*guides.T, color=palette.ORANGE, linewidth=0.9, zorder=5, label="guides")
+    axes.plot(*wire.T, color=palette.BLUE, linewidth=0.6, zorder=6, label="wire")
     nearest = np.nanargmin(np.hypot(*guides.T)) if np.isfinite(guides).any() else None
     if nearest is not None:
         radius = scene.wire_diameter_um / 2
-        axes.add_patch(Circle(tuple(wire[nearest]), radius, fill=False, color=BLUE, linewidth=0.7, linestyle=":"))
+        round_wire = {"fill": False, "color": palette.BLUE, "linewidth": 0.7, "linestyle": ":"}
+        axes.add_patch(Circle(tuple(wire[nearest]), radius, **round_wire))
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
     axes.set_aspect("equal")
-    legend(axes, above=True, columns=2)
-
-
-def _fill(axes: Axes, polygon: shapely.Polygon) -> None:
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
-    rings = [Path(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
-    axes.add_patch(PathPatch(Path.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1))
+    style.legend(axes, above=True, columns=2)
 
 
 def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array) -> None:
     """How far wire and metal edge are off, over the distance from the corner along the nominal edge."""
-    dress(axes, "along the nominal edge from the corner, µm", "off, µm")
-    axes.axhline(0.0, color=MUTED, linewidth=0.6)
-    axes.axvline(0.0, color=GRID, linewidth=0.8)
+    style.dress(axes, "along the nominal edge from the corner, µm", "off, µm")
+    axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
+    axes.axvline(0.0, color=palette.GRID, linewidth=0.8)
     reach = 1000 * CORNER_REACH_MM
     for edge in scene.maps:
         off = np.hypot(*(edge.points_mm - place_mm).T)
@@ -285,7 +228,7 @@ def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array
             _draw_lag(axes, windows, edge.points_mm[order], s[order], place_mm, edge.outward()[order])
             break
     axes.set_xlim(-reach, reach)
-    legend(axes, above=True)
+    style.legend(axes, above=True)
 
 
 def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Array, s: Array, place_mm: Array, outward: Array) -> None:
@@ -301,7 +244,7 @@ def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Array, s: Array, place_mm:
     away = -(lag * outward[nearest]).sum(axis=1)
     places, group = np.unique(nearest, return_inverse=True)
     mean = np.bincount(group, away) / np.bincount(group)
-    axes.plot(s[places], mean, color=BLUE, linewidth=0.9, label="wire off its guides (+ away from the part)")
+    axes.plot(s[places], mean, color=palette.BLUE, linewidth=0.9, label="wire off its guides (+ away from the part)")
 
 
 def kerf_figure(report: Report) -> Figure:
@@ -318,11 +261,11 @@ def kerf_figure(report: Report) -> Figure:
         One column wide. The band covers nine tenths of the measured places. The gap between wire and walls is
         enlarged, and the wire left out.
     """
-    figure = column_figure(2.9, top_in=0.36)
+    figure = style.column_figure(2.9, top_in=0.36)
     slices = report.kerf_section
     section = [row for row in slices if row.places]
     if not section:
-        return nothing_to_show(figure, "no kerf: there was no place to measure its width")
+        return style.nothing_to_show(figure, "no kerf: there was no place to measure its width")
     radius = report.settings["wire_diameter_um"] / 2
     z = np.array([row.height_mm for row in section])
     panels = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.1})
@@ -330,16 +273,16 @@ def kerf_figure(report: Report) -> Figure:
         mean, low, high = (
             np.array([row[side][key] for row in section]) - radius for key in ("mean_um", "p5_um", "p95_um")
         )
-        panel.fill_betweenx(z, low, high, color=BLUE, alpha=0.18, linewidth=0)
-        panel.plot(mean, z, color=BLUE, linewidth=1.3, marker="o", markersize=2.5)
-        dress(panel, f"wire to wall of the {side}, µm", "")
+        panel.fill_betweenx(z, low, high, color=palette.BLUE, alpha=0.18, linewidth=0)
+        panel.plot(mean, z, color=palette.BLUE, linewidth=1.3, marker="o", markersize=2.5)
+        style.dress(panel, f"wire to wall of the {side}, µm", "")
     low, high = (f(limit for panel in panels for limit in panel.get_xlim()) for f in (min, max))
     panels[0].set_xlim(high, low)  # the wire stands between both walls
     panels[1].set_xlim(low, high)
-    panels[0].set_ylabel("height over the lower face, mm", fontsize=LABEL_PT, color=MUTED)
+    panels[0].set_ylabel("height over the lower face, mm", fontsize=style.LABEL_PT, color=palette.MUTED)
     panels[0].set_ylim(0, slices[-1].height_mm + slices[0].height_mm)
     panels[0].set_title(
         f"kerf {report.text('kerf_um.mean')} on average, wire {2 * radius:g} µm\n"
-        "line: mean along the cut, band: nine tenths", fontsize=LABEL_PT, color=INK, loc="left",
+        "line: mean along the cut, band: nine tenths", fontsize=style.LABEL_PT, color=palette.INK, loc="left",
     )  # fmt: skip
     return figure

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
 
 from edmsim.geometry import arc_lengths
 from edmsim.recording.figures import style
 from edmsim.recording.figures.palette import BLUE, ERROR_STOPS, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.recording.report import Report
 from edmsim.recording.scene import Scene
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PASS_COLOURS = (INK, BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)  # colours of the passes, from rough on
 
@@ -79,8 +78,6 @@ def face_figure(scene: Scene) -> Figure:
     matplotlib.figure.Figure
         One column wide, with an Agg canvas: a panel per contour, at most four.
     """
-    from matplotlib.colors import LinearSegmentedColormap, Normalize
-
     faces = [edge for edge in scene.maps if edge.face_um is not None and np.isfinite(edge.face_um).any()]
     if not faces:
         return style.nothing_to_show(style.column_figure(2.0), "no face: no edge of the part was measured")

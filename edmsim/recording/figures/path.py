@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import shapely
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
 
 from edmsim.geometry import arc_lengths
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED, VERMILION
 from edmsim.recording.figures.passes import pass_colour
-from edmsim.recording.figures.profile import quiet
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from edmsim.recording.figures.style import NotebookFigure, fill, quiet
 
 _ARROWS = 4  # arrows on a contour: enough to see which way it is cut
 _WIRES = 150  # places at which a leaning wire is drawn
@@ -23,8 +21,6 @@ _WIRES = 150  # places at which a leaning wire is drawn
 
 def path_figure(path: CutPath, title: str, kerf_um: float) -> Figure:
     """Draw a path in the program's coordinates; the kerf is wire and twice the gap."""
-    from edmsim.recording.figures.canvas import NotebookFigure
-
     figure = NotebookFigure(figsize=(9.0, 8.0), dpi=130, facecolor="white", layout="none")
     two_rows = path.leans or any(contour.passes for contour in path.contours)  # of the legend
     axes = figure.add_axes((0.09, 0.08, 0.88, 0.80 if two_rows else 0.82))
@@ -70,8 +66,6 @@ def _faces(contour: WireContour) -> list[tuple[str, tuple[str, str], WireContour
 
 def _draw_wires(axes: Axes, below: np.ndarray, above: np.ndarray) -> None:
     """Draw the wire in some places, from the lower face to the upper one."""
-    from matplotlib.collections import LineCollection
-
     passed = arc_lengths((below + above) / 2)
     at = np.linspace(0.0, passed[-1], _WIRES)
     ends = [np.stack([np.interp(at, passed, column) for column in way.T], axis=1) for way in (below, above)]
@@ -99,9 +93,6 @@ def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, face: tuple[str,
 
 def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
     """Draw the blank with its holes and the kerf in it."""
-    from matplotlib.patches import Circle, PathPatch, Rectangle
-    from matplotlib.path import Path as MplPath
-
     (x0, y0, x1, y1), (dx, dy) = path.stock_mm, path.origin_mm
     blank = Rectangle((x0 - dx, y0 - dy), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
     axes.add_patch(blank)
@@ -110,12 +101,7 @@ def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
         for contour in path.contours for _, _, face in _faces(contour) for way in face.ways_um
     ]
     kerf = shapely.union_all([way.buffer(kerf_um / 2e3) for way in ways])
-    for number, polygon in enumerate(shapely.get_parts(kerf)):
-        rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
-        axes.add_patch(PathPatch(
-            MplPath.make_compound_path(*rings), facecolor="#cfe3f1", edgecolor="none", zorder=1,
-            label="kerf" if number == 0 else None,
-        ))  # fmt: skip
+    fill(axes, kerf, "#cfe3f1", "kerf")
     for contour in path.contours:
         hole = Circle(
             contour.points_um[0] / 1e3 - path.origin_mm, path.start_hole_radius_mm, facecolor="white",

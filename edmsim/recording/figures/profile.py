@@ -6,38 +6,25 @@ import io
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 import shapely
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from edmsim.files import replacing
 from edmsim.metrology.edges import filled
-from edmsim.recording.figures.palette import (
-    BLUE,
-    ERROR_STOPS,
-    GREEN,
-    GRID,
-    INK,
-    LINE,
-    METAL,
-    MUTED,
-    ORANGE,
-    PURPLE,
-    SHARE_COLOURS,
-    VERMILION,
-)
+from edmsim.recording.figures import palette
+from edmsim.recording.figures.style import NotebookFigure, fill, quiet
 from edmsim.recording.report import Report, duration_text, rate_text
 from edmsim.recording.scene import Scene, SceneCorner, round_number
 from edmsim.recording.windows import column, lag_along_um, pause_rows, stretches
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    from matplotlib.axes import Axes
-    from matplotlib.collections import LineCollection
-    from matplotlib.figure import Figure
-
 
 BINS = 800  # most points a series is drawn with
 
@@ -82,20 +69,9 @@ def mark_pauses(axes: Axes, t_s: NDArray[np.float64], seconds: float, label: str
     """Hatch the pauses of an axis over machine time, `seconds` long units; the first has a label."""
     for number, row in enumerate(pause_rows(t_s)):
         axes.axvspan(
-            t_s[row - 1] / seconds, t_s[row] / seconds, facecolor="none", edgecolor=LINE, hatch="////", linewidth=0,
-            label=None if number else label,
+            t_s[row - 1] / seconds, t_s[row] / seconds, facecolor="none", edgecolor=palette.LINE, hatch="////",
+            linewidth=0, label=None if number else label,
         )  # fmt: skip
-
-
-def quiet(axes: Axes) -> None:
-    """Take from axes what does not speak of the data."""
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color(LINE)
-    axes.tick_params(labelsize=8, colors=MUTED, length=3, width=0.6)
-    axes.grid(color=GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
 
 
 def draw_series(panels: list[Axes], windows: pa.Table) -> None:
@@ -113,7 +89,7 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
             axes.sharex(panels[0])
     panels[-1].set_xlabel(
         f"machine time, {unit}   (line: mean, band: least to largest of the windows in a bin)",
-        color=MUTED,
+        color=palette.MUTED,
         fontsize=9,
     )
 
@@ -135,28 +111,28 @@ def _band(
 
 def draw_shares(axes: Axes, t: NDArray[np.float64], windows: pa.Table, bins: int = BINS) -> None:
     """Draw what became of the pulses in percent, one class on the other."""
-    counts = np.array([column(windows, kind) for kind in SHARE_COLOURS])
+    counts = np.array([column(windows, kind) for kind in palette.SHARE_COLOURS])
     shares = 100.0 * counts / np.maximum(counts.sum(axis=0), 1.0)
     of_kinds = [bands(t, share, column(windows, "t_s"), bins) for share in shares]
     for number, stretch in enumerate(zip(*of_kinds, strict=True)):
         axes.stackplot(
-            stretch[0].x, [band.mean for band in stretch], colors=list(SHARE_COLOURS.values()), linewidth=0,
-            labels=() if number else list(SHARE_COLOURS),
+            stretch[0].x, [band.mean for band in stretch], colors=list(palette.SHARE_COLOURS.values()), linewidth=0,
+            labels=() if number else list(palette.SHARE_COLOURS),
         )
     axes.set_ylim(0, 100)
 
 
 def _finish(axes: Axes, label: str) -> None:
-    axes.set_ylabel(label, color=MUTED, fontsize=8.5)
+    axes.set_ylabel(label, color=palette.MUTED, fontsize=8.5)
     if len(axes.get_legend_handles_labels()[0]) > 1:
         axes.legend(
             loc="upper left", bbox_to_anchor=(1.004, 1.03), frameon=False, fontsize=8, handlelength=1.0,
-            labelcolor=INK, borderpad=0.0, handletextpad=0.4, labelspacing=0.3,
+            labelcolor=palette.INK, borderpad=0.0, handletextpad=0.4, labelspacing=0.3,
         )
 
 
 def _panel_feed(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "feed_um_s"), windows, BLUE, "feed")
+    _band(axes, t, column(windows, "feed_um_s"), windows, palette.BLUE, "feed")
     _finish(axes, "feed\nµm/s")
 
 
@@ -166,20 +142,20 @@ def _panel_pulses(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None
 
 
 def _panel_gap(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "gap_um"), windows, BLUE, "gap")
-    _band(axes, t, lag_along_um(windows), windows, ORANGE, "wire lag")
-    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    _band(axes, t, column(windows, "gap_um"), windows, palette.BLUE, "gap")
+    _band(axes, t, lag_along_um(windows), windows, palette.ORANGE, "wire lag")
+    axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
     _finish(axes, "gap, lag\nµm")
 
 
 def _panel_error(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "error_um"), windows, VERMILION, "error")
-    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    _band(axes, t, column(windows, "error_um"), windows, palette.VERMILION, "error")
+    axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
     _finish(axes, "profile error\nµm")
 
 
 def _panel_wire(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    _band(axes, t, column(windows, "wire_temperature_K"), windows, VERMILION, "wire")
+    _band(axes, t, column(windows, "wire_temperature_K"), windows, palette.VERMILION, "wire")
     _finish(axes, "wire temp.\nK")
 
 
@@ -205,7 +181,10 @@ def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
     factor = scene.error_factor()
     _frame_map(axes, scene, (box[0] - dx, box[1] - dy, box[2] - dx, box[3] - dy))
     _draw_metal(axes, scene)
-    _draw_errors(axes, scene, factor)
+    lines = draw_errors(axes, scene, factor) if len(scene.known_errors()) else None
+    if lines is not None:
+        axes.plot([], [], color=lines.cmap(0.85), linewidth=1.7, label=f"profile error drawn × {factor:g}")
+        _colour_bar(axes, lines)
     _draw_out_of_reach(axes, scene)
     _mark_corners(axes, scene)
     _mark_places(axes, scene)
@@ -220,7 +199,7 @@ def draw_map(axes: Axes, scene: Scene, within_mm: Box | None = None) -> None:
         columnspacing=1.2,
         borderpad=0.0,
         borderaxespad=0.3,
-        labelcolor=INK,
+        labelcolor=palette.INK,
     )
 
 
@@ -235,35 +214,33 @@ def _frame_map(axes: Axes, scene: Scene, shown_mm: Box) -> None:
     axes.set_aspect("equal", adjustable="box")
     axes.autoscale(enable=False)
     x, y = scene.axis_labels()
-    axes.set_xlabel(x, color=MUTED, fontsize=9)
-    axes.set_ylabel(y, color=MUTED, fontsize=9)
+    axes.set_xlabel(x, color=palette.MUTED, fontsize=9)
+    axes.set_ylabel(y, color=palette.MUTED, fontsize=9)
     quiet(axes)
     axes.set_axisbelow(False)
     axes.grid(visible=False)
 
 
 def _draw_metal(axes: Axes, scene: Scene) -> None:
-    from matplotlib.patches import PathPatch, Rectangle
-    from matplotlib.path import Path as MplPath
-
     x0, y0, x1, y1 = scene.stock_mm
-    axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0))
+    look: dict[str, Any] = {"facecolor": palette.METAL, "edgecolor": palette.MUTED, "linewidth": 0.8, "zorder": 0}
+    axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, **look))
     edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
     # What lies between the closed edges is the kerf: even-odd, so that the part inside stays metal.
     kerf = filled(shapely.MultiLineString([line for line in edges if len(line) > 1]))
     bored = scene.bored()
-    for polygon in [*shapely.get_parts(kerf), *shapely.get_parts(bored)]:
-        rings = [MplPath(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
-        axes.add_patch(PathPatch(MplPath.make_compound_path(*rings), facecolor="white", edgecolor="none", zorder=1))
+    fill(axes, kerf)
+    fill(axes, bored)
     rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(bored)]
-    axes.add_collection(_lines(rims, color=MUTED, linewidth=0.6, zorder=2), autolim=False)
+    axes.add_collection(_lines(rims, color=palette.MUTED, linewidth=0.6, zorder=2), autolim=False)
     lines = _lines(edges, color="#3d4852", linewidth=0.7, zorder=3)
     lines.set_label(f"cut edge, {scene.middle_mm():.3g} mm high" if scene.terraces else "cut edge, mid height")
     axes.add_collection(lines, autolim=False)
-    nominal = _lines([m.nominal_mm for m in scene.maps], color=INK, linewidth=0.7, linestyle=(0, (5, 3)), zorder=4)
+    as_drawn = [edge.nominal_mm for edge in scene.maps]
+    nominal = _lines(as_drawn, color=palette.INK, linewidth=0.7, linestyle=(0, (5, 3)), zorder=4)
     nominal.set_label("nominal edge")
     axes.add_collection(nominal, autolim=False)
-    for face, (colour, name) in enumerate(((BLUE, "edge below"), (VERMILION, "edge above"))):
+    for face, (colour, name) in enumerate(((palette.BLUE, "edge below"), (palette.VERMILION, "edge above"))):
         if scene.walls_mm:
             drawn = _lines([wall[face] for wall in scene.walls_mm], color=colour, linewidth=0.7, zorder=4)
             drawn.set_label(name)
@@ -275,7 +252,7 @@ def _draw_steps(axes: Axes, scene: Scene) -> None:
     """Outline the levels of a stepped workpiece, with their heights."""
     outlines = [line for terrace in scene.terraces for line in terrace.outlines_mm]
     if outlines:
-        lines = _lines(outlines, color=MUTED, linewidth=0.6, linestyle=":", zorder=2)
+        lines = _lines(outlines, color=palette.MUTED, linewidth=0.6, linestyle=":", zorder=2)
         levels = [f"{terrace.height_mm:.3g}" for terrace in scene.terraces]
         heights = ", ".join(levels) if len(levels) <= NAMED_LEVELS else f"{levels[0]} to {levels[-1]}"
         lines.set_label(f"steps, {heights} mm high")
@@ -283,40 +260,37 @@ def _draw_steps(axes: Axes, scene: Scene) -> None:
 
 
 def _lines(lines: Any, **style: Any) -> LineCollection:
-    from matplotlib.collections import LineCollection
-
     return LineCollection([np.asarray(line) for line in lines], **style)
 
 
-def _draw_errors(axes: Axes, scene: Scene, factor: float) -> None:
-    from matplotlib.colors import LinearSegmentedColormap, Normalize
-
-    if len(scene.known_errors()) == 0:
-        return
+def draw_errors(
+    axes: Axes, scene: Scene, factor: float, widths: tuple[float, float] = (0.5, 1.7), alpha: float = 0.35,
+    zorder: int = 5,
+) -> LineCollection | None:
+    """Draw the profile error away from the edge, by a factor and in colours; returns the last lines, if any."""
     limit = scene.error_limit_um()
-    norm, colours = Normalize(-limit, limit), LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
-    for index, edge in enumerate(scene.maps):
+    norm, colours = Normalize(-limit, limit), LinearSegmentedColormap.from_list("profile error", palette.ERROR_STOPS)
+    style: dict[str, Any] = {"cmap": colours, "norm": norm}
+    lines = None
+    for edge in scene.maps:
         shown = edge.exaggerated_mm(factor)
         smooth = edge.smooth()
-        pieces = np.stack([shown[:-1], shown[1:]], axis=1)[smooth]
-        fans = np.stack([edge.points_mm, shown], axis=1)
         error = edge.reached_um()
-        mean = ((error[:-1] + error[1:]) / 2)[smooth]
+        fans = np.stack([edge.points_mm, shown], axis=1)
         axes.add_collection(
-            _lines(fans, array=error, cmap=colours, norm=norm, linewidth=0.5, alpha=0.35, zorder=5), autolim=False
+            _lines(fans, array=error, linewidth=widths[0], alpha=alpha, zorder=zorder, **style), autolim=False
         )
-        lines = _lines(pieces, array=mean, cmap=colours, norm=norm, linewidth=1.7, capstyle="round", zorder=6)
+        pieces, mean = np.stack([shown[:-1], shown[1:]], axis=1)[smooth], ((error[:-1] + error[1:]) / 2)[smooth]
+        lines = _lines(pieces, array=mean, linewidth=widths[1], capstyle="round", zorder=zorder + 1, **style)
         axes.add_collection(lines, autolim=False)
-        if index == 0:
-            axes.plot([], [], color=colours(0.85), linewidth=1.7, label=f"profile error drawn × {factor:g}")
-            _colour_bar(axes, lines)
+    return lines
 
 
 def _draw_out_of_reach(axes: Axes, scene: Scene) -> None:
     """Mark where the round wire leaves metal even on its exact path: no error is drawn there."""
     runs = [run for edge in scene.maps for run in edge.out_of_reach_mm()]
     if runs:
-        lines = _lines(runs, color=PURPLE, linewidth=2.2, capstyle="round", zorder=5)
+        lines = _lines(runs, color=palette.PURPLE, linewidth=2.2, capstyle="round", zorder=5)
         lines.set_label("out of the wire's reach")
         axes.add_collection(lines, autolim=False)
 
@@ -325,27 +299,35 @@ def _colour_bar(axes: Axes, lines: LineCollection) -> None:
     inset = axes.inset_axes((1.015, 0.0, 0.016, 1.0))
     bar = axes.figure.colorbar(lines, cax=inset, extend="both", extendfrac=0.03)
     bar.outline.set_visible(False)
-    bar.set_label("profile error, µm   (too much removed  −  |  +  metal left)", color=MUTED, fontsize=9)
-    bar.ax.tick_params(labelsize=8, colors=MUTED, length=2)
+    bar.set_label("profile error, µm   (too much removed  −  |  +  metal left)", color=palette.MUTED, fontsize=9)
+    bar.ax.tick_params(labelsize=8, colors=palette.MUTED, length=2)
 
 
 def _mark_corners(axes: Axes, scene: Scene) -> None:
     known = [c for c in scene.corners if np.isfinite(c.error_um)]
-    worst = sorted(known, key=lambda c: -abs(c.error_um))[:LABELLED_CORNERS]
+    if known:
+        axes.plot(
+            [c.x_mm for c in known], [c.y_mm for c in known], "o", markersize=5.5, markerfacecolor="none",
+            markeredgecolor=palette.INK, markeredgewidth=0.8, zorder=7, label="corner, its error in µm",
+        )
+        box = {"boxstyle": "round,pad=0.18", "facecolor": "white", "edgecolor": palette.GRID, "linewidth": 0.6}
+        label_corners(axes, scene, LABELLED_CORNERS, _LABEL_FONT_PT, box, 8)
+
+
+def label_corners(axes: Axes, scene: Scene, most: int, font_pt: float, box: dict[str, Any], zorder: int) -> None:
+    """Write the errors of the worst corners beside them, where there is room."""
+    known = [c for c in scene.corners if np.isfinite(c.error_um)]
+    worst = sorted(known, key=lambda c: -abs(c.error_um))[:most]
     if not worst:
         return
     x0, y0, x1, y1 = scene.extent_mm()
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
-    axes.plot(
-        [c.x_mm for c in known], [c.y_mm for c in known], "o", markersize=5.5, markerfacecolor="none",
-        markeredgecolor=INK, markeredgewidth=0.8, zorder=7, label="corner, its error in µm",
-    )
-    for corner, offset_pt in label_places(axes, worst, middle, _LABEL_FONT_PT):
+    for corner, offset_pt in label_places(axes, worst, middle, font_pt):
         axes.annotate(
             f"{corner.error_um:+.1f}".replace("-", "−"), (corner.x_mm, corner.y_mm), xytext=offset_pt,
-            textcoords="offset points", ha="center", va="center", fontsize=_LABEL_FONT_PT, color=INK, zorder=8,
-            bbox={"boxstyle": "round,pad=0.18", "facecolor": "white", "edgecolor": GRID, "linewidth": 0.6},
-        )
+            textcoords="offset points", ha="center", va="center", fontsize=font_pt, color=palette.INK, zorder=zorder,
+            bbox=box,
+        )  # fmt: skip
 
 
 def label_places(
@@ -380,12 +362,12 @@ def label_places(
 def _mark_places(axes: Axes, scene: Scene) -> None:
     if len(scene.starts_mm):
         axes.plot(
-            scene.starts_mm[:, 0], scene.starts_mm[:, 1], "^", markersize=7, color=GREEN, markeredgecolor="white",
-            markeredgewidth=0.7, linestyle="none", zorder=8, label="start",
+            scene.starts_mm[:, 0], scene.starts_mm[:, 1], "^", markersize=7, color=palette.GREEN,
+            markeredgecolor="white", markeredgewidth=0.7, linestyle="none", zorder=8, label="start",
         )
     if scene.stop_mm is not None:
         axes.plot(
-            *scene.stop_mm, "X", markersize=10, color=VERMILION, markeredgecolor="white", markeredgewidth=0.8,
+            *scene.stop_mm, "X", markersize=10, color=palette.VERMILION, markeredgecolor="white", markeredgewidth=0.8,
             linestyle="none", zorder=9, label="stopped here",
         )
 
@@ -400,12 +382,12 @@ def _scale_bars(axes: Axes, factor: float | None) -> None:
     for bottom, text in bars:
         span = length / (high - low)
         axes.plot(
-            [0.965 - span, 0.965], [bottom, bottom], transform=axes.transAxes, color=INK, linewidth=2.2,
+            [0.965 - span, 0.965], [bottom, bottom], transform=axes.transAxes, color=palette.INK, linewidth=2.2,
             solid_capstyle="butt", zorder=10,
         )
         axes.text(
             0.965 - span / 2, bottom + 0.007, text, transform=axes.transAxes, ha="center", va="bottom", fontsize=8,
-            color=INK, zorder=10,
+            color=palette.INK, zorder=10,
         )
 
 
@@ -433,8 +415,6 @@ def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) 
     matplotlib.figure.Figure
         With an Agg canvas; matplotlib's global state does not change.
     """
-    from edmsim.recording.figures.canvas import NotebookFigure
-
     inches = (PROFILE_DOTS[0] / PROFILE_DPI, PROFILE_DOTS[1] / PROFILE_DPI)
     figure = NotebookFigure(figsize=inches, dpi=PROFILE_DPI, facecolor="white")
     outer = figure.add_gridspec(
@@ -455,12 +435,12 @@ def mark_passes(panels: list[Axes], windows: pa.Table, report: Report) -> None:
     _, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
     for row in report.passes:
         for axes in panels:
-            axes.axvline(row.begin_s / seconds, color=MUTED, linewidth=0.7, linestyle=(0, (4, 3)))
+            axes.axvline(row.begin_s / seconds, color=palette.MUTED, linewidth=0.7, linestyle=(0, (4, 3)))
         name = f"{row.number}" + ("t" if row.piece == "tab" else "")
         middle = (row.begin_s + row.end_s) / 2 / seconds
         panels[0].annotate(
             name, (middle, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2), textcoords="offset points",
-            ha="center", fontsize=7.5, color=MUTED, annotation_clip=True,
+            ha="center", fontsize=7.5, color=palette.MUTED, annotation_clip=True,
         )  # fmt: skip
 
 
@@ -488,12 +468,12 @@ def _heading(figure: Figure, report: Report, title: str) -> None:
         f"kerf {report.text('kerf_um.mean', 0)}", f"profile error {report.profile_error_um.worst_and_rms}",
     ]
     stopped = report.reason is not None
-    figure.text(0.085, 0.972, title, fontsize=16, fontweight="bold", color=INK, va="baseline")
+    figure.text(0.085, 0.972, title, fontsize=16, fontweight="bold", color=palette.INK, va="baseline")
     figure.text(
         0.915, 0.972, report.outcome, fontsize=12, ha="right", va="baseline", fontweight="bold",
-        color=VERMILION if stopped else GREEN,
+        color=palette.VERMILION if stopped else palette.GREEN,
     )
-    figure.text(0.085, 0.950, "   ·   ".join(facts), fontsize=9.5, color=MUTED, va="baseline")
+    figure.text(0.085, 0.950, "   ·   ".join(facts), fontsize=9.5, color=palette.MUTED, va="baseline")
     if stopped:
         lines = textwrap.wrap(f"stopped: {report.reason}", REASON_LETTERS, max_lines=2, placeholder=" ...")
-        figure.text(0.085, 0.9455, "\n".join(lines), fontsize=8.5, color=VERMILION, va="top", linespacing=1.1)
+        figure.text(0.085, 0.9455, "\n".join(lines), fontsize=8.5, color=palette.VERMILION, va="top", linespacing=1.1)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pyarrow as pa
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from edmsim.cosim.straight import KINDS, PulseSample
@@ -12,11 +15,6 @@ from edmsim.recording.figures.palette import BLUE, GREEN, INK, LINE, MUTED, ORAN
 from edmsim.recording.figures.profile import bands, draw_shares, mark_pauses, time_unit
 from edmsim.recording.figures.style import LABEL_PT, colour_bar, column_figure, dress, legend, nothing_to_show
 from edmsim.recording.windows import column
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -94,8 +92,6 @@ def plane_figure(windows: pa.Table) -> Figure:
     matplotlib.figure.Figure
         One column wide. Dots are windows; the line is their mean over equal spans of time.
     """
-    from matplotlib.collections import LineCollection
-
     figure = column_figure(3.3, top_in=0.49)
     if windows.num_rows == 0:
         return nothing_to_show(figure, "no pulses: the cut has no window")
@@ -170,8 +166,6 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
 
 def _draw_survival(axes: Axes, delay_us: Array, open_: int) -> None:
     """Share of pulses not yet ignited; open ones never do."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     ordered = np.sort(delay_us)
     pulses = len(ordered) + open_
     dress(axes, "", "not yet ignited, %")

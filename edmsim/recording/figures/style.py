@@ -1,27 +1,62 @@
-"""The look shared by the figures for a paper: one column wide, small type, colours that everyone can distinguish."""
+"""The look that figures share; those for a paper are one column wide, with small type."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+import io
+from typing import Any, Literal
 
-from edmsim.recording.figures.palette import INK, MUTED
-from edmsim.recording.figures.profile import quiet
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.figure import Figure
+from edmsim.recording.figures.palette import GRID, INK, LINE, MUTED
 
 WIDTH_IN = 3.5  # width of one column of a journal (89 mm)
 DPI = 200
 LABEL_PT, TICK_PT, TITLE_PT = 7.5, 7.0, 8.5
 
 
+class NotebookFigure(Figure):
+    """A figure that shows by itself in a notebook, as else only pyplot's do; without pyplot and a display."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        FigureCanvasAgg(self)
+
+    def _repr_png_(self) -> bytes:
+        held = io.BytesIO()
+        self.savefig(held, format="png", metadata={"Software": "edmsim"})
+        return held.getvalue()
+
+
+def quiet(axes: Axes) -> None:
+    """Take from axes what does not speak of the data."""
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(LINE)
+    axes.tick_params(labelsize=8, colors=MUTED, length=3, width=0.6)
+    axes.grid(color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def fill(axes: Axes, region: shapely.Geometry, colour: str = "white", label: str | None = None) -> None:
+    """Fill the polygons of a region, except for their holes."""
+    for polygon in shapely.get_parts(region):
+        if polygon.geom_type == "Polygon":
+            rings = [Path(shapely.get_coordinates(ring), closed=True) for ring in shapely.get_rings(polygon)]
+            shape = Path.make_compound_path(*rings)
+            axes.add_patch(PathPatch(shape, facecolor=colour, edgecolor="none", zorder=1, label=label))
+            label = None
+
+
 def column_figure(height_in: float, *, top_in: float = 0.1, left_in: float = 0.48, right_in: float = 0.1) -> Figure:
     """Return an empty figure of one column's width, with an Agg canvas; pyplot is not touched."""
     # margins are arguments: to have them found by matplotlib takes as long as to draw the figure
-    from edmsim.recording.figures.canvas import NotebookFigure
-
     # a layout engine of the user's own rcParams would move the margins
     figure = NotebookFigure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor="white", layout="none")
     figure.subplots_adjust(left_in / WIDTH_IN, 0.38 / height_in, 1 - right_in / WIDTH_IN, 1 - top_in / height_in)

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.mlab import psd
 from numpy.typing import NDArray
 
 from edmsim.cosim.straight import PulseSample
 from edmsim.errors import InputError
+from edmsim.machine.machine import Machine
+from edmsim.plant.constants import modal_model
+from edmsim.plant.resolution import resolution as named
 from edmsim.recording.figures.palette import BLUE, GRID, INK, ORANGE, VERMILION
 from edmsim.recording.figures.style import TICK_PT, column_figure, dress, legend
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from edmsim.machine.machine import Machine
 
 Array = NDArray[np.float64]
 
@@ -27,9 +27,6 @@ SEGMENTS = 8  # stretches of a sample whose spectra are averaged (Welch): lines 
 
 def wire_frequencies_hz(machine: Machine, resolution: str) -> Array:
     """Return the undamped frequencies of the wire's modes in Hz, lowest first, as the plant has them."""
-    from edmsim.plant.constants import modal_model
-    from edmsim.plant.resolution import resolution as named
-
     return np.asarray(modal_model(machine, named(resolution)).wire_omega / (2 * np.pi))
 
 
@@ -41,8 +38,6 @@ def folded_hz(frequency_hz: Array, sampling_hz: float) -> Array:
 def spectrum(sample: PulseSample) -> tuple[Array, Array, Array]:
     """Return frequencies in Hz, and power spectra along and across the feed in um^2/Hz, averaged over the slices."""
     # Welch's method of matplotlib: to load scipy.signal takes longer than to draw the whole figure
-    from matplotlib.mlab import psd
-
     length = max(len(sample.deflection_um) // SEGMENTS, 2)
     window = 0.5 - 0.5 * np.cos(2 * np.pi / length * np.arange(length))
     per_place = [

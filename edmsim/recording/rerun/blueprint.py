@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.gap import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT
 from edmsim.recording.rerun.stream import CLASS_COLOURS, PATH, TIME
 from edmsim.recording.scene import Scene, round_number
-
-if TYPE_CHECKING:
-    import rerun.blueprint as rrb
-
 
 PLAYED_S = 60.0  # how long playing the whole cut back takes at the speed the recording opens with
 
@@ -124,8 +122,6 @@ def blueprint(sizes: Sizes, steps: tuple[Plot, ...] = ()) -> rrb.Blueprint:
     """Return the layout of one cut; `steps`, what an environment adds, are in a tab that is shown first."""
     # left the workpiece and the machine, below them the gap from above and the whole part, at the foot the
     # oscilloscope; right the series and the events
-    import rerun.blueprint as rrb
-
     factor = sizes.deflection_factor
     left = rrb.Vertical(
         rrb.Horizontal(
@@ -159,16 +155,11 @@ def playback_speed(end_s: float) -> float:
 
 
 def _plots(plots: tuple[Plot, ...], name: str) -> rrb.Vertical:
-    import rerun.blueprint as rrb
-
     return rrb.Vertical(*(plot_view([plot.origin], plot.title) for plot in plots), name=name)
 
 
 def plot_view(origins: Sequence[str], title: str) -> rrb.TimeSeriesView:
     """Return a view of the curves logged under some places, over all of the time."""
-    import rerun as rr
-    import rerun.blueprint as rrb
-
     everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     return rrb.TimeSeriesView(
         origin="/", contents=[f"/{origin}/**" for origin in origins], name=title,
@@ -178,15 +169,11 @@ def plot_view(origins: Sequence[str], title: str) -> rrb.TimeSeriesView:
 
 def events_view(prefix: str, name: str) -> rrb.TextLogView:
     """Return the view of the events."""
-    import rerun.blueprint as rrb
-
     return rrb.TextLogView(origin=f"{prefix}/events", name=name)
 
 
 def workpiece_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial3DView:
     """Return the view of the workpiece with its kerf, the wire in it, and the discharges."""
-    import rerun.blueprint as rrb
-
     size = 1.6 * sizes.size_mm
     middle = 0.6 * sizes.height_mm
     hidden = (
@@ -209,8 +196,6 @@ def workpiece_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial3DView:
 
 
 def _machine_view(sizes: Sizes) -> rrb.Spatial3DView:
-    import rerun.blueprint as rrb
-
     hidden = (
         "table/corners", "table/error/**", "table/done", "table/starts", "table/stop", "deflection", "axis", "guides",
     )  # fmt: skip
@@ -228,8 +213,6 @@ def _machine_view(sizes: Sizes) -> rrb.Spatial3DView:
 
 def gap_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial2DView:
     """Return the view from above at the wire, in um."""
-    import rerun.blueprint as rrb
-
     reach = sizes.wire_diameter_um / 2 + 130.0
     return rrb.Spatial2DView(
         origin=f"{prefix}/top", name=name, background=rrb.Background(color=palette.rgb(palette.INK)),
@@ -239,8 +222,6 @@ def gap_view(sizes: Sizes, prefix: str, name: str) -> rrb.Spatial2DView:
 
 def scope_view(prefix: str, name: str) -> rrb.Spatial2DView:
     """Return the oscilloscope."""
-    import rerun.blueprint as rrb
-
     high = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
     return rrb.Spatial2DView(
         origin=f"{prefix}/scope", name=name, background=rrb.Background(color=palette.rgb(palette.INK)),
@@ -249,8 +230,6 @@ def scope_view(prefix: str, name: str) -> rrb.Spatial2DView:
 
 
 def _top_view(sizes: Sizes) -> rrb.Spatial3DView:
-    import rerun.blueprint as rrb
-
     x0, y0, x1, y1 = sizes.x0_mm, sizes.y0_mm, sizes.x1_mm, sizes.y1_mm
     middle = ((x0 + x1) / 2, (y0 + y1) / 2)
     away = sizes.height_mm + 1.0 * max(x1 - x0, y1 - y0, 1.0)
@@ -271,9 +250,6 @@ def _top_view(sizes: Sizes) -> rrb.Spatial3DView:
 
 def _history() -> rrb.VisibleTimeRanges:
     """Draw all of the path that was cut up to the time shown, not only its latest piece."""
-    import rerun as rr
-    import rerun.blueprint as rrb
-
     start, now = rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.cursor_relative()
     return rrb.VisibleTimeRanges([rr.VisibleTimeRange(name, start=start, end=now) for name in (TIME, PATH)])
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import rerun as rr
 from numpy.typing import NDArray
 
 from edmsim.plant.constants import RAY_RANGE_UM
@@ -20,11 +21,6 @@ from edmsim.recording.rerun.stream import class_rgb, faded, indexes, on_screen, 
 from edmsim.recording.scene import Scene
 from edmsim.recording.stores import traces
 from edmsim.recording.windows import column, travel_direction
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import rerun as rr
-
 
 Closeups = NDArray[np.void]  # rows of `edmsim.recording.stores.row_type`
 
@@ -52,8 +48,6 @@ def discharges(closeups: Closeups, radius_um: float) -> tuple[NDArray[np.bool_],
 
 def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> None:
     """Log discharges and contacts where they were on the workpiece, in mm; the last `AGES` close-ups of them."""
-    import rerun as rr
-
     if len(closeups) == 0:
         return
     known, place = discharges(closeups, scene.wire_diameter_um / 2)
@@ -90,8 +84,6 @@ def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeu
 
 def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> None:
     """Log the middle slice's wall round the wire in um; the origin is the guides' axis."""
-    import rerun as rr
-
     _log_gap_marks(recording, scene)
     if len(closeups) == 0:
         return
@@ -117,8 +109,6 @@ def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> 
 
 def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log what stands still in the top view: a cross, circles of 50 um, and on the part its drawn edge."""
-    import rerun as rr
-
     angle = np.linspace(0.0, 2 * np.pi, 73)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     rings = [radius * circle for radius in (50.0, 100.0, 150.0, 200.0, 250.0)]
@@ -143,8 +133,6 @@ def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
 
 def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, wire: NDArray[np.float64]) -> None:
     """Log every ray that meets metal, and the metal's edge as a line through their ends."""
-    import rerun as rr
-
     gaps = closeups["walls_um"].astype(np.float64)
     angle = 2 * np.pi * np.arange(gaps.shape[1]) / max(gaps.shape[1], 1)
     way = np.column_stack([np.cos(angle), -np.sin(angle)])
@@ -174,8 +162,6 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
 
 def log_scope(recording: rr.RecordingStream, closeups: Closeups) -> None:
     """Log gap voltage and current of the last pulses, coloured by class, and the oscilloscope's scales."""
-    import rerun as rr
-
     if len(closeups) == 0:
         return
     time, voltage, current = traces(closeups, SCOPE_PULSES)
@@ -203,8 +189,6 @@ def _feet(spans: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]
 
 
 def _log_scales(recording: rr.RecordingStream, span_us: float, spans: Sequence[tuple[float, float]]) -> None:
-    import rerun as rr
-
     low = VOLTAGE_HEIGHT + SCOPE_SPACE + CURRENT_HEIGHT
     marks: list[tuple[float, float, str]] = []
     lines: list[list[tuple[float, float]]] = []
@@ -249,8 +233,6 @@ def travel_at(windows: pa.Table, t_s: NDArray[np.float64]) -> NDArray[np.float64
 
 def log_coverage(recording: rr.RecordingStream, scene: Scene, shapes: Shapes) -> None:
     """Log the share of the front that gas covers, a curve per slice."""
-    import rerun as rr
-
     n, slices = shapes.coverage.shape
     if n == 0:
         return
@@ -268,8 +250,6 @@ def log_bubbles(
 ) -> None:
     """Log a bubble for every slice on the front of the drawn wire, in mm."""
     # in a slice covered wholly it is as wide as the slice is high; the area of others is that share of its
-    import rerun as rr
-
     n, slices = shapes.coverage.shape
     if n == 0:
         return
@@ -289,8 +269,6 @@ def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArr
     """Log a bubble for every slice, at the last discharge that burned there, in um in the top view."""
     # as wide as the share of the wire's front half that gas covers in its slice, from the wire to the metal at
     # mid height
-    import rerun as rr
-
     if len(closeups) == 0:
         return
     radius, covered, pulses = scene.wire_diameter_um / 2, closeups["coverage"], closeups["pulses"]

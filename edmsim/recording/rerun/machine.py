@@ -8,9 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+import mujoco
 import numpy as np
+import rerun as rr
 import shapely
 from numpy.typing import NDArray
 from shapely.geometry import MultiLineString
@@ -24,11 +26,6 @@ from edmsim.recording.rerun.stream import at_height, indexes, log_lines, log_poi
 from edmsim.recording.scene import PassFace, Scene
 from edmsim.recording.stores import Frames
 from edmsim.recording.windows import jump_rows, stretches
-
-if TYPE_CHECKING:
-    import mujoco
-    import rerun as rr
-
 
 KERF_FRAMES = 300  # most steps in which the kerf grows
 KERF_STEP_UM = 50.0  # it grows by no less than this at a time: less would not be seen
@@ -238,8 +235,6 @@ class Bodies(NamedTuple):
 
 def bodies_of(model: mujoco.MjModel, lower_guide_mm: float) -> Bodies:
     """Return the drawn bodies of a machine; the lower guide is below the workpiece's lower face, so negative."""
-    import mujoco
-
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     shift = np.array([0.0, 0.0, lower_guide_mm])
@@ -289,8 +284,6 @@ class Shapes:
 
 def log_bodies(recording: rr.RecordingStream, bodies: Bodies) -> None:
     """Log the machine's bodies, and the edges of the plate its drawing has for a workpiece."""
-    import rerun as rr
-
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for carrier, solid in bodies.solids.items():
         mesh = rr.Mesh3D(
@@ -310,8 +303,6 @@ def log_workpiece(
     recording: rr.RecordingStream, growth: Growth, t_s: NDArray[np.float64], path_um: NDArray[np.float64]
 ) -> None:
     """Log the workpiece as a solid while the kerf grows; `t_s` and `path_um` are the windows'."""
-    import rerun as rr
-
     recording.log("world/table/workpiece", rr.Mesh3D.from_fields(albedo_factor=STEEL), static=True)
     t_s, path_um = (values[growth.rows] if len(values) else np.zeros(1) for values in (t_s, path_um))
     t_s = np.where(np.arange(len(t_s)) == 0, 0.0, t_s)
@@ -345,8 +336,6 @@ def log_drawing(recording: rr.RecordingStream, scene: Scene) -> None:
 
 def log_errors(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log the profile error along the edge, exaggerated and coloured."""
-    import rerun as rr
-
     factor, limit = scene.error_factor(), scene.error_limit_um()
     for index, edge in enumerate(scene.maps):
         shown = np.column_stack([edge.exaggerated_mm(factor), np.full(len(edge.points_mm), scene.height_mm)])
@@ -364,8 +353,6 @@ FACE_OFF_MM = 0.02
 
 def log_faces(recording: rr.RecordingStream, scene: Scene) -> None:
     """Log the cut face as every pass left it, coloured by how far it lies off its own mean."""
-    import rerun as rr
-
     for contour in sorted({face.contour for face in scene.pass_faces}):
         faces = [face for face in scene.pass_faces if face.contour == contour]
         meshes = [face_mesh(scene, face) for face in faces]
@@ -416,8 +403,6 @@ def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, NDArray[np.float64]]:
 
 def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> None:
     """Log corners with their errors, start holes, where the machine stopped, and the guides."""
-    import rerun as rr
-
     known = [c for c in scene.corners if np.isfinite(c.error_um)]
     log_points(
         recording,
@@ -445,8 +430,6 @@ def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> Non
 
 def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: Shapes, factor: float) -> None:
     """Log table, wire and the path cut so far; the wire's deflection is drawn `factor` times as large."""
-    import rerun as rr
-
     if len(shapes) == 0:
         return
     at = np.column_stack([shapes.guides_um / 1000.0, np.zeros(len(shapes))])
@@ -474,8 +457,6 @@ def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: Shapes, fact
 
 def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: Shapes, factor: float) -> None:
     """Log the deflection at mid height as an arrow from the guides' axis, drawn on the workpiece's top."""
-    import rerun as rr
-
     middle = shapes.deflection_um[:, shapes.deflection_um.shape[1] // 2] * (factor / 1000.0)
     vectors = np.column_stack([middle, np.zeros(len(shapes))])
     origin = [(0.0, 0.0, scene.height_mm)]

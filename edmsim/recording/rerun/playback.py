@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 import warnings
+from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
+from rerun.chunk import Chunk, RrdReader
 
 from edmsim.errors import InputError
+from edmsim.recording.cut_folder import RECORDING
 from edmsim.recording.rerun.stream import PATH, TIME
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-    from rerun.chunk import Chunk
-
-RECORDING = "cut.rrd"  # name of the recording in a cut's folder
 APPLICATION = "edmsim"  # application the recording belongs to in the viewer
 FORMAT = 2  # number of the recording's layout, raised whenever what reads it back would read it wrongly
 MADE_BY = "made_by"  # entity that says, as JSON, the recording's format, who wrote it, and the sizes its views need
@@ -48,8 +47,6 @@ def find_recording(directory: str | Path) -> Path:
 
 def read_chunks(recording: Path) -> list[Chunk]:
     """Return all of a recording's data."""
-    from rerun.chunk import RrdReader
-
     _check_rerun(recording)
     try:
         with warnings.catch_warnings():
@@ -68,8 +65,6 @@ def read_chunks(recording: Path) -> list[Chunk]:
 
 def _check_rerun(recording: Path) -> None:
     """Refuse a file of a newer rerun: it would be read, with a warning, and perhaps wrongly."""
-    from importlib.metadata import version
-
     with recording.open("rb") as file:
         head = file.read(8)
     here = tuple(int(number) for number in version("rerun-sdk").split(".")[:2])
@@ -181,8 +176,6 @@ class Playback:
 
 
 def _in_order(found: list[Rows]) -> Rows:
-    import pyarrow as pa
-
     times = np.concatenate([rows.t_s for rows in found])
     path = np.concatenate([rows.path_um for rows in found])
     values = pa.concat_arrays([rows.values for rows in found])

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from edmsim.files import replacing
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording.figures import palette
-
-if TYPE_CHECKING:
-    import rerun as rr
-    import rerun.blueprint as rrb
 
 TIME = "machine_time"  # timeline of machine time, a duration
 PATH = "path_um"  # timeline of the place along the wire path, in whole um
@@ -56,8 +53,6 @@ def faded(colours: NDArray[np.uint8], left: NDArray[np.float64]) -> NDArray[np.u
 
 def indexes(t_s: NDArray[np.float64], path_um: NDArray[np.float64]) -> list[rr.TimeColumn]:
     """Return both timelines of rows."""
-    import rerun as rr
-
     return [rr.TimeColumn(TIME, duration=t_s), rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64))]
 
 
@@ -78,8 +73,6 @@ def at_height(lines: Iterable[NDArray[np.float64]], z_mm: float) -> list[NDArray
 
 def log_lines(recording: rr.RecordingStream, entity: str, strips: list[NDArray[np.float64]], colour: str) -> None:
     """Log lines in space that stay."""
-    import rerun as rr
-
     if strips:
         lines = rr.LineStrips3D(strips, colors=[palette.rgb(colour)], radii=on_screen(0.8))
         recording.log(entity, lines, static=True)
@@ -90,8 +83,6 @@ def log_points(
     colour: str,
 ) -> None:
     """Log labelled points that stay."""
-    import rerun as rr
-
     if places:
         points = rr.Points3D(places, labels=labels, colors=[palette.rgb(colour)], radii=on_screen(4.0))
         recording.log(entity, points, static=True)

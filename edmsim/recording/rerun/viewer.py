@@ -15,31 +15,18 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import quote
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.experimental import ViewerClient
 
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.recording.figures import palette
-from edmsim.recording.rerun.blueprint import (
-    COST,
-    RETURN,
-    TOTAL,
-    Sizes,
-    events_view,
-    gap_view,
-    playback_speed,
-    plot_view,
-    scope_view,
-    workpiece_view,
-)
+from edmsim.recording.rerun import blueprint
 from edmsim.recording.rerun.playback import APPLICATION, Playback, find_recording, read_chunks
 from edmsim.recording.rerun.stream import PATH, TIME, saved
-
-if TYPE_CHECKING:
-    import rerun.blueprint as rrb
-    from rerun.experimental import ViewerClient
-
 
 SIDES = (("a", "A", palette.SKY), ("b", "B", palette.ORANGE))
 """Each cut's place in the recording, its letter and the colour of its curves."""
@@ -49,21 +36,22 @@ CURVES = (
     ("gas/coverage", "gas on the wire's front, share"),
 )
 """Curves in which the cuts are compared, and the titles of their views."""
-OF_EPISODES = ((f"{RETURN}/{TOTAL}", "return so far"), (f"{COST}/{TOTAL}", "cost so far"))
+OF_EPISODES = tuple(
+    (f"{place}/{blueprint.TOTAL}", f"{what} so far")
+    for place, what in ((blueprint.RETURN, "return"), (blueprint.COST, "cost"))
+)
 """Those that episodes of environments have besides; without them where neither is one."""
 
 
 def write_comparison(file: Path, a: Path, b: Path) -> None:
     """Write two recordings as one that shows them side by side."""
-    import rerun as rr
-
     plays = [Playback(a), Playback(b)]
     folders = [play.recording.resolve().parent.name for play in plays]
     names = [f"{letter}: {folder}" for (_, letter, _), folder in zip(SIDES, folders, strict=True)]
     recording = rr.RecordingStream(APPLICATION, recording_id="comparison", send_properties=False)
     entities = {str(chunk.entity_path) for play in plays for chunk in read_chunks(play.recording)}
     curves = CURVES + tuple(curve for curve in OF_EPISODES if f"/{curve[0]}" in entities)
-    with saved(recording, file, _blueprint([Sizes(*play.sizes) for play in plays], names, curves)):
+    with saved(recording, file, _blueprint([blueprint.Sizes(*play.sizes) for play in plays], names, curves)):
         recording.send_recording_name(" and ".join(names))
         for (place, letter, colour), play in zip(SIDES, plays, strict=True):
             chunks = read_chunks(play.recording)
@@ -76,23 +64,23 @@ def write_comparison(file: Path, a: Path, b: Path) -> None:
                 recording.log(f"{place}/{entity}", line, static=True)
 
 
-def _blueprint(sizes: list[Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:
-    import rerun.blueprint as rrb
-
+def _blueprint(sizes: list[blueprint.Sizes], names: list[str], curves: tuple[tuple[str, str], ...]) -> rrb.Blueprint:
     columns = [
         rrb.Vertical(
-            workpiece_view(size, f"/{place}", f"{name} (wire deflection × {size.deflection_factor:g})"),
-            gap_view(size, f"/{place}", f"{letter}, at the wire from above, µm, to scale"),
-            scope_view(f"/{place}", f"{letter}, gap voltage and current"),
+            blueprint.workpiece_view(size, f"/{place}", f"{name} (wire deflection × {size.deflection_factor:g})"),
+            blueprint.gap_view(size, f"/{place}", f"{letter}, at the wire from above, µm, to scale"),
+            blueprint.scope_view(f"/{place}", f"{letter}, gap voltage and current"),
             row_shares=[4, 4, 3],
         )
         for (place, letter, _), size, name in zip(SIDES, sizes, names, strict=True)
     ]  # fmt: skip
-    plots = [plot_view([f"{place}/{entity}" for place, *_ in SIDES], title) for entity, title in curves]
-    event_views = rrb.Horizontal(*(events_view(f"/{place}", f"{letter}, events") for place, letter, _ in SIDES))
+    plots = [blueprint.plot_view([f"{place}/{entity}" for place, *_ in SIDES], title) for entity, title in curves]
+    events = (blueprint.events_view(f"/{place}", f"{letter}, events") for place, letter, _ in SIDES)
+    event_views = rrb.Horizontal(*events)
+    speed = blueprint.playback_speed(max(s.end_s for s in sizes))
     return rrb.Blueprint(
         rrb.Horizontal(*columns, rrb.Vertical(*plots, event_views), column_shares=[3, 3, 4]),
-        rrb.TimePanel(state="collapsed", timeline=PATH, playback_speed=playback_speed(max(s.end_s for s in sizes))),
+        rrb.TimePanel(state="collapsed", timeline=PATH, playback_speed=speed),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
@@ -226,16 +214,13 @@ class LiveViewer:
         if not self._window and self._process.poll() is None:
             os.killpg(self._process.pid, signal.SIGTERM)  # the viewer is a child of the interpreter started here
 
-
-def show(recording: Path, viewer: LiveViewer) -> None:
-    """Have a viewer open a recording that is whole, beside those it has."""
-    import rerun as rr
-
-    stream = rr.RecordingStream(APPLICATION, recording_id=f"show-{recording.parent.name}", send_properties=False)
-    stream.set_sinks(rr.GrpcSink(viewer.source))
-    stream.log_file_from_path(recording)
-    stream.flush()
-    stream.disconnect()
+    def show(self, recording: Path) -> None:
+        """Open a recording that is whole, beside those it shows."""
+        stream = rr.RecordingStream(APPLICATION, recording_id=f"show-{recording.parent.name}", send_properties=False)
+        stream.set_sinks(rr.GrpcSink(self.source))
+        stream.log_file_from_path(recording)
+        stream.flush()
+        stream.disconnect()
 
 
 SHARES = (0.05, 0.25, 0.5, 0.75, 1.0)  # shares of the machine time at which pictures are taken
@@ -296,8 +281,6 @@ def _picture(client: ViewerClient) -> bytes:
 @contextmanager
 def _headless(recording: Path) -> Iterator[ViewerClient]:
     """Run the viewer without a window, bound to this machine, and give a client of it."""
-    from rerun.experimental import ViewerClient
-
     port = free_port(0)
     command = [*RERUN, str(recording.resolve()), "--headless", "--bind", HERE, "--port", str(port)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)

@@ -6,12 +6,15 @@ import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import rerun as rr
 from numpy.typing import NDArray
 
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
@@ -26,13 +29,6 @@ from edmsim.recording.rerun.stream import indexes, saved
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.stores import AROUND, PULSES, Closeups, Frames
 from edmsim.recording.windows import EQUALISING_COLUMNS, THREADING_S, column, lag_along_um, pause_rows
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import rerun as rr
-
-    from edmsim.machine.machine import Machine
-
 
 MOST = 300  # most events of a kind that are listed; of more, evenly spaced ones
 _NEAR_MM = 0.5  # the wire passes a corner of the drawing at most this far away
@@ -135,8 +131,6 @@ def write_recording(
     report: Report, title: str, steps: Steps | None = None,
 ) -> None:  # fmt: skip
     """Write the recording; equal cuts give equal recordings, whatever the computer took for them."""
-    import rerun as rr
-
     closeup_rows = closeups.table()
     shapes = Shapes(frames, closeup_rows)
     factor = round_factor(np.hypot(*np.moveaxis(shapes.deflection_um, -1, 0)).ravel(), 0.05 * scene.size_mm())
@@ -258,8 +252,6 @@ def about(scene: Scene, report: Report, title: str, factor: float, thinning: lis
 
 
 def _log_events(recording: rr.RecordingStream, windows: pa.Table, shown: list[Event]) -> None:
-    import rerun as rr
-
     if shown:
         rows = np.array([event.row for event in shown])
         recording.send_columns(
@@ -297,8 +289,6 @@ def _log_by_pass(
     recording: rr.RecordingStream, entity: str, passes: Sequence[PassFigures], rows: tuple[NDArray[np.float64], ...]
 ) -> None:
     """Log a curve on the timeline of each pass, ``pass_1`` and so on; a tab's follow, as ``tab_1``."""
-    import rerun as rr
-
     for row in passes:
         mine = (rows[0] > row.begin_s) & (rows[0] <= row.end_s) & np.isfinite(rows[1])
         contour = "" if row.contour == 1 else f"_of_contour_{row.contour}"
@@ -312,8 +302,6 @@ def _log_breaks(
     recording: rr.RecordingStream, entity: str, t_s: NDArray[np.float64], path_um: NDArray[np.float64]
 ) -> None:
     """End a curve where a wire is threaded: a viewer draws no line over what is cleared."""
-    import rerun as rr
-
     before = pause_rows(t_s) - 1
     if len(before):
         when = indexes(t_s[before] + THREADING_S / 2, path_um[before])
@@ -338,8 +326,6 @@ def _log_curve(
     recording: rr.RecordingStream, entity: str, series: Series, rows: tuple[NDArray[np.float64], ...]
 ) -> None:
     """Log a curve: time, place along the path and value of its points; NaN is left out."""
-    import rerun as rr
-
     line = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
     recording.log(entity, line, static=True)
     known = np.isfinite(rows[2])
