@@ -58,8 +58,8 @@ or films alone make no difference, nor do slices or modes alone; slices and mode
 the wire on a short length and raises a bump of `J / (2 sqrt(T mu))` = 19 um, which runs along it as a wave.
 Ignition falls by a factor of e within a few um of gap. If slices and modes resolve the bumps, ignition follows
 them; if not, it follows the wire as a whole and stabilises it. So at `fast` feed and lag of a rough cut are right
-within a twentieth and a seventh, and the vibration is seven tenths. From 25 slices and 24 modes on it is 13 um. [What we
-tried](theory/emergence.md#what-takes-the-lag) to make the resolutions agree has a table.
+within a twentieth and a seventh, and the vibration is seven tenths. From 25 slices and 24 modes on it is 13 um.
+[What we tried](theory/emergence.md#what-takes-the-lag) to make the resolutions agree has a table.
 """
 
 

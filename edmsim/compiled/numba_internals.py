@@ -181,6 +181,23 @@ def _garbage_left() -> Iterator[None]:
             gc.enable()
 
 
+_of_numbers: dict[tuple[Any, ...], Any] = {}
+_resolve_function = types.Function.get_call_type
+
+
+def _once_of_numbers(self: Any, context: Any, arguments: Any, named: Any) -> Any:
+    """Resolve a call of one of numba's own functions, once for each set of numbers' types.
+
+    As it stands numba tries some sixty ways to add whenever two numbers are added.
+    """
+    if named or not all(isinstance(argument, types.Number | types.Boolean) for argument in arguments):
+        return _resolve_function(self, context, arguments, named)
+    call = self, context, tuple(arguments)
+    if call not in _of_numbers:
+        _of_numbers[call] = _resolve_function(self, context, arguments, named)
+    return _of_numbers[call]
+
+
 class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
     """A function that gets machine code of its own only when Python calls it, not when compiled code does.
 
@@ -197,7 +214,7 @@ class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
     def compile(self, signature: Any) -> Any:
         """Compile for some types, or take what was kept."""
         kinds = tuple(sigutils.normalize_signature(signature)[0])
-        with _lock, _garbage_left():
+        with _lock, _garbage_left(), patch.object(types.Function, "get_call_type", _once_of_numbers):
             if self.targetoptions["fastmath"]:
                 with patch.object(CompiledFunction, "depth", 0):
                     return super().compile(signature)
@@ -284,6 +301,7 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
         patch.object(codegen.JITCPUCodegen, "set_env", lambda *_: None),
         patch.object(dispatcher._FunctionCompiler, "compile", translate_and_report),
         patch.object(dispatcher._DispatcherBase, "get_call_template", _by_type),
+        patch.object(types.Function, "get_call_type", _once_of_numbers),
     ):
         yield
 

@@ -49,7 +49,7 @@ USED = [
     (cgutils, "unpack_tuple"), (cgutils, "pointer_add"), (cgutils, "create_struct_proxy"),
     (cgutils, "get_or_insert_function"), (datamodel, "PrimitiveModel"), (datamodel, "StructModel"),
     (templates, "AttributeTemplate"), (templates.AttributeTemplate, "generic_resolve"),
-    (arrayobj, "populate_array"), (types, "unliteral"),
+    (arrayobj, "populate_array"), (types, "unliteral"), (types.Function, "get_call_type"),
 ]  # fmt: skip
 
 
