@@ -346,6 +346,7 @@ def test_an_interrupted_comparison_is_one_line_and_130(edmsim: Run, monkeypatch:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("draws_pictures")
 def test_report_is_made_again_and_figures_written(small_cut: SimpleNamespace, tmp_path: Path, edmsim: Run) -> None:
     outcome = edmsim("report", small_cut.folder, "--figures", tmp_path, "--format", "png")
     assert outcome.status == 0

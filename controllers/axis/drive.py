@@ -78,6 +78,16 @@ class StartsAnew(Drive, Protocol):
         """Start as after the release of the reset pin; returns what it sends over its serial line, if it has one."""
 
 
+@runtime_checkable
+class SerialDrive(StartsAnew, Protocol):
+    """A chip with a memory that outlasts the power and a serial line: 8 data bits, no parity, 1 stop bit."""
+
+    baud: float  # bits per second
+
+    def receive_error(self) -> None:
+        """Take note that a byte came without a stop bit, or before the last one was read."""
+
+
 _OWN = (
     "command", "lines", "num", "den", "busy_ns", "delay_ns", "pwm_ns", "watchdog_ns", "stalled_until_ns",
     "count_rate_Hz", "index_ns", "reg", "real", "memory",

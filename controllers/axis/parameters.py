@@ -63,7 +63,7 @@ class Registers(MutableMapping[str, int]):
         return self._places[name]
 
 
-class SerialDrive(ABC):
+class ServoChip(ABC):
     """A chip with an EEPROM and a serial line: 8 data bits, no parity, 1 stop bit."""
 
     name: str

@@ -15,7 +15,7 @@ from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import WORD, SerialDrive, decode, encode
+from edmsim.controllers.axis.parameters import WORD, ServoChip, decode, encode
 from edmsim.controllers.axis.serial_line import NEW_LINE, Command, LineEditor, command_in
 
 # The servo processor module's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
@@ -474,7 +474,7 @@ def _servo_module(drive_at: Any, axis_at: Any) -> None:
     drive.lines = _lines(reg)
 
 
-class ServoModule(SerialDrive):
+class ServoModule(ServoChip):
     r"""The servo processor module on an axis.
 
     Parameters

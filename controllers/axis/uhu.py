@@ -16,7 +16,7 @@ from edmsim.compiled import axis_rows
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
-from edmsim.controllers.axis.parameters import SerialDrive
+from edmsim.controllers.axis.parameters import ServoChip
 from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor, command_in, number_in
 
 DATA = data_of("uhu")
@@ -293,7 +293,7 @@ def _period_ns(cycle: int) -> tuple[int, int]:
     return num // common, den // common
 
 
-class Uhu(SerialDrive):
+class Uhu(ServoChip):
     r"""A UHU servo controller.
 
     Parameters

@@ -7,8 +7,7 @@ from collections import deque
 from typing import NamedTuple
 
 from edmsim.compiled.axis_rows import SENT
-from edmsim.controllers.axis.drive import Drive
-from edmsim.controllers.axis.parameters import SerialDrive
+from edmsim.controllers.axis.drive import Drive, SerialDrive
 
 BITS = 10  # bits of a byte on the line: start, eight of data from the lowest, stop
 
