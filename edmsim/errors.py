@@ -6,6 +6,10 @@ import sys
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 FAILED, BAD_INPUT = 1, 2
 """Exit statuses of a command: the model left its validity, or the like; bad usage or input."""
@@ -53,6 +57,13 @@ class InputError(EdmsimError):
 
 class CombinationError(InputError):
     """Values that could each be used, but not together."""
+
+
+def invalid_entry(error: ValidationError) -> str:
+    """Return the first entry that pydantic refused, and why, in one line."""
+    first = error.errors()[0]
+    place = ".".join(map(str, first["loc"]))
+    return f"{place + ': ' if place else ''}{first['msg']}"
 
 
 def one_of(name: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:

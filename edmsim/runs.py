@@ -102,6 +102,13 @@ def read_rows(file: Path, of: Mapping[str, Any] | None = None, texts: Sequence[s
     return rows
 
 
+def read_of(file: Path) -> Row:
+    """Return what the runs of a table are of."""
+    with file.open(encoding="utf-8") as opened:
+        found: Row = json.loads(opened.readline())["of"]
+    return found
+
+
 def _check_same(before: Mapping[str, Any], now: Mapping[str, Any], file: Path) -> None:
     for name, value in now.items():
         if before[name] != value:

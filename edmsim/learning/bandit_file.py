@@ -24,7 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 from edmsim import models
 from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
-from edmsim.errors import InputError
+from edmsim.errors import InputError, invalid_entry
 from edmsim.snapshots import Snapshots
 
 FORMAT: Final = "edmsim-bandit-1"
@@ -249,9 +249,7 @@ def load(file: Path) -> BanditCard:
     try:
         card = BanditCard.model_validate_json(file.read_bytes())
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"this is a damaged policy: {place + ': ' if place else ''}{first['msg']}", file) from None
+        raise InputError(f"this is a damaged policy: {invalid_entry(error)}", file) from None
     law_of(card)
     return card
 

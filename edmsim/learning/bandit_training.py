@@ -11,7 +11,6 @@ error of the measured rate. Needs no extra.
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
 from collections.abc import Callable, Sequence
@@ -27,13 +26,13 @@ from pydantic import Field, FiniteFloat, ValidationError
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import base_of, find, make_family, stand_in
 from edmsim.envs.shift import Shift
-from edmsim.errors import InputError
+from edmsim.errors import InputError, invalid_entry
 from edmsim.evaluation.episode import HELD_BACK, Episode
 from edmsim.files import locked
-from edmsim.learning import bandit_file
+from edmsim.learning import bandit_file, hyperparameters
 from edmsim.learning.bandit_controller import BanditController
 from edmsim.learning.bandit_file import BanditCard, Choices, Segment
-from edmsim.runs import RunTable, perform
+from edmsim.runs import RunTable, perform, read_of
 from edmsim.screen import ScreenTable
 
 FIRST_SEED = 21_000
@@ -106,10 +105,7 @@ def load(env_id: str, file: Path | None = None) -> BanditSettings:
     own = resources.files("edmsim.models") / "training" / f"{base_of(family)}-bandit.toml"
     values = tomllib.loads(own.read_text(encoding="utf-8"))
     if file is not None:
-        try:
-            values |= tomllib.loads(file.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InputError(f"the settings cannot be read: {error}", file) from None
+        values |= hyperparameters.read(file)
     return checked(values, file)
 
 
@@ -118,9 +114,7 @@ def checked(values: dict[str, Any], file: Path | None = None) -> BanditSettings:
     try:
         settings = BanditSettings.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise InputError(f"{place + ': ' if place else ''}{first['msg']}", file) from None
+        raise InputError(invalid_entry(error), file) from None
     bandit_file.law_of(settings)
     return settings
 
@@ -355,7 +349,6 @@ def _settings_of(file: Path) -> BanditSettings:
     if not file.exists():
         raise InputError("there is no training to resume in this folder", file.parent)
     try:
-        with file.open(encoding="utf-8") as opened:
-            return BanditSettings.model_validate({**json.loads(opened.readline())["of"]["settings"], "machines": 2})
+        return BanditSettings.model_validate({**read_of(file)["settings"], "machines": 2})
     except (ValueError, LookupError, TypeError) as error:
         raise InputError(f"the histories are damaged ({error}); train again without --resume", file) from None

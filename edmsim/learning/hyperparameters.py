@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from edmsim.envs.registry import base_of, find
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, invalid_entry, one_of
 from edmsim.numeric import Number, WholeNumber
 
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
@@ -128,12 +128,17 @@ def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameter
     return usual if settings is None else _changed(usual, settings)
 
 
-def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
-    """Return hyperparameters with overrides from a file."""
+def read(file: Path) -> dict[str, Any]:
+    """Read a file of settings; what they mean is not looked at."""
     try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
+        return tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"the settings cannot be read: {error}", file) from None
+
+
+def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
+    """Return hyperparameters with overrides from a file."""
+    table = read(file)
     if "gains" in table:
         raise InputError("these are gains of a controller, not settings of a training", file)
     before = usual.model_dump()
@@ -147,5 +152,4 @@ def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
     try:
         return Hyperparameters.model_validate(before)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}", file) from None
+        raise InputError(invalid_entry(error), file) from None

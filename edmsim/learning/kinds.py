@@ -14,6 +14,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -80,7 +81,7 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
         return states, teacher_actions
 
 
-class _Follows:
+class _Follows(ABC):
     """What learners have that follow a teacher in place of the reward; base class before one of PPO.
 
     The environment is a `VecNormalize` of a `TaughtVecEnv`. All decisions so far are stored, a quarter of a kilobyte
@@ -123,9 +124,9 @@ class _Follows:
     def store(self) -> None:
         """Store what else the last rollout has."""
 
+    @abstractmethod
     def drawn(self, observations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Draw decisions, and return their rows and the policy's means."""
-        raise NotImplementedError
 
 
 # untyped where the extra is missing

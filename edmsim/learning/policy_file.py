@@ -23,7 +23,7 @@ from edmsim.envs.knobs import KNOBS
 from edmsim.envs.part_task import ACTIONS
 from edmsim.envs.registry import arguments_with, make_family
 from edmsim.envs.task import EnvArguments, Family
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, invalid_entry, one_of
 from edmsim.files import read_arrays
 
 FORMAT = "edmsim-policy-1"
@@ -351,10 +351,7 @@ def load(name: str, env_id: str | None = None) -> Policy:
     except OSError as error:
         raise InputError(f"the policy cannot be read: {error.strerror}", file) from None
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"this is not a policy, or a damaged one: {place + ': ' if place else ''}{first['msg']}",
-                         file) from None
+        raise InputError(f"this is not a policy, or a damaged one: {invalid_entry(error)}", file) from None
     if env_id is not None and card.env_id != env_id:
         raise InputError(f"the policy was trained in {card.env_id}, not in {env_id}", file)
     _check_environment(card, file)
