@@ -121,7 +121,7 @@ class _Follows(ABC):
             losses.append(float(loss.detach()))
         learner.logger.record("train/unexplained_share", float(np.mean(losses)))
 
-    def store(self) -> None:
+    def store(self) -> None:  # noqa: B027 - one without memory has nothing else
         """Store what else the last rollout has."""
 
     @abstractmethod
