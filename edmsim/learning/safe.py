@@ -28,17 +28,10 @@ with itself must pass; one whose loss is unknown must not)."""
 
 
 class Verdict(NamedTuple):
-    """Comparison of a policy with its start on the same machines.
+    """Comparison of a policy with its start on the same machines."""
 
-    Attributes
-    ----------
-    start, difference : Figure
-        Mean return of the start, and of the paired differences, with their 95 % bootstrap intervals.
-    machines : int
-    """
-
-    start: Figure
-    difference: Figure
+    start: Figure  # mean return of the start, with its 95 % bootstrap interval
+    difference: Figure  # and of the paired differences
     machines: int
 
     @property

@@ -176,53 +176,29 @@ STOCK_MARGIN_MM = 3.0  # blank left around the job in mm, clipped to the table (
 
 @dataclass(frozen=True)
 class WireContour:
-    """One cut from threading the wire to cutting it off, in table coordinates.
+    """One cut from threading the wire to cutting it off, in table coordinates."""
 
-    Attributes
-    ----------
-    points_um : int64 array (n, 2)
-        Wire centre, whole um within the table's travel. The wire is threaded at points_um[0], the start hole.
-    lead_in_moves : int
-        Number of moves from the start hole to the contour.
-    nominal_mm : float64 array (m, 2)
-        The part's edge as drawn, in mm on the table; first and last point are equal if ``closed``.
-    closed : bool
-        Whether the nominal edge closes on itself.
-    part_side : {"left", "right"}
-        Side of the part, looking along the cut.
-    dwells : tuple of (int, float)
-        ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4).
-    line_numbers : tuple of int
-        Program line of every move; 0 for drawings and lead-ins.
-    elements : tuple of (int, int)
-        For every chord of `nominal_mm`, its line or arc, counted along the contour from 1, and its program line,
-        0 for drawings.
-    offset_um : float
-        Applied distance between wire centre and nominal edge; may be 0.
-    compensated : bool
-        Whether edge and offset determine the wire's path; otherwise path and offset determine the edge.
-    lean : Lean, optional
-        Inclination of the wire; `points_um` is then the lower guide's, and `nominal_mm` in the program's plane.
-    passes : tuple of CutPass
-        Passes in cutting order; `points_um` and `offset_um` are then those of the last pass, all round. Empty for
-        a single pass, which is `points_um`.
-    continues : bool
-        Whether the wire stays threaded from the previous contour.
-    """
-
+    # (n, 2): wire centre, whole um within the table's travel. The wire is threaded at points_um[0], the start hole.
     points_um: NDArray[np.int64]
-    lead_in_moves: int
+    lead_in_moves: int  # number of moves from the start hole to the contour
+    # (m, 2): the part's edge as drawn, in mm on the table; first and last point are equal if ``closed``
     nominal_mm: NDArray[np.float64]
-    closed: bool
-    part_side: Literal["left", "right"]
-    dwells: tuple[tuple[int, float], ...] = ()
-    line_numbers: tuple[int, ...] = ()
+    closed: bool  # whether the nominal edge closes on itself
+    part_side: Literal["left", "right"]  # side of the part, looking along the cut
+    dwells: tuple[tuple[int, float], ...] = ()  # ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4)
+    line_numbers: tuple[int, ...] = ()  # program line of every move; 0 for drawings and lead-ins
+    # for every chord of `nominal_mm`, its line or arc, counted along the contour from 1, and its program line, 0 for
+    # drawings
     elements: tuple[tuple[int, int], ...] = ()
-    offset_um: float = 0.0
+    offset_um: float = 0.0  # applied distance between wire centre and nominal edge; may be 0
+    # whether edge and offset determine the wire's path; otherwise path and offset determine the edge
     compensated: bool = True
+    # inclination of the wire; `points_um` is then the lower guide's, and `nominal_mm` in the program's plane
     lean: Lean | None = None
+    # passes in cutting order; `points_um` and `offset_um` are then those of the last pass, all round. Empty for a
+    # single pass, which is `points_um`.
     passes: tuple[CutPass, ...] = ()
-    continues: bool = False
+    continues: bool = False  # whether the wire stays threaded from the previous contour
 
     @property
     def way(self) -> Way:
@@ -310,32 +286,15 @@ NO_CONDITIONS = Conditions()
 
 @dataclass(frozen=True)
 class CutPath:
-    """The whole job, contour by contour; the wire is cut and threaded between them.
-
-    Attributes
-    ----------
-    contours : tuple of WireContour
-    stock_mm : (x_min, y_min, x_max, y_max)
-        The workpiece blank on the table.
-    start_hole_radius_mm : float
-        Radius of the hole at every ``points_um[0]``.
-    origin_mm : (x, y)
-        The program's zero on the table.
-    notices : tuple of str
-        Decisions of the reader that you should know.
-    source : str
-        The program's file.
-    conditions : Conditions
-        The program's settings for each pass.
-    """
+    """The whole job, contour by contour; the wire is cut and threaded between them."""
 
     contours: tuple[WireContour, ...]
-    stock_mm: tuple[float, float, float, float]
-    start_hole_radius_mm: float
-    origin_mm: tuple[float, float]
-    notices: tuple[str, ...]
-    source: str
-    conditions: Conditions = NO_CONDITIONS
+    stock_mm: tuple[float, float, float, float]  # the workpiece blank on the table
+    start_hole_radius_mm: float  # radius of the hole at every ``points_um[0]``
+    origin_mm: tuple[float, float]  # the program's zero on the table
+    notices: tuple[str, ...]  # decisions of the reader that you should know
+    source: str  # the program's file
+    conditions: Conditions = NO_CONDITIONS  # the program's settings for each pass
 
     @property
     def passes(self) -> int:

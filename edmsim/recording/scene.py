@@ -26,33 +26,17 @@ Polylines = tuple[NDArray[np.float64], ...]  # lines of shape (n, 2) in mm on th
 
 @dataclass(frozen=True)
 class ErrorMap:
-    """One nominal edge and the profile error along it.
+    """One nominal edge and the profile error along it."""
 
-    Attributes
-    ----------
-    nominal_mm : float64 array (m, 2)
-        The part's edge as drawn, mm on the table.
-    part_side : {"left", "right"}
-        Side of the part, looking along the edge.
-    points_mm : float64 array (n, 2)
-        Measured places; n may be 0.
-    error_um : float64 array (n,)
-        Mean profile error over the height: positive is metal left on the part; NaN if unknown.
-    shares_um : float64 array (5, n), optional
-        Its shares by cause (`edmsim.metrology.shares.error_shares`), if known.
-    unreachable_um : float64 array (n,), optional
-        Metal that the round wire cannot reach, if known.
-    face_um : float64 array (slices, n), optional
-        Profile error of every slice from the lowest, if known.
-    """
-
-    nominal_mm: NDArray[np.float64]
-    part_side: Literal["left", "right"]
-    points_mm: NDArray[np.float64]
+    nominal_mm: NDArray[np.float64]  # (m, 2): the part's edge as drawn, mm on the table
+    part_side: Literal["left", "right"]  # side of the part, looking along the edge
+    points_mm: NDArray[np.float64]  # (n, 2): measured places; n may be 0
+    # (n,): mean profile error over the height: positive is metal left on the part; NaN if unknown
     error_um: NDArray[np.float64]
+    # (5, n): its shares by cause (`edmsim.metrology.shares.error_shares`), if known
     shares_um: NDArray[np.float64] | None = None
-    unreachable_um: NDArray[np.float64] | None = None
-    face_um: NDArray[np.float64] | None = None
+    unreachable_um: NDArray[np.float64] | None = None  # (n,): metal that the round wire cannot reach, if known
+    face_um: NDArray[np.float64] | None = None  # (slices, n): profile error of every slice from the lowest, if known
 
     def reached_um(self) -> NDArray[np.float64]:
         """Return the error (n,) within the wire's reach; NaN elsewhere."""
@@ -121,59 +105,28 @@ class PassFace:
 
 @dataclass(frozen=True)
 class Scene:
-    """The drawing of one cut.
+    """The drawing of one cut."""
 
-    Attributes
-    ----------
-    maps : tuple of ErrorMap
-        One per contour, in cutting order.
-    cut_edges_mm : tuple of Polylines
-        Edges of the remaining metal, per slice from the bottom.
-    corners : tuple of SceneCorner
-    starts_mm : float64 array (k, 2)
-        Start holes.
-    stock_mm : (x_min, y_min, x_max, y_max)
-        The blank on the table.
-    height_mm : float
-        Greatest height of the workpiece.
-    guides_z_mm : (lower, upper)
-        Heights of the wire guides over the workpiece's bottom; the lower is negative.
-    wire_diameter_um : float
-    stop_mm : (x, y) or None
-        Place of the wire when the machine stopped; None if the cut finished.
-    terraces : tuple of Terrace
-        Levels of a stepped workpiece, from the lowest; empty if its height is constant.
-    holes_mm : float64 array (n, 3)
-        Centres and radii of the holes in the blank before the first spark; a slot is a row of holes.
-    cut : str or None
-        Identity of the cut: `edmsim.recording.report.cut_id`.
-    origin_mm : (x, y) or None
-        The program's zero on the table; None without a program.
-    lead : float64 array (n, 5) or None
-        If the wire leans, for points of the path: length of path in um, u and v in mm, and the heights in mm at
-        which the wire bends at the lower and the upper guide.
-    walls_mm : tuple of Polylines
-        Edges of tapered contours as drawn on the lower and the upper face.
-    pass_faces : tuple of PassFace
-        Faces after each pass, in order.
-    """
-
-    maps: tuple[ErrorMap, ...]
-    cut_edges_mm: tuple[Polylines, ...]
+    maps: tuple[ErrorMap, ...]  # one per contour, in cutting order
+    cut_edges_mm: tuple[Polylines, ...]  # edges of the remaining metal, per slice from the bottom
     corners: tuple[SceneCorner, ...]
-    starts_mm: NDArray[np.float64]
-    stock_mm: tuple[float, float, float, float]
-    height_mm: float
-    guides_z_mm: tuple[float, float]
+    starts_mm: NDArray[np.float64]  # (k, 2): start holes
+    stock_mm: tuple[float, float, float, float]  # the blank on the table
+    height_mm: float  # greatest height of the workpiece
+    guides_z_mm: tuple[float, float]  # heights of the wire guides over the workpiece's bottom; the lower is negative
     wire_diameter_um: float
-    stop_mm: tuple[float, float] | None = None
+    stop_mm: tuple[float, float] | None = None  # place of the wire when the machine stopped; None if the cut finished
+    # levels of a stepped workpiece, from the lowest; empty if its height is constant
     terraces: tuple[Terrace, ...] = ()
+    # (n, 3): centres and radii of the holes in the blank before the first spark; a slot is a row of holes
     holes_mm: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
-    cut: str | None = None
-    origin_mm: tuple[float, float] | None = None
+    cut: str | None = None  # identity of the cut: `edmsim.recording.report.cut_id`
+    origin_mm: tuple[float, float] | None = None  # the program's zero on the table; None without a program
+    # if the wire leans, for points of the path: length of path in um, u and v in mm, and the heights in mm at which
+    # the wire bends at the lower and the upper guide
     lead: NDArray[np.float64] | None = None
-    walls_mm: tuple[Polylines, ...] = ()
-    pass_faces: tuple[PassFace, ...] = ()
+    walls_mm: tuple[Polylines, ...] = ()  # edges of tapered contours as drawn on the lower and the upper face
+    pass_faces: tuple[PassFace, ...] = ()  # faces after each pass, in order
 
     def lead_mm(self, path_um: NDArray[np.float64], heights_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the wire's distance in mm (n, heights, 2) from the lower guide's axis, by lengths of path."""
