@@ -372,18 +372,11 @@ def on_grid(
         known = np.concatenate([before, way.points])
         dwells = (*waits, *((len(before) + i, seconds) for i, seconds in way.dwells))
         joined = _guided(known, way, len(before), passes[-1] if passes else None, grid_um)
-        every = joined.points_um if joined.lean is None else np.hstack([joined.points_um, joined.lean.upper_um])
-        moves = (np.diff(every, axis=0) != 0).any(axis=1)
-        moving = np.concatenate([[True], moves])
-        place = np.cumsum(moving) - 1
-        lean = joined.lean and replace(
-            joined.lean, upper_um=joined.lean.upper_um[moving], bends_mm=joined.lean.bends_mm[moving]
-        )
+        joined, moves, dwells = joined.moving(dwells)
         passes.append(
             CutPass(
-                way.number, way.piece, joined.points_um[moving], int(moves[: len(before) + way.leads].sum()),
-                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, lean,
-                tuple((int(place[i]), seconds) for i, seconds in dwells),
+                way.number, way.piece, joined.points_um, int(moves[: len(before) + way.leads].sum()),
+                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, joined.lean, dwells,
             )
         )
         before, waits = way.points[-1:], ()
