@@ -72,7 +72,7 @@ def test_a_row_of_seeds_shows_their_mean_and_interval():
     ):  # fmt: skip
         assert (row.simulated, row.uncertainty) == (mean, half)
     assert ratios([1.0, 2.0], [3.0, 5.0]) == [3.0, 2.5]
-    with pytest.raises(ValueError, match="shorter"):
+    with pytest.raises(ValueError, match="longer"):
         differences([1.0], [1.0, 2.0])
 
 
