@@ -35,25 +35,14 @@ READ = ctypes.CFUNCTYPE(
 
 
 class Sensing(NamedTuple):
-    """Properties of the voltage and current measurement.
+    """Properties of the voltage and current measurement."""
 
-    Attributes
-    ----------
-    rate_Hz : float
-        Samples per second, 10 000 to 100 000.
-    low_pass_Hz : float
-        Corner of the filter before the converter; 0 for none.
-    noise_V, noise_A : float
-        Standard deviations of the converter's noise.
-    seed : int
-        Seed of the noise.
-    """
-
-    rate_Hz: float = 5e4
-    low_pass_Hz: float = 0.0
+    rate_Hz: float = 5e4  # samples per second, 10 000 to 100 000
+    low_pass_Hz: float = 0.0  # corner of the filter before the converter; 0 for none
+    # noise_V, noise_A: standard deviations of the converter's noise
     noise_V: float = 0.0
     noise_A: float = 0.0
-    seed: int = 0
+    seed: int = 0  # seed of the noise
 
     def check(self) -> None:
         """Raise `InputError` for values that cannot be used."""

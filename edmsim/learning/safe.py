@@ -28,15 +28,9 @@ with itself must pass; one whose loss is unknown must not)."""
 
 
 class Verdict(NamedTuple):
-    """Comparison of a policy with its start on the same machines.
+    """Comparison of a policy with its start on the same machines."""
 
-    Attributes
-    ----------
-    start, difference : Figure
-        Mean return of the start, and of the paired differences, with their 95 % bootstrap intervals.
-    machines : int
-    """
-
+    # start, difference: mean return of the start, and of the paired differences, with their 95 % bootstrap intervals
     start: Figure
     difference: Figure
     machines: int

@@ -151,28 +151,16 @@ class TableRows:
 
 @dataclass(frozen=True)
 class ErrorTable:
-    """Errors of one axis along an axis or the path.
+    """Errors of one axis along an axis or the path."""
 
-    Attributes
-    ----------
-    axis, master : str
-        One of `NAMES`; one of `PLACES`.
-    points : float64 array (n, 2)
-        Position of the master in mm, and error in um (indicated less true position of the axis), row after row.
-    reversal_um : float
-        Error while the master moves up, less error while it moves down.
-    cubic : bool
-        Whether a curve joins the points instead of straight lines.
-    rows : TableRows or None
-        Selector of the row of points.
-    """
-
+    # axis, master: one of `NAMES`; one of `PLACES`
     axis: str
     master: str
+    # (n, 2): position of the master in mm, and error in um (indicated less true position of the axis), row after row
     points: NDArray[np.float64]
-    reversal_um: float = 0.0
-    cubic: bool = False
-    rows: TableRows | None = None
+    reversal_um: float = 0.0  # error while the master moves up, less error while it moves down
+    cubic: bool = False  # whether a curve joins the points instead of straight lines
+    rows: TableRows | None = None  # selector of the row of points
 
 
 @dataclass(frozen=True)
