@@ -16,6 +16,8 @@ import edmsim
 from edmsim.errors import InputError
 from edmsim.job.checkpoint import NAME
 
+from .conftest import timeless
+
 Cut = Callable[..., edmsim.CutResult]
 SHORT = {"max_time_s": 8.0}
 
@@ -40,10 +42,6 @@ def interrupted(cut: Cut, folder: Path, windows: int = 100, **options: Any) -> N
 
 def columns(result: edmsim.CutResult) -> dict[str, np.ndarray[Any, Any]]:
     return {name: result.windows.column(name).to_numpy() for name in result.windows.column_names}
-
-
-def timeless(report: dict[str, Any]) -> dict[str, Any]:
-    return {k: v for k, v in report.items() if k not in ("wall_time_s", "realtime_factor")}
 
 
 def assert_same(a: edmsim.CutResult, b: edmsim.CutResult) -> None:
