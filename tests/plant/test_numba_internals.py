@@ -17,13 +17,15 @@ from numba.core import (
     codegen,
     compiler,
     compiler_lock,
+    cpu,
     datamodel,
     dispatcher,
     registry,
     sigutils,
+    targetconfig,
 )  # fmt: skip
 from numba.core.typing import templates
-from numba.np import arrayobj
+from numba.np import arrayobj, linalg
 
 import edmsim
 from edmsim.compiled import cache
@@ -50,6 +52,7 @@ USED = [
     (cgutils, "get_or_insert_function"), (datamodel, "PrimitiveModel"), (datamodel, "StructModel"),
     (templates, "AttributeTemplate"), (templates.AttributeTemplate, "generic_resolve"),
     (arrayobj, "populate_array"), (types, "unliteral"), (types.Function, "get_call_type"),
+    (linalg, "ensure_blas"), (cpu.CPUContext, "create_cpython_wrapper"), (targetconfig.TargetConfig, "values"),
 ]  # fmt: skip
 
 
