@@ -1,10 +1,14 @@
-"""What lets numba start sooner: it makes a hundred thousand objects that stay, and loads what nobody needs."""
+"""What lets a process with numba start and end sooner: numba makes a hundred thousand objects that stay."""
 
 from __future__ import annotations
 
+import atexit
 import gc
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader, FileIO, TextIOWrapper
+from types import GeneratorType
 from typing import Any
 
 
@@ -40,3 +44,29 @@ def replaced(owner: Any, **values: Any) -> Iterator[None]:
                 delattr(owner, name)
             else:
                 setattr(owner, name, value)
+
+
+@atexit.register
+def _end_at_once() -> None:
+    """Keep Python from looking through all objects three times as it ends, a quarter of an environment's start.
+
+    Only where none but numba's do anything when they go: no file of a user's stays unwritten.
+    """
+    alive = gc.get_objects()
+    acting = {kind for kind in set(map(type, alive)) if hasattr(kind, "__del__")}
+    if all(_goes_idly(thing) for thing in alive if type(thing) in acting):
+        gc.freeze()
+
+
+def _goes_idly(thing: Any) -> bool:
+    """Whether an object has nothing to do when it goes, other than to free what numba or LLVM hold."""
+    if isinstance(thing, FileIO | BufferedReader):
+        return True  # nothing is waiting to be written
+    if isinstance(thing, TextIOWrapper):
+        return thing in (sys.__stdin__, sys.__stdout__, sys.__stderr__)  # which Python flushes
+    home = type(thing).__module__
+    if isinstance(thing, GeneratorType):
+        if thing.gi_frame is None:
+            return True  # it has run to its end
+        home = thing.gi_frame.f_globals.get("__name__", "")
+    return home.partition(".")[0] in ("numba", "llvmlite")
