@@ -28,8 +28,11 @@ with garbage_left():
     from numba.core import compiler as untyped_compiler
     from numba.core import datamodel as untyped_datamodel
     from numba.core import dispatcher as untyped_dispatcher
+    from numba.core import postproc as untyped_postproc
     from numba.core import registry as untyped_registry
     from numba.core import sigutils as untyped_sigutils
+    from numba.core import transforms as untyped_transforms
+    from numba.core.annotations.type_annotations import TypeAnnotation
     from numba.core.compiler_lock import global_compiler_lock as untyped_lock
     from numba.core.targetconfig import TargetConfig
     from numba.core.typing.templates import AttributeTemplate as UntypedTemplate
@@ -45,8 +48,10 @@ datamodel: Any = untyped_datamodel
 dispatcher: Any = untyped_dispatcher
 codegen: Any = untyped_codegen
 compiler: Any = untyped_compiler
+postproc: Any = untyped_postproc
 registry: Any = untyped_registry
 sigutils: Any = untyped_sigutils
+transforms: Any = untyped_transforms
 _lock: Any = untyped_lock
 AttributeTemplate: Any = UntypedTemplate
 populate_array: Any = untyped_populate_array
@@ -88,12 +93,17 @@ class _SignedFiles(caching.IndexDataCacheFile):
             file.write(cache.signed(content.getvalue()))
 
 
+@contextmanager
+def _in_folder() -> Iterator[None]:
+    """Let what numba caches be in the folder of these sources."""
+    config: Any = numba.config
+    with replaced(config, CACHE_DIR=str(cache.folder)), replaced(caching, IndexDataCacheFile=_SignedFiles):
+        yield
+
+
 def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
     """Apply one of numba's decorators to a function, its machine code kept in the folder of these sources."""
-    config: Any = numba.config
-    with (
-        replaced(config, CACHE_DIR=str(cache.folder)), replaced(caching, IndexDataCacheFile=_SignedFiles),
-    ):
+    with _in_folder():
         return make(function)
 
 
@@ -176,29 +186,29 @@ def _by_type(self: Any, arguments: Any, named: Any) -> Any:
 _resolve = dispatcher._DispatcherBase.get_call_template
 
 
-_of_numbers: dict[tuple[Any, ...], Any] = {}
+_resolved: dict[tuple[Any, ...], Any] = {}
 _resolve_function = types.Function.get_call_type
 
 
-def _once_of_numbers(self: Any, context: Any, arguments: Any, named: Any) -> Any:
-    """Resolve a call of one of numba's own functions, once for each set of numbers' types.
+def _resolve_once(self: Any, context: Any, arguments: Any, named: Any) -> Any:
+    """Resolve a call of one of numba's own functions, once for each set of types of numbers and arrays.
 
     As it stands numba tries some sixty ways to add whenever two numbers are added, and again for other constants.
     """
-    if named or not all(isinstance(argument, types.Number | types.Boolean) for argument in arguments):
+    if named or not all(isinstance(argument, types.Number | types.Boolean | types.Array) for argument in arguments):
         return _resolve_function(self, context, arguments, named)
     call = self, context, tuple([types.unliteral(argument) for argument in arguments])
-    found = _of_numbers.get(call)
+    found = _resolved.get(call)
     if found is None:
         found = _resolve_function(self, context, arguments, named)
         if not any(isinstance(argument, types.Literal) for argument in found.args):
-            _of_numbers[call] = found
+            _resolved[call] = found
     return found
 
 
 @functools.cache
 def _usual(kind: type[TargetConfig]) -> dict[str, Any]:
-    return {name: option.default for name, option in kind.options.items()}
+    return {name: kind.options[name].default for name in sorted(kind.options)}
 
 
 def _values(self: Any) -> dict[str, Any]:
@@ -206,10 +216,27 @@ def _values(self: Any) -> dict[str, Any]:
     return {**_usual(self.__class__), **self._values}
 
 
+_process_fully = postproc.PostProcessor.run
+
+
+def _process(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
+    """Tidy up between numba's passes, but leave it to those few that need lifetimes to work them out."""
+    translated = self.func_ir
+    if emit_dels or translated.is_generator:
+        _process_fully(self, emit_dels, extend_lifetimes)
+        return
+    translated.blocks = transforms.canonicalize_cfg(translated.blocks)
+    translated.variable_lifetime = postproc.VariableLifetime(translated.blocks)
+    translated.generator_info = None
+
+
 @contextmanager
-def _once() -> Iterator[None]:
-    """Let numba do once what it does again and again while it compiles."""
-    with replaced(types.Function, get_call_type=_once_of_numbers), replaced(TargetConfig, values=_values):
+def _quickly() -> Iterator[None]:
+    """Let numba do once what it does again and again while it compiles, and leave out what nobody reads."""
+    with (
+        replaced(types.Function, get_call_type=_resolve_once), replaced(TargetConfig, values=_values),
+        replaced(postproc.PostProcessor, run=_process), replaced(TypeAnnotation, __str__=lambda _: ""),
+    ):
         yield
 
 
@@ -224,12 +251,17 @@ class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
     """How many of these functions are being compiled, each because of the one before."""
     translated: set[tuple[Any, ...]]
     """Types for which there is no machine code."""
+    cached = False
     get_call_template = _by_type
 
     def compile(self, signature: Any) -> Any:
         """Compile for some types, or take what was kept."""
         kinds = tuple(sigutils.normalize_signature(signature)[0])
-        with _lock, garbage_left(), _once():
+        with _lock, garbage_left(), _quickly():
+            if not self.cached:  # only now, as most functions are nothing but parts of others
+                with _in_folder():
+                    self.enable_caching()
+                self.cached = True
             if self.targetoptions["fastmath"]:
                 with replaced(CompiledFunction, depth=0):
                     return super().compile(signature)
@@ -316,7 +348,7 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
         replaced(codegen.JITCPUCodegen, set_env=lambda *_: None),
         replaced(dispatcher._FunctionCompiler, compile=translate_and_report),
         replaced(dispatcher._DispatcherBase, get_call_template=_by_type),
-        _once(),
+        _quickly(),
     ):
         yield
 

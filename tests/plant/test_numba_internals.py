@@ -20,10 +20,13 @@ from numba.core import (
     cpu,
     datamodel,
     dispatcher,
+    postproc,
     registry,
     sigutils,
     targetconfig,
+    transforms,
 )  # fmt: skip
+from numba.core.annotations import type_annotations
 from numba.core.typing import templates
 from numba.np import arrayobj, linalg
 
@@ -53,6 +56,9 @@ USED = [
     (templates, "AttributeTemplate"), (templates.AttributeTemplate, "generic_resolve"),
     (arrayobj, "populate_array"), (types, "unliteral"), (types.Function, "get_call_type"),
     (linalg, "ensure_blas"), (cpu.CPUContext, "create_cpython_wrapper"), (targetconfig.TargetConfig, "values"),
+    (targetconfig.TargetConfig, "options"), (postproc.PostProcessor, "run"), (postproc, "VariableLifetime"),
+    (transforms, "canonicalize_cfg"), (type_annotations, "TypeAnnotation"),
+    (registry.CPUDispatcher, "enable_caching"),
 ]  # fmt: skip
 
 
