@@ -7,7 +7,7 @@ import gc
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BufferedReader, FileIO, TextIOWrapper
+from io import BufferedReader, BytesIO, FileIO, StringIO, TextIOWrapper
 from types import GeneratorType
 from typing import Any
 
@@ -50,7 +50,7 @@ def replaced(owner: Any, **values: Any) -> Iterator[None]:
 def _end_at_once() -> None:
     """Keep Python from looking through all objects three times as it ends, a quarter of an environment's start.
 
-    Only where none but numba's do anything when they go: no file of a user's stays unwritten.
+    Only where no object does anything of use when it goes: no file of a user's stays unwritten.
     """
     alive = gc.get_objects()
     acting = {kind for kind in set(map(type, alive)) if hasattr(kind, "__del__")}
@@ -58,9 +58,12 @@ def _end_at_once() -> None:
         gc.freeze()
 
 
+_IDLE = "llvmlite", "numba", "numpy", "pyparsing"
+
+
 def _goes_idly(thing: Any) -> bool:
-    """Whether an object has nothing to do when it goes, other than to free what numba or LLVM hold."""
-    if isinstance(thing, FileIO | BufferedReader):
+    """Whether an object has nothing to do when it goes, or is of a package that only frees memory, or warns."""
+    if isinstance(thing, FileIO | BufferedReader | BytesIO | StringIO):
         return True  # nothing is waiting to be written
     if isinstance(thing, TextIOWrapper):
         return thing in (sys.__stdin__, sys.__stdout__, sys.__stderr__)  # which Python flushes
@@ -69,4 +72,4 @@ def _goes_idly(thing: Any) -> bool:
         if thing.gi_frame is None:
             return True  # it has run to its end
         home = thing.gi_frame.f_globals.get("__name__", "")
-    return home.partition(".")[0] in ("numba", "llvmlite")
+    return home.partition(".")[0] in _IDLE
