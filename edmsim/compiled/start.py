@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BufferedReader, BytesIO, FileIO, StringIO, TextIOWrapper
+from itertools import compress
 from types import GeneratorType
 from typing import Any
 
@@ -53,23 +54,21 @@ def _end_at_once() -> None:
     Only where no object does anything of use when it goes: no file of a user's stays unwritten.
     """
     alive = gc.get_objects()
-    acting = {kind for kind in set(map(type, alive)) if hasattr(kind, "__del__")}
-    if all(_goes_idly(thing) for thing in alive if type(thing) in acting):
+    acting = {kind for kind in set(map(type, alive)) if any("__del__" in vars(base) for base in kind.__mro__)}
+    if all(map(_goes_idly, compress(alive, map(acting.__contains__, map(type, alive))))):
         gc.freeze()
 
 
 _IDLE = "llvmlite", "numba", "numpy", "pyparsing"
+_NOTHING_TO_WRITE = FileIO, BufferedReader, BytesIO, StringIO
 
 
 def _goes_idly(thing: Any) -> bool:
     """Whether an object has nothing to do when it goes, or is of a package that only frees memory, or warns."""
-    if isinstance(thing, FileIO | BufferedReader | BytesIO | StringIO):
-        return True  # nothing is waiting to be written
-    if isinstance(thing, TextIOWrapper):
+    kind = type(thing)
+    if issubclass(kind, TextIOWrapper):
         return thing in (sys.__stdin__, sys.__stdout__, sys.__stderr__)  # which Python flushes
-    home = type(thing).__module__
-    if isinstance(thing, GeneratorType):
-        if thing.gi_frame is None:
-            return True  # it has run to its end
-        home = thing.gi_frame.f_globals.get("__name__", "")
-    return home.partition(".")[0] in _IDLE
+    if kind is GeneratorType and thing.gi_frame is None:
+        return True  # it has run to its end
+    home = thing.gi_frame.f_globals.get("__name__", "") if kind is GeneratorType else kind.__module__
+    return kind in _NOTHING_TO_WRITE or home.partition(".")[0] in _IDLE
