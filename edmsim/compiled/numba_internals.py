@@ -168,6 +168,7 @@ class _PartCompiler(compiler.Compiler):  # type: ignore[misc]
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.state.library = _PartLibrary(self.state.targetctx.codegen(), "part")
+        self.state.flags.no_cpython_wrapper = True
 
 
 class _WholeCompiler(compiler.Compiler):  # type: ignore[misc]
@@ -278,11 +279,7 @@ class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
             return super().compile(signature)
         self._compiler.pipeline_class = _PartCompiler
         self.translated.add(kinds)
-        with (
-            # Python does not find it
-            replaced(self, _cache=caching.NullCache(), _insert=lambda *_: None),
-            replaced(self.targetctx, create_cpython_wrapper=lambda *_, **__: None),
-        ):
+        with replaced(self, _cache=caching.NullCache(), _insert=lambda *_: None):  # Python does not find it
             return super().compile(signature)
 
 

@@ -17,7 +17,6 @@ from numba.core import (
     codegen,
     compiler,
     compiler_lock,
-    cpu,
     datamodel,
     dispatcher,
     postproc,
@@ -32,7 +31,7 @@ from numba.np import arrayobj, linalg
 
 import edmsim
 from edmsim.compiled import cache
-from edmsim.compiled.jit import exactly_compiled
+from edmsim.compiled.jit import compiled, exactly_compiled
 from edmsim.compiled.numba_internals import address_of, call_returning
 
 USED = [
@@ -55,7 +54,7 @@ USED = [
     (cgutils, "get_or_insert_function"), (datamodel, "PrimitiveModel"), (datamodel, "StructModel"),
     (templates, "AttributeTemplate"), (templates.AttributeTemplate, "generic_resolve"),
     (arrayobj, "populate_array"), (types, "unliteral"), (types.Function, "get_call_type"),
-    (linalg, "ensure_blas"), (cpu.CPUContext, "create_cpython_wrapper"), (targetconfig.TargetConfig, "values"),
+    (linalg, "ensure_blas"), (compiler.Flags, "no_cpython_wrapper"), (targetconfig.TargetConfig, "values"),
     (targetconfig.TargetConfig, "options"), (postproc.PostProcessor, "run"), (postproc, "VariableLifetime"),
     (transforms, "canonicalize_cfg"), (type_annotations, "TypeAnnotation"),
     (registry.CPUDispatcher, "enable_caching"),
@@ -106,6 +105,27 @@ def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it(
     with pytest.raises(ValueError, match="below nought"):
         part(-1.0)
     assert whole(2.0) == 2.0 / 3 + 1.0
+
+
+def test_python_calls_what_a_part_calls_and_is_compiled_with_liberties(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache, "folder", tmp_path)
+    third = compiled(_thirds)
+
+    @exactly_compiled
+    def part(x: float) -> float:
+        return third(x)
+
+    @exactly_compiled
+    def whole(x: float) -> float:
+        return part(x) + 1.0
+
+    assert whole(3.0) == pytest.approx(2.0)
+    assert third(6.0) == pytest.approx(2.0)
+    again: Any = compiled(_thirds)  # as another process finds it
+    assert again(9.0) == pytest.approx(3.0)
+    assert sum(again.stats.cache_hits.values()) == 1
 
 
 def test_compiled_code_calls_a_function_at_its_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
