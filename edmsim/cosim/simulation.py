@@ -31,7 +31,7 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import held_period_us
 from edmsim.plant.axes.drives import AxisDrive
 from edmsim.plant.axes.faults import AxisFault
-from edmsim.plant.axes.rapid import constants, time_left_s
+from edmsim.plant.axes.rapid import rapid_constants, time_left_s
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.plant.workpiece.height_steps import LowerRegion
@@ -82,11 +82,11 @@ class CutAxes(Snapshots):
             self._since_ns, self._before_um = plant.time_ns, plant.away_um.tolist()
             return None
         waited_s = (plant.time_ns - self._since_ns) * 1e-9
-        if waited_s < constants()["settled_s"]:
+        if waited_s < rapid_constants()["settled_s"]:
             return None
         step_um = plant.machine.base.table.step_um.value
         late_s = time_left_s(np.array(self._before_um), plant.away_um, waited_s, step_um)
-        if late_s > constants()["longest_s"]:
+        if late_s > rapid_constants()["longest_s"]:
             return plant.reason_of_delay(late_s)
         self._since_ns, self._before_um = plant.time_ns, plant.away_um.tolist()
         return None
