@@ -274,7 +274,7 @@ class Search:
                     ra_um=round(mean["ra_um"], 3), bow_um=round(mean["bow_um"], 2),
                 ),
             }))  # fmt: skip
-        return at.model_copy(update={"passes": tuple(passes)})
+        return at.model_copy(update={"passes": tuple(passes), "resolution": self._job.resolution})
 
     def _rough(self, target: PassTarget) -> tuple[PassSetting, Cut]:
         """Shorten the pause until the wire breaks or nothing is gained, and take some of it back."""
