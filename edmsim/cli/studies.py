@@ -104,7 +104,7 @@ def bench(
         bool, typer.Option("--training", help="Measure a training with PPO, compared with HalfCheetah-v5 (extra rl).")
     ] = False,
     figure: Annotated[Path | None, typer.Option(help="Picture of the profile: .png, .svg or .pdf.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Measure the speed of this computer in processor time."""
     measurements: dict[str, Callable[[Callable[[str], None]], _Result]] = {

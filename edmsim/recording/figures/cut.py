@@ -17,7 +17,7 @@ from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
 from edmsim.recording.figures import palette, style
 from edmsim.recording.figures.profile import draw_errors, label_corners
-from edmsim.recording.report import Report
+from edmsim.recording.report import Report, mm_text
 from edmsim.recording.scene import ErrorMap, Scene
 from edmsim.recording.windows import column
 
@@ -151,10 +151,10 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     place = np.array([chosen.x_mm, chosen.y_mm])
     _draw_detail(detail, scene, windows, place)
     _draw_deviation(below, scene, windows, place)
-    x, y = np.round(place - (scene.origin_mm or (0.0, 0.0)), 6) + 0.0  # not -0.000
+    x, y = map(mm_text, (place - (scene.origin_mm or (0.0, 0.0))).tolist())
     error = "not measured" if np.isnan(chosen.error_um) else f"{chosen.error_um:+.1f} µm".replace("-", "−")
     detail.set_title(
-        f"corner at X {x:.3f} Y {y:.3f} mm, {chosen.turn_deg:+.0f}°: {error}".replace("-", "−"),
+        f"corner at X {x} Y {y} mm, {chosen.turn_deg:+.0f}°: {error}".replace("-", "−"),
         fontsize=style.LABEL_PT, color=palette.INK, loc="left", pad=28,
     )  # fmt: skip
     return figure
