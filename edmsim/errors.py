@@ -74,7 +74,7 @@ def invalid_entry(error: ValidationError) -> str:
     """Return the first entry that pydantic refused, and why, in one line."""
     first = error.errors()[0]
     place = ".".join(map(str, first["loc"]))
-    return f"{place + ': ' if place else ''}{first['msg']}"
+    return f"{place + ': ' if place else ''}{first['msg'].removeprefix('Value error, ')}"
 
 
 def one_of(name: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:

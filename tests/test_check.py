@@ -116,7 +116,8 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim: R
         (("cut", "a.ngc", "--colour", "red"), "no such option: --colour"),
         (("cut",), "missing argument 'program'; see edmsim cut --help"),
         (("cut", "a.ngc", "--height", "tall"), "invalid value for '--height'"),
-        (("saw",), "no such command 'saw'; see edmsim --help"),
+        (("saw",), "no such command 'saw'; see edmsim --help"), (("report",), "missing argument"),
+        (("bench", "extra"), "extra"),
     ],
 )
 def test_bad_usage_is_one_line(edmsim: Run, tmp_path: Path, arguments: tuple[object, ...], named: str) -> None:

@@ -40,8 +40,9 @@ class Sensing(NamedTuple):
 
     rate_Hz: float = 5e4  # samples per second, 10 000 to 100 000
     low_pass_Hz: float = 0.0  # corner of the filter before the converter; 0 for none
-    noise_V: float = 0.0  # standard deviation of the converter's noise
-    noise_A: float = 0.0  # and of the current's
+    # noise_V, noise_A: standard deviations of the converter's noise
+    noise_V: float = 0.0
+    noise_A: float = 0.0
     seed: int = 0  # seed of the noise
 
     def check(self) -> None:

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from edmsim.envs.registry import base_of, find
 from edmsim.errors import InputError, invalid_entry, one_of
@@ -18,11 +18,7 @@ ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Network(_Strict):
+class Network(BaseModel, extra="forbid", frozen=True):
     """The policy's network; the value network has the same shape."""
 
     # number of neurons of each hidden layer
@@ -36,14 +32,14 @@ class Network(_Strict):
     lstm: Annotated[WholeNumber, Field(gt=0)] | None = None
 
 
-class Lagrangian(_Strict):
+class Lagrangian(BaseModel, extra="forbid", frozen=True):
     """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.kinds`)."""
 
     multiplier: Annotated[Number, Field(ge=0)]  # initial reduction of the reward per unit of cost
     rate: Annotated[Number, Field(gt=0)]  # change of the multiplier per rollout and unit of cost above the limit
 
 
-class Hyperparameters(_Strict):
+class Hyperparameters(BaseModel, extra="forbid", frozen=True):
     """Hyperparameters of a training."""
 
     steps: Annotated[WholeNumber, Field(gt=0)]  # total number of windows of all sub-environments

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -15,7 +16,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from edmsim import models, user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text, names
@@ -36,20 +37,18 @@ _OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}  # the sa
 Floats = NDArray[np.float64]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ObservedEntry(_Strict):
+class ObservedEntry(BaseModel, extra="forbid", frozen=True):
     """One entry of the observation."""
 
-    name: str  # see `edmsim.envs.observation`
+    # name, meaning: see `edmsim.envs.observation`
+    name: str
     meaning: str
-    mean: FiniteFloat  # statistics for its normalisation
+    # mean, variance: statistics for its normalisation
+    mean: FiniteFloat
     variance: Annotated[FiniteFloat, Field(ge=0)]
 
 
-class Residual(_Strict):
+class Residual(BaseModel, extra="forbid", frozen=True):
     """A classic law; the policy's first action is added to its feed."""
 
     law: str  # see `edmsim.controllers.from_text`
@@ -75,7 +74,7 @@ class Residual(_Strict):
         return np.float32(min(max((law_um_s + added_um_s) / family.max_feed_um_s, -1.0), 1.0))
 
 
-class Card(_Strict):
+class Card(BaseModel, extra="forbid", frozen=True):
     """Description of a policy: the contents of ``NAME.json``."""
 
     format: Literal["edmsim-policy-1"]  # `FORMAT`
@@ -232,23 +231,32 @@ def write_policy(
     InputError
         If the parts do not fit each other.
     """
-    family = arguments_with(env_id, **environment)
     memory = None if lstm is None else Lstm(*lstm)
     packed = pack(weights, biases, memory)
+    card = card_of(
+        env_id, environment, packed, mean, variance, epsilon=1e-8, clip=10.0, activation=activation, output="clip",
+        widths=[len(bias) for bias in biases[:-1]], lstm=None if memory is None else memory.memory_weights.shape[0],
+        algorithm=algorithm, command=command, seed=seed, steps=steps,
+        versions={name: version(name) for name in ("edmsim", "numpy")},
+    )
+    write(card, packed, file)
+    return load(str(file))
+
+
+def card_of(
+    env_id: str, environment: dict[str, Any], packed: bytes, mean: Sequence[float] | Floats,
+    variance: Sequence[float] | Floats, **more: Any,
+) -> Card:
+    """Return the card of packed arrays, given mean and variance of the environment's entries and `more` of `Card`."""
+    family = arguments_with(env_id, **environment)
     observation = [
         {"name": entry.name, "meaning": entry.meaning, "mean": float(m), "variance": float(v)}
         for entry, m, v in zip(family.entries(), mean, variance, strict=True)
     ]
-    card = Card.model_validate({
+    return Card.model_validate({
         "format": FORMAT, "env_id": env_id, "environment": environment, "observation": observation,
-        "epsilon": 1e-8, "clip": 10.0, "action": meanings(family),
-        "widths": [len(bias) for bias in biases[:-1]], "activation": activation,
-        "lstm": None if memory is None else memory.memory_weights.shape[0], "output": "clip",
-        "arrays_sha256": digest(packed), "algorithm": algorithm, "command": command, "seed": seed, "steps": steps,
-        "versions": {name: version(name) for name in ("edmsim", "numpy")},
+        "action": meanings(family), "arrays_sha256": digest(packed), **more,
     })
-    write(card, packed, file)
-    return load(str(file))
 
 
 def locate(name: str) -> Path:

@@ -51,8 +51,9 @@ class Score(NamedTuple):
     controller: str
     resolution: str
     seeds: int
+    # mean_return, return_error: mean return, and its standard error
     mean_return: float
-    return_error: float  # standard error of the mean return
+    return_error: float
     rate_mm2_min: float  # area cut over machine time
     # path error (see `edmsim.evaluation.episode.Result`); for parts the edge error; None for straight cuts
     error_um: float | None

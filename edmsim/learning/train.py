@@ -35,8 +35,9 @@ CHECKPOINTS = 20  # checkpoints over a whole training (ours: at most a twentieth
 class TrainingProgress(NamedTuple):
     """Progress of a training."""
 
-    steps: int  # number of finished windows
-    total: int  # and of all
+    # steps, total: number of finished windows, and of all
+    steps: int
+    total: int
     mean_return: float  # mean of the last hundred episodes; NaN before the first ends
 
 
