@@ -23,18 +23,7 @@ def pass_colour(number: int) -> str:
 
 
 def passes_figure(report: Report) -> Figure:
-    """Draw the result of each pass: wall over the height, time, stock and roughness.
-
-    Parameters
-    ----------
-    report : Report
-        Of a cut in passes.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide, with an Agg canvas.
-    """
+    """Draw the result of each pass of a cut in passes: wall over the height, time, stock and roughness."""
     rows = [row for row in report.passes if row.piece == "profile" and row.left_um is not None]
     if not rows:
         none = "no passes: the cut was made in one, or none was finished"
@@ -66,18 +55,7 @@ def passes_figure(report: Report) -> Figure:
 
 
 def face_figure(scene: Scene) -> Figure:
-    """Draw the cut face unrolled: the profile error over distance along the edge and height.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of a cut: ``result.scene``.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide, with an Agg canvas: a panel per contour, at most four.
-    """
+    """Draw the cut face unrolled, at most four contours: profile error over distance along the edge and height."""
     faces = [edge for edge in scene.maps if edge.face_um is not None and np.isfinite(edge.face_um).any()]
     if not faces:
         return style.nothing_to_show(style.column_figure(2.0), "no face: no edge of the part was measured")

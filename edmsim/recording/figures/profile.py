@@ -394,24 +394,7 @@ REASON_LETTERS = 130  # letters of a line in which it is said why a cut stopped
 
 
 def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) -> Figure:
-    """Draw the cut.
-
-    Parameters
-    ----------
-    scene : Scene
-        Drawing, cut edges, error, corners.
-    windows : pyarrow.Table
-        The table of windows.
-    report : Report
-        For the heading.
-    title : str
-        Usually the program's name.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With an Agg canvas; matplotlib's global state does not change.
-    """
+    """Draw a cut: part, kerf and error from above, and the process over machine time, under a title."""
     inches = (PROFILE_DOTS[0] / PROFILE_DPI, PROFILE_DOTS[1] / PROFILE_DPI)
     figure = NotebookFigure(figsize=inches, dpi=PROFILE_DPI, facecolor="white")
     outer = figure.add_gridspec(
