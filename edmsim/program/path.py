@@ -211,7 +211,7 @@ class WireContour:
         """
         if self.lean is None:
             return self
-        own = self.slant[self.lead_in_moves :]
+        own = self.way.slant[self.lead_in_moves :]
         return replace(
             self, points_um=self.way.at_height(height_mm), nominal_mm=self.lean.wall.at(height_mm), lean=None,
             offset_um=self.offset_um * float(own.max(initial=1.0)),
@@ -221,16 +221,6 @@ class WireContour:
     def at_mid_height(self) -> WireContour:
         """Return the contour at half the workpiece's height, which pictures and reports use."""
         return self if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
-
-    @property
-    def slant(self) -> NDArray[np.float64]:
-        """Slant length of the wall over the workpiece's height, for every move: 1 / cos of its angle."""
-        return self.way.slant
-
-    @property
-    def along_um(self) -> NDArray[np.float64]:
-        """Length of path (n,) to every point; if the wire leans, the longer of both faces, move by move."""
-        return self.way.along_um
 
     @property
     def ways_um(self) -> tuple[NDArray[np.int64], ...]:

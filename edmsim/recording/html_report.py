@@ -13,12 +13,9 @@ from matplotlib.figure import Figure
 
 from edmsim.cosim.straight import PulseSample
 from edmsim.files import replacing
-from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, shares_figure
-from edmsim.recording.figures.passes import face_figure, passes_figure
+from edmsim.recording.figures import cut, passes, pulses, wire
 from edmsim.recording.figures.profile import PROFILE_DOTS
-from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
 from edmsim.recording.figures.style import figure_png
-from edmsim.recording.figures.wire import spectrum_figure
 from edmsim.recording.report import Element, Report, duration_text, mm_text, outcome_text, summary
 from edmsim.recording.scene import Scene
 
@@ -34,19 +31,19 @@ class Picture(NamedTuple):
 
 
 OF_CUT: dict[str, Callable[[Report, pa.Table, Scene], Figure]] = {
-    "profile-error": lambda report, windows, scene: error_figure(scene),
-    "error-shares": lambda report, windows, scene: shares_figure(scene),
-    "corner": lambda report, windows, scene: corner_figure(scene, windows),
-    "kerf-section": lambda report, windows, scene: kerf_figure(report),
-    "face": lambda report, windows, scene: face_figure(scene),
-    "passes": lambda report, windows, scene: passes_figure(report),
-    "pulses": lambda report, windows, scene: pulses_figure(windows),
-    "short-open": lambda report, windows, scene: plane_figure(windows),
+    "profile-error": lambda report, windows, scene: cut.error_figure(scene),
+    "error-shares": lambda report, windows, scene: cut.shares_figure(scene),
+    "corner": lambda report, windows, scene: cut.corner_figure(scene, windows),
+    "kerf-section": lambda report, windows, scene: cut.kerf_figure(report),
+    "face": lambda report, windows, scene: passes.face_figure(scene),
+    "passes": lambda report, windows, scene: passes.passes_figure(report),
+    "pulses": lambda report, windows, scene: pulses.pulses_figure(windows),
+    "short-open": lambda report, windows, scene: pulses.plane_figure(windows),
 }
 """Figures of a cut by name: functions of report, windows and scene."""
 OF_SAMPLE: dict[str, Callable[[PulseSample, pa.Table, Report], Figure]] = {
-    "ignition-delay": lambda sample, windows, report: delay_figure(sample, windows),
-    "wire-spectrum": lambda sample, windows, report: spectrum_figure([sample], report.settings["resolution"]),
+    "ignition-delay": lambda sample, windows, report: pulses.delay_figure(sample, windows),
+    "wire-spectrum": lambda sample, windows, report: wire.spectrum_figure([sample], report.settings["resolution"]),
 }
 """Figures of single pulses by name: functions of the sample, windows and report."""
 _CAPTIONS = {
