@@ -23,7 +23,7 @@ from sphinx.util.nodes import make_refnode
 import edmsim
 
 sys.path.append(str(Path(__file__).parent / "make"))
-from field_comments import declared_fields  # noqa: E402
+from field_comments import declared_fields
 
 if TYPE_CHECKING:
     from docutils.nodes import Element, TextElement
