@@ -382,10 +382,7 @@ class Prepared(NamedTuple):
     approach: PassSetup | None = None
 
 
-def prepared(
-    program: str | Path, settings: CutSettings,
-    plan: Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath] = planned,
-) -> Prepared:
+def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) -> Prepared:
     """Read and check all inputs of a cut, without simulation."""
     found = with_passes(program, settings, plan)
     settings, path = found.settings, found.path

@@ -184,7 +184,7 @@ _MEMORY = "500MB"
 def _started(*options: str) -> subprocess.Popen[bytes]:
     """Start a viewer in a process of its own, silent, and bound to this machine."""
     return subprocess.Popen(
-        [*RERUN, *options, "--bind", HERE], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        [*RERUN, "--bind", HERE, *options], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
 
