@@ -21,7 +21,7 @@ from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.check import check, greatest_feed_um_s, lines_of
-from edmsim.job.cut import make_controller
+from edmsim.job.cut import make_controller, planned, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.recording.figures.path import path_figure
@@ -266,6 +266,14 @@ def test_passes_are_estimated_by_their_technology() -> None:
     assert [f"pass {one.number}, {one.offset_mm:.3f} mm" for one in found.passes] == [
         str(line.get_label()) for line in drawn if str(line.get_label()).startswith("pass ")
     ]
+
+
+def test_what_a_technology_leaves_open_holds_in_every_pass() -> None:
+    settings = CutSettings(passes=3, height_mm=25.4, standoff_lower_mm=2.0, constants=["gap.critical_um=4"])
+    machines = [one.machine for one in with_passes(EXAMPLES / "punch.ngc", settings, planned).setups]
+    assert len({machine.t_period_us for machine in machines}) > 1
+    for machine in machines:
+        assert (machine.standoff_lower_mm, machine.base.gap.critical_um.value) == (2.0, 4.0)
 
 
 def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_to_run() -> None:

@@ -23,34 +23,21 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class Corners(CornerRule):
-    """A longer period near corners, and an offset after them.
+    """A longer period near corners, and an offset after them."""
 
-    Parameters
-    ----------
-    before_um, behind_um : float
-        Path before and after a corner on which the period is longer; 0 for none.
-    corner_factor : float
-        Period near a corner divided by the period elsewhere.
-    slack_um : float
-        0, or the deflection of a wire under 1 N per m of workpiece for which `corner_factor` is meant. The factor of
-        another wire is scaled with the square root of its deflection divided by this value.
-    offset_um : float
-        Offset to the left of the path.
-    pull_N_m : float
-        Force on the wire per height of workpiece, positive forward; negative for a wire that lags. The force bends
-        the wire by `lead_um`, and after a corner this deflection points off the path. The offset compensates it and
-        fades out as the wire turns into the new direction.
-    fade_um : float
-        Length of path after a corner on which this compensation falls to 1/e.
-    """
-
+    # before_um, behind_um: path before and after a corner on which the period is longer; 0 for none
     before_um: float = 0.0
     behind_um: float = 0.0
-    corner_factor: float = 4.0
+    corner_factor: float = 4.0  # period near a corner divided by the period elsewhere
+    # 0, or the deflection of a wire under 1 N per m of workpiece for which `corner_factor` is meant. The factor of
+    # another wire is scaled with the square root of its deflection divided by this value.
     slack_um: float = 0.0
-    offset_um: float = 0.0
+    offset_um: float = 0.0  # offset to the left of the path
+    # force on the wire per height of workpiece, positive forward; negative for a wire that lags. The force bends the
+    # wire by `lead_um`, and after a corner this deflection points off the path. The offset compensates it and fades
+    # out as the wire turns into the new direction.
     pull_N_m: float = 0.0
-    fade_um: float = 100.0
+    fade_um: float = 100.0  # length of path after a corner on which this compensation falls to 1/e
 
     def __post_init__(self) -> None:
         self.start_um = self._lead_um = 0.0
@@ -130,13 +117,9 @@ class TrueBend(Corners):
 
     The offset is the opposite of the true mean deflection across the path. ``pull_N_m`` and ``fade_um`` have no
     effect.
-
-    Parameters
-    ----------
-    average_s : float
-        Time constant of the average of the deflection: the guides must not follow the wire's vibration.
     """
 
+    # time constant of the average of the deflection: the guides must not follow the wire's vibration
     average_s: float = 0.25
 
     bent_um: tuple[float, float] = field(default=(0.0, 0.0), init=False)

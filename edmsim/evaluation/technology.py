@@ -28,7 +28,7 @@ from edmsim.machine.technology import AtHeight, FoundPass, PassSetting, Technolo
 from edmsim.metrology.roughness import roughness_um
 from edmsim.plant.gap.generator import crater_um3
 from edmsim.plant.workpiece.kerf_field import KerfField
-from edmsim.program.offset import OffsetOutline, offset_open
+from edmsim.program.offset import OffsetOutline, offset_edge
 from edmsim.program.outline import Outline
 from edmsim.program.passes import CutPass, PassPlan, on_grid, ways_of
 from edmsim.program.path import CutPath, WireContour
@@ -146,7 +146,7 @@ def straight_path(
     elements = tuple(range(1, count + 1))
     outline = Outline(edge, (0,) * count, False, "left", "right", np.empty((0, 2)), elements=elements)
     past_mm = [None, *[offsets_mm[0]] * (len(offsets_mm) - 1)]  # trims go straight past outer corners
-    ways_mm = [offset_open(edge, "left", mm, past) for mm, past in zip(offsets_mm, past_mm, strict=True)]
+    ways_mm = [offset_edge(edge, "left", mm, False, past) for mm, past in zip(offsets_mm, past_mm, strict=True)]
     legs = [OffsetOutline(outline, way, edge, mm) for way, mm in zip(ways_mm, offsets_mm, strict=True)]
     ways = ways_of(legs, PassPlan(tuple(offsets_mm)))
     lead = ways[0].points[:1] - (LEAD_MM, 0.0)

@@ -182,7 +182,7 @@ def test_what_cannot_be_measured_is_refused(tmp_path, sensing, said):
 
 
 def test_a_file_of_another_kind_or_in_no_folder_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"\.parquet or \.wav"):
+    with pytest.raises(InputError, match=r"\.parquet \.wav"):
         SampleFile(tmp_path / "gap.csv", Sensing())
     with pytest.raises(InputError, match="cannot be written"):
         SampleFile(tmp_path / "none" / "gap.wav", Sensing())
@@ -233,7 +233,7 @@ def test_a_table_of_delays(tmp_path, monkeypatch):
     [
         ((), "give --serial BOARD"), (("--serial", "uhu"), "there is no board 'uhu'"),
         (("--serial", "spark", "--speed", "0"), "--speed is above 0"),
-        (("--samples", "a.csv"), "written as .parquet or .wav"),
+        (("--samples", "a.csv"), "written as .parquet .wav"),
         (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--fmu", "gap.cir"), "written as .fmu"),
         (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
         (("--samples", "a.wav", "--gap", "0"), "the gap is"),
