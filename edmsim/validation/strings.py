@@ -30,11 +30,12 @@ FREQUENCIES_HZ = ((40.0, 1935.0), (80.0, 968.0), (150.0, 516.0))
 def _worst_rows(
     table: str, at: str, over: str, value: str, simulate: Callable[[float, float], float]
 ) -> Iterator[tuple[float, int, float, float, str]]:
-    """Yield every `at` of a published table, how many rows it has, and the worst one: published, simulated, `over`."""
+    """Yield every `at` of a published table, its number of rows, and published, simulated and `over` of the worst."""
     rows = models.published(table)
     for place in sorted({float(row[at]) for row in rows}):
         there = [row for row in rows if float(row[at]) == place]
-        yield place, len(there), *worst((float(row[value]), simulate(place, float(row[over])), row[over]) for row in there)
+        compared = ((float(row[value]), simulate(place, float(row[over])), row[over]) for row in there)
+        yield place, len(there), *worst(compared)
 
 
 def static_lag_um(height_mm: float, tension: float) -> float:
