@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -57,6 +58,16 @@ class InputError(EdmsimError):
 
 class CombinationError(InputError):
     """Values that could each be used, but not together."""
+
+
+@contextmanager
+def located(file: str | Path | None = None, line: int | None = None, name: str = "") -> Iterator[None]:
+    """Give input errors raised inside the file and line they are about, where they have none, and a name in front."""
+    try:
+        yield
+    except InputError as error:
+        reason = f"{name}: {error.reason}" if name else error.reason
+        raise InputError(reason, error.file or file, error.line or line) from None
 
 
 def invalid_entry(error: ValidationError) -> str:

@@ -103,25 +103,6 @@ def test_a_table_that_is_too_short_is_reported(tmp_path):
     assert any("beyond the compensation table of x along x" in notice for notice in notices)
 
 
-def test_a_perfect_table_has_no_share_in_the_report():
-    report = edmsim.cut(SMALL, max_time_s=2, **FAST).report
-    assert report["table_error_um"] is None
-
-
-def test_a_compensated_cut_goes_on_from_a_snapshot_bit_for_bit(tables, bad):
-    one = simulation_of(tables, bad)
-    for _ in range(60):
-        one.step()
-    arrays, values = one.snapshot()
-    two = simulation_of(tables, bad)
-    two.restore(arrays, json.loads(json.dumps(values)))
-    for each in (one, two):
-        each.run()
-    assert one.plant.place_um == two.plant.place_um
-    assert one.commanded_um == two.commanded_um
-    assert one.plant.removed_mm3 == two.plant.removed_mm3
-
-
 def test_a_drive_tuned_for_other_steps_is_refused():
     with pytest.raises(InputError, match=r"the drive of x \(uhu\) moves 2 um at a step; this machine's steps are 1"):
         edmsim.cut(SMALL, machine="worn-table", drive="uhu:M=9", height_mm=5.0, resolution="fast", max_time_s=1)
@@ -172,13 +153,6 @@ def test_a_bad_file_gets_one_line(text, message, tmp_path):
     with pytest.raises(InputError, match=re.escape(message)) as caught:
         edmsim.cut(SMALL, compensation=str(file), max_time_s=1, **FAST)
     assert str(caught.value).startswith(str(file))
-
-
-@pytest.mark.slow
-def test_too_many_points_are_refused(tmp_path):
-    many = ErrorTable("x", "x", np.column_stack([np.arange(5_000_000.0), np.zeros(5_000_000)]))
-    with pytest.raises(InputError, match="5000000 points are more than the control has room for"):
-        load_tables([many])
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):

@@ -139,7 +139,7 @@ def corner(passes: int, seed: int) -> Corner:
     error = np.where(ends, np.nan, measured.error_um - unreachable_um(measured, contour))
     (found,) = corners(contour, replace(measured, error_um=error))
     sides = [error[:, ~ends & side] for side in (measured.s_mm <= CORNER_MM, measured.s_mm >= CORNER_MM)]
-    return Corner(found["error_um"], error_stats(np.hstack([without_roughness(side) for side in sides]))["p95"])
+    return Corner(found.error_um, error_stats(np.hstack([without_roughness(side) for side in sides]))["p95"])
 
 
 def without_roughness(error_um: Floats) -> Floats:

@@ -155,7 +155,7 @@ class Cam:
     """Motion of an axis of `CAM_AXES` over x, y or the path: ``points`` (n, 2), both in mm."""
 
     axis: str
-    master: str
+    master: str  # one of `PLACES`
     points: NDArray[np.float64]
     cubic: bool = False
 
