@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -166,6 +167,8 @@ def gap(
 
 
 def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: float) -> None:
+    if seconds is not None and not 0 < seconds < math.inf:
+        raise InputError(f"--seconds is above 0, not {seconds:g}")
     if has_ports:
         from edmsim.hil.session import serve
 
