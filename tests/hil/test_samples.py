@@ -237,7 +237,7 @@ def test_a_table_of_delays(tmp_path, monkeypatch):
         (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--fmu", "gap.cir"), "written as .fmu"),
         (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
         (("--samples", "a.wav", "--gap", "0"), "the gap is"),
-        (("--log", "a.csv", "--generator", "steam"), "steam"),
+        (("--log", "a.csv", "--generator", "steam"), "steam"), (("--delays", "a.txt"), "delays is written as .csv"),
         (("--samples", "a.wav", "--log", "b.csv", "--log-rate", "nan"), "2 to 100 rows"),
         (("--samples", "a.wav", "--log", "b.csv", "--seconds", "nan"), "--seconds is above 0, not nan"),
         (("--samples", "a.wav", "--log", "b.csv", "--feed", "nan"), "a feed in um/s must be a number, not nan"),
