@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +81,40 @@ class Corners(CornerRule):
         passed = behind_um >= 0.0
         lateral_um = self._lead_um * np.sin(self._turns_rad[passed]) * np.exp(-behind_um[passed] / self.fade_um)
         return self.offset_um + float(lateral_um.sum())
+
+
+@dataclass
+class OuterCorners(CornerRule):
+    """A longer period before outer corners: less and less metal is in front of a trim there.
+
+    Parameters
+    ----------
+    before_um : float
+        Path before an outer corner of the wire's path on which the period is longer; 0 for none. Trims go straight
+        past the part's corner, by about their offset.
+    corner_factor : float
+        Period there divided by the period elsewhere.
+    """
+
+    before_um: float = 0.0
+    corner_factor: float = 3.0
+
+    def __post_init__(self) -> None:
+        self.part_side: Literal["left", "right"] | None = None
+        self._corners_um: Floats = np.zeros(0)
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Find where the leg turns to the part."""
+        line = Polyline(points_um * 1e-3, closed=False)
+        corners = line.corners(CORNER_DEG)
+        outer = (line.turn_deg[corners] > 0) == (self.part_side == "left")
+        self._corners_um = line.s[corners][outer & (self.part_side is not None)] * 1e3 + start_um
+        self.start_um = start_um
+
+    def slowing(self, path_um: float) -> float:
+        """Return the factor on the period at a place of the path."""
+        ahead_um = self._corners_um - path_um
+        return self.corner_factor if ((ahead_um >= 0.0) & (ahead_um < self.before_um)).any() else 1.0
 
 
 def lead_um(machine: Machine, force_N_m: float) -> float:

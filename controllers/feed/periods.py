@@ -330,6 +330,33 @@ class HeatGauge(Gauge):
 
 
 @dataclass
+class CornerPeriod(PeriodRule):
+    """The operator's period, longer where the rule for corners says so."""
+
+    slower: bool = field(default=False, init=False)  # whether the period is longer than the operator's
+
+    def __post_init__(self) -> None:
+        self._period_us = 0.0
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the operator's period."""
+        self._period_us = machine.t_period_us
+
+    def first_setting_us(self, law: ServoLaw) -> _Setting:
+        """Return the setting of the leg's begin."""
+        return self._at(law.corner.start_um, law)
+
+    def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
+        """Return the setting of the next window."""
+        return self._at(window.path_um, law)
+
+    def _at(self, path_um: float, law: ServoLaw) -> _Setting:
+        factor, before = law.corner.slowing(path_um), self.slower
+        self.slower = factor > 1.0
+        return None, self._period_us * factor if self.slower or before else None
+
+
+@dataclass
 class SetPoint(PeriodRule):
     """A setting in proportion to the operator's, and a longer period at corners.
 

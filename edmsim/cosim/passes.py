@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -50,6 +50,7 @@ class Leg(NamedTuple):
     lead_um: NDArray[np.int64] | None = None
     cut_pass: CutPass | None = None  # the pass it belongs to; None where the contour is cut in one
     leads_in: bool = False  # whether it is the way from the start hole to where the pass begins
+    part_side: Literal["left", "right"] | None = None  # looking along the leg; None: the wire follows a line as drawn
 
     def started_at(
         self, point_um: tuple[float, float], lead_um: tuple[float, float]
@@ -77,13 +78,18 @@ def legs_of(contour: WireContour) -> list[Leg]:
         Leg(
             contour.points_um[a : b + 1], a == 0 and threads, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0),
             along[a : b + 1], None if contour.lean is None else contour.lean.upper_um[a : b + 1],
+            part_side=contour.part_side if contour.compensated else None,
         )
         for a, b in zip(starts, ends, strict=True)
     ]
 
 
+_OPPOSITE: dict[str, Literal["left", "right"]] = {"left": "right", "right": "left"}
+
+
 def _legs_of_passes(contour: WireContour) -> list[Leg]:
     legs = []
+    side, opposite = contour.part_side, _OPPOSITE[contour.part_side]
     for number, one in enumerate(contour.passes):
         threads = number == 0 and not contour.continues
         lead, last = one.approach_moves if number == 0 else 0, len(one.points_um) - 1
@@ -94,7 +100,7 @@ def _legs_of_passes(contour: WireContour) -> list[Leg]:
                 Leg(
                     one.points_um[a : b + 1], a == 0 and threads, waits.get(0, 0.0) if a == 0 else 0.0,
                     waits.get(b, 0.0), along[a : b + 1], None if one.lean is None else one.lean.upper_um[a : b + 1],
-                    cut_pass=one, leads_in=b <= lead,
+                    cut_pass=one, leads_in=b <= lead, part_side=side if not one.reversed else opposite,
                 )
             )
     return legs

@@ -228,7 +228,7 @@ class Simulation:
         points, along, leads = leg.started_at(at.from_um, at.lead_um)
         for observer in self.observers:
             observer.leg(points, at.start_um)
-        tell(self.controller, machine, points, at.start_um)
+        tell(self.controller, machine, points, at.start_um, leg.part_side)
         self._offset.begin_leg(points, None if leads is None else along)
         step_um = self.machine.base.table.step_um.value
         behind = way_behind(self.legs, at.leg)
@@ -473,7 +473,7 @@ class Simulation:
         self._setup = approach if leg.leads_in else setup
         machine = self._setup.machine
         self.plant.change_setup(machine)
-        tell(self.controller, machine, leg.points_um, self._at.start_um)
+        tell(self.controller, machine, leg.points_um, self._at.start_um, leg.part_side)
         command = check_command(self.controller.name, self.controller.reset(self.max_feed_um_s))
         self._set_generator(machine.t_on_us, machine.t_period_us)
         self._set_generator(command.t_on_us, command.t_period_us)

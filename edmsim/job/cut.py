@@ -173,6 +173,12 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
     """Return the offsets and settings of a technology, with a notice if it is for another material."""
     height_mm, material = settings.workpiece.greatest_mm, settings.material
     table = technology.table(height_mm, passes)
+    if table.resolution not in (None, settings.resolution):
+        moved = (
+            f"the offsets of the passes were measured at the resolution {table.resolution}; at {settings.resolution} "
+            "walls lie elsewhere by some um (edmsim tune technology has the option --resolution)"
+        )
+        table = table._replace(notices=(*table.notices, moved))
     if technology.material == material:
         return table
     notice = (
