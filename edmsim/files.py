@@ -83,10 +83,12 @@ def make_writable(folder: Path) -> None:
 
 
 def check_suffix(file: Path, what: str, *suffixes: str) -> str:
-    """Return the suffix of a file to write, in lower case; raises `InputError` if it is none of these."""
+    """Return the suffix of a file to write, in lower case; raises `InputError` if it is another, or a folder."""
     suffix = file.suffix.lower()
     if suffix not in suffixes:
         raise InputError(f"{what} is written as {' '.join(suffixes)}", file)
+    if file.is_dir():
+        raise InputError(f"is a folder; {what} is a file", file)
     return suffix
 
 
