@@ -36,7 +36,7 @@ _CONTROLLERS: dict[str, _Kind] = {
         laws.AdaptiveOffTimeController, laws.OracleController, McuController, laws.FixedPeriodController,
         laws.SatoController, laws.HeatFluxController, laws.HeatOracleController, laws.SetPointController,
         laws.ClimbController, laws.LeadOracleController, laws.TrimController, laws.ClimbingHoldController,
-        laws.AdaptiveHoldController,
+        laws.AdaptiveHoldController, laws.GuardedHoldController,
     )
 }
 
@@ -48,7 +48,7 @@ OF_A_TASK = tuple(
     for kind in (
         laws.SetPointController, laws.ClimbController, laws.LeadOracleController, laws.FixedPeriodController,
         laws.SatoController, laws.HeatFluxController, laws.HeatOracleController, laws.TrimController,
-        laws.ClimbingHoldController, laws.AdaptiveHoldController,
+        laws.ClimbingHoldController, laws.AdaptiveHoldController, laws.GuardedHoldController,
     )
 )
 """Controllers whose constants are for one task: compared only in that task."""

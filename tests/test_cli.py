@@ -190,7 +190,7 @@ def test_a_film_is_one_of_the_files_of_a_cut(small_cut: SimpleNamespace, tmp_pat
     assert shown.status == 0
     assert shown.out.split() == [str(tmp_path / "cut.gif"), str(tmp_path / "cut.csv")]
     assert (tmp_path / "cut.gif").read_bytes()[:3] == b"GIF"
-    assert_refused(edmsim("report", small_cut.folder, "--film", tmp_path / "cut.txt"), ".mp4 or .gif")
+    assert_refused(edmsim("report", small_cut.folder, "--film", tmp_path / "cut.txt"), ".mp4 .gif")
     assert_refused(edmsim("report", tmp_path, "--film", tmp_path / "a.gif"), str(tmp_path), "cut.rrd")
 
 
@@ -294,7 +294,7 @@ def test_bench_draws_where_a_pulses_time_goes(edmsim: Run, tmp_path: Path, monke
 
 
 @pytest.mark.parametrize(("arguments", "reason"), [
-    (("--figure", "a.jpg"), "a figure is written as one of"),
+    (("--figure", "a.jpg"), "a figure is written as .pdf .svg .png"),
     (("--against", "no-such-revision"), "has no revision 'no-such-revision'"),
 ])  # fmt: skip
 def test_bench_refuses_what_it_cannot_measure(edmsim: Run, arguments: tuple[str, ...], reason: str) -> None:

@@ -282,7 +282,7 @@ def test_a_cut_reports_its_taper(tmp_path):
         ({"taper_deg": 50.0}, "cannot lean by 50 degrees"),
         ({"taper_deg": 3.0, "taper_corners": "shap"}, "did you mean 'sharp'"),
         ({"taper_deg": 3.0, "planner": "poscal-literal"}, "moves two axes"),
-        ({"upper_layer": "UPPER"}, "those of a drawing"),
+        ({"upper_layer": "UPPER"}, "a drawing has this"),
         ({"guide_errors_mm": (9.0, 0.0)}, "not within 5 mm"),
         ({"taper_deg": 20.0, "height_mm": 80.0}, "the upper guide go"),
     ],

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 from edmsim.controllers.feed import periods
 from edmsim.controllers.feed.adaptive_hold import AdaptiveHold, ClimbingHold
 from edmsim.controllers.feed.corners import Corners, TrueBend
+from edmsim.controllers.feed.guarded_hold import GuardedHold, StreamGauge
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
 from edmsim.controllers.feed.measures import FuzzyRules, MeanDelay, MeanVoltage, OpenShare, ShortShare, TrueGap
 from edmsim.controllers.protocols import FeedCommand, WindowObservation
@@ -102,6 +104,24 @@ class AdaptiveHoldController(
     """Holds the local heat flux with the largest expected return, estimated from the breaks so far."""
 
     name: ClassVar[str] = "adaptive-hold"
+
+
+class GuardedHoldController(
+    ServoLaw, measure=OpenShare, period=GuardedHold, gauge=StreamGauge, fixed=("hold_share", "break_hold_share"),
+    **{**FINDING, "proportional_share": 0.4, "integral_per_s": 2.5, "limit_share": 0.16, "limit_spread": 0.3},
+):  # fmt: skip
+    """Holds the heat flux as `adaptive-hold` does, and relieves the wire after bursts of discharges."""
+
+    name: ClassVar[str] = "guarded-hold"
+
+    def update(self, window: WindowObservation) -> FeedCommand:
+        """Feed for the next window; in a relief it falls as the period grows."""
+        command = super().update(window)
+        assert isinstance(self.period, GuardedHold)
+        if not self.period.relieving or command.t_period_us is None:
+            return command
+        usual_us = math.exp(self.period.log_us)
+        return command._replace(feed_um_s=command.feed_um_s * min(usual_us / command.t_period_us, 1.0))
 
 
 class HeatOracleController(

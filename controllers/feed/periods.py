@@ -37,7 +37,7 @@ STEP_US = 5  # the shortest period is rounded up to whole multiples of this (our
 MOST_ERROR = 1.0  # no larger deviation from what is held counts (ours: one window of few sparks tells little)
 USUAL_S = 20.0  # time constant of the usual share of opens (ours: many retracts, a tenth of a workpiece)
 WIDER = 0.1  # share of opens above the usual one from which a gap counts as wider (ours: of one window, 0.03)
-_BOILING_K = 373.15
+BOILING_K = 373.15
 _Setting = tuple[float | None, float | None]
 
 
@@ -230,7 +230,7 @@ class HoldHeat(RisingPeriod):
 
     def next_us(self, window: WindowObservation, law: ServoLaw) -> float:
         """Period that brings the measure to what is held."""
-        error = min(max(law.gauge.near(window) - self.hold, -MOST_ERROR), MOST_ERROR)
+        error = min(max(self.excess(law.gauge.near(window)), -MOST_ERROR), MOST_ERROR)
         if self.recovery_s and shorted(window):  # the sparks that clear a short would find the shortest period
             error = max(error, 0.0)
         if self.recovery_s and law.servo.retracting:
@@ -241,6 +241,10 @@ class HoldHeat(RisingPeriod):
         grown = self.log_us + self.integral_per_s * error * window.duration_s
         self.log_us = min(max(grown, math.log(max(self.shortest_us, 1.0))), self._longest)
         return max(math.exp(self.log_us + self.proportional_share * error), self.shortest_us)
+
+    def excess(self, near: float) -> float:
+        """Return how far a measure is above the target."""
+        return near - self.hold
 
     def _refills(self, window: WindowObservation) -> bool:
         """Return whether the gap is still wider than usual after a retract or a break."""
@@ -318,7 +322,7 @@ class HeatGauge(Gauge):
 
     def see(self, truth: GapWindow) -> None:
         """Take in the true temperature."""
-        self.superheat = (truth.wire_temperature_K - _BOILING_K) / self._superheat_K
+        self.superheat = (truth.wire_temperature_K - BOILING_K) / self._superheat_K
 
     def near(self, window: WindowObservation) -> float:
         """Return the superheat over the one at which the wire boils dry; it is negative below the boiling point."""

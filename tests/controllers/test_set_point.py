@@ -212,7 +212,7 @@ def test_sparks_that_clear_a_short_find_no_shorter_period_than_those_before_it(n
     assert after_us[-1] == pytest.approx(before_us, rel=0.1)
 
 
-@pytest.mark.parametrize("name", ["climbing-hold", "adaptive-hold"])
+@pytest.mark.parametrize("name", ["climbing-hold", "adaptive-hold", "guarded-hold"])
 def test_a_gap_that_is_still_wide_after_a_short_does_not_shorten_the_period(name: str) -> None:
     """Wires broke as such a gap closed again, at the shortest period."""
     found = []

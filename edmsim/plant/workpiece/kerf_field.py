@@ -32,15 +32,6 @@ PARALLEL = 1e-9  # a direction is parallel to an axis of the grid if its cosine 
 class Stock:
     """The blank before the first spark: a rectangle with round start holes, perhaps of several heights.
 
-    Attributes
-    ----------
-    rectangle_um : (x_min, y_min, x_max, y_max)
-    holes_um : tuple of (x, y, radius)
-    steps : tuple of LowerRegion
-        Regions that are less high than the rest; where they overlap, the earlier one holds.
-    height_mm : float, optional
-        Height outside the steps: the machine's `height_mm`, the greatest there is. Needed with steps.
-
     Raises
     ------
     InputError
@@ -49,7 +40,9 @@ class Stock:
 
     rectangle_um: tuple[float, float, float, float]
     holes_um: tuple[tuple[float, float, float], ...] = ()
+    # regions that are less high than the rest; where they overlap, the earlier one holds
     steps: tuple[LowerRegion, ...] = ()
+    # height outside the steps: the machine's `height_mm`, the greatest there is. Needed with steps.
     height_mm: float | None = None
 
     def __post_init__(self) -> None:
