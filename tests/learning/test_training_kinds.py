@@ -1,7 +1,5 @@
 """Policies with memory, beside a law, under a bound on costs, and with a critic that knows more."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 

@@ -1,7 +1,5 @@
 """Stepped workpieces: which slices have metal where, exactly, and what a plant removes of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

@@ -1,7 +1,5 @@
 """The full model's stepper motors, screws, ways and end stops under MuJoCo, against closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A servo module on the bench, as its tests set it up."""
 
-from __future__ import annotations
-
 import re
 
 from edmsim.axis_bench import AxisBench

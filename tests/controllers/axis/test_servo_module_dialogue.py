@@ -1,7 +1,5 @@
 """The servo module's serial dialogue, to the character, its data recorder, and its faults."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The servo module's loop on a held rotor (output, clamp, antidither, integral, rate), its motion and memory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
