@@ -1,7 +1,5 @@
 """`edmsim check`, and what the command line says of options: one line for bad usage, names for what there is."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

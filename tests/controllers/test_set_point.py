@@ -1,7 +1,5 @@
 """Servos with settings of their own at corners; laws that set the period by the wire's heat."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 
