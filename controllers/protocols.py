@@ -71,42 +71,23 @@ class GapWindow(Protocol):
 
 
 class WindowObservation(NamedTuple):
-    """One window of 255 pulses as a real machine's controller can observe it.
+    """One window of 255 pulses as a real machine's controller can observe it."""
 
-    Attributes
-    ----------
-    time_s : float
-        End of the window in s.
-    duration_s : float
-        Length of the window in s: 255 t(p).
-    short, open : int
-        Pulses without removal, 0..255 together.
-    mean_voltage_V : float
-        Gap voltage averaged over the window, of the working pulses only: equalising pulses, which hold the mean of
-        both at 0 V, would hide the gap's state.
-    mean_current_A : float
-        Gap current averaged over the window.
-    mean_delay_us : float
-        Ignition delay averaged over the pulses that ignited, in us.
-    feed_um_s : float
-        Feed commanded for the window in um/s.
-    path_um : float
-        Path length at the end of the window by the position counters, in um, over all legs of the program (see
-        `KnowsSetup.set_up`).
-    fifths : tuple of 5 int
-        Ignitions in each fifth of the workpiece's (greatest) height, from below, as the currents of the two contacts
-        locate them: see `edmsim.plant.window.PulseWindow`.
-    """
-
-    time_s: float
-    duration_s: float
-    short: int
+    time_s: float  # end of the window in s
+    duration_s: float  # length of the window in s: 255 t(p)
+    short: int  # pulses without removal: short and open ones are 0..255 together
     open: int
+    # gap voltage averaged over the window, of the working pulses only: equalising pulses, which hold the mean of both
+    # at 0 V, would hide the gap's state
     mean_voltage_V: float
-    mean_current_A: float
-    mean_delay_us: float
-    feed_um_s: float
+    mean_current_A: float  # gap current averaged over the window
+    mean_delay_us: float  # ignition delay averaged over the pulses that ignited, in us
+    feed_um_s: float  # feed commanded for the window in um/s
+    # path length at the end of the window by the position counters, in um, over all legs of the program (see
+    # `KnowsSetup.set_up`)
     path_um: float
+    # ignitions in each fifth of the workpiece's (greatest) height, from below, as the currents of the two contacts
+    # locate them: see `edmsim.plant.window.PulseWindow`
     fifths: tuple[int, ...] = (0, 0, 0, 0, 0)
 
     @classmethod
@@ -128,30 +109,18 @@ class WindowObservation(NamedTuple):
 
 
 class FeedCommand(NamedTuple):
-    """A controller's command for the next window.
+    """A controller's command for the next window."""
 
-    Attributes
-    ----------
-    feed_um_s : float
-        Speed along the path in um/s; negative to run backwards.
-    alarm : str or None
-        Reason to stop the machine, or None.
-    t_on_us, t_period_us : float or None
-        Generator setting from the next window on; None keeps the present one. A setting that the generator refuses
-        has no effect.
-    latency_s : float
-        Calculation time of the controller: the machine runs at the old feed for this time after the window's end, in
-        s.
-    offset_um : float
-        Offset of the guides from the path, positive to its left, negative to its right. They move by one motor step
-        per axis and window.
-    """
-
-    feed_um_s: float
-    alarm: str | None = None
+    feed_um_s: float  # speed along the path in um/s; negative to run backwards
+    alarm: str | None = None  # reason to stop the machine, or None
+    # t_on_us, t_period_us: generator setting from the next window on; None keeps the present one. A setting that the
+    # generator refuses has no effect.
     t_on_us: float | None = None
     t_period_us: float | None = None
+    # calculation time of the controller: the machine runs at the old feed for this time after the window's end, in s
     latency_s: float = 0.0
+    # offset of the guides from the path, positive to its left, negative to its right. They move by one motor step per
+    # axis and window.
     offset_um: float = 0.0
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -59,11 +60,21 @@ class CombinationError(InputError):
     """Values that could each be used, but not together."""
 
 
+@contextmanager
+def located(file: str | Path | None = None, line: int | None = None, name: str = "") -> Iterator[None]:
+    """Give input errors raised inside the file and line they are about, where they have none, and a name in front."""
+    try:
+        yield
+    except InputError as error:
+        reason = f"{name}: {error.reason}" if name else error.reason
+        raise InputError(reason, error.file or file, error.line or line) from None
+
+
 def invalid_entry(error: ValidationError) -> str:
     """Return the first entry that pydantic refused, and why, in one line."""
     first = error.errors()[0]
     place = ".".join(map(str, first["loc"]))
-    return f"{place + ': ' if place else ''}{first['msg']}"
+    return f"{place + ': ' if place else ''}{first['msg'].removeprefix('Value error, ')}"
 
 
 def one_of(name: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:

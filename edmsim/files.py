@@ -82,6 +82,14 @@ def make_writable(folder: Path) -> None:
         raise InputError(f"the output folder cannot be written to: {error.strerror}", folder) from None
 
 
+def check_suffix(file: Path, what: str, *suffixes: str) -> str:
+    """Return the suffix of a file to write, in lower case; raises `InputError` if it is none of these."""
+    suffix = file.suffix.lower()
+    if suffix not in suffixes:
+        raise InputError(f"{what} is written as {' '.join(suffixes)}", file)
+    return suffix
+
+
 @contextmanager
 def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
     """Keep a folder, which is made, to this process; the lock goes with it, however it ends.

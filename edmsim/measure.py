@@ -57,18 +57,11 @@ COVERAGE = 2.0  # standard deviations on either side of a mean that repeatabilit
 
 @dataclass(frozen=True)
 class Positioning:
-    """Deviations of an axis and the standard's figures, in um; targets in mm.
+    """Deviations of an axis and the standard's figures, in um; targets in mm."""
 
-    Attributes
-    ----------
-    targets_mm : array (targets,)
-    up_um, down_um : array (runs, targets)
-        Deviations at targets approached from below and from above.
-    """
-
-    targets_mm: Floats
-    up_um: Floats
-    down_um: Floats
+    targets_mm: Floats  # (targets,)
+    up_um: Floats  # (runs, targets): deviations at targets approached from below
+    down_um: Floats  # and from above
 
     def __post_init__(self) -> None:
         """Refuse what cannot be evaluated."""
@@ -121,17 +114,11 @@ class Positioning:
 
 @dataclass(frozen=True)
 class CircularTest:
-    """True places of the table on a circle, in both directions.
+    """True places of the table on a circle, in both directions."""
 
-    Attributes
-    ----------
-    radius_mm : float
-        Programmed.
-    anticlockwise_um, clockwise_um : array (n, 2)
-        Places from the programmed centre, at equal steps of the angle from +x, both in anticlockwise order.
-    """
-
-    radius_mm: float
+    radius_mm: float  # programmed
+    # (n, 2), both: places from the programmed centre, at equal steps of the angle from +x,
+    # both in anticlockwise order
     anticlockwise_um: Floats
     clockwise_um: Floats
 
@@ -186,18 +173,11 @@ _BEYOND_MM = 1.0  # how far the first and the last point of a compensation table
 
 @dataclass(frozen=True)
 class TableMeasurement:
-    """Measurements of a table.
-
-    Attributes
-    ----------
-    travel_mm : float
-    along : dict of (str, str) to Positioning
-        By the axis of the deviation and the axis that moved: positioning if they are equal, otherwise
-        straightness and squareness.
-    circle : CircularTest
-    """
+    """Measurements of a table."""
 
     travel_mm: float
+    # by the axis of the deviation and the axis that moved: positioning if they are equal, otherwise straightness and
+    # squareness
     along: dict[tuple[str, str], Positioning]
     circle: CircularTest
 

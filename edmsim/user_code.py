@@ -23,19 +23,11 @@ _OWN = re.compile(r"(?P<file>.+\.py)(?::(?P<name>[^:]*)(?::(?P<rest>.*))?)?", re
 
 
 class UserObject(NamedTuple):
-    """Something in a user's file.
-
-    Attributes
-    ----------
-    name : str
-        What it is called there; empty if nothing was named.
-    rest : str
-        What stood behind a second colon.
-    """
+    """Something in a user's file."""
 
     file: str
-    name: str
-    rest: str
+    name: str  # what it is called there; empty if nothing was named
+    rest: str  # what stood behind a second colon
 
 
 def named(text: str) -> UserObject | None:

@@ -45,11 +45,10 @@ def _scene(cut: PartCut) -> tuple[Scene, NDArray[np.float64]]:
         if cut.over:
             measured = profile_error(plant.field, contour)
             points, error = measured.points_mm, measured.mean_um
-    clearance = machine.base.guides.clearance_mm.value
     scene = Scene(
         maps=(ErrorMap(contour.nominal_mm, contour.part_side, points, error),), cut_edges_mm=tuple(edges), corners=(),
         starts_mm=np.asarray(contour.points_um[:1] * 1e-3, np.float64), holes_mm=holes, stock_mm=stock_mm,
-        height_mm=machine.height_mm, terraces=(), guides_z_mm=(-clearance, machine.height_mm + clearance),
+        height_mm=machine.height_mm, terraces=(), guides_z_mm=machine.guides_z_mm,
         wire_diameter_um=machine.wire_diameter_um, origin_mm=cut.path.origin_mm,
     )  # fmt: skip
     return scene, np.asarray(place_mm, np.float64)

@@ -11,7 +11,7 @@ from edmsim.cosim.stops import StopCause
 from edmsim.job.inspection import holes_mm, terraces
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.profile import corners, profile_error
-from edmsim.recording.scene import ErrorMap, Polylines, Scene, SceneCorner, polylines
+from edmsim.recording.scene import ErrorMap, Polylines, Scene, polylines
 
 if TYPE_CHECKING:
     from edmsim.envs.sub_envs import SubEnvs
@@ -22,7 +22,6 @@ def path_scene(sub_envs: SubEnvs, index: int) -> Scene:
     scenario, plant = sub_envs.scenarios[index], sub_envs.fleet.plants[index]
     assert scenario is not None
     machine, none = scenario.machine, np.zeros((0, 2))
-    clearance = machine.base.guides.clearance_mm.value
     x0, y0, x1, y1 = (v * 1e-3 for v in scenario.stock.rectangle_um)
     edges: list[Polylines] = [() for _ in range(plant.resolution.slices)]
     scene = Scene(
@@ -31,7 +30,7 @@ def path_scene(sub_envs: SubEnvs, index: int) -> Scene:
         starts_mm=np.array([leg[0] * 1e-3 for leg in scenario.legs_um]), holes_mm=holes_mm(scenario.stock),
         stock_mm=(x0, y0, x1, y1), height_mm=machine.height_mm,
         terraces=terraces(plant.field.relief, (x0, y0, x1, y1)),
-        guides_z_mm=(-clearance, machine.height_mm + clearance), wire_diameter_um=machine.wire_diameter_um,
+        guides_z_mm=machine.guides_z_mm, wire_diameter_um=machine.wire_diameter_um,
     )  # fmt: skip
     shown = scene.middle_slice()
     edges[shown] = polylines(cut_edges(plant.field, shown))
@@ -49,7 +48,7 @@ def scene_of(sub_envs: SubEnvs, index: int) -> Scene:
     return replace(
         scene,
         maps=tuple(ErrorMap(k.nominal_mm, k.part_side, p.points_mm, p.mean_um) for k, p in measured) or scene.maps,
-        corners=tuple(SceneCorner(**corner) for k, p in measured for corner in corners(k, p)),
+        corners=tuple(corner for k, p in measured for corner in corners(k, p)),
         cut_edges_mm=tuple(polylines(cut_edges(field, s)) for s in range(field.n_slices)),
         stop_mm=None if finished else (x_um * 1e-3, y_um * 1e-3),
     )

@@ -90,6 +90,13 @@ class Outcome(NamedTuple):
 
 
 Run = Callable[..., Outcome]
+FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"]
+"""What a cut writes."""
+
+
+def timeless(report: dict[str, Any]) -> dict[str, Any]:
+    """Return a report without what the computer's clock says."""
+    return {name: value for name, value in report.items() if name not in ("wall_time_s", "realtime_factor")}
 
 
 @pytest.fixture(name="edmsim")

@@ -218,7 +218,7 @@ def cut(program: str, **options: Any) -> dict[str, Any]:
     slices = 0, result.frames.n_slices // 2
     contours = {str(k): np.frombuffer(contour(result.field, k).wkb, np.uint8) for k in slices}
     path = {str(k): leg.points_um for k, leg in enumerate(result.path.contours)}
-    frames = {name: getattr(result.frames, name) for name in ("t_s", "guides_um", "path_um", "deflection_um")}
+    frames = {name: result.frames.rows[name] for name in ("t_s", "guides_um", "path_um", "deflection_um")}
     return {"report": result.report, "windows": result.windows, "frames": frames, "path": path,
             "closeups": result.closeups.table(), "contours": contours, "progress": observed}  # fmt: skip
 

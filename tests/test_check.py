@@ -110,13 +110,14 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim: R
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (("check", EXAMPLES / "gear.dxf", "--out", "path.bmp"), "path.bmp: the picture must end in .png, .svg"),
+        (("check", EXAMPLES / "gear.dxf", "--out", "path.bmp"), "path.bmp: a figure is written as .pdf .svg .png"),
         (("check", "no-such.ngc"), "no-such.ngc: no such file"),
-        (("cut", "a.ngc", "--traces", "a.csv"), "a.csv: the file for traces must end in .parquet"),
+        (("cut", "a.ngc", "--traces", "a.csv"), "a.csv: a file of traces is written as .parquet"),
         (("cut", "a.ngc", "--colour", "red"), "no such option: --colour"),
         (("cut",), "missing argument 'program'; see edmsim cut --help"),
         (("cut", "a.ngc", "--height", "tall"), "invalid value for '--height'"),
-        (("saw",), "no such command 'saw'; see edmsim --help"),
+        (("saw",), "no such command 'saw'; see edmsim --help"), (("report",), "missing argument"),
+        (("bench", "extra"), "extra"),
     ],
 )
 def test_bad_usage_is_one_line(edmsim: Run, tmp_path: Path, arguments: tuple[object, ...], named: str) -> None:

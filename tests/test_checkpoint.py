@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,8 @@ import pytest
 import edmsim
 from edmsim.errors import InputError
 from edmsim.job.checkpoint import NAME
+
+from .conftest import timeless
 
 Cut = Callable[..., edmsim.CutResult]
 SHORT = {"max_time_s": 8.0}
@@ -38,12 +42,19 @@ def interrupted(cut: Cut, folder: Path, windows: int = 100, **options: Any) -> N
         cut(out=folder, watch=stop_after(windows), **{**SHORT, **options})
 
 
+@contextmanager
+def edited(file: Path) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Give the arrays and the document of a checkpoint to be changed."""
+    with np.load(file) as stored:
+        arrays = dict(stored)
+    document = json.loads(arrays["__json__"].tobytes())
+    yield arrays, document
+    arrays["__json__"] = np.frombuffer(json.dumps(document).encode(), np.uint8)
+    np.savez(file, **arrays)
+
+
 def columns(result: edmsim.CutResult) -> dict[str, np.ndarray[Any, Any]]:
     return {name: result.windows.column(name).to_numpy() for name in result.windows.column_names}
-
-
-def timeless(report: dict[str, Any]) -> dict[str, Any]:
-    return {k: v for k, v in report.items() if k not in ("wall_time_s", "realtime_factor")}
 
 
 def assert_same(a: edmsim.CutResult, b: edmsim.CutResult) -> None:
@@ -128,13 +139,23 @@ def test_twice_interrupted_and_in_a_dwell(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_wall_time_goes_on_from_the_checkpoint(cut_small: Cut, tmp_path: Path) -> None:
     interrupted(cut_small, tmp_path)
-    with np.load(tmp_path / NAME) as stored:
-        arrays = dict(stored)
-    document = json.loads(arrays["__json__"].tobytes())
-    document["wall_time_s"] = 1000.0
-    arrays["__json__"] = np.frombuffer(json.dumps(document).encode(), np.uint8)
-    np.savez(tmp_path / NAME, **arrays)
+    with edited(tmp_path / NAME) as (_, document):
+        document["wall_time_s"] = 1000.0
     assert 1000 < cut_small(out=tmp_path, resume=True, **SHORT).report["wall_time_s"] < 1600
+
+
+@pytest.fixture(scope="module")
+def stopped(cut_small: Cut, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of an interrupted cut, which nobody may change."""
+    folder = tmp_path_factory.mktemp("stopped")
+    interrupted(cut_small, folder, 20)
+    return folder
+
+
+@pytest.fixture
+def own_stopped(stopped: Path, tmp_path: Path) -> Path:
+    """Return the checkpoint of an interrupted cut, to be changed."""
+    return Path(shutil.copy(stopped / NAME, tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -154,15 +175,14 @@ def test_wall_time_goes_on_from_the_checkpoint(cut_small: Cut, tmp_path: Path) -
     ],
 )
 def test_resume_with_other_settings_is_refused(
-    cut_small: Cut, tmp_path: Path, changed: dict[str, Any], named: str
+    cut_small: Cut, stopped: Path, changed: dict[str, Any], named: str
 ) -> None:
-    interrupted(cut_small, tmp_path, 3)
-    content = (tmp_path / NAME).read_bytes()
+    content = (stopped / NAME).read_bytes()
     with pytest.raises(InputError, match="interrupted cut was made with") as caught:
-        cut_small(out=tmp_path, resume=True, **{**SHORT, **changed})
+        cut_small(out=stopped, resume=True, **{**SHORT, **changed})
     assert named in str(caught.value)
-    assert str(tmp_path / NAME) in str(caught.value)
-    assert [(f.name, f.read_bytes()) for f in tmp_path.iterdir()] == [(NAME, content)]
+    assert str(stopped / NAME) in str(caught.value)
+    assert [(f.name, f.read_bytes()) for f in stopped.iterdir()] == [(NAME, content)]
 
 
 def test_resume_of_a_program_that_was_edited_is_refused(tmp_path: Path) -> None:
@@ -187,38 +207,31 @@ def flipped(data: bytes) -> bytes:
 
 @pytest.mark.parametrize("damage", [truncated, flipped, lambda _: b"", lambda _: b"no checkpoint\n"])
 def test_damaged_checkpoint_is_refused(
-    cut_small: Cut, tmp_path: Path, damage: Callable[[bytes], bytes]
+    cut_small: Cut, own_stopped: Path, damage: Callable[[bytes], bytes]
 ) -> None:
-    interrupted(cut_small, tmp_path, 20)
-    file = tmp_path / NAME
-    file.write_bytes(damage(file.read_bytes()))
+    own_stopped.write_bytes(damage(own_stopped.read_bytes()))
     with pytest.raises(InputError, match="damaged") as caught:
-        cut_small(out=tmp_path, resume=True, **SHORT)
-    assert str(caught.value).startswith(str(file))
+        cut_small(out=own_stopped.parent, resume=True, **SHORT)
+    assert str(caught.value).startswith(str(own_stopped))
     assert "\n" not in str(caught.value)
 
 
-def test_checkpoint_with_a_part_missing_is_refused(cut_small: Cut, tmp_path: Path) -> None:
-    interrupted(cut_small, tmp_path, 3)
-    with np.load(tmp_path / NAME) as stored:
-        arrays = dict(stored)
-    del arrays["windows.rows"]
-    np.savez(tmp_path / NAME, **arrays)
-    with pytest.raises(InputError, match="damaged"):
-        cut_small(out=tmp_path, resume=True, **SHORT)
-
-
-def test_checkpoint_of_another_format_is_refused(cut_small: Cut, tmp_path: Path) -> None:
-    interrupted(cut_small, tmp_path, 3)
-    with np.load(tmp_path / NAME) as stored:
-        arrays = dict(stored)
-    document = json.loads(arrays["__json__"].tobytes())
-    del document["format"]  # as checkpoints had none at first
-    arrays["__json__"] = np.frombuffer(json.dumps(document).encode(), np.uint8)
-    np.savez(tmp_path / NAME, **arrays)
-    with pytest.raises(InputError, match="another version of edmsim wrote the checkpoint; cut again") as caught:
-        cut_small(out=tmp_path, resume=True, **SHORT)
-    assert str(caught.value).startswith(str(tmp_path / NAME))
+@pytest.mark.parametrize(
+    ("part", "missing", "message"),
+    [
+        (0, "windows.rows", "damaged"),
+        # as checkpoints had none at first
+        (1, "format", "another version of edmsim wrote the checkpoint; cut again"),
+    ],
+)
+def test_checkpoint_with_a_part_missing_is_refused(
+    cut_small: Cut, own_stopped: Path, part: int, missing: str, message: str
+) -> None:
+    with edited(own_stopped) as parts:
+        del parts[part][missing]
+    with pytest.raises(InputError, match=message) as caught:
+        cut_small(out=own_stopped.parent, resume=True, **SHORT)
+    assert str(caught.value).startswith(str(own_stopped))
 
 
 def test_interrupt_without_a_folder_just_stops(cut_small: Cut) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from edmsim.controllers import FeedCommand, FeedController, WindowObservation, make
 from edmsim.controllers.planner.registry import PLANNERS
-from edmsim.cosim.passes import Leg, legs_of
+from edmsim.cosim.passes import legs_of
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available
@@ -116,34 +116,6 @@ def test_position_is_start_and_2_um_for_every_step(generator: str, planner: str)
     assert abs(np.array(expected) - START).max() > min(60.0, 0.2 * requested_um)
 
 
-def test_windows_follow_each_other_without_gap_where_the_period_varies() -> None:
-    sim = simulation(contour(ZIGZAG), machine=Machine.load(height_mm=5, generator="iso-energetic"))
-    machine, end = sim.plant.machine, 0
-    for _ in range(100):
-        window, before = _window_of(sim), end
-        assert window.start_ns == before
-        end = sim.plant.time_ns
-        assert window.duration_ns == end - before
-        # between all pulses igniting at once and none at all
-        pause = machine.t_period_us - machine.t_on_us
-        assert 255 * machine.t_period_us * 1e3 <= window.duration_ns <= sim.plant.longest_window_ns
-        assert sim.plant.longest_window_ns == pytest.approx(255e3 * (60 + machine.t_on_us + pause), rel=0.01)
-
-
-def _window_of(sim: Simulation) -> Any:
-    """Run one window and return what the plant gave."""
-    stored, advance = [], sim.plant.advance
-
-    def keep(steps: Sequence[tuple[int, int, int]] = ()) -> Any:
-        stored.append(advance(steps))
-        return stored[-1]
-
-    sim.plant.advance = keep  # type: ignore[method-assign]
-    sim.step()
-    sim.plant.advance = advance  # type: ignore[method-assign]
-    return stored[0]
-
-
 def test_controller_sees_what_the_windows_record() -> None:
     law = Script([20.0, 10.0])
     sim = simulation(contour(ZIGZAG), controller=law)
@@ -196,14 +168,6 @@ def test_feed_stays_within_the_speed_word() -> None:
     assert [sim.step().feed_um_s for _ in range(2)] == [33.3375, -33.3375]
 
 
-@pytest.mark.slow
-def test_removed_metal_is_the_sum_of_the_craters() -> None:
-    sim = simulation(contour([(0, 0), (900, 0)]), hole_mm=0.2)
-    run(sim)
-    assert sim.plant.removed_mm3 > 0.1
-    assert sim.plant.removed_mm3 == pytest.approx(sim.plant.craters_mm3, rel=1e-9)
-
-
 def test_legs_end_at_dwells() -> None:
     dwells = ((2, 1.5), (1, 0.5), (2, 1.0), (3, 4.0), (0, 0.25))
     legs = legs_of(contour([(0, 0), (10, 0), (20, 0), (30, 0)], dwells))
@@ -211,12 +175,6 @@ def test_legs_end_at_dwells() -> None:
     assert [leg.threads for leg in legs] == [True, False, False]
     assert [leg.rest_s for leg in legs] == [0.25, 0, 0]
     assert [leg.dwell_s for leg in legs] == [0.5, 2.5, 4.0]
-
-
-def test_contour_without_dwell_is_one_leg() -> None:
-    (leg,) = legs_of(contour([(0, 0), (10, 0), (20, 0)]))
-    assert isinstance(leg, Leg)
-    assert (len(leg.points_um), leg.threads, leg.rest_s, leg.dwell_s) == (3, True, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(("point", "x_um"), [(0, 0), (1, 60), (2, 90)])
@@ -260,13 +218,6 @@ def test_contours_are_joined_by_a_rapid_and_a_fresh_wire() -> None:
     assert np.diff(path).min() >= 0
     assert observed[-1].path_um == pytest.approx(observed[-1].total_um, abs=3)
     assert sim.plant.commanded_um == pytest.approx((33_060, 34_000), abs=1)
-
-
-def test_time_limit() -> None:
-    sim = simulation(contour([(0, 0), (2000, 0)]), max_time_s=0.5)
-    run(sim)
-    assert sim.outcome == "time-limit"
-    assert 0.5 <= sim.plant.time_ns * 1e-9 < 0.5 + 0.0255
 
 
 def test_alarm_of_the_controller_stops_the_machine() -> None:

@@ -16,8 +16,9 @@ import pytest
 import shapely
 
 import edmsim
-from edmsim import models
 from edmsim.errors import InputError
+
+from .conftest import FILES, timeless
 
 pytestmark = pytest.mark.timeout(300)  # the first makes the whole cut, and may have its loop compiled
 
@@ -35,9 +36,6 @@ REPORT = {
     "mean_current_A", "mean_voltage_V", "equalising", "seed", "settings", "notices", "edmsim_version",
 }  # fmt: skip
 
-FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"]
-
-
 def numbers(value: Any, place: str = "") -> Iterator[tuple[str, float | None]]:
     """Every figure of a report with its place."""
     if isinstance(value, Mapping):
@@ -50,10 +48,6 @@ def numbers(value: Any, place: str = "") -> Iterator[tuple[str, float | None]]:
         yield place, value
 
 
-def without_wall_time(report: dict[str, Any]) -> dict[str, Any]:
-    return {k: v for k, v in report.items() if k not in ("wall_time_s", "realtime_factor")}
-
-
 def same_rows(a: pa.Table, b: pa.Table) -> bool:
     """Bit for bit, a missing value being equal to a missing value."""
     return a.schema.equals(b.schema) and all(
@@ -61,15 +55,11 @@ def same_rows(a: pa.Table, b: pa.Table) -> bool:
     )
 
 
-def test_the_punch_is_finished(small_cut: SimpleNamespace) -> None:
-    report = small_cut.result.report
-    assert (report["outcome"], report["reason"]) == ("finished", None)
-
-
 def test_every_figure_of_the_report_is_there_and_real(small_cut: SimpleNamespace) -> None:
     report = small_cut.result.report
+    assert (report["outcome"], report["reason"]) == ("finished", None)
     assert set(report) == REPORT
-    for place, value in numbers(without_wall_time({**report, "settings": None, "reason": 0})):
+    for place, value in numbers(timeless({**report, "settings": None, "reason": 0})):
         # this machine's table has no errors, its generator gives no equalising pulses, and lines have no radius
         if place not in (".settings", ".table_error_um", ".equalising") and not place.endswith(".radius_mm"):
             assert value is not None, place
@@ -291,13 +281,6 @@ def test_broken_wire_leaves_a_full_report(
     assert json.loads((tmp_path / "out" / "report.json").read_text()) == report
 
 
-@pytest.mark.parametrize("planner", ["poscal-literal", "dda", "sine-table"])
-def test_other_planners_cut_too(cut_small: Callable[..., edmsim.CutResult], planner: str) -> None:
-    report = cut_small(planner=planner, max_time_s=4).report
-    assert report["settings"]["planner"] == planner
-    assert report["path_length_mm"] > 0.05
-
-
 def test_offsets(cut_small: Callable[..., edmsim.CutResult]) -> None:
     for offset, expected_um in (("0.2", 200.0), (0.15, 150.0)):
         result = cut_small(offset=offset, max_time_s=0.1)
@@ -366,22 +349,19 @@ def test_resume_without_a_folder_is_refused(cut_small: Callable[..., edmsim.CutR
         cut_small(resume=True)
 
 
-def own_machine(folder: Path, step_um: float) -> str:
-    """A machine that differs from ours in its motor step alone."""
-    text = models.path("machines/agiecut-dem15.toml").read_text(encoding="utf-8")
-    assert text.count("step_um = { value = 2.0") == 1
-    file = folder / "own.toml"
-    file.write_text(text.replace("step_um = { value = 2.0", f"step_um = {{ value = {step_um}"), encoding="utf-8")
-    return str(file)
+@pytest.fixture
+def long_steps(own_file: Callable[..., str]) -> str:
+    """Write the file of a machine that differs from ours in its motor step alone, which is 5 um."""
+    return own_file("machines", "agiecut-dem15", ("step_um = { value = 2.0", "step_um = { value = 5.0"))
 
 
 @pytest.mark.parametrize("planner", ["poscal", "exact"])
 def test_a_machine_with_longer_steps_cuts_where_the_path_says(
-    small_punch: Path, tmp_path: Path, planner: str
+    small_punch: Path, long_steps: str, planner: str
 ) -> None:
     windows = edmsim.cut(
-        small_punch, machine=own_machine(tmp_path, 5.0), planner=planner, controller="fixed:feed_um_s=30",
-        resolution="fast", max_time_s=3,
+        small_punch, machine=long_steps, planner=planner, controller="fixed:feed_um_s=30", resolution="fast",
+        max_time_s=3,
     ).windows
     x, y, along = (windows.column(name).to_numpy() for name in ("x_um", "y_um", "path_um"))
     assert along[-1] > 60.0
@@ -390,16 +370,6 @@ def test_a_machine_with_longer_steps_cuts_where_the_path_says(
     assert set(np.unique(np.hypot(np.diff(x), np.diff(y)) % 5.0)) <= {0.0}
 
 
-@pytest.mark.parametrize(("planner", "step_um"), [("poscal", 2.5), ("poscal-literal", 40.0)])
-def test_steps_that_a_planner_cannot_count_are_refused(
-    small_punch: Path, tmp_path: Path, planner: str, step_um: float
-) -> None:
-    own = own_machine(tmp_path, step_um)
-    with pytest.raises(InputError, match=rf"table.step_um is {step_um:g}"):
-        edmsim.cut(small_punch, machine=own, planner=planner, resolution="fast")
-
-
-def test_the_controller_of_1982_refuses_other_steps_than_its_own(small_punch: Path, tmp_path: Path) -> None:
-    own = own_machine(tmp_path, 5.0)
+def test_the_controller_of_1982_refuses_other_steps_than_its_own(small_punch: Path, long_steps: str) -> None:
     with pytest.raises(InputError, match=r"table.step_um is 5, and the controller of 1982 is built for motor steps"):
-        edmsim.cut(small_punch, machine=own, controller="mcu", resolution="fast")
+        edmsim.cut(small_punch, machine=long_steps, controller="mcu", resolution="fast")

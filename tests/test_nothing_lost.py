@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,18 +23,15 @@ from edmsim.job import checkpoint
 from edmsim.job.result import remake
 from edmsim.recording import cut_folder, scene
 
+from .conftest import FILES, timeless
+
 Cut = Callable[..., edmsim.CutResult]
 SHORT = {"max_time_s": 3.0}
-FILES = ["cut.rrd", "part.npz", "profile.png", "report.html", "report.json", "windows.parquet"]
 PHASES = ["cutting", "measuring", "figures", "recording"]
 
 
 def names(folder: Path) -> list[str]:
     return sorted(file.name for file in folder.iterdir())
-
-
-def timeless(report: dict[str, Any]) -> dict[str, Any]:
-    return {k: v for k, v in report.items() if k not in ("wall_time_s", "realtime_factor")}
 
 
 @pytest.fixture

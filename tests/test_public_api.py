@@ -36,20 +36,10 @@ def test_a_list_of_names_holds_the_public_ones_and_nothing_else() -> None:
     assert {name for name in dir(edmsim) if not name.startswith("__")} == set(edmsim.__all__)
 
 
-def test_the_agreed_names_are_public() -> None:
-    assert {"cut", "Machine", "Plant", "controllers"} <= set(edmsim.__all__)
-
-
 def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="'edmsim' has no attribute 'Lathe'"):
         edmsim.Lathe  # noqa: B018
     assert not hasattr(edmsim, "Lathe")
-
-
-def test_controllers_by_name() -> None:
-    assert edmsim.controllers.make("counts").name == "counts"
-    with pytest.raises(edmsim.InputError, match="counts, fixed"):
-        edmsim.controllers.make("genius")
 
 
 def test_errors_have_one_base() -> None:

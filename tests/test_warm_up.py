@@ -7,7 +7,6 @@ import sys
 
 import pytest
 
-from edmsim.cli import app as cli
 from edmsim.plant import plant
 
 USE = """
@@ -26,12 +25,11 @@ print([happened.data["dispatcher"].py_func.__qualname__ for _, happened in seen.
 
 
 @pytest.mark.slow
-def test_nothing_is_compiled_afterwards(monkeypatch, capsys, small_punch):
+def test_nothing_is_compiled_afterwards(monkeypatch, edmsim, small_punch):
     monkeypatch.setattr(plant, "shapes", lambda shapes=plant.shapes: shapes()[:1])
-    monkeypatch.setattr(sys, "argv", ["edmsim", "warm-up"])
-    with pytest.raises(SystemExit, match="0"):
-        cli.main()
-    assert "is compiled, for all resolutions" in capsys.readouterr().out
+    status, out, _ = edmsim("warm-up")
+    assert status == 0
+    assert "is compiled, for all resolutions" in out
     code = USE.format(program=str(small_punch))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"

@@ -134,18 +134,11 @@ def record_sample(
 
 
 class Recording(NamedTuple):
-    """A recording of `SAMPLES` samples.
+    """A recording of `SAMPLES` samples."""
 
-    Attributes
-    ----------
-    time_s : float array
-        Time since the trigger; negative before it.
-    error, velocity, command_velocity, output : int array
-        Following error in counts, velocities in counts per interval, and the output in the drive's own units, each
-        limited to 16 bits.
-    """
-
-    time_s: NDArray[np.float64]
+    time_s: NDArray[np.float64]  # time since the trigger; negative before it
+    # error, velocity, command_velocity, output: following error in counts, velocities in counts per interval, and the
+    # output in the drive's own units, each limited to 16 bits
     error: NDArray[np.int16]
     velocity: NDArray[np.int16]
     command_velocity: NDArray[np.int16]

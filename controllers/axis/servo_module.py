@@ -223,22 +223,8 @@ def cycle(reg: Words, count: int, edges: int, fault: bool, time_ns: int) -> tupl
 RATE, TRIGGER, FIRST_SOURCE = 0b111, 0b11 << 3, 5
 """Parts of a code: cycles of an entry as a power of 2, when to start, and from which bit on what to note."""
 ON_VELOCITY, ON_TURN, UNUSED, AT_ONCE = 0, 8, 16, 24  # triggers
-N_SOURCES = 6
+_SOURCES = ERROR, VELOCITY, COMMANDED, OUTPUT, DUTY, LIMIT  # what is noted, by the code from `FIRST_SOURCE` on
 _RETURN, _LINE_FEED, _MINUS, _ZERO = 13, 10, 45, 48  # characters
-
-
-@exactly_compiled
-def _source(reg: Words) -> int:
-    source = reg[CODE] >> FIRST_SOURCE
-    if source == 0:
-        return int(reg[ERROR])
-    if source == 1:
-        return int(reg[VELOCITY])
-    if source == 2:
-        return int(reg[COMMANDED])
-    if source == 3:
-        return int(reg[OUTPUT])
-    return int(reg[DUTY] if source == 4 else reg[LIMIT])
 
 
 @exactly_compiled
@@ -261,7 +247,7 @@ def note(reg: Words, memory: Words, turned: bool) -> None:
         reg[RECORDED] = 0
     rate = reg[CODE] & RATE
     if reg[RECORDED] & ((1 << rate) - 1) == 0:
-        memory[reg[RECORDED] >> rate] = _source(reg)
+        memory[reg[RECORDED] >> rate] = reg[_SOURCES[reg[CODE] >> FIRST_SOURCE]]
     reg[RECORDED] += 1
     if reg[RECORDED] >> rate == N_MEMORY:
         reg[STATUS] &= ~(RECORDER_BIT | TRIGGERED_BIT)
@@ -375,7 +361,7 @@ def _record(reg: NDArray[np.int64], code: int | None) -> list[str]:
         reg[STATUS] &= ~(RECORDER_BIT | TRIGGERED_BIT)
         reg[DUMPING] = 0
         return ["Recorder OFF"]
-    if not 0 <= code < N_SOURCES << FIRST_SOURCE or code & TRIGGER == UNUSED:
+    if not 0 <= code < len(_SOURCES) << FIRST_SOURCE or code & TRIGGER == UNUSED:
         return [UNKNOWN]
     reg[CODE] = code
     reg[STATUS] = (reg[STATUS] & ~TRIGGERED_BIT) | RECORDER_BIT

@@ -39,19 +39,11 @@ def shorted(window: protocols.WindowObservation) -> bool:
 
 
 class Gains(NamedTuple):
-    """Gains of a servo.
+    """Gains of a servo."""
 
-    Attributes
-    ----------
-    proportional, integral : float
-        Feed in um/s, and its growth in um/s per s, per unit of the error.
-    filter_s : float
-        Time constant of the low-pass filter on the error.
-    """
-
-    proportional: float
-    integral: float
-    filter_s: float
+    proportional: float  # feed in um/s per unit of the error
+    integral: float  # growth of the feed in um/s per s, per unit of the error
+    filter_s: float  # time constant of the low-pass filter on the error
 
 
 @dataclass

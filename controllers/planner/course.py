@@ -28,9 +28,10 @@ class Course(NamedTuple):
     @classmethod
     def of(
         cls, kind: int, points_um: ArrayLike, speed_unit_nm_s: float = SPEED_UNIT_NM_S, unit: Unit = "um",
-        step_um: float = STEP_UM,
+        step_um: float = STEP_UM, start: int = 0,
     ) -> Course:
-        """Begin a path (n, 2) for a kind of `record`; refuses what the planner cannot count."""
+        """Begin a path (n, 2) for a kind of `record` at a point of it; refuses what the planner cannot count."""
+        # lengths count from that point, so those of the points before it are negative: only a retract comes there
         array = np.asarray(points_um, np.float64)
         if array.ndim != 2 or array.shape[1] != 2:
             raise InputError(f"a path needs points in an array of shape (n, 2), not {array.shape}")
@@ -38,17 +39,22 @@ class Course(NamedTuple):
         row["kind"], row["step_um"] = kind, step_um
         row["unit_um"] = size_um = unit_um(unit, round(step_um))
         if kind == EXACT:
-            points, along = _exact(array)
+            lay = _exact
         else:
             grid_um = 1 / NM if kind == DDA and step_um != round(step_um) else size_um
             # counters of um that are off the grid of steps may pass a corner by half a step
             _check_counts(array, grid_um, size_um, 0.0 if step_um <= STEP_UM or unit == "step" else step_um)
             clock = timer_clock_hz(speed_unit_nm_s, step_um)
             row["hertz"], row["per"] = clock.numerator, clock.denominator
-            points, along = _counted(array)
+            lay = _counted
+        points, along = lay(array[start:])
         if len(points) < 2:
             raise InputError(f"a path needs two different points, not {len(points)}")
-        row["last_move"], row["from_um"] = len(points) - 2, array[0]
+        if start > 0:
+            behind, back = lay(array[start::-1])
+            row["move"] = len(behind) - 1
+            points, along = np.concatenate([behind[:0:-1], points]), np.concatenate([-back[:0:-1], along])
+        row["last_move"], row["from_um"] = len(points) - 2, array[start]
         lengths = _lengths(points, step_um) if kind == DDA else np.zeros(len(points) - 1, np.int64)
         begin(row[0], points)
         return cls(row, points, along, lengths)

@@ -50,7 +50,10 @@ def make_leaning_planner(
     name: str, points_um: ArrayLike, lead_um: ArrayLike, along_um: ArrayLike, unit: Unit = "um",
     step_um: float = STEP_UM,
 ) -> Planner:
-    """Make a planner for a wire that leans: corners of the lower guide, u and v there, length of path up to each."""
+    """Make a planner for a wire that leans: corners of the lower guide, u and v there, length of path up to each.
+
+    It begins where that length is 0; corners before have lengths below 0, and it can run back to them.
+    """
     check_lead(name, points_um, lead_um)
     places = np.concatenate([np.asarray(points_um, np.float64), np.asarray(lead_um, np.float64)], axis=1)
     along = np.asarray(along_um, np.float64)
@@ -72,9 +75,10 @@ class ExactAxes(Snapshots):
             raise InputError("a path needs two different points, not 1")
         self._along: list[float] = along_um[moving].tolist()
         self._step_um = step_um
-        grid = np.floor(places_um[0] / step_um + 0.5)  # the start lies on the grid of steps, whichever that is
-        self._from = places_um[0].tolist()
-        self._steps: list[list[float]] = (places_um[moving] / step_um - (places_um[0] / step_um - grid)).tolist()
+        start_um = places_um[np.searchsorted(along_um, 0.0)]
+        grid = np.floor(start_um / step_um + 0.5)  # the start lies on the grid of steps, whichever that is
+        self._from = start_um.tolist()
+        self._steps: list[list[float]] = (places_um[moving] / step_um - (start_um / step_um - grid)).tolist()
         self._first: list[int] = grid.astype(int).tolist()
         self._counts = [0] * len(self._first)
         self._behind = 0
@@ -91,6 +95,10 @@ class ExactAxes(Snapshots):
         return self._behind / FINE_PER_UM
 
     @property
+    def _begin(self) -> int:
+        return math.ceil(self._along[0] * FINE_PER_UM)
+
+    @property
     def _end(self) -> int:
         return math.floor(self._along[-1] * FINE_PER_UM)
 
@@ -104,7 +112,7 @@ class ExactAxes(Snapshots):
         if end_ns < start_ns:
             raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
         feed, place = speed_units * 1e-3, self._behind / FINE_PER_UM
-        end = min(max(place + feed * (end_ns - start_ns) * 1e-9, 0.0), self._along[-1])
+        end = min(max(place + feed * (end_ns - start_ns) * 1e-9, self._along[0]), self._along[-1])
         found: list[Step] = []
         for at_um, axis, direction in self._crossings(place, end):
             late_ns = math.ceil(abs(at_um - place) / abs(feed) * 1e9) if feed else 0
@@ -113,7 +121,7 @@ class ExactAxes(Snapshots):
                 break  # the next window begins with it
             self._counts[axis] += direction
             found.append(Step(time_ns, axis, direction))
-        self._behind = min(max(self._behind + speed_units * (end_ns - start_ns), 0), self._end)
+        self._behind = min(max(self._behind + speed_units * (end_ns - start_ns), self._begin), self._end)
         return found
 
     def _crossings(self, place_um: float, end_um: float) -> list[tuple[float, int, int]]:
@@ -147,14 +155,18 @@ class Following(Snapshots):
     def __init__(self, name: str, places_um: Floats, along_um: Floats, unit: Unit, step_um: float) -> None:
         ways = np.hypot(*np.diff(places_um[:, :2], axis=0).T)
         moving = np.concatenate([[True], ways > 0.0])
-        self._planner = make_planner(name, places_um[moving, :2], unit=unit, step_um=step_um)
-        self._way_um: Floats = np.concatenate([[0.0], np.cumsum(ways[ways > 0.0])])
+        begin = int(np.searchsorted(along_um, 0.0))
+        start = int(moving[: begin + 1].sum()) - 1
+        self._planner = make_planner(name, places_um[moving, :2], unit=unit, step_um=step_um, start=start)
+        ways = ways[ways > 0.0]
+        behind = -np.cumsum(ways[:start][::-1])[::-1]
+        self._way_um: Floats = np.concatenate([behind, [0.0], np.cumsum(ways[start:])])
         self._along_um = along_um[moving]
         self._along_um[-1] = along_um[-1]
         self._leads = places_um[moving, 2:]
         self._leads[-1] = places_um[-1, 2:]
         self._step_um = step_um
-        self._led: list[int] = np.rint(places_um[0, 2:] / step_um).astype(int).tolist()
+        self._led: list[int] = np.rint(places_um[begin, 2:] / step_um).astype(int).tolist()
         kind = kind_of(name)
         self._most = kind.max_speed or 0
 

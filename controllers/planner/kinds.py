@@ -202,12 +202,19 @@ def segment_at(along: Floats, last: int, place_um: float, start: int) -> int:
 def run_exact(row: Row, points: Floats, along: Floats, start_ns: int, end_ns: int, speed: int, out: Ints) -> int:
     """Run for a window of time at a feed in nm/s; return the number of steps."""
     feed, place = speed * 1e-3, row.along / FINE_PER_UM
-    end = min(max(place + feed * (end_ns - start_ns) * 1e-9, 0.0), along[row.last_move + 1])
+    end = min(max(place + feed * (end_ns - start_ns) * 1e-9, along[0]), along[row.last_move + 1])
     made = _steps(row, points, along, place, end, feed, start_ns, end_ns, out)
     behind = row.along + speed * (end_ns - start_ns)
-    row.along = min(max(behind, 0), path_end(row, along))
+    row.along = min(max(behind, path_begin(along)), path_end(row, along))
     row.move = segment_at(along, row.last_move, row.along / FINE_PER_UM, row.move)
     return made
+
+
+@exactly_compiled
+def path_begin(along: Floats) -> int:
+    """Length at the path's first point in attometres, below 0 if the planner began at a later one."""
+    begin: float = along[0] * FINE_PER_UM
+    return math.ceil(begin)
 
 
 @exactly_compiled

@@ -41,7 +41,7 @@ class Planner(Protocol):
 
     @property
     def path_um(self) -> float:
-        """Length travelled along the path in um, 0 at its start."""
+        """Length travelled along the path in um, 0 where the planner began."""
 
     @property
     def done(self) -> bool:
@@ -187,8 +187,11 @@ def make_planner(
     speed_unit_nm_s: float | None = None,
     unit: Unit = "um",
     step_um: float = STEP_UM,
+    start: int = 0,
 ) -> Planner:
     """Make a planner of `PLANNERS` for one path: corners (n, 2), whole um within 0..65535, but any for ``exact``.
+
+    It begins at the corner of the number `start`, from which it can run back to the first one.
 
     Its speed unit is 262.5 nm/s if not given, or 252.6 as the thesis prints it (row T-A1), and 1 nm/s for ``exact``.
     The unit ``step`` takes points at whole steps, 0..65535 of them (row T-61); `step_um` is whole, up to 16, a whole
@@ -200,7 +203,7 @@ def make_planner(
         raise InputError(f"the planner exact counts its feed in nm/s, not in units of {speed_unit_nm_s} nm/s")
     if speed_unit_nm_s is not None:
         kind = kind._replace(speed_unit_nm_s=speed_unit_nm_s)
-    course = Course.of(kind.number, points_um, kind.speed_unit_nm_s, unit, step_um)
+    course = Course.of(kind.number, points_um, kind.speed_unit_nm_s, unit, step_um, start)
     return RowPlanner(course, kind.speed_unit_nm_s, kind.max_speed)
 
 

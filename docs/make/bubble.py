@@ -171,7 +171,7 @@ def _draw_history(axes: Axes, push: Push) -> None:
 
 def write(file: Path) -> None:
     """Integrate, put the tables into the page, and write its figure beside the others."""
-    from edmsim.recording.figures.profile import write_figure
+    from edmsim.recording.figures.style import write_figure
 
     slit = strip()
     constant_Ns = float(f"{impulse_10mJ_Ns(slit):.2g}")

@@ -134,12 +134,10 @@ TASKS = {
 stands for one."""
 
 
-EARLIER = "GapFeed", "HeightStep", "Contour", "Corner", "MaxRate", "ThinWire", "Trim", *SHIFTS
+EARLIER = "Contour", *SHIFTS
 """Tasks whose figures are of the revision before craters had a section of their own."""
 OF_EARLIER = """The figures of {tasks}
-are of the revision before craters had a section of their own. They were not measured again, as returns have hardly
-changed: those of the [benchmark](benchmark.md) in GapFeed, HeightStep, Contour and Corner by 2 % at most, in MaxRate
-by 4 %."""
+are of the revision before craters had a section of their own."""
 
 
 OF_PART = (

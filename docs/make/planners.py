@@ -217,7 +217,7 @@ def figure(errors: Errors) -> Figure:
 
 def write(file: Path, watch: Callable[[str], None] | None = None) -> None:
     """Measure, and write the page and, beside it, its picture ``planners.png``."""
-    from edmsim.recording.figures.profile import write_figure
+    from edmsim.recording.figures.style import write_figure
 
     errors = measure(watch)
     write_figure(figure(errors), file.with_name("planners.png"))

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from edmsim.consoles.autotune import Tuning, autotune, draw_move, draw_step
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.recording.figures.palette import INK
-from edmsim.recording.figures.profile import write_figure
-from edmsim.recording.figures.style import TITLE_PT, legend
+from edmsim.recording.figures.style import TITLE_PT, legend, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -19,10 +19,10 @@ from scipy.interpolate import CubicSpline
 from scipy.special import j1
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.gap import bubble
+from edmsim.plant.gap import bubble, water
 
 GAP_UM, WIRE_UM, RHO, P0 = (
-    bubble.REFERENCE_GAP_UM, bubble.REFERENCE_DIAMETER_UM, bubble.WATER_KG_M3, bubble.AMBIENT_PA
+    bubble.REFERENCE_GAP_UM, bubble.REFERENCE_DIAMETER_UM, water.DENSITY_KG_M3, bubble.AMBIENT_PA
 )  # fmt: skip
 VISCOSITY_PA_S = 1.0e-3
 """Water at 20 C."""

@@ -16,7 +16,7 @@ from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.consoles.computer_1982.session import Session, panel
-from edmsim.recording.figures.profile import write_figure
+from edmsim.recording.figures.style import write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -98,19 +98,11 @@ COMPILING = "0", "1", "1", "1", "1"
 
 @dataclass(frozen=True)
 class Pairs:
-    """Speed of this checkout compared with a revision.
+    """Speed of this checkout compared with a revision."""
 
-    Attributes
-    ----------
-    commit : str
-        The revision.
-    here, there : dict of str to float64 (pairs,)
-        Rates of this checkout and of the revision, one per pair.
-    """
-
-    commit: str
-    here: dict[str, NDArray[np.float64]]
-    there: dict[str, NDArray[np.float64]]
+    commit: str  # the revision
+    here: dict[str, NDArray[np.float64]]  # rates of this checkout, one per pair
+    there: dict[str, NDArray[np.float64]]  # and of the revision
 
     def ratio(self, name: str) -> Figure:
         """Return a rate's ratio, here over there: median and interval over the pairs."""

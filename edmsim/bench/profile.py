@@ -61,24 +61,12 @@ LOOK_S = 200e-6
 
 
 class LoopProfile(NamedTuple):
-    """Where the processor time of a straight cut's pulses goes, at one resolution.
+    """Where the processor time of a straight cut's pulses goes, at one resolution."""
 
-    Attributes
-    ----------
-    ns_per_pulse : float
-        Of the loop as it is.
-    marked_ns_per_pulse : float
-        Of the loop with marks.
-    shares : dict of str to float
-        Of the time with marks, by `PARTS`; they add up to 1.
-    looks : int
-        How often was looked which part runs.
-    """
-
-    ns_per_pulse: float
-    marked_ns_per_pulse: float
-    shares: dict[str, float]
-    looks: int
+    ns_per_pulse: float  # of the loop as it is
+    marked_ns_per_pulse: float  # of the loop with marks
+    shares: dict[str, float]  # of the time with marks, by `PARTS`; they add up to 1
+    looks: int  # how often was looked which part runs
 
     def ns(self, part: str) -> float:
         """Return a part's time per pulse."""

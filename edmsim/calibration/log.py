@@ -224,17 +224,24 @@ def _check_ratios(columns: Mapping[str, Array], file: str | Path) -> None:
         "t_on_us": ~(columns["t_on_us"] > 0), "t_period_us": ~((period > columns["t_on_us"]) & (period < _MOST)),
         **{name: ~(np.abs(columns[name]) < _MOST) for name in ("x_um", "y_um", *MEANS) if name in columns},
     }  # fmt: skip
-    for name, rows in wrong.items():
-        if rows.any():
-            row = int(rows.argmax())
-            raise InputError(
-                f"row {row + 1}: {name} {columns[name][row]:g} cannot be; times grow, ratios are shares from 0 to 1 "
-                "of the pulses since the row before, and the period is longer than the on-time", file,
-            )  # fmt: skip
+    _refuse(
+        wrong, columns, "row", "times grow, ratios are shares from 0 to 1 of the pulses since the row before, and "
+        "the period is longer than the on-time", file,
+    )  # fmt: skip
     rate_Hz = 1.0 / float(np.median(np.diff(time)))
     low, high = RATE_HZ
     if not 0.99 * low <= rate_Hz <= 1.01 * high:
         raise InputError(f"has {rate_Hz:.3g} rows per second; a log of ratios has {low:g} to {high:g}", file)
+
+
+def _refuse(
+    wrong: Mapping[str, NDArray[np.bool_]], columns: Mapping[str, Array], what: str, rule: str, file: str | Path
+) -> None:
+    """Raise `InputError` for the first row of the first column in which a value is wrong."""
+    for name, rows in wrong.items():
+        if rows.any():
+            row = int(rows.argmax())
+            raise InputError(f"{what} {row + 1}: {name} {columns[name][row]:g} cannot be; {rule}", file)
 
 
 def _same_settings(columns: Mapping[str, Array]) -> list[tuple[int, int]]:
@@ -371,13 +378,10 @@ def _check(columns: Mapping[str, Array], file: str | Path) -> None:
         "mean_delay_us": (columns["mean_delay_us"] < 0) | (columns["mean_delay_us"] > _MOST),
         **{name: ~(np.abs(columns[name]) < _MOST) for name in _SIGNED if name in columns},
     }
-    for name, rows in wrong.items():
-        if rows.any():
-            row = int(rows.argmax())
-            raise InputError(
-                f"window {row + 1}: {name} {columns[name][row]:g} cannot be; short and open are counts of "
-                f"{WINDOW_PULSES} pulses, times are us and the period is longer than the on-time", file,
-            )  # fmt: skip
+    _refuse(
+        wrong, columns, "window", f"short and open are counts of {WINDOW_PULSES} pulses, times are us and the period "
+        "is longer than the on-time", file,
+    )  # fmt: skip
 
 
 def stretches(log: Log, settle_um: float) -> list[Stretch]:

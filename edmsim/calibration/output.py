@@ -15,7 +15,7 @@ from edmsim import __version__
 from edmsim.calibration.fit import Fit
 from edmsim.calibration.log import STATISTICS
 from edmsim.errors import InputError
-from edmsim.files import replacing
+from edmsim.files import check_suffix, replacing
 from edmsim.machine.ranges import uncertain, with_constants
 from edmsim.plant.resolution import RESOLUTIONS
 
@@ -92,8 +92,7 @@ def _item(value: Any) -> Any:
 
 def check_writable(out: Path) -> None:
     """See before the work begins that the files can be written; raises `InputError` if not."""
-    if out.suffix != ".toml":
-        raise InputError("the fitted machine is written as TOML: the file's name must end in .toml", out)
+    check_suffix(out, "the fitted machine", ".toml")
     probe = out.with_name(out.name + ".part")
     try:
         probe.touch()

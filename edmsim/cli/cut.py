@@ -27,7 +27,7 @@ def cut(
 ) -> None:
     """Cut a part program."""
     from edmsim.cosim.stops import WORDS, StopCause
-    from edmsim.files import make_writable
+    from edmsim.files import check_suffix, make_writable
     from edmsim.job.checkpoint import NAME
     from edmsim.job.cut import CutProgress
     from edmsim.job.cut import cut as run_cut
@@ -35,8 +35,7 @@ def cut(
 
     folder = Path(options.pop("out", default_folder(program)))
     if traces is not None:
-        if traces.suffix != ".parquet":
-            raise InputError("the file for traces must end in .parquet", traces)
+        check_suffix(traces, "a file of traces", ".parquet")
         make_writable(traces.parent)
     result = None
     try:
@@ -81,16 +80,15 @@ def check(
     **options: Any,
 ) -> None:
     """Check a program before the cut: path, notices, time."""
-    from edmsim.files import make_writable, replacing
     from edmsim.job.check import check as look_at
     from edmsim.job.check import lines_of
     from edmsim.job.settings import CutSettings
     from edmsim.program.blocks import UnknownWordsError, offered_to_ignore
     from edmsim.recording.figures.path import path_figure
+    from edmsim.recording.figures.style import check_figure, write_figure
 
     picture = default_folder(program) / "path.png" if out is None else out
-    if picture.suffix not in (".png", ".svg", ".pdf"):
-        raise InputError("the picture must end in .png, .svg or .pdf", picture)
+    check_figure(picture)
     settings = CutSettings.model_validate(options)
     unknown: dict[str, list[int]] = {}
 
@@ -112,10 +110,7 @@ def check(
         print_line(f"{name:<12}{text}")
     for notice in found.path.notices:
         print_line(f"note: {notice}")
-    make_writable(picture.parent)
-    figure = path_figure(found.path, program.name, 2e3 * found.machine.auto_offset_mm)
-    with replacing(picture) as partial:
-        figure.savefig(partial, format=picture.suffix.removeprefix("."))
+    write_figure(path_figure(found.path, program.name, 2e3 * found.machine.auto_offset_mm), picture)
     print_line(f"Written: {picture}")
     if unknown:
         raise typer.Exit(BAD_INPUT)

@@ -134,7 +134,7 @@ def evaluate(
     """Compare feed controllers on the same randomised machines."""
     from edmsim.envs.registry import resolve
     from edmsim.evaluation import compare, episode, table
-    from edmsim.files import make_writable
+    from edmsim.files import check_suffix, make_writable
     from edmsim.learning import policy_file, score
     from edmsim.numeric import listed
     from edmsim.runs import RunTable
@@ -148,8 +148,8 @@ def evaluate(
     }
     for env_id, laws in chosen.items():
         compare.check(env_id, laws, episode.episodes(env_id) if seeds is None else seeds, resolution)
-    if page is not None and page.suffix != ".md":
-        raise InputError("a page is Markdown: name it .md", page)
+    if page is not None:
+        check_suffix(page, "a page", ".md")
     for file in (leaderboard, page):
         if file is not None:
             make_writable(file.parent)

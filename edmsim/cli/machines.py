@@ -35,12 +35,12 @@ def table(
     """Measure a machine's table as a laser interferometer does."""
     from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
     from edmsim.files import make_writable, replacing
-    from edmsim.job.result import FORMATS
     from edmsim.job.settings import CutSettings
-    from edmsim.measure import as_json, headline, measure_table, render
+    from edmsim.measure import as_json, headline, measure_table, render, table_figure
+    from edmsim.recording.figures.style import check_figure, write_figure
 
-    if plot is not None and plot.suffix.removeprefix(".") not in FORMATS:
-        raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", plot)
+    if plot is not None:
+        check_figure(plot)
     settings = CutSettings.model_validate(options)
     compensation = settings.compensation
     loaded = None if compensation is None else load_tables(read_tables(compensation), compensation)
@@ -54,10 +54,7 @@ def table(
         with replacing(out) as partial:
             partial.write_text(text_of(found.tables(cubic), [about, *headline(found)]), encoding="utf-8")
     if plot is not None:
-        from edmsim.measure import table_figure
-
-        with replacing(plot) as partial:
-            table_figure({"measured": found}).savefig(partial, format=plot.suffix.removeprefix("."))
+        write_figure(table_figure({"measured": found}), plot)
     if json:
         sys.stdout.write(as_json(found) + "\n")
         return

@@ -73,7 +73,7 @@ def show(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a sweep.", show_default=False)],
 ) -> None:
     """Show the results of a sweep, and draw DIR/pareto.png."""
-    from edmsim.recording.figures.profile import write_figure
+    from edmsim.recording.figures.style import write_figure
     from edmsim.sweep.summary import pareto_figure, render
     from edmsim.sweep.table import read
 
@@ -264,7 +264,7 @@ def drive(
     axis: Annotated[
         str, typer.Option(help="Axis: x or y of the machine, bench, table, fast, low-impedance.")
     ] = "bench",
-    out: Annotated[Path | None, typer.Option(help="Picture of the axis before and after tuning, .png.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Picture before and after tuning: .png, .svg or .pdf.")] = None,
 ) -> None:
     """Tune a servo drive to its axis, and print the lines to type."""
     from edmsim.consoles.autotune import tune

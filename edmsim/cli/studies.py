@@ -14,7 +14,7 @@ import typer
 
 from edmsim.cli.console import OUT, Json, interruptible, named, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
-from edmsim.errors import FAILED, InputError
+from edmsim.errors import FAILED
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -156,17 +156,15 @@ def _compared(revision: str, count: int, watch: Callable[[str], None]) -> _Resul
 
 def _profiled(figure: Path | None, watch: Callable[[str], None]) -> _Result:
     from edmsim.bench.profile import as_numbers, draw, profile, render
-    from edmsim.files import make_writable, replacing
-    from edmsim.job.result import FORMATS
+    from edmsim.files import make_writable
+    from edmsim.recording.figures.style import check_figure, write_figure
 
     if figure is not None:
-        if figure.suffix.removeprefix(".") not in FORMATS:
-            raise InputError(f"a figure is written as one of {', '.join(FORMATS)}", figure)
+        check_figure(figure)
         make_writable(figure.parent)
     found = profile(watch)
     if figure is not None:
-        with replacing(figure) as target:
-            draw(found).savefig(target, format=figure.suffix.removeprefix("."))
+        write_figure(draw(found), figure)
     return as_numbers(found), render(found)
 
 

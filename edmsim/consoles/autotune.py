@@ -32,8 +32,7 @@ from edmsim.controllers.axis.drive import data_of
 from edmsim.errors import InputError, one_of
 from edmsim.files import make_writable
 from edmsim.recording.figures.palette import BLUE, MUTED, VERMILION
-from edmsim.recording.figures.profile import write_figure
-from edmsim.recording.figures.style import column_figure, dress, legend
+from edmsim.recording.figures.style import check_figure, column_figure, dress, legend, write_figure
 
 # An operator at a drive's serial line: types values, steps or moves the axis, and watches what the drive sends.
 # Both chips send the tracking error: the UHU by the stream for its analyser (rows U-33 to U-36), the servo module
@@ -567,8 +566,7 @@ def _before_and_after(before: AxisTrace, after: AxisTrace) -> tuple[tuple[AxisTr
 def tune(name: str, axis: str, out: Path | None, say: Callable[[str], None]) -> tuple[str, ...]:
     """Tune a drive for an axis (see `bench_for`), perhaps draw it before and after; returns what to type."""
     if out is not None:
-        if out.suffix != ".png":
-            raise InputError("the picture is written as .png", out)
+        check_figure(out)
         make_writable(out.parent)
     motor = np.array([bench_for(name, axis, tuned=False).motor()])  # of x and y with the machine's screw and table
     tuning = autotune(name, motor, say)

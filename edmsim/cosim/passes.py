@@ -100,6 +100,37 @@ def _legs_of_passes(contour: WireContour) -> list[Leg]:
     return legs
 
 
+class WayBehind(NamedTuple):
+    """What the wire of a trim has cut before a leg; a retract runs back onto it over the leg's first point."""
+
+    points_um: NDArray[Any]  # (n, 2)
+    along_um: NDArray[np.float64]  # (n,): length of path from the leg's first point, below 0
+    lead_um: NDArray[Any]  # (n, 2), see `Leg`; (0, 2) if the wire is vertical
+
+
+def way_behind(legs: Sequence[Leg], number: int) -> WayBehind:
+    """Return the way to a leg since the wire was threaded, if it is of a trim; else no points."""
+    # A rough pass ends with a bent wire. At rest for the trim it is straight, and so pressed to the metal ahead of
+    # the rough pass. Open machines run back along what they have cut, whatever the program's lines are: LinuxCNC's
+    # adaptive feed, Spark's buffer of places.
+    leg, first = legs[number], number
+    if leg.cut_pass is not None and leg.cut_pass.number > 1:
+        leans = leg.lead_um is not None
+        while first > 0 and not legs[first].threads and (legs[first - 1].lead_um is not None) == leans:
+            first -= 1
+    before = legs[first:number]
+    to_go, along = 0.0, [np.empty(0)]
+    for one in reversed(before):
+        along.insert(1, one.along_um - one.along_um[-1] - to_go)
+        to_go += float(one.along_um[-1] - one.along_um[0])
+    none = np.empty((0, 2))
+    return WayBehind(
+        np.concatenate([none, *(one.points_um for one in before)]),
+        np.concatenate(along),
+        np.concatenate([none, *(one.lead_um for one in before if one.lead_um is not None)]),
+    )
+
+
 def _waits_s(dwells: Sequence[tuple[int, float]]) -> dict[int, float]:
     """Return how long the wire waits at every point where it does, in order."""
     return {i: sum(seconds for j, seconds in dwells if j == i) for i in sorted({i for i, _ in dwells})}

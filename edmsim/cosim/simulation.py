@@ -24,14 +24,14 @@ from edmsim.controllers.planner.registry import RunsPath, make_planner, position
 from edmsim.controllers.protocols import DrivesSteps, HasSwitches, MissesWindows, check_command, tell
 from edmsim.cosim.cycle import Cycle, PlannerMotion
 from edmsim.cosim.observers import Observer
-from edmsim.cosim.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of
+from edmsim.cosim.passes import Leg, PassLog, PassSetup, ProgramPlace, Sums, legs_of, way_behind
 from edmsim.cosim.stops import WORDS, StopCause, judge, switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import held_period_us
 from edmsim.plant.axes.drives import AxisDrive
 from edmsim.plant.axes.faults import AxisFault
-from edmsim.plant.axes.rapid import constants, time_left_s
+from edmsim.plant.axes.rapid import rapid_constants, time_left_s
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.plant.workpiece.height_steps import LowerRegion
@@ -82,11 +82,11 @@ class CutAxes(Snapshots):
             self._since_ns, self._before_um = plant.time_ns, plant.away_um.tolist()
             return None
         waited_s = (plant.time_ns - self._since_ns) * 1e-9
-        if waited_s < constants()["settled_s"]:
+        if waited_s < rapid_constants()["settled_s"]:
             return None
         step_um = plant.machine.base.table.step_um.value
         late_s = time_left_s(np.array(self._before_um), plant.away_um, waited_s, step_um)
-        if late_s > constants()["longest_s"]:
+        if late_s > rapid_constants()["longest_s"]:
             return plant.reason_of_delay(late_s)
         self._since_ns, self._before_um = plant.time_ns, plant.away_um.tolist()
         return None
@@ -231,9 +231,15 @@ class Simulation:
         tell(self.controller, machine, points, at.start_um)
         self._offset.begin_leg(points, None if leads is None else along)
         step_um = self.machine.base.table.step_um.value
+        behind = way_behind(self.legs, at.leg)
+        every = np.concatenate([behind.points_um, points])
         planner = (
-            make_planner(self._planner_name, points, unit=self._unit, step_um=step_um) if leads is None
-            else make_leaning_planner(self._planner_name, points, leads, along, self._unit, step_um)
+            make_planner(self._planner_name, every, unit=self._unit, step_um=step_um, start=len(behind.points_um))
+            if leads is None
+            else make_leaning_planner(
+                self._planner_name, every, np.concatenate([behind.lead_um, leads]),
+                np.concatenate([behind.along_um, along]), self._unit, step_um,
+            )
         )
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
         command = check_command(self.controller.name, self.controller.reset(limit_um_s))

@@ -200,28 +200,14 @@ AIR_SHARE = 0.9  # from this share of open pulses on a window is taken for one w
 
 @dataclass(frozen=True)
 class PulseSample:
-    """Single pulses of a straight cut at a fixed feed in steady state.
+    """Single pulses of a straight cut at a fixed feed in steady state."""
 
-    Attributes
-    ----------
-    machine : Machine
-        The set-up.
-    feed_um_s : float
-    period_us : float
-        Pulse period.
-    kind : int array (n,)
-        Class of every pulse, see `KINDS`.
-    delay_us : float64 array (n,)
-        Ignition delay; NaN if the pulse did not ignite.
-    deflection_um : float64 array (n, slices, 2)
-        Wire minus guides after the pulse, per slice from the bottom, X and Y.
-    """
-
-    machine: Machine
+    machine: Machine  # the set-up
     feed_um_s: float
-    period_us: float
-    kind: NDArray[np.int64]
-    delay_us: NDArray[np.float64]
+    period_us: float  # pulse period
+    kind: NDArray[np.int64]  # (n,): class of every pulse, see `KINDS`
+    delay_us: NDArray[np.float64]  # (n,): ignition delay; NaN if the pulse did not ignite
+    # (n, slices, 2): wire minus guides after the pulse, per slice from the bottom, X and Y
     deflection_um: NDArray[np.float64]
 
     def share(self, kind: str) -> float:

@@ -302,13 +302,8 @@ class PowercoreV3(Board):
 
     def _telemetry(self) -> None:
         operating = self.enabled and not self._fault
-        state = (
-            "STARTUP"
-            if not self.listens and self._ready_line == "Setup complete"
-            else "FAULT"
-            if self._fault
-            else "IDLE"
-        )
+        starts = not self.listens and self._ready_line == "Setup complete"
+        state = "STARTUP" if starts else "FAULT" if self._fault else "IDLE"
         # the board sends no end of line behind the state of operation
         self._out.append(f"FIRMWARE_VERSION {VERSION}\r\nSTATE " + ("OPERATING: " if operating else f"{state}\r\n"))
         self._send(

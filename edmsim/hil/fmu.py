@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from edmsim.errors import InputError
-from edmsim.files import make_writable, replacing
+from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.resolution import resolution as named_resolution
@@ -41,8 +41,7 @@ def export_fmu(file: str | Path, *, resolution: str = "fast", gap_um: float = SL
         If the set-up cannot run, the file cannot be written, or pythonfmu3 is not installed.
     """
     target = Path(file)
-    if target.suffix != ".fmu":
-        raise InputError("an FMU is written as .fmu", target)
+    check_suffix(target, "an FMU", ".fmu")
     set_up = Machine.load(**machine)
     named_resolution(resolution)
     try:

@@ -12,16 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pythonfmu3 import (
-    Boolean,
-    DefaultExperiment,
-    Float64,
-    Fmi3Causality,
-    Fmi3Slave,
-    Fmi3Status,
-    Fmi3Variability,
-    Int64,
-)
+import pythonfmu3 as fmu
+from pythonfmu3 import Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3Variability
 from pythonfmu3.fmi3slave import Fmi3StepResult
 
 from edmsim import __version__
@@ -58,7 +50,7 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         self.author, self.description = "edmsim", "A wire-EDM gap, simulated discharge by discharge"
         self.version = __version__
         step_s = self._settings["step_s"]
-        self.default_experiment = DefaultExperiment(start_time=0.0, stop_time=400 * step_s, step_size=step_s)
+        self.default_experiment = fmu.DefaultExperiment(start_time=0.0, stop_time=400 * step_s, step_size=step_s)
         machine = Machine.load(**self._load)
         self.time = 0.0
         self.feed_x_um_s = self.feed_y_um_s = 0.0
@@ -77,13 +69,13 @@ class EdmsimGap(Fmi3Slave):  # type: ignore[misc]
         as_parameter = {"causality": Fmi3Causality.parameter, "variability": fixed}
         time = {"causality": Fmi3Causality.independent, "variability": Fmi3Variability.continuous}
         variables = [
-            Float64("time", **time),
-            *(Float64(name, description=text, **as_input) for name, text in INPUTS.items()),
-            Boolean("generator_on", description="whether pulses are fired", **as_input),
-            *(Float64(name, description=text, **as_parameter) for name, text in PARAMETERS.items()),
-            Int64("seed", description="seed of every draw", **as_parameter),
-            *(Float64(name, description=text, **as_output) for name, text in OUTPUTS.items()),
-            Boolean("wire_broken", description="whether there is no wire", **as_output),
+            fmu.Float64("time", **time),
+            *(fmu.Float64(name, description=text, **as_input) for name, text in INPUTS.items()),
+            fmu.Boolean("generator_on", description="whether pulses are fired", **as_input),
+            *(fmu.Float64(name, description=text, **as_parameter) for name, text in PARAMETERS.items()),
+            fmu.Int64("seed", description="seed of every draw", **as_parameter),
+            *(fmu.Float64(name, description=text, **as_output) for name, text in OUTPUTS.items()),
+            fmu.Boolean("wire_broken", description="whether there is no wire", **as_output),
         ]
         for variable in variables:
             self.register_variable(variable)

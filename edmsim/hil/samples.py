@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from edmsim.errors import InputError
+from edmsim.files import check_suffix
 from edmsim.hil.gap import Frame
 from edmsim.hil.rig import Rig
 from edmsim.plant.kernel.state import OPEN, SHORT
@@ -35,25 +36,14 @@ READ = ctypes.CFUNCTYPE(
 
 
 class Sensing(NamedTuple):
-    """Properties of the voltage and current measurement.
+    """Properties of the voltage and current measurement."""
 
-    Attributes
-    ----------
-    rate_Hz : float
-        Samples per second, 10 000 to 100 000.
-    low_pass_Hz : float
-        Corner of the filter before the converter; 0 for none.
-    noise_V, noise_A : float
-        Standard deviations of the converter's noise.
-    seed : int
-        Seed of the noise.
-    """
-
-    rate_Hz: float = 5e4
-    low_pass_Hz: float = 0.0
+    rate_Hz: float = 5e4  # samples per second, 10 000 to 100 000
+    low_pass_Hz: float = 0.0  # corner of the filter before the converter; 0 for none
+    # noise_V, noise_A: standard deviations of the converter's noise
     noise_V: float = 0.0
     noise_A: float = 0.0
-    seed: int = 0
+    seed: int = 0  # seed of the noise
 
     def check(self) -> None:
         """Raise `InputError` for values that cannot be used."""
@@ -198,8 +188,7 @@ class SampleFile:
     """
 
     def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:
-        if file.suffix not in (".parquet", ".wav"):
-            raise InputError("samples are written as .parquet or .wav", file)
+        kind = check_suffix(file, "a file of samples", ".parquet", ".wav")
         self._sampler = Sampler(sensing, start_s * 1e6)
         self._file, self._partial = file, file.with_name(file.name + ".part")
         self._rows: list[tuple[Array, Array, Array]] = []
@@ -207,7 +196,7 @@ class SampleFile:
         self.count = 0
         self._sound: BinaryIO | None = None
         try:
-            self._writer = self._wav(sensing) if file.suffix == ".wav" else self._parquet()
+            self._writer = self._wav(sensing) if kind == ".wav" else self._parquet()
         except OSError as error:
             raise InputError(f"cannot be written: {error.strerror or error}", file) from None
 
@@ -261,7 +250,7 @@ class SampleFile:
         time, voltage, current = (np.concatenate(rows) for rows in zip(*self._rows, strict=True))
         self._rows = []
         self.count += len(time)
-        if self._file.suffix == ".wav":
+        if self._file.suffix.lower() == ".wav":
             counts = np.stack([voltage / COUNT_V, current / COUNT_A], axis=1).round()
             self._clipped += int((np.abs(counts) > _COUNTS).any(axis=1).sum())
             self._writer.writeframes(np.clip(counts, -_COUNTS, _COUNTS).astype("<i2").tobytes())

@@ -18,6 +18,7 @@ from typing import Self
 from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.servo import PseudoTerminal
 from edmsim.errors import InputError
+from edmsim.files import check_suffix
 from edmsim.hil.gap import Frame
 from edmsim.hil.rig import MOST_LINE, Rig
 
@@ -33,8 +34,7 @@ class RatioLog:
     def __init__(self, file: Path, rig: Rig, rate_Hz: float) -> None:
         if not LEAST_HZ <= rate_Hz <= MOST_HZ:
             raise InputError(f"a log of ratios has {LEAST_HZ:g} to {MOST_HZ:g} rows per second, not {rate_Hz:g}")
-        if file.suffix != ".csv":
-            raise InputError("a log of ratios is written as .csv", file)
+        check_suffix(file, "a log of ratios", ".csv")
         self._rig, self._every_s = rig, 1.0 / rate_Hz
         self._file, self._partial = file, file.with_name(file.name + ".part")
         try:

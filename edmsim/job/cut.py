@@ -17,6 +17,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple, ParamSpec, Protocol, cast
 
+import numpy as np
+
 from edmsim import user_code
 from edmsim.controllers import FeedController, SeesTruth, axis, from_text
 from edmsim.controllers.axis.drive import Drive
@@ -374,14 +376,11 @@ def planned(
 
 def guides_of(machine: Machine, errors_mm: tuple[float, float]) -> GuideHeights | None:
     """Return the guides' positions as known to the control; None if the upper guide does not move."""
-    travel, clearance_mm = machine.base.guides.upper_travel_mm, machine.base.guides.clearance_mm.value
+    travel = machine.base.guides.upper_travel_mm
     if travel is None:
         return None
-    bends, (lower_mm, upper_mm) = guide_bends(machine), errors_mm
-    return GuideHeights(
-        lower_mm - clearance_mm, machine.height_mm + clearance_mm + upper_mm, machine.height_mm, travel.value,
-        bends.stiff_mm, bends.radius_mm,
-    )
+    bends, (lower_mm, upper_mm) = guide_bends(machine), np.add(machine.guides_z_mm, errors_mm).tolist()
+    return GuideHeights(lower_mm, upper_mm, machine.height_mm, travel.value, bends.stiff_mm, bends.radius_mm)
 
 
 class Prepared(NamedTuple):

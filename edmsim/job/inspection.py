@@ -25,7 +25,7 @@ from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording import report
-from edmsim.recording.scene import ErrorMap, PassFace, Scene, SceneCorner, Terrace, polylines
+from edmsim.recording.scene import ErrorMap, PassFace, Scene, Terrace, polylines
 from edmsim.recording.windows import CutAlone, WindowTable, cut_alone
 
 _NEAR_MM = 0.5  # a window belongs to a place of the profile only within this distance of the wire
@@ -120,8 +120,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
     ways_um = _ways_um(simulation, windows)
     shares = _shares(simulation, profiles, ways_um)
     left_um = [unreachable_um(p, k) for k, p in zip(contours, profiles, strict=True)]
-    found = [SceneCorner(**c) for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
-    guides = machine.base.guides.clearance_mm.value
+    found = [c for k, p in zip(contours, profiles, strict=True) for c in corners(k, p)]
     x, y = simulation.commanded_um
     scene = Scene(
         maps=tuple(
@@ -134,7 +133,7 @@ def inspect(simulation: Simulation, windows: WindowTable) -> Inspection:
         stock_mm=simulation.path.stock_mm,
         height_mm=machine.height_mm,
         terraces=terraces(field.relief, simulation.path.stock_mm),
-        guides_z_mm=(-guides, machine.height_mm + guides),
+        guides_z_mm=machine.guides_z_mm,
         wire_diameter_um=machine.wire_diameter_um,
         holes_mm=holes_mm(field.stock),
         origin_mm=simulation.path.origin_mm,

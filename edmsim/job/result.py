@@ -74,10 +74,6 @@ def sample_or_reason(report: Report, windows: pa.Table) -> PulseSample | str:
         return str(error)
 
 
-_SPECK_SHARE = 0.01
-"""Share of the wire's cross-section below which an area is a speck (ours: a crater or two; any kerf is larger)."""
-
-
 @dataclass(frozen=True)
 class CutResult:
     """Results of a cut."""
@@ -166,8 +162,7 @@ class CutResult:
             raise InputError(f"there are no coordinates '{coordinates}'; there are: program, table")
         removed = contour(self.field, self.scene.middle_slice() if slice_index is None else slice_index)
         if not specks:
-            wire_mm2 = math.pi / 4 * (self.machine.wire_diameter_um * 1e-3) ** 2
-            removed = without_specks(removed, _SPECK_SHARE * wire_mm2)
+            removed = without_specks(removed, self.scene.speck_mm2)
         if coordinates == "table":
             return removed
         return shapely.transform(removed, lambda mm: mm - self.path.origin_mm)
@@ -264,14 +259,12 @@ def result_of(
     )  # fmt: skip
 
 
-FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
-
-
 def remake(
     directory: str | Path, figures: str | Path | None, kind: str, leave_out: Callable[[str], None]
 ) -> list[Path]:
     """Write a folder's ``report.html`` again, or its figures as files of their own; returns the files written."""
     from edmsim.recording.figures.profile import profile_png
+    from edmsim.recording.figures.style import FORMATS, write_figure
     from edmsim.recording.html_report import pictures, write_html
 
     if kind not in FORMATS:
@@ -284,10 +277,8 @@ def remake(
             profile = profile_png(cut.scene, cut.windows, cut.report, cut.title)
             write_html(*cut, sample, cut.title, profile, target / "report.html")
         return [target / "report.html"]
-    make_writable(target)
     written = []
     for picture in pictures(*cut, sample, leave_out):
-        file = target / f"{picture.name}.{kind}"
-        picture.figure.savefig(file)
-        written.append(file)
+        written.append(target / f"{picture.name}.{kind}")
+        write_figure(picture.figure, written[-1])
     return written

@@ -39,35 +39,21 @@ _Share = Annotated[FiniteFloat, Field(ge=0)]
 
 
 class Choices(BaseModel):
-    """What a bandit chooses among, and when.
-
-    Attributes
-    ----------
-    law : str
-        See `edmsim.controllers.from_text`.
-    settings : list of dict
-        Parameters of the law by name, 2 settings or more. A new wire begins with the first.
-    segment_s, settle_s : float
-        Cutting time between two decisions, and its beginning that is not measured.
-    start_s : float
-        Cutting time of a new wire with the first setting.
-    trial_s, trial_bonus : float
-        Cutting time at the beginning in which a setting is tried once that would be the best with a rate of this many
-        standard deviations above the expected one, the most promising first.
-    bonus : float
-        Later, a setting is chosen by its expected rate plus this many standard deviations.
-    """
+    """What a bandit chooses among, and when."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    law: str
+    law: str  # see `edmsim.controllers.from_text`
+    # parameters of the law by name, 2 settings or more. A new wire begins with the first.
     settings: Annotated[list[dict[str, FiniteFloat]], Field(min_length=2)]
-    segment_s: _Positive
-    settle_s: _Share
-    start_s: _Share
+    segment_s: _Positive  # cutting time between two decisions
+    settle_s: _Share  # its beginning, which is not measured
+    start_s: _Share  # cutting time of a new wire with the first setting
+    # cutting time at the beginning in which a setting is tried once that would be the best with a rate `trial_bonus`
+    # standard deviations above the expected one, the most promising first
     trial_s: _Share
     trial_bonus: _Share
-    bonus: _Share
+    bonus: _Share  # later, a setting is chosen by its expected rate plus this many standard deviations
 
     @model_validator(mode="after")
     def _measures(self) -> Choices:
@@ -78,40 +64,20 @@ class Choices(BaseModel):
 
 
 class BanditCard(Choices):
-    """Contents of the file: choices, and a prior.
+    """Contents of the file: choices, and a prior."""
 
-    Attributes
-    ----------
-    format : str
-        `FORMAT`.
-    env_id, environment : str, dict
-        Environment of the training, and its arguments.
-    mean : list of float
-        Of the quantities, each for all settings: (3 n).
-    covariance : list of lists of float
-        Of the same: (3 n, 3 n).
-    noise : list of float
-        Standard deviations of a segment's measurement of each quantity.
-    offset_drift, drift : float
-        Standard deviations of the change per segment, of the offset and of each setting's logarithm of the rate.
-    breaks : list of float
-        Of training machines: lost wires per second of cutting with each setting.
-    breaks_s : float
-        Cutting time with a setting after which its own lost wires count as much as `breaks`.
-    algorithm, command, seed, steps, versions, scores
-        See `edmsim.learning.policy_file.Card`; a step is a segment.
-    """
-
-    format: Literal["edmsim-bandit-1"]
-    env_id: str
-    environment: dict[str, Any]
-    mean: list[FiniteFloat]
-    covariance: list[list[FiniteFloat]]
+    format: Literal["edmsim-bandit-1"]  # `FORMAT`
+    env_id: str  # environment of the training
+    environment: dict[str, Any]  # and its arguments
+    mean: list[FiniteFloat]  # of the quantities, each for all settings: (3 n)
+    covariance: list[list[FiniteFloat]]  # of the same: (3 n, 3 n)
+    # standard deviations of a segment's measurement of each quantity
     noise: Annotated[list[_Positive], Field(min_length=3, max_length=3)]
-    offset_drift: _Share
-    drift: _Share
-    breaks: list[_Share]
-    breaks_s: _Positive
+    offset_drift: _Share  # standard deviation of the change of the offset per segment
+    drift: _Share  # and of the change of each setting's logarithm of the rate
+    breaks: list[_Share]  # of training machines: lost wires per second of cutting with each setting
+    breaks_s: _Positive  # cutting time with a setting after which its own lost wires count as much as `breaks`
+    # algorithm, command, seed, steps, versions, scores: see `edmsim.learning.policy_file.Card`; a step is a segment
     algorithm: str
     command: str
     seed: int | None

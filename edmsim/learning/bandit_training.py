@@ -45,26 +45,14 @@ _Positive = Annotated[FiniteFloat, Field(gt=0)]
 
 
 class BanditSettings(Choices):
-    """Settings of a training: those of the policy (see `edmsim.learning.bandit_file.Choices`), and of its prior.
+    """Settings of a training: those of the policy (see `edmsim.learning.bandit_file.Choices`), and of its prior."""
 
-    Attributes
-    ----------
-    machines : int
-        Training machines, 2 or more.
-    passes : int
-        Segments with each setting on every training machine.
-    shrink : float
-        Share by which the covariance over machines is moved towards its diagonal, as machines are few.
-    meter : float
-        Standard deviation of the measured rate's logarithm from the true one's.
-    drift : float
-        Standard deviation of the change of a setting's logarithm of the rate per segment, relative to the others.
-    """
-
-    machines: Annotated[int, Field(ge=2)]
-    passes: Annotated[int, Field(ge=LEAST_PASSES)]
+    machines: Annotated[int, Field(ge=2)]  # training machines, 2 or more
+    passes: Annotated[int, Field(ge=LEAST_PASSES)]  # segments with each setting on every training machine
+    # share by which the covariance over machines is moved towards its diagonal, as machines are few
     shrink: Annotated[FiniteFloat, Field(ge=0, le=1)]
-    meter: _Positive
+    meter: _Positive  # standard deviation of the measured rate's logarithm from the true one's
+    # standard deviation of the change of a setting's logarithm of the rate per segment, relative to the others
     drift: Annotated[FiniteFloat, Field(ge=0)]
 
     @property

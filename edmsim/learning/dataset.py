@@ -40,21 +40,12 @@ UNFINISHED = "unfinished"
 
 
 class Recorded(NamedTuple):
-    """A recorded data set.
-
-    Attributes
-    ----------
-    dataset_id : str
-    episodes, steps : int
-    breaks : int
-        Number of episodes with a wire break.
-    mean_return : float
-    """
+    """A recorded data set."""
 
     dataset_id: str
     episodes: int
     steps: int
-    breaks: int
+    breaks: int  # number of episodes with a wire break
     mean_return: float
 
 

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from edmsim.envs.registry import base_of, find
 from edmsim.errors import InputError, invalid_entry, one_of
@@ -18,83 +18,41 @@ ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class Network(BaseModel, extra="forbid", frozen=True):
+    """The policy's network; the value network has the same shape."""
 
-
-class Network(_Strict):
-    """The policy's network; the value network has the same shape.
-
-    Attributes
-    ----------
-    widths : list of int
-        Number of neurons of each hidden layer.
-    activation : {"tanh", "relu"}
-    log_std_init : float, optional
-        PPO: natural logarithm of the initial action noise; by default that of stable-baselines3.
-    first_action : list of float, optional
-        PPO: centre of the initial exploration, one action (-1..1) per entry; by default 0.
-    lstm : int, optional
-        Recurrent PPO and imitation: number of cells of the LSTM before the hidden layers.
-    """
-
+    # number of neurons of each hidden layer
     widths: Annotated[list[Annotated[WholeNumber, Field(gt=0)]], Field(min_length=1)]
     activation: Literal["tanh", "relu"]
+    # PPO: natural logarithm of the initial action noise; by default that of stable-baselines3
     log_std_init: Number | None = None
+    # PPO: centre of the initial exploration, one action (-1..1) per entry; by default 0
     first_action: list[Annotated[Number, Field(ge=-1.0, le=1.0)]] | None = None
+    # recurrent PPO and imitation: number of cells of the LSTM before the hidden layers
     lstm: Annotated[WholeNumber, Field(gt=0)] | None = None
 
 
-class Lagrangian(_Strict):
-    """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.kinds`).
+class Lagrangian(BaseModel, extra="forbid", frozen=True):
+    """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.kinds`)."""
 
-    Attributes
-    ----------
-    multiplier : float
-        Initial reduction of the reward per unit of cost.
-    rate : float
-        Change of the multiplier per rollout and unit of cost above the limit.
-    """
-
-    multiplier: Annotated[Number, Field(ge=0)]
-    rate: Annotated[Number, Field(gt=0)]
+    multiplier: Annotated[Number, Field(ge=0)]  # initial reduction of the reward per unit of cost
+    rate: Annotated[Number, Field(gt=0)]  # change of the multiplier per rollout and unit of cost above the limit
 
 
-class Hyperparameters(_Strict):
-    """Hyperparameters of a training.
+class Hyperparameters(BaseModel, extra="forbid", frozen=True):
+    """Hyperparameters of a training."""
 
-    Attributes
-    ----------
-    steps : int
-        Total number of windows of all sub-environments.
-    num_envs : int
-        Number of sub-environments.
-    environment : dict
-        Arguments of the environment.
-    algorithm : dict
-        Arguments of stable-baselines3's class.
-    network : Network
-    lagrangian : Lagrangian, optional
-        Only for Lagrangian PPO.
-    residual : str, optional
-        Classic law whose feed the policy corrects (see `edmsim.learning.kinds`).
-    residual_um_s : float
-        Change of that feed per action of 1 (ours: a fifth of a cutting feed, which leaves the law in control).
-    teacher : str, optional
-        Imitation: controller to imitate (see `edmsim.learning.kinds`).
-    privileged_critic : bool
-        PPO: whether the value network observes the true state (see `edmsim.learning.kinds`).
-    """
-
-    steps: Annotated[WholeNumber, Field(gt=0)]
-    num_envs: Annotated[WholeNumber, Field(gt=0)]
-    environment: dict[str, Any]
-    algorithm: dict[str, Any]
+    steps: Annotated[WholeNumber, Field(gt=0)]  # total number of windows of all sub-environments
+    num_envs: Annotated[WholeNumber, Field(gt=0)]  # number of sub-environments
+    environment: dict[str, Any]  # arguments of the environment
+    algorithm: dict[str, Any]  # arguments of stable-baselines3's class
     network: Network
-    lagrangian: Lagrangian | None = None
-    residual: str | None = None
+    lagrangian: Lagrangian | None = None  # only for Lagrangian PPO
+    residual: str | None = None  # classic law whose feed the policy corrects (see `edmsim.learning.kinds`)
+    # change of that feed per action of 1 (ours: a fifth of a cutting feed, which leaves the law in control)
     residual_um_s: Annotated[Number, Field(gt=0)] = 5.0
-    teacher: str | None = None
+    teacher: str | None = None  # imitation: controller to imitate (see `edmsim.learning.kinds`)
+    # PPO: whether the value network observes the true state (see `edmsim.learning.kinds`)
     privileged_critic: bool = False
 
 

@@ -25,22 +25,13 @@ try:
     from stable_baselines3.common.vec_env import VecNormalize
 
     from edmsim.envs.sb3 import make_sb3_vec_env
-    from edmsim.learning.kinds import (
-        AsymmetricPolicy,
-        CostVecEnv,
-        Imitation,
-        Multiplier,
-        PrivilegedVecEnv,
-        RecurrentImitation,
-        ResidualVecEnv,
-        TaughtVecEnv,
-    )
+    from edmsim.learning import kinds
     from edmsim.learning.sb3_policy import ACTIVATIONS
 except ImportError as error:
     raise InputError(f"training needs {error.name}: pip install 'edmsim[rl]'") from error
 
 KINDS: dict[str, Any] = {
-    "ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC, "imitation": Imitation,
+    "ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC, "imitation": kinds.Imitation,
 }
 REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
 RECURRENT = ("recurrent-ppo", "imitation")  # algorithms whose policy may have an LSTM
@@ -53,7 +44,7 @@ class TrainingEnvs:
     """The environments of a training."""
 
     edm: Any  # the sub-environments themselves
-    costs: CostVecEnv | None  # with Lagrangian PPO
+    costs: kinds.CostVecEnv | None  # with Lagrangian PPO
     learned_on: Any  # with all wrappers but the normalisation
 
 
@@ -100,13 +91,14 @@ def vec_env_of(env_id: str, parameters: Hyperparameters, seed: int, multiplier: 
     vec_env: Any = edm
     residual, costs = residual_of(parameters), None
     if residual is not None:
-        vec_env = ResidualVecEnv(edm, residual)
+        vec_env = kinds.ResidualVecEnv(edm, residual)
     if parameters.teacher is not None:
-        vec_env = TaughtVecEnv(edm, parameters.teacher)
+        vec_env = kinds.TaughtVecEnv(edm, parameters.teacher)
     if parameters.privileged_critic:
-        vec_env = PrivilegedVecEnv(vec_env)
+        vec_env = kinds.PrivilegedVecEnv(vec_env)
     if parameters.lagrangian is not None:
-        vec_env = costs = CostVecEnv(vec_env, parameters.lagrangian.multiplier if multiplier is None else multiplier)
+        multiplier = parameters.lagrangian.multiplier if multiplier is None else multiplier
+        vec_env = costs = kinds.CostVecEnv(vec_env, multiplier)
     return TrainingEnvs(edm, costs, vec_env)
 
 
@@ -121,7 +113,7 @@ def new(algo: str, vec_env: TrainingEnvs, parameters: Hyperparameters, seed: int
     if network.lstm is not None:
         options["lstm_hidden_size"] = network.lstm
     if parameters.privileged_critic:
-        policy = AsymmetricPolicy
+        policy = kinds.AsymmetricPolicy
         options["shown_entries"] = int(np.prod(vec_env.edm.observation_space.shape))
     kind = _kind(algo, parameters)
     model = kind(policy, normalise, policy_kwargs=options, seed=seed, device=_DEVICE, **parameters.algorithm)
@@ -132,7 +124,7 @@ def new(algo: str, vec_env: TrainingEnvs, parameters: Hyperparameters, seed: int
 
 def _kind(algo: str, parameters: Hyperparameters) -> Any:
     """Return the learner's class."""
-    return RecurrentImitation if algo == "imitation" and parameters.network.lstm else KINDS[algo]
+    return kinds.RecurrentImitation if algo == "imitation" and parameters.network.lstm else KINDS[algo]
 
 
 def load(
@@ -152,4 +144,4 @@ def callbacks(vec_env: TrainingEnvs, parameters: Hyperparameters) -> list[BaseCa
     """Return the callbacks of the algorithm."""
     if vec_env.costs is None or parameters.lagrangian is None:
         return []
-    return [Multiplier(vec_env.costs, vec_env.edm.env.family.cost_limit, parameters.lagrangian.rate)]
+    return [kinds.Multiplier(vec_env.costs, vec_env.edm.env.family.cost_limit, parameters.lagrangian.rate)]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -15,7 +16,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from edmsim import models, user_code
 from edmsim.controllers import FeedController, SeesTruth, from_text, names
@@ -36,40 +37,22 @@ _OF_PASSES = {name: meaning for name, (meaning, _) in ACTIONS.items()}  # the sa
 Floats = NDArray[np.float64]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class ObservedEntry(BaseModel, extra="forbid", frozen=True):
+    """One entry of the observation."""
 
-
-class ObservedEntry(_Strict):
-    """One entry of the observation.
-
-    Attributes
-    ----------
-    name, meaning : str
-        See `edmsim.envs.observation`.
-    mean, variance : float
-        Statistics for its normalisation.
-    """
-
+    # name, meaning: see `edmsim.envs.observation`
     name: str
     meaning: str
+    # mean, variance: statistics for its normalisation
     mean: FiniteFloat
     variance: Annotated[FiniteFloat, Field(ge=0)]
 
 
-class Residual(_Strict):
-    """A classic law; the policy's first action is added to its feed.
+class Residual(BaseModel, extra="forbid", frozen=True):
+    """A classic law; the policy's first action is added to its feed."""
 
-    Attributes
-    ----------
-    law : str
-        See `edmsim.controllers.from_text`.
-    range_um_s : float
-        Change of the feed per action of 1, um/s.
-    """
-
-    law: str
-    range_um_s: Annotated[FiniteFloat, Field(gt=0)]
+    law: str  # see `edmsim.controllers.from_text`
+    range_um_s: Annotated[FiniteFloat, Field(gt=0)]  # change of the feed per action of 1, um/s
 
     def make(self) -> FeedController:
         """Return the law, which must be edmsim's: a policy file never runs other code.
@@ -91,82 +74,42 @@ class Residual(_Strict):
         return np.float32(min(max((law_um_s + added_um_s) / family.max_feed_um_s, -1.0), 1.0))
 
 
-class Card(_Strict):
-    """Description of a policy: the contents of ``NAME.json``.
+class Card(BaseModel, extra="forbid", frozen=True):
+    """Description of a policy: the contents of ``NAME.json``."""
 
-    Attributes
-    ----------
-    format : str
-        `FORMAT`.
-    env_id : str
-        Environment of the training, or its present version.
-    environment : dict
-        Arguments of that environment.
-    observation : list of ObservedEntry
-        The network's inputs, in order: (entry - mean) / sqrt(variance + `epsilon`), clipped to -`clip`..`clip`.
-    epsilon, clip : float
-    action : list of str
-        The network's outputs, in order; 1 and -1 are the ends of the action space.
-    widths : list of int
-        Number of neurons of each hidden layer; may be empty.
-    activation : {"tanh", "relu"}
-        Activation of the hidden layers.
-    lstm : int, optional
-        Number of cells of an LSTM before the hidden layers; by default no LSTM.
-    residual : Residual, optional
-        Law to whose feed the first action is added; by default the action is the environment's.
-    output : {"clip", "tanh"}
-        Function that limits the outputs to -1..1.
-    arrays_sha256 : str
-        Hash of ``NAME.npz``.
-    algorithm : str
-    command : str
-        Command of the training.
-    trained_in : str, optional
-        Environment version of the training, if it has been withdrawn since; by default `env_id`.
-    seed : int or None
-        None if the learner had no seed.
-    steps : int
-    versions : dict
-    scores : list of dict
-        Scores of the policy and of a classic controller.
-    """
-
-    format: Literal["edmsim-policy-1"]
-    env_id: str
-    environment: dict[str, Any]
+    format: Literal["edmsim-policy-1"]  # `FORMAT`
+    env_id: str  # environment of the training, or its present version
+    environment: dict[str, Any]  # arguments of that environment
+    # the network's inputs, in order: (entry - mean) / sqrt(variance + `epsilon`), clipped to -`clip`..`clip`
     observation: Annotated[list[ObservedEntry], Field(min_length=1)]
     epsilon: Annotated[FiniteFloat, Field(gt=0)]
     clip: Annotated[FiniteFloat, Field(gt=0)]
+    # the network's outputs, in order; 1 and -1 are the ends of the action space
     action: Annotated[list[str], Field(min_length=1)]
-    widths: list[Annotated[int, Field(gt=0)]]
-    activation: Literal["tanh", "relu"]
+    widths: list[Annotated[int, Field(gt=0)]]  # number of neurons of each hidden layer; may be empty
+    activation: Literal["tanh", "relu"]  # activation of the hidden layers
+    # number of cells of an LSTM before the hidden layers; by default no LSTM
     lstm: Annotated[int, Field(gt=0)] | None = None
+    # law to whose feed the first action is added; by default the action is the environment's
     residual: Residual | None = None
-    output: Literal["clip", "tanh"]
-    arrays_sha256: str
+    output: Literal["clip", "tanh"]  # function that limits the outputs to -1..1
+    arrays_sha256: str  # hash of ``NAME.npz``
     algorithm: str
-    command: str
+    command: str  # command of the training
+    # environment version of the training, if it has been withdrawn since; by default `env_id`
     trained_in: str | None = None
-    seed: int | None
+    seed: int | None  # None if the learner had no seed
     steps: int
     versions: dict[str, str]
-    scores: list[dict[str, Any]] = []
+    scores: list[dict[str, Any]] = []  # scores of the policy and of a classic controller
 
 
 class Lstm(NamedTuple):
-    """Weights of an LSTM; columns are its gates input, forget, cell, output (Hochreiter and Schmidhuber 1997).
+    """Weights of an LSTM; columns are its gates input, forget, cell, output (Hochreiter and Schmidhuber 1997)."""
 
-    Attributes
-    ----------
-    input_weights : float array (inputs, 4 cells)
-    memory_weights : float array (cells, 4 cells)
-    bias : float array (4 cells,)
-    """
-
-    input_weights: Floats
-    memory_weights: Floats
-    bias: Floats
+    input_weights: Floats  # (inputs, 4 cells)
+    memory_weights: Floats  # (cells, 4 cells)
+    bias: Floats  # (4 cells,)
 
     def after(self, observation: Floats, memory: Floats) -> Floats:
         """Return the memory (2, cells), output and cell state, after an observation (inputs,)."""
@@ -182,21 +125,12 @@ def _sigmoid(values: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Policy:
-    """A network that turns an observation into an action.
-
-    Attributes
-    ----------
-    card : Card
-    weights : tuple of float array (inputs, outputs)
-    biases : tuple of float array (outputs,)
-    lstm : Lstm or None
-        LSTM before the layers; None if the policy has no LSTM.
-    """
+    """A network that turns an observation into an action."""
 
     card: Card
-    weights: tuple[Floats, ...]
-    biases: tuple[Floats, ...]
-    lstm: Lstm | None = None
+    weights: tuple[Floats, ...]  # (inputs, outputs)
+    biases: tuple[Floats, ...]  # (outputs,)
+    lstm: Lstm | None = None  # LSTM before the layers; None if the policy has no LSTM
 
     @cached_property
     def _normal(self) -> tuple[Floats, Floats]:
@@ -297,23 +231,32 @@ def write_policy(
     InputError
         If the parts do not fit each other.
     """
-    family = arguments_with(env_id, **environment)
     memory = None if lstm is None else Lstm(*lstm)
     packed = pack(weights, biases, memory)
+    card = card_of(
+        env_id, environment, packed, mean, variance, epsilon=1e-8, clip=10.0, activation=activation, output="clip",
+        widths=[len(bias) for bias in biases[:-1]], lstm=None if memory is None else memory.memory_weights.shape[0],
+        algorithm=algorithm, command=command, seed=seed, steps=steps,
+        versions={name: version(name) for name in ("edmsim", "numpy")},
+    )
+    write(card, packed, file)
+    return load(str(file))
+
+
+def card_of(
+    env_id: str, environment: dict[str, Any], packed: bytes, mean: Sequence[float] | Floats,
+    variance: Sequence[float] | Floats, **more: Any,
+) -> Card:
+    """Return the card of packed arrays, given mean and variance of the environment's entries and `more` of `Card`."""
+    family = arguments_with(env_id, **environment)
     observation = [
         {"name": entry.name, "meaning": entry.meaning, "mean": float(m), "variance": float(v)}
         for entry, m, v in zip(family.entries(), mean, variance, strict=True)
     ]
-    card = Card.model_validate({
+    return Card.model_validate({
         "format": FORMAT, "env_id": env_id, "environment": environment, "observation": observation,
-        "epsilon": 1e-8, "clip": 10.0, "action": meanings(family),
-        "widths": [len(bias) for bias in biases[:-1]], "activation": activation,
-        "lstm": None if memory is None else memory.memory_weights.shape[0], "output": "clip",
-        "arrays_sha256": digest(packed), "algorithm": algorithm, "command": command, "seed": seed, "steps": steps,
-        "versions": {name: version(name) for name in ("edmsim", "numpy")},
+        "action": meanings(family), "arrays_sha256": digest(packed), **more,
     })
-    write(card, packed, file)
-    return load(str(file))
 
 
 def locate(name: str) -> Path:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +14,7 @@ from edmsim.errors import InputError
 from edmsim.evaluation.compare import Figure, mean
 from edmsim.evaluation.episode import HELD_BACK, cut, cut_part, is_part
 from edmsim.learning.policy_file import locate
+from edmsim.runs import perform
 
 FIRST_SEED = HELD_BACK - 100_000
 """First seed of the machines that test a policy: comparisons use others, as their seeds must not choose a policy;
@@ -28,15 +27,9 @@ with itself must pass; one whose loss is unknown must not)."""
 
 
 class Verdict(NamedTuple):
-    """Comparison of a policy with its start on the same machines.
+    """Comparison of a policy with its start on the same machines."""
 
-    Attributes
-    ----------
-    start, difference : Figure
-        Mean return of the start, and of the paired differences, with their 95 % bootstrap intervals.
-    machines : int
-    """
-
+    # start, difference: mean return of the start, and of the paired differences, with their 95 % bootstrap intervals
     start: Figure
     difference: Figure
     machines: int
@@ -84,13 +77,9 @@ def compare(
         Called with a name, and the number of finished and of all cuts.
     """
     jobs = [(name, FIRST_SEED + k) for k in range(machines) for name in (policy, start)]
-    make = partial(cut_part if is_part(env_id) else cut, env_id)
-    returns = []
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for result in pool.map(lambda job: make(job[1], job[0]), jobs):
-            returns.append(result.total_return)
-            if watch is not None:
-                watch("accept", len(returns), len(jobs))
+    make = cut_part if is_part(env_id) else cut
+    results = perform(lambda job: make(env_id, job[1], job[0]), jobs, watch and partial(watch, "accept"))
+    returns = [result.total_return for result in results]
     return verdict(returns[::2], returns[1::2])
 
 

@@ -27,7 +27,7 @@ from edmsim.envs.task import EnvArguments
 from edmsim.errors import InputError
 from edmsim.files import make_writable
 from edmsim.learning.kinds import CostVecEnv, PrivilegedVecEnv, ResidualVecEnv, TaughtVecEnv, VisibleEntries
-from edmsim.learning.policy_file import FORMAT, Card, Lstm, Policy, Residual, digest, load, meanings, pack, write
+from edmsim.learning.policy_file import Card, Lstm, Policy, Residual, card_of, load, meanings, pack, write
 
 PACKAGES = ("edmsim", "stable-baselines3", "sb3-contrib", "torch", "gymnasium", "numpy")
 
@@ -74,26 +74,18 @@ def exported(model: Any, vec_env: Any, algorithm: str, command: str, seed: int |
     """Return a learner's policy as `policy_file.write` wants it; `command` is what made it."""
     network, wrapped = network_of(model), around(vec_env)
     env_id, environment = wrapped.environment()
-    family = arguments_with(env_id, **environment)
-    entries = family.entries()
+    entry_count = len(arguments_with(env_id, **environment).entries())
     if vec_env.observation_space != model.observation_space or vec_env.action_space != model.action_space:
         raise InputError("the learner has other observations or actions than this environment: give its own")
-    weights, biases, lstm = _arrays(network, len(entries))
+    weights, biases, lstm = _arrays(network, entry_count)
     packed = pack(weights, biases, lstm)
-    mean, variance, epsilon, clip = _normalisation(wrapped.normalise, len(entries))
-    observation = [
-        {"name": entry.name, "meaning": entry.meaning, "mean": m, "variance": v}
-        for entry, m, v in zip(entries, mean, variance, strict=True)
-    ]
-    card = Card.model_validate({
-        "format": FORMAT, "env_id": env_id, "environment": environment, "observation": observation,
-        "epsilon": epsilon, "clip": clip, "action": meanings(family), "widths": network.widths,
-        "lstm": network.lstm and network.lstm.hidden_size, "residual": wrapped.residual,
-        "activation": network.activation, "output": network.output, "arrays_sha256": digest(packed),
-        "algorithm": algorithm, "command": command, "seed": seed, "steps": int(model.num_timesteps),
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
-    })
-    return card, packed
+    mean, variance, epsilon, clip = _normalisation(wrapped.normalise, entry_count)
+    return card_of(
+        env_id, environment, packed, mean, variance, epsilon=epsilon, clip=clip, widths=network.widths,
+        lstm=network.lstm and network.lstm.hidden_size, residual=wrapped.residual, activation=network.activation,
+        output=network.output, algorithm=algorithm, command=command, seed=seed, steps=int(model.num_timesteps),
+        versions={"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+    ), packed
 
 
 def _arrays(network: PolicyNetwork, entry_count: int) -> tuple[list[Any], list[Any], Lstm | None]:

@@ -46,32 +46,19 @@ def _is_shift(env_id: str) -> bool:
 
 
 class Score(NamedTuple):
-    """Means and counts over episodes.
-
-    Attributes
-    ----------
-    controller, resolution : str
-    seeds : int
-    mean_return, return_error : float
-        Mean return, and its standard error.
-    rate_mm2_min : float
-        Area cut over machine time.
-    error_um : float or None
-        Path error (see `edmsim.evaluation.episode.Result`); for parts the edge error; None for straight cuts.
-    time_s : float
-        Mean machine time of an episode.
-    breaks, limits : int
-        Number of episodes that ended by a wire break, or by another limit such as a persistent short.
-    """
+    """Means and counts over episodes."""
 
     controller: str
     resolution: str
     seeds: int
+    # mean_return, return_error: mean return, and its standard error
     mean_return: float
     return_error: float
-    rate_mm2_min: float
+    rate_mm2_min: float  # area cut over machine time
+    # path error (see `edmsim.evaluation.episode.Result`); for parts the edge error; None for straight cuts
     error_um: float | None
-    time_s: float
+    time_s: float  # mean machine time of an episode
+    # breaks, limits: number of episodes that ended by a wire break, or by another limit such as a persistent short
     breaks: int
     limits: int
 

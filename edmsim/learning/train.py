@@ -33,30 +33,17 @@ CHECKPOINTS = 20  # checkpoints over a whole training (ours: at most a twentieth
 
 
 class TrainingProgress(NamedTuple):
-    """Progress of a training.
+    """Progress of a training."""
 
-    Attributes
-    ----------
-    steps, total : int
-        Number of finished windows, and of all.
-    mean_return : float
-        Mean of the last hundred episodes; NaN before the first ends.
-    """
-
+    # steps, total: number of finished windows, and of all
     steps: int
     total: int
-    mean_return: float
+    mean_return: float  # mean of the last hundred episodes; NaN before the first ends
 
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """Identity of a training; to resume a checkpoint, only `steps` may differ.
-
-    Attributes
-    ----------
-    env_id, algo : str
-    steps, seed : int
-    """
+    """Identity of a training; to resume a checkpoint, only `steps` may differ."""
 
     env_id: str
     algo: str
@@ -65,22 +52,12 @@ class TrainingRun:
 
 
 class Trained(NamedTuple):
-    """Result of a training.
-
-    Attributes
-    ----------
-    run : TrainingRun
-    hyperparameters : Hyperparameters
-    model : learner of stable_baselines3 or sb3_contrib
-    normalise : stable_baselines3 VecNormalize
-        Environments with the statistics of the policy's observations.
-    vec_env : edmsim.learning.learners.TrainingEnvs
-    """
+    """Result of a training."""
 
     run: TrainingRun
     hyperparameters: Hyperparameters
     model: Any
-    normalise: Any
+    normalise: Any  # environments with the statistics of the policy's observations
     vec_env: learners.TrainingEnvs
 
     def export(self, command: str) -> tuple[Card, bytes]:

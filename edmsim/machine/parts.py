@@ -82,7 +82,16 @@ class Table(Part):
         return (self.travel_mm.value * 500.0, self.travel_mm.value * 500.0)
 
 
-class Geometry(Part):
+class Optional(Part):
+    """Constants of which some may be left out, as 0."""
+
+    def value(self, name: str) -> float:
+        """Return a constant's value, 0 where it is not given."""
+        constant: Constant | None = getattr(self, name)
+        return 0.0 if constant is None else constant.value
+
+
+class Geometry(Optional):
     """Errors of the table's screws and ways, none where nothing is given: see `edmsim.plant.axes.ways`."""
 
     # cumulative error of the screw
@@ -101,11 +110,6 @@ class Geometry(Part):
     # share by which squareness and straightness change per mm of u
     change_per_mm: Annotated[Constant, _within(-1, 1)] | None = None
 
-    def value(self, name: str) -> float:
-        """Return a constant's value, 0 where it is not given."""
-        constant: Constant | None = getattr(self, name)
-        return 0.0 if constant is None else constant.value
-
     @property
     def has_errors(self) -> bool:
         """Whether there is any."""
@@ -118,7 +122,7 @@ class Geometry(Part):
         return self
 
 
-class Guides(Part):
+class Guides(Optional):
     """Wire guides, damping and running of the wire."""
 
     clearance_mm: Annotated[Positive, _within(0.1, 200)]
@@ -131,11 +135,6 @@ class Guides(Part):
     # how much higher the guides are than the control knows
     lower_error_mm: Annotated[Constant, _within(-5, 5)] | None = None
     upper_error_mm: Annotated[Constant, _within(-5, 5)] | None = None
-
-    def value(self, name: str) -> float:
-        """Return a constant's value, 0 where it is not given."""
-        constant: Constant | None = getattr(self, name)
-        return 0.0 if constant is None else constant.value
 
 
 class Dielectric(Part):
@@ -356,6 +355,12 @@ class SetUp(Choices):
     def guide_distance_mm(self) -> float:
         """Free length of the wire: workpiece height and the clearance to each guide."""
         return self.height_mm + 2 * self.base.guides.clearance_mm.value
+
+    @property
+    def guides_z_mm(self) -> tuple[float, float]:
+        """Heights of the lower and the upper guide over the workpiece's lower face; the lower is negative."""
+        clearance_mm = self.base.guides.clearance_mm.value
+        return -clearance_mm, self.height_mm + clearance_mm
 
     @property
     def auto_offset_mm(self) -> float:

@@ -8,7 +8,6 @@ and its steps no wall can be measured.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,13 +212,15 @@ def finite_mean(values: Floats, axis: int) -> Floats:
 CORNER_REACH_MM = 0.15  # arc length on both sides of a corner over which its error is taken
 
 
-class CornerError(TypedDict):
-    """A corner of the nominal edge: its turn, left positive, and its error."""
+@dataclass(frozen=True)
+class CornerError:
+    """A corner of the nominal edge on the table: its turn, left positive, and its error."""
 
     x_mm: float
     y_mm: float
     turn_deg: float
-    error_um: float  # mean over the height, of largest magnitude within 0.15 mm; NaN if unmeasured
+    # positive where metal is left: mean over the height, of largest magnitude within 0.15 mm; NaN if unmeasured
+    error_um: float
 
 
 def corners(contour: WireContour, profile: ProfileError, min_turn_deg: float = 15.0) -> list[CornerError]:
@@ -231,7 +232,7 @@ def corners(contour: WireContour, profile: ProfileError, min_turn_deg: float = 1
         near = near[np.isfinite(near)]
         error = float(near[np.abs(near).argmax()]) if len(near) else float("nan")
         x, y = (float(value) for value in line.points[vertex])
-        found.append(CornerError(x_mm=x, y_mm=y, turn_deg=float(line.turn_deg[vertex]), error_um=error))
+        found.append(CornerError(x, y, float(line.turn_deg[vertex]), error))
     return found
 
 

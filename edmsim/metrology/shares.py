@@ -37,8 +37,6 @@ def error_shares(profile: ProfileError, contour: WireContour, ways_um: Sequence[
     """Split the profile error of a contour, offset above 0, into `SHARES` (5, places) that add up to ``mean_um``."""
     # ways are those of commanded position, guides and wire in order of time, in um on the table; all shares are
     # NaN where the error is, and everywhere for a contour that was not begun
-    # ways are those of commanded position, guides and wire in order of time, in um on the table; all shares are
-    # NaN where the error is, and everywhere for a contour that was not begun
     points = profile.points_mm * 1000
     planned_um = contour.points_um.astype(np.float64)
     away = np.stack([_distance(points, _chords(planned_um)), *(_distance(points, _joined(way)) for way in ways_um)])

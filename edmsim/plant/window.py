@@ -28,57 +28,30 @@ if WINDOW.names != _READ:
 
 
 class PulseWindow(NamedTuple):
-    """What happened in one window of pulses. Gap, deflection, temperature and debris no real machine sees.
+    """What happened in one window of pulses. Gap, deflection, temperature and debris no real machine sees."""
 
-    Attributes
-    ----------
-    start_ns, duration_ns : int
-        Machine time at the window's begin, and its length.
-    short, open, spark, arc : int
-        Pulses of each class; they add up to 255 unless the wire broke.
-    mean_voltage_V, mean_current_A : float
-        Means over the window, of the working pulses: see `edmsim.plant.gap.equalising` for what others add.
-    mean_delay_us : float
-        Mean ignition delay of the pulses that ignited; NaN if none did.
-    gap_um : float
-        Mean gap at the places of ignition; NaN if none.
-    deflection_um : (float, float)
-        Mean deflection of the wire over height and time.
-    vibration2_um2 : float
-        Variance of that deflection within the window, both axes added.
-    wire_temperature_K : float
-        Highest temperature of a slice's wire.
-    debris : float
-        Mean debris share of the gap's water.
-    coverage : float
-        Mean share of the wire's front that gas covers, at the window's end.
-    energy_J, crater_um3 : float
-        Sums over the window's discharges.
-    broken : bool
-        The wire broke in this window.
-    fifths : tuple of 5 int
-        Ignitions in each fifth of the workpiece's (greatest) height, from below, as the currents of the two contacts
-        locate them: with an error of 2 mm (standard deviation).
-    """
-
-    start_ns: int
-    duration_ns: int
-    short: int
+    start_ns: int  # machine time at the window's begin
+    duration_ns: int  # and its length
+    short: int  # pulses of each of the four classes; they add up to 255 unless the wire broke
     open: int
     spark: int
     arc: int
+    # voltage and current: means over the window, of the working pulses: see `edmsim.plant.gap.equalising`
+    # for what others add
     mean_voltage_V: float
     mean_current_A: float
-    mean_delay_us: float
-    gap_um: float
-    deflection_um: tuple[float, float]
-    vibration2_um2: float
-    wire_temperature_K: float
-    debris: float
-    coverage: float
-    energy_J: float
-    crater_um3: float
-    broken: bool
+    mean_delay_us: float  # mean ignition delay of the pulses that ignited; NaN if none did
+    gap_um: float  # mean gap at the places of ignition; NaN if none
+    deflection_um: tuple[float, float]  # mean deflection of the wire over height and time
+    vibration2_um2: float  # variance of that deflection within the window, both axes added
+    wire_temperature_K: float  # highest temperature of a slice's wire
+    debris: float  # mean debris share of the gap's water
+    coverage: float  # mean share of the wire's front that gas covers, at the window's end
+    energy_J: float  # sum over the window's discharges
+    crater_um3: float  # the same
+    broken: bool  # the wire broke in this window
+    # ignitions in each fifth of the workpiece's (greatest) height, from below, as the currents of the two contacts
+    # locate them: with an error of 2 mm (standard deviation)
     fifths: tuple[int, ...] = (0, 0, 0, 0, 0)
 
     @property

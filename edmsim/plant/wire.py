@@ -51,10 +51,8 @@ def heat_transfer_W_m2K(
 ) -> float:
     """Heat flux from the wire over its temperature above the water's.
 
-    Convection alone up to the boiling point; then nucleate boiling, whose flux rises with the cube of the superheat
-    (Rohsenow) up to the critical one; beyond, steam covers the wire and the film's coefficient holds. ``dry`` is the
-    share of the front that gas covers, and that of the back besides: it takes `HeatLaw.dry_share` of itself from
-    convection and critical flux.
+    Convection up to the boiling point; then nucleate boiling, whose flux rises with the cube of the superheat
+    (Rohsenow) up to the critical one; beyond, a film of steam. `dry` is the share of front and back under gas.
     """
     wet = max(1.0 - law.dry_share * dry, 0.0)
     convection = convection_W_m2K * wet
@@ -72,8 +70,8 @@ def heat_transfer_W_m2K(
 def add_currents(a: Arrays, current2_us: Array) -> None:
     """Find the integral of the squared current in every slice's wire (A2 us) since heat was propagated last.
 
-    A discharge's current comes from both contacts, at the guides: it divides as the wire's resistances do, so that
-    in the wire below a discharge flows what the height above it is of the whole, and above it what is below.
+    A discharge's current comes from both guides and divides as the wire's resistances do: below the discharge flows
+    the share of the height above it.
     """
     n = a.temperature_K.shape[0]
     from_below = from_above = 0.0
@@ -89,8 +87,7 @@ def add_currents(a: Arrays, current2_us: Array) -> None:
 def spot_K(law: HeatLaw, heat_J: float, time_us: float) -> float:
     """Rise of a section into which heat has come for a time, ``Q / (rho c A sqrt(pi a t + d^2))``.
 
-    Conduction along the wire spreads the heat of one place over ``sqrt(pi a t)``. A disc that is hot over less than
-    the wire's diameter does not give way, held as it is by what is cold beside it (ours).
+    Conduction spreads the heat over ``sqrt(pi a t)``; a disc thinner than the wire does not give way (ours).
     """
     return heat_J * law.spot_K_m_J / math.sqrt(law.spot_m2 + law.spreading_m2_us * time_us)
 
@@ -111,8 +108,7 @@ def _conduct(temperature: Array, exchange: float) -> None:
 def heat_step(a: Arrays, law: HeatLaw, current2_us: Array, dt_us: float) -> None:
     """Advance the slices' temperatures by a span of time, in which currents flowed (see `add_currents`).
 
-    Exact for convection, explicit for conduction, implicit upwind for the running wire, which enters the
-    top slice (the last one) at the water's temperature.
+    Exact for convection, explicit for conduction, implicit upwind for the wire, which enters at the top, cold.
     """
     temperature = a.temperature_K
     n = temperature.shape[0]

@@ -87,7 +87,6 @@ def arc_points(
 ) -> list[complex]:
     """Return the points of an arc after its start, as chords within the tolerance."""
     # the ends of a full circle need not be equal; if the two radii differ a little the radius changes evenly
-    # if the two radii differ a little the radius changes evenly along the arc
     first, last = start - centre, end - centre
     sweep = math.tau if full else sweep_of(start, end, centre, turn)
     radius = max(abs(first), abs(last))

@@ -25,7 +25,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, located
 from edmsim.program import entities
 from edmsim.program.limits import MOST_POINTS, check_contours, check_count, check_points, check_size
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline, Program, refuse_self_crossing, signed_area
@@ -437,13 +437,11 @@ def read_dxf(
         or a contour is open, branches, or meets another.
     """
     path = Path(file)
-    try:
+    with located(path):
         (chains, unit_mm, notices), irregular = look_into(
             path, lambda document: _content(document, layers, unit, without)
         )
         outlines = _nested(_contours(chains, unit_mm, notices))
-    except InputError as error:
-        raise InputError(error.reason, path, error.line) from None
     return Program(tuple(outlines), (*irregular, *notices), str(path))
 
 

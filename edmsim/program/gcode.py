@@ -20,7 +20,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, located
 from edmsim.program import dialects
 from edmsim.program.arcs import rounding_of
 from edmsim.program.blocks import (
@@ -408,16 +408,7 @@ def _edge_section(moves: Sequence[CutMove]) -> tuple[int, int]:
     compensated = [i for i, move in enumerate(moves) if move.side]
     if not compensated:
         return 0, len(moves)
-    first, last = compensated[0], compensated[-1] + 1
-    for move in moves[first:last]:
-        if move.side != moves[first].side:
-            reason = "compensation (G40 G41 G42) changes inside a contour: change it after a G0"
-            raise InputError(reason, line=move.line)
-        earlier, now = moves[first].offset, move.offset
-        if (earlier and earlier.mm) != (now and now.mm):
-            reason = f"the offset changes inside a contour, {earlier or 'none'} to {now}: change it after a G0"
-            raise InputError(reason, line=move.line)
-    return first, last
+    return compensated[0], compensated[-1] + 1
 
 
 def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
@@ -584,10 +575,8 @@ def read_gcode(
         control.state = replace(control.state, planes_mm=_planes_mm(text, units, str(path)))
     for block in blocks:
         control.run_block(block)
-    try:
+    with located(path):
         outlines = _outlines(control, notices)
-    except InputError as error:
-        raise InputError(error.reason, path, error.line) from None
     settings = settings_for(control.called, conditions or {}, read.conditions, str(path))
     dialect_notices += _condition_notices(control.called, settings)
     dialect_notices += _plane_notices(outlines, control)
@@ -706,16 +695,10 @@ def _run_of(motions: Motions, absolute: bool | None, control: Interpreter) -> Ru
 def _cut_move(reading: Reading) -> CutMove:
     """Return a motion's points, an arc as chords, unless it leads beyond every table."""
     motion = reading.motion
-    try:
-        check_points(_array((motion.start, motion.end)), "the move")
+    with located(line=motion.line):
+        check_points(array_of((motion.start, motion.end)), "the move")
         points, above = reading.planes
         if len(points) > 1:
-            check_points(_array((motion.start, *points)), "the arc")
-        check_points(_array(above), "the move in the second plane")
-    except InputError as error:
-        raise InputError(error.reason, line=motion.line) from None
+            check_points(array_of((motion.start, *points)), "the arc")
+        check_points(array_of(above), "the move in the second plane")
     return CutMove(points, motion.side, motion.line, motion.offset, motion.state, above)
-
-
-def _array(points: tuple[complex, ...]) -> NDArray[np.float64]:
-    return np.array(points, np.complex128).view(np.float64).reshape(-1, 2)

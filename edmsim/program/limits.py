@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -60,10 +59,3 @@ def check_contours(contours: int) -> None:
         raise InputError(f"{contours} contours are too many: at most {MOST_CONTOURS} can be cut")
 
 
-def check_fits(outlines_mm: Sequence[NDArray[np.float64]], table_mm: float, hint: str = "") -> None:
-    """Refuse outlines (n, 2) that together are far larger than the table, before a path beside them is looked for."""
-    ends = np.concatenate([[points.min(axis=0), points.max(axis=0)] for points in outlines_mm])
-    x, y = np.ptp(ends, axis=0)
-    if max(x, y) > MOST_TABLES * table_mm:
-        table = f"{table_mm:g} x {table_mm:g} mm"
-        raise InputError(f"what is drawn spans {x:.3f} x {y:.3f} mm: the table has {table}{hint}")

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, located
 from edmsim.geometry import arc_lengths
 from edmsim.program.outline import Outline, Program, Side, chords_of, signed_area
 from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
@@ -336,11 +337,9 @@ def offset_outline(
             notices.append(f"{outline.name} is cut as written; no edge lies at the offset beside it, so its profile "
                            "is measured from the wire's centre")
             return OffsetOutline(outline, points, points, 0.0)
-    try:
+    with of_outline(program, outline):
         path = offset_line(points, outline.wire_side, offset_mm, past_mm)
         notices += check_reach(points, path, offset_mm, outline.line_numbers, outline.elements)
-    except InputError as error:
-        raise located(error, program, outline) from None
     return OffsetOutline(outline, path, points, offset_mm)
 
 
@@ -348,13 +347,11 @@ def leaning_outline(
     program: Program, outline: Outline, offset_mm: float, guides: GuideHeights | None
 ) -> OffsetOutline:
     """Return a tapered outline with the wire's way at an offset."""
-    try:
+    with of_outline(program, outline):
         if guides is None:
             raise InputError("it is tapered, and no guides that lead are known: edmsim cut takes them from a machine "
                              "whose file has guides.upper_travel_mm")
         wall, wire = wall_and_wire(outline, offset_mm, guides)
-    except InputError as error:
-        raise located(error, program, outline) from None
     return OffsetOutline(outline, wire.lower_mm, wall.lower_mm, offset_mm, (wall, wire), guides)
 
 
@@ -386,9 +383,9 @@ def _dwell_mm(leg: OffsetOutline, line: shapely.LineString, i: int) -> float:
     return float(line.project(shapely.Point(points[i] + across)))
 
 
-def located(error: InputError, program: Program, outline: Outline) -> InputError:
-    """Return an error with the outline's name and, if it has none, its line."""
-    return InputError(f"{outline.name}: {error.reason}", program.source, error.line or outline.line)
+def of_outline(program: Program, outline: Outline) -> AbstractContextManager[None]:
+    """Give input errors raised inside the outline's name and, if they have none, its line."""
+    return located(program.source, outline.line, outline.name)
 
 
 def keep_apart(legs: Sequence[OffsetOutline], source: str) -> None:

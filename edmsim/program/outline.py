@@ -25,93 +25,48 @@ Corners = Literal["sharp", "conical", "cylindrical", "rounded"]
 
 @dataclass(frozen=True)
 class Taper:
-    """Inclination of the wire along an outline.
+    """Inclination of the wire along an outline."""
 
-    Attributes
-    ----------
-    angle_deg : tuple of float, optional
-        Angle between wire and vertical for each chord; positive if the wire's upper end leans to the left of the
-        cutting direction. None if `upper_mm` is set.
-    upper_mm : float64 array (n, 2), optional
-        Point in the second plane for each point of the outline; the wall between them is ruled.
-    corners : {"sharp", "conical", "cylindrical", "rounded"}
-        Shape of corners and arcs at other heights.
-    program_plane_mm : float
-        Height of the outline's plane over the workpiece's lower face.
-    second_plane_mm : float, optional
-        Height of the plane of `upper_mm`; by default the workpiece's upper face.
-    """
-
+    # angle between wire and vertical for each chord; positive if the wire's upper end leans to the left of the
+    # cutting direction. None if `upper_mm` is set.
     angle_deg: tuple[float, ...] | None = None
+    # (n, 2): point in the second plane for each point of the outline; the wall between them is ruled
     upper_mm: NDArray[np.float64] | None = None
-    corners: Corners = "conical"
-    program_plane_mm: float = 0.0
-    second_plane_mm: float | None = None
+    corners: Corners = "conical"  # shape of corners and arcs at other heights
+    program_plane_mm: float = 0.0  # height of the outline's plane over the workpiece's lower face
+    second_plane_mm: float | None = None  # height of the plane of `upper_mm`; by default the workpiece's upper face
 
 
 @dataclass(frozen=True)
 class Outline:
-    """One edge or wire path as drawn, in the program's coordinates.
+    """One edge or wire path as drawn, in the program's coordinates."""
 
-    Attributes
-    ----------
-    points_mm : float64 array (n, 2)
-        The edge in the cutting direction; first and last point are equal if ``closed``.
-    line_numbers : tuple of int
-        Program line of each of the ``n - 1`` chords; 0 for a drawing.
-    closed : bool
-        Whether the edge closes on itself.
-    wire_side : {"left", "right", None}
-        Side of the edge to which the wire is offset; if None, the wire's centre follows the points.
-    part_side : {"left", "right"}
-        Side of the part.
-    approach_mm : float64 array (k, 2)
-        The program's approach from the thread point to ``points_mm[0]``, which is not included; may be empty.
-        If the wire stays threaded (``continues``), it begins at the end of the previous outline.
-    approach_lines : tuple of int
-        Program line of each of the ``k`` approach moves.
-    compensated_from : int
-        Index from which ``approach_mm`` is an edge and is offset, too; before, it is the wire's centre.
-    dwells : tuple of (int, float)
-        ``(i, seconds)`` of every G4; ``i`` counts through ``approach_mm``, then ``points_mm``.
-    needs_lead_in : bool
-        Whether the contour needs a lead-in that the program does not have.
-    elements : tuple of int
-        Line or arc of each of the ``n - 1`` chords, counted along the edge from 1.
-    offset_mm : float, optional
-        Offset of the program's register in mm, if there is one.
-    condition : str, optional
-        Machining condition in force, as the program writes it: ``C001``, ``E1221``, ``S2``.
-    approach_condition : str, optional
-        The condition on the approach.
-    adaptive : bool, optional
-        Whether the program requests adaptive feed; None if it sets neither.
-    continues : bool
-        Whether the wire stays threaded from the previous outline: only cutting moves lie between them.
-    stops_after : bool
-        Whether the program stops after the outline (M00, M01), for example to glue the slug.
-    taper : Taper, optional
-        Inclination of the wire; None if it is vertical.
-    """
-
+    # (n, 2): the edge in the cutting direction; first and last point are equal if ``closed``
     points_mm: NDArray[np.float64]
-    line_numbers: tuple[int, ...]
-    closed: bool
+    line_numbers: tuple[int, ...]  # program line of each of the ``n - 1`` chords; 0 for a drawing
+    closed: bool  # whether the edge closes on itself
+    # side of the edge to which the wire is offset; if None, the wire's centre follows the points
     wire_side: Side | None
-    part_side: Side
+    part_side: Side  # side of the part
+    # (k, 2): the program's approach from the thread point to ``points_mm[0]``, which is not included; may be empty.
+    # If the wire stays threaded (``continues``), it begins at the end of the previous outline.
     approach_mm: NDArray[np.float64]
-    approach_lines: tuple[int, ...] = ()
+    approach_lines: tuple[int, ...] = ()  # program line of each of the ``k`` approach moves
+    # index from which ``approach_mm`` is an edge and is offset, too; before, it is the wire's centre
     compensated_from: int = 0
+    # ``(i, seconds)`` of every G4; ``i`` counts through ``approach_mm``, then ``points_mm``
     dwells: tuple[tuple[int, float], ...] = ()
-    needs_lead_in: bool = True
-    elements: tuple[int, ...] = ()
-    offset_mm: float | None = None
+    needs_lead_in: bool = True  # whether the contour needs a lead-in that the program does not have
+    elements: tuple[int, ...] = ()  # line or arc of each of the ``n - 1`` chords, counted along the edge from 1
+    offset_mm: float | None = None  # offset of the program's register in mm, if there is one
+    # machining condition in force, as the program writes it: ``C001``, ``E1221``, ``S2``
     condition: str | None = None
-    approach_condition: str | None = None
-    adaptive: bool | None = None
+    approach_condition: str | None = None  # the condition on the approach
+    adaptive: bool | None = None  # whether the program requests adaptive feed; None if it sets neither
+    # whether the wire stays threaded from the previous outline: only cutting moves lie between them
     continues: bool = False
-    stops_after: bool = False
-    taper: Taper | None = None
+    stops_after: bool = False  # whether the program stops after the outline (M00, M01), for example to glue the slug
+    taper: Taper | None = None  # inclination of the wire; None if it is vertical
 
     @property
     def line(self) -> int | None:
@@ -127,29 +82,17 @@ class Outline:
 
 @dataclass(frozen=True)
 class Program:
-    """All outlines of a part program, in cutting order.
-
-    Attributes
-    ----------
-    outlines : tuple of Outline
-    notices : tuple of str
-        Decisions of the reader that you should know.
-    source : str
-        The file.
-    dialect : str, optional
-        Dialect of a G-code program, ``sodick`` or ``fanuc``; None if it has no words of either.
-    conditions : mapping of str to mapping of str to float
-        The program's table of machining conditions, by condition and column as written.
-    settings : mapping of str to mapping of str to float
-        Settings from your table of conditions, by condition as the program writes it and key of
-        `edmsim.program.tables.SETTINGS`. Empty without such a table.
-    """
+    """All outlines of a part program, in cutting order."""
 
     outlines: tuple[Outline, ...]
-    notices: tuple[str, ...]
-    source: str
+    notices: tuple[str, ...]  # decisions of the reader that you should know
+    source: str  # the file
+    # dialect of a G-code program, ``sodick`` or ``fanuc``; None if it has no words of either
     dialect: str | None = None
+    # the program's table of machining conditions, by condition and column as written
     conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    # settings from your table of conditions, by condition as the program writes it and key of
+    # `edmsim.program.tables.SETTINGS`. Empty without such a table.
     settings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 

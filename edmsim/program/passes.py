@@ -37,29 +37,17 @@ MOST_PASSES = 9  # more passes than any technology has (ours)
 class PassPlan:
     """Passes of every closed or compensated contour.
 
-    Attributes
-    ----------
-    offsets_mm : tuple of float
-        Distance of the wire's centre from the drawing, from the rough pass to the last.
-    tab_mm : float
-        Length of the edge at the end of a closed contour that is cut last; 0 for no tab.
-    overlap_mm : float
-        Distance by which passes continue over what is already cut.
-    after_tab : {"stop", "cut"}
-        Whether the machine stops before it cuts the tab.
-    of_program : bool
-        Whether the program has its own passes; the plan then supplies only offsets that no register has.
-
     Raises
     ------
     InputError
         If offsets grow or are invalid, or a length is below 0.
     """
 
-    offsets_mm: tuple[float, ...]
-    tab_mm: float = TAB_MM
-    overlap_mm: float = OVERLAP_MM
-    after_tab: AfterTab = "stop"
+    offsets_mm: tuple[float, ...]  # distance of the wire's centre from the drawing, from the rough pass to the last
+    tab_mm: float = TAB_MM  # length of the edge at the end of a closed contour that is cut last; 0 for no tab
+    overlap_mm: float = OVERLAP_MM  # distance by which passes continue over what is already cut
+    after_tab: AfterTab = "stop"  # whether the machine stops before it cuts the tab
+    # whether the program has its own passes; the plan then supplies only offsets that no register has
     of_program: bool = False
 
     def __post_init__(self) -> None:
@@ -91,46 +79,21 @@ def check_offsets(offsets_mm: Sequence[float], line: int | None = None) -> None:
 
 @dataclass(frozen=True)
 class CutPass:
-    """One pass of the wire along a contour, in table coordinates.
+    """One pass of the wire along a contour, in table coordinates."""
 
-    Attributes
-    ----------
-    number : int
-        1 is the rough pass. The technology's pass of this number has its setting.
-    piece : {"profile", "tab"}
-        Part of the contour to cut.
-    points_um : int64 array (n, 2)
-        Wire centre, at the lower guide if the wire leans, from the end of the previous pass; for the first pass,
-        from the start hole.
-    approach_moves : int
-        Number of moves to the beginning of the pass.
-    offset_um : float
-        Distance from the drawing.
-    reversed : bool
-        Whether it runs against the contour's direction.
-    stops_before : bool
-        Whether the machine stops first, to glue the piece.
-    frees : bool
-        Whether a piece of metal may come loose at its end.
-    falls : bool
-        Whether such a piece falls; otherwise it is held.
-    lean : Lean, optional
-        Inclination of the wire; None if it is vertical.
-    dwells : tuple of (int, float)
-        ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4).
-    """
-
-    number: int
-    piece: Piece
+    number: int  # 1 is the rough pass. The technology's pass of this number has its setting.
+    piece: Piece  # part of the contour to cut
+    # (n, 2): wire centre, at the lower guide if the wire leans, from the end of the previous pass; for the first
+    # pass, from the start hole
     points_um: NDArray[np.int64]
-    approach_moves: int
-    offset_um: float
-    reversed: bool
-    stops_before: bool = False
-    frees: bool = False
-    falls: bool = False
-    lean: Lean | None = None
-    dwells: tuple[tuple[int, float], ...] = ()
+    approach_moves: int  # number of moves to the beginning of the pass
+    offset_um: float  # distance from the drawing
+    reversed: bool  # whether it runs against the contour's direction
+    stops_before: bool = False  # whether the machine stops first, to glue the piece
+    frees: bool = False  # whether a piece of metal may come loose at its end
+    falls: bool = False  # whether such a piece falls; otherwise it is held
+    lean: Lean | None = None  # inclination of the wire; None if it is vertical
+    dwells: tuple[tuple[int, float], ...] = ()  # ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4)
 
     @property
     def way(self) -> Way:
@@ -409,18 +372,11 @@ def on_grid(
         known = np.concatenate([before, way.points])
         dwells = (*waits, *((len(before) + i, seconds) for i, seconds in way.dwells))
         joined = _guided(known, way, len(before), passes[-1] if passes else None, grid_um)
-        every = joined.points_um if joined.lean is None else np.hstack([joined.points_um, joined.lean.upper_um])
-        moves = (np.diff(every, axis=0) != 0).any(axis=1)
-        moving = np.concatenate([[True], moves])
-        place = np.cumsum(moving) - 1
-        lean = joined.lean and replace(
-            joined.lean, upper_um=joined.lean.upper_um[moving], bends_mm=joined.lean.bends_mm[moving]
-        )
+        joined, moves, dwells = joined.moving(dwells)
         passes.append(
             CutPass(
-                way.number, way.piece, joined.points_um[moving], int(moves[: len(before) + way.leads].sum()),
-                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, lean,
-                tuple((int(place[i]), seconds) for i, seconds in dwells),
+                way.number, way.piece, joined.points_um, int(moves[: len(before) + way.leads].sum()),
+                way.offset_mm * 1000, way.reversed, way.stops_before, way.frees, way.falls, joined.lean, dwells,
             )
         )
         before, waits = way.points[-1:], ()

@@ -14,20 +14,20 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, located
 from edmsim.geometry import arc_lengths
 from edmsim.machine.machine import Machine
 from edmsim.program.dialects import AUTO
 from edmsim.program.lead_in import check_approach, clears, own_lead_in
-from edmsim.program.limits import check_fits
+from edmsim.program.limits import MOST_TABLES
 from edmsim.program.offset import (
     OffsetOutline,
     away,
     dwells_along,
     keep_apart,
     leaning_outline,
-    located,
     nearest_chords,
+    of_outline,
     offset_closed,
     offset_open,
     offset_outline,
@@ -54,10 +54,8 @@ def ruled_between(below: Program, above: Program) -> Program:
         middle = shapely.centroid(shapely.LineString(outline.points_mm))
         upper = min(left, key=lambda other: middle.distance(shapely.centroid(shapely.LineString(other.points_mm))))
         left.remove(upper)
-        try:
+        with located(below.source, name=outline.name):
             outlines.append(_ruled(outline, upper))
-        except InputError as error:
-            raise InputError(f"{outline.name}: {error.reason}", below.source) from None
     return replace(below, outlines=tuple(outlines))
 
 
@@ -141,30 +139,27 @@ def load_program(
     """
     path = Path(file)
     suffix = path.suffix.lower()
+    if suffix not in (".dxf", *GCODE_SUFFIXES):
+        known = " ".join(GCODE_SUFFIXES)
+        raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)
+    of_gcode = {"ignore": ignore, "offsets": offsets, "dialect": dialect != AUTO, "conditions": conditions}
+    of_drawings = {"layers": layers, "unit": unit, "upper_layer": upper_layer}
+    others, kind = (of_gcode, "G-code") if suffix == ".dxf" else (of_drawings, "a drawing")
+    if wrong := [name for name, value in others.items() if value]:
+        raise InputError(f"{' and '.join(wrong)}: {kind} has this, leave it out here", path)
     if suffix == ".dxf":
-        if ignore:
-            raise InputError("words are ignored in G-code: a drawing has none", path)
-        if offsets is not None:
-            raise InputError("offset registers are those of G-code: a drawing has none", path)
-        if conditions is not None or dialect != AUTO:
-            raise InputError("dialect and conditions are those of G-code: a drawing has none", path)
         from edmsim.program.dxf import read_dxf
 
         if upper_layer is None:
             return read_dxf(path, layers, unit)
         return ruled_between(read_dxf(path, layers, unit, upper_layer), read_dxf(path, [upper_layer], unit))
-    if suffix in GCODE_SUFFIXES:
-        if layers or unit is not None or upper_layer is not None:
-            raise InputError("layers and unit are those of a drawing: G-code has none", path)
-        from edmsim.program.gcode import read_gcode
-        from edmsim.program.tables import read_conditions, read_offsets
+    from edmsim.program.gcode import read_gcode
+    from edmsim.program.tables import read_conditions, read_offsets
 
-        return read_gcode(
-            path, ignore, {} if offsets is None else read_offsets(offsets), dialect,
-            {} if conditions is None else read_conditions(conditions),
-        )
-    known = " ".join(GCODE_SUFFIXES)
-    raise InputError(f"unknown suffix '{path.suffix}': give G-code ({known}) or a drawing (.dxf)", path)
+    return read_gcode(
+        path, ignore, {} if offsets is None else read_offsets(offsets), dialect,
+        {} if conditions is None else read_conditions(conditions),
+    )
 
 
 LEAD_IN_MM = 1.0  # usual length in mm of a lead-in of ours, from the hole's centre to the wire path
@@ -176,53 +171,29 @@ STOCK_MARGIN_MM = 3.0  # blank left around the job in mm, clipped to the table (
 
 @dataclass(frozen=True)
 class WireContour:
-    """One cut from threading the wire to cutting it off, in table coordinates.
+    """One cut from threading the wire to cutting it off, in table coordinates."""
 
-    Attributes
-    ----------
-    points_um : int64 array (n, 2)
-        Wire centre, whole um within the table's travel. The wire is threaded at points_um[0], the start hole.
-    lead_in_moves : int
-        Number of moves from the start hole to the contour.
-    nominal_mm : float64 array (m, 2)
-        The part's edge as drawn, in mm on the table; first and last point are equal if ``closed``.
-    closed : bool
-        Whether the nominal edge closes on itself.
-    part_side : {"left", "right"}
-        Side of the part, looking along the cut.
-    dwells : tuple of (int, float)
-        ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4).
-    line_numbers : tuple of int
-        Program line of every move; 0 for drawings and lead-ins.
-    elements : tuple of (int, int)
-        For every chord of `nominal_mm`, its line or arc, counted along the contour from 1, and its program line,
-        0 for drawings.
-    offset_um : float
-        Applied distance between wire centre and nominal edge; may be 0.
-    compensated : bool
-        Whether edge and offset determine the wire's path; otherwise path and offset determine the edge.
-    lean : Lean, optional
-        Inclination of the wire; `points_um` is then the lower guide's, and `nominal_mm` in the program's plane.
-    passes : tuple of CutPass
-        Passes in cutting order; `points_um` and `offset_um` are then those of the last pass, all round. Empty for
-        a single pass, which is `points_um`.
-    continues : bool
-        Whether the wire stays threaded from the previous contour.
-    """
-
+    # (n, 2): wire centre, whole um within the table's travel. The wire is threaded at points_um[0], the start hole.
     points_um: NDArray[np.int64]
-    lead_in_moves: int
+    lead_in_moves: int  # number of moves from the start hole to the contour
+    # (m, 2): the part's edge as drawn, in mm on the table; first and last point are equal if ``closed``
     nominal_mm: NDArray[np.float64]
-    closed: bool
-    part_side: Literal["left", "right"]
-    dwells: tuple[tuple[int, float], ...] = ()
-    line_numbers: tuple[int, ...] = ()
+    closed: bool  # whether the nominal edge closes on itself
+    part_side: Literal["left", "right"]  # side of the part, looking along the cut
+    dwells: tuple[tuple[int, float], ...] = ()  # ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4)
+    line_numbers: tuple[int, ...] = ()  # program line of every move; 0 for drawings and lead-ins
+    # for every chord of `nominal_mm`, its line or arc, counted along the contour from 1, and its program line, 0 for
+    # drawings
     elements: tuple[tuple[int, int], ...] = ()
-    offset_um: float = 0.0
+    offset_um: float = 0.0  # applied distance between wire centre and nominal edge; may be 0
+    # whether edge and offset determine the wire's path; otherwise path and offset determine the edge
     compensated: bool = True
+    # inclination of the wire; `points_um` is then the lower guide's, and `nominal_mm` in the program's plane
     lean: Lean | None = None
+    # passes in cutting order; `points_um` and `offset_um` are then those of the last pass, all round. Empty for a
+    # single pass, which is `points_um`.
     passes: tuple[CutPass, ...] = ()
-    continues: bool = False
+    continues: bool = False  # whether the wire stays threaded from the previous contour
 
     @property
     def way(self) -> Way:
@@ -310,32 +281,15 @@ NO_CONDITIONS = Conditions()
 
 @dataclass(frozen=True)
 class CutPath:
-    """The whole job, contour by contour; the wire is cut and threaded between them.
-
-    Attributes
-    ----------
-    contours : tuple of WireContour
-    stock_mm : (x_min, y_min, x_max, y_max)
-        The workpiece blank on the table.
-    start_hole_radius_mm : float
-        Radius of the hole at every ``points_um[0]``.
-    origin_mm : (x, y)
-        The program's zero on the table.
-    notices : tuple of str
-        Decisions of the reader that you should know.
-    source : str
-        The program's file.
-    conditions : Conditions
-        The program's settings for each pass.
-    """
+    """The whole job, contour by contour; the wire is cut and threaded between them."""
 
     contours: tuple[WireContour, ...]
-    stock_mm: tuple[float, float, float, float]
-    start_hole_radius_mm: float
-    origin_mm: tuple[float, float]
-    notices: tuple[str, ...]
-    source: str
-    conditions: Conditions = NO_CONDITIONS
+    stock_mm: tuple[float, float, float, float]  # the workpiece blank on the table
+    start_hole_radius_mm: float  # radius of the hole at every ``points_um[0]``
+    origin_mm: tuple[float, float]  # the program's zero on the table
+    notices: tuple[str, ...]  # decisions of the reader that you should know
+    source: str  # the program's file
+    conditions: Conditions = NO_CONDITIONS  # the program's settings for each pass
 
     @property
     def passes(self) -> int:
@@ -378,16 +332,9 @@ def plan_path(
     grid_um: int = 1,
     lead_in_mm: float = LEAD_IN_MM,
     start_hole_radius_mm: float = START_HOLE_RADIUS_MM,
-    ignore: Sequence[str] = (),
-    layers: Sequence[str] = (),
-    unit: str | None = None,
-    offsets: str | Path | None = None,
-    upper_layer: str | None = None,
     taper_deg: float = 0.0,
     corners: Corners = "conical",
     guides: Sequence[GuideHeights | None] = (),
-    dialect: str = AUTO,
-    conditions: str | Path | None = None,
     passes: PassPlan | None = None,
 ) -> CutPath:
     """Plan the whole cut of a part program.
@@ -403,7 +350,7 @@ def plan_path(
     Parameters
     ----------
     file : path or Program
-        See `load_program`; or its result.
+        What `load_program` returns; or a file, which it reads with its defaults.
     offset : "auto", "none" or float
         "auto": each contour's offset register, or `auto_offset_mm` without one; "none": 0, the wire's centre
         follows the drawing; or an offset in mm for all contours, also as text.
@@ -417,8 +364,6 @@ def plan_path(
         Length of added lead-ins in mm; shortened, with a notice, if there is no room.
     start_hole_radius_mm : float
         Radius of the hole at every thread point, in mm.
-    ignore, layers, unit, offsets, upper_layer, dialect, conditions
-        See `load_program`.
     taper_deg : float
         Angle between wall and vertical if the program sets none; if positive, the part is smaller above than
         below.
@@ -447,12 +392,10 @@ def plan_path(
             raise InputError(f"{name} is {value}: give a length above 0 mm")
     if table_um is None:
         table_um = round(Machine.load().base.table.travel_mm.value * 1e3)
-    program = file if isinstance(file, Program) else load_program(
-        file, ignore=ignore, layers=layers, unit=unit, offsets=offsets, upper_layer=upper_layer, dialect=dialect,
-        conditions=conditions,
-    )
+    program = file if isinstance(file, Program) else load_program(file)
     program = replace(program, outlines=leaning(program.outlines, taper_deg, corners))
-    _check_fits(program, table_um)
+    drawn = [part for one in program.outlines for part in (one.approach_mm, one.points_mm)]
+    _check_fits("what is drawn", np.concatenate(drawn) * 1000, MOST_TABLES * table_um, table_um, program.source)
     notices = list(program.notices)
     fixed_mm = None if offset == "auto" else chosen_mm
     if fixed_mm is not None:
@@ -540,14 +483,12 @@ def _contour_of(
     made = _contour if last.surfaces is None else _leaning_contour
     if len(legs) == 1:
         return replace(made(last, lead, grid_um), continues=last.outline.continues)
-    try:
+    with of_outline(program, legs[0].outline):
         if legs[1].outline is legs[0].outline:
             assert passes is not None
             ways: list[Stretch] = ways_of(legs, passes)
         else:
             ways = ways_of_group(legs)
-    except InputError as error:
-        raise located(error, program, legs[0].outline) from None
     contour = made(_as_first(program, legs), lead, grid_um)
     before = lead.points if len(lead.points) else ways[0].points[:1]
     first = legs[0].outline
@@ -588,14 +529,12 @@ def _lead(
     notices: list[str],
 ) -> _Lead:
     outline = leg.outline
-    try:
+    with of_outline(program, outline):
         if len(outline.approach_mm):
             return _programmed_lead(leg, hole_radius_mm)
         if not outline.needs_lead_in:
             return _Lead(np.empty((0, 2)), ())
         thread, lead_notices = own_lead_in(leg.path[0], away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
-    except InputError as error:
-        raise located(error, program, outline) from None
     if outline.line:
         notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
     notices += lead_notices
@@ -630,16 +569,22 @@ def _contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
     outline = leg.outline
     path, stops = _with_dwells(leg, lead)
     numbers = np.array(outline.line_numbers)[nearest_chords(outline.points_mm, (path[1:] + path[:-1]) / 2)]
-    lines = np.array([*lead.lines, *numbers.tolist()], np.int64)
     points = np.round(np.concatenate([lead.points, path]) * 1000 / grid_um).astype(np.int64) * grid_um
-    moves = (np.diff(points, axis=0) != 0).any(axis=1)
-    moving = np.concatenate([[True], moves])
-    place = np.cumsum(moving) - 1
+    return _on_grid(leg, lead, Way(points), stops, numbers.tolist(), _elements(leg))
+
+
+def _on_grid(
+    leg: OffsetOutline, lead: _Lead, way: Way, stops: Sequence[tuple[int, float]], line_numbers: Sequence[int],
+    elements: tuple[tuple[int, int], ...],
+) -> WireContour:
+    """Return the contour of a way on the grid that begins with the lead, without points at which nothing moves."""
+    outline, count = leg.outline, len(lead.points)
+    way, moves, stops = way.moving(stops)
+    lines = np.array([*lead.lines, *line_numbers], np.int64)[moves]
     return WireContour(
-        points_um=points[moving], lead_in_moves=int(moves[: len(lead.points)].sum()), nominal_mm=leg.nominal,
-        closed=outline.closed, part_side=outline.part_side,
-        dwells=tuple((int(place[i]), seconds) for i, seconds in stops), line_numbers=tuple(lines[moves].tolist()),
-        elements=_elements(leg), offset_um=leg.offset_mm * 1000, compensated=outline.wire_side is not None,
+        points_um=way.points_um, lead_in_moves=int(moves[:count].sum()), nominal_mm=leg.nominal,
+        closed=outline.closed, part_side=outline.part_side, dwells=stops, line_numbers=tuple(lines.tolist()),
+        elements=elements, offset_um=leg.offset_mm * 1000, compensated=outline.wire_side is not None, lean=way.lean,
     )
 
 
@@ -650,7 +595,7 @@ def _check_lead(program: Program, leg: OffsetOutline, lead: _Lead) -> None:
     if whole and len(lead.points) and not clears(way, leg.edge, leg.offset_mm):
         x, y = lead.points[0]
         reason = f"the wire on its way from X{x:.3f} Y{y:.3f} leans into the part: thread it further away"
-        raise located(InputError(reason), program, leg.outline)
+        raise InputError(f"{leg.outline.name}: {reason}", program.source, leg.outline.line)
 
 
 def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireContour:
@@ -665,19 +610,12 @@ def _leaning_contour(leg: OffsetOutline, lead: _Lead, grid_um: int) -> WireConto
     slope = np.concatenate([np.zeros((count, 2)), wire.slope])
     known = np.concatenate([lead.points, wire.lower_mm])
     points, leads, bends = guides_for(known, wire.low_mm, slope, guides, grid_um)
-    moves = (np.diff(np.concatenate([points, leads], axis=1), axis=0) != 0).any(axis=1)
-    moving = np.concatenate([[True], moves])
-    place = np.cumsum(moving) - 1
     vertices = [*range(count), *(count + vertex for vertex in wire.vertices)]
-    lines = np.array([*lead.lines, *wire.line_numbers], np.int64)
-    own, drawn = len(outline.approach_mm), [(i, s) for i, s in outline.dwells]
-    dwells = tuple((int(place[vertices[i - own + count if i >= own else min(i, count)]]), s) for i, s in drawn)
-    return WireContour(
-        points_um=points[moving], lead_in_moves=int(moves[:count].sum()), nominal_mm=leg.nominal,
-        closed=outline.closed, part_side=outline.part_side, dwells=dwells, line_numbers=tuple(lines[moves].tolist()),
-        elements=tuple(zip(wall.elements, wall.line_numbers, strict=True)), offset_um=leg.offset_mm * 1000,
-        compensated=outline.wire_side is not None, lean=Lean(leads[moving], bends[moving], wall, guides.height_mm),
-    )
+    own = len(outline.approach_mm)
+    stops = [(vertices[i - own + count if i >= own else min(i, count)], seconds) for i, seconds in outline.dwells]
+    elements = tuple(zip(wall.elements, wall.line_numbers, strict=True))
+    way = Way(points, Lean(leads, bends, wall, guides.height_mm))
+    return _on_grid(leg, lead, way, stops, wire.line_numbers, elements)
 
 
 def _elements(leg: OffsetOutline) -> tuple[tuple[int, int], ...]:
@@ -710,25 +648,20 @@ def _lead_place(lead: _Lead, outline: Outline, i: int) -> int:
 def _shift_um(contours: Sequence[WireContour], table_um: int, grid_um: int, source: str) -> NDArray[np.int64]:
     """Return the shift in um, on the grid, that centres the job on the table."""
     points = np.concatenate([way for contour in contours for way in contour.reach_um])
+    _check_fits("the wire's path with its lead-ins", points, table_um, table_um, source)
     low, high = points.min(axis=0), points.max(axis=0)
-    extent = high - low
-    if extent.max() > table_um:
-        x, y = extent / 1000
-        raise InputError(f"the wire's path spans {x:.3f} x {y:.3f} mm with its lead-ins: the table has "
-                         f"{table_um / 1000:g} x {table_um / 1000:g} mm{_unit_hint(source)}", source)
     return np.asarray((table_um - low - high) // (2 * grid_um) * grid_um, np.int64)
 
 
-def _check_fits(program: Program, table_um: int) -> None:
-    drawn = [part for outline in program.outlines for part in (outline.approach_mm, outline.points_mm) if len(part)]
-    try:
-        check_fits(drawn, table_um / 1000, _unit_hint(program.source))
-    except InputError as error:
-        raise InputError(error.reason, program.source) from None
-
-
-def _unit_hint(source: str) -> str:
-    return "; if the drawing's unit is another, give --unit" if Path(source).suffix.lower() == ".dxf" else ""
+def _check_fits(
+    what: str, points_um: Floats | NDArray[np.int64], most_um: float, table_um: int, source: str
+) -> None:
+    """Refuse what spans more than a length; say how large the table is."""
+    x, y = np.ptp(points_um, axis=0)
+    if max(x, y) > most_um:
+        hint = "; if the drawing's unit is another, give --unit" if Path(source).suffix.lower() == ".dxf" else ""
+        table = f"{table_um / 1000:g} x {table_um / 1000:g} mm"
+        raise InputError(f"{what} spans {x / 1000:.3f} x {y / 1000:.3f} mm: the table has {table}{hint}", source)
 
 
 def _placed(contour: WireContour, shift: NDArray[np.int64]) -> WireContour:

@@ -11,6 +11,7 @@ which the wire lies. Between two of these lines both ends move evenly, as four a
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -25,6 +26,7 @@ from edmsim.program.arcs import CHORD_TOLERANCE_UM
 from edmsim.program.outline import Corners, Outline, Side, Taper
 
 Floats = NDArray[np.float64]
+Stop = tuple[int, float]  # at which point of a way the wire waits, and how many seconds
 
 MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
 SHARP_DEG = 1.0  # lines and arcs that meet at less are tangents (ours: rounding of drawings)
@@ -655,6 +657,16 @@ class Way(NamedTuple):
     def at_mid_height(self) -> NDArray[np.int64]:
         """Return where it goes at half the workpiece's height."""
         return self.points_um if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
+
+    def moving(self, stops: Sequence[Stop]) -> tuple[Way, NDArray[np.bool_], tuple[Stop, ...]]:
+        """Return the way without points at which nothing moves, which of its moves stay, and its stops."""
+        lean = self.lean
+        every = self.points_um if lean is None else np.hstack([self.points_um, lean.upper_um])
+        moves = (np.diff(every, axis=0) != 0).any(axis=1)
+        moving = np.append(True, moves)
+        place = np.cumsum(moving) - 1
+        lean = lean and replace(lean, upper_um=lean.upper_um[moving], bends_mm=lean.bends_mm[moving])
+        return Way(self.points_um[moving], lean), moves, tuple((int(place[i]), seconds) for i, seconds in stops)
 
     @property
     def along_um(self) -> Floats:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -12,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.files import make_writable, replacing
+from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.geometry import arc_lengths
+from edmsim.program.outline import signed_area
 from edmsim.recording.figures import palette
 from edmsim.recording.scene import Scene
 
@@ -23,9 +23,6 @@ Floats = NDArray[np.float64]
 
 FACE_STEP_MM = 0.02  # distance of the points along the edge (ours: that of the profile error)
 FARTHEST_MM = 0.15  # further from the edge as drawn there is no wall of it (ours: half a kerf)
-
-
-SPECK_SHARE = 0.01  # share of the wire's cross-section below which a closed edge is a speck (ours: a crater or two)
 
 
 class Face(NamedTuple):
@@ -81,12 +78,7 @@ def cut_faces(scene: Scene) -> list[Face]:
 
 def is_whole(line: NDArray[np.float64], scene: Scene) -> bool:
     """Whether a closed edge is more than a speck."""
-    return _area_mm2(line) >= SPECK_SHARE * math.pi / 4 * (scene.wire_diameter_um * 1e-3) ** 2
-
-
-def _area_mm2(line: NDArray[np.float64]) -> float:
-    (x, y) = (line - line[0]).T
-    return abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1])) / 2
+    return abs(signed_area(line)) >= scene.speck_mm2
 
 
 def _dense(line: Floats) -> Floats:
@@ -121,8 +113,7 @@ def write_faces(scene: Scene, file: str | Path) -> None:
     """Write the cut faces of the part: ``.stl``, or ``.glb`` coloured by the profile error."""
     # STL in mm of the program, z from the lower face; glTF in metres, y upwards, as its specification wants
     target = Path(file)
-    if target.suffix.lower() not in (".stl", ".glb"):
-        raise InputError("a cut face is written as .stl .glb", target)
+    suffix = check_suffix(target, "a cut face", ".stl", ".glb")
     try:
         from trimesh import Trimesh
     except ImportError:
@@ -131,14 +122,14 @@ def write_faces(scene: Scene, file: str | Path) -> None:
     points, triangles, errors = _triangles(cut_faces(scene))
     if not len(triangles):
         raise InputError("there is no cut face in this cut", target)
-    is_gltf = target.suffix.lower() == ".glb"
+    is_gltf = suffix == ".glb"
     if is_gltf:
         points = points[:, [0, 2, 1]] * (1e-3, 1e-3, -1e-3)
     colours = palette.error_rgb(errors, scene.error_limit_um()) if is_gltf else None
     mesh = Trimesh(points, triangles, vertex_colors=colours, process=False)
     make_writable(target.parent)
     with replacing(target) as partial:
-        mesh.export(str(partial), file_type=target.suffix.lower().removeprefix("."))
+        mesh.export(str(partial), file_type=suffix.removeprefix("."))
 
 
 def _triangles(faces: list[Face]) -> tuple[Floats, NDArray[np.int64], Floats]:
@@ -170,8 +161,7 @@ def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None
     # default all edges of the kerf at mid height
     writers = {".dxf": _write_dxf, ".csv": _write_csv, ".svg": _write_svg}
     target = Path(file)
-    if target.suffix.lower() not in writers:
-        raise InputError(f"a contour is written as {' '.join(writers)}", target)
+    write = writers[check_suffix(target, "a contour", *writers)]
     scene = scene.in_program()
     if height_mm is None:
         edges = scene.cut_edges_mm[scene.middle_slice()] if scene.cut_edges_mm else ()
@@ -183,7 +173,7 @@ def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None
         layers = _at_height(scene, height_mm, target)
     make_writable(target.parent)
     with replacing(target) as partial:
-        writers[target.suffix.lower()](layers, partial)
+        write(layers, partial)
 
 
 def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[NDArray[np.float64]]]:

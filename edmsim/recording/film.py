@@ -22,7 +22,7 @@ from PIL import Image
 from PIL.Image import Image as Picture
 
 from edmsim.errors import InputError
-from edmsim.files import replacing
+from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.recording.figures import palette
 from edmsim.recording.report import duration_text
 from edmsim.recording.rerun.blueprint import Sizes
@@ -278,22 +278,12 @@ def render(recording: Path, out: str | Path, seconds: float = SECONDS) -> None:
 
 def check_film(target: Path, seconds: float) -> str:
     """Return a film's kind, `MP4` or `GIF`, after a look at what could go wrong; errors as `render`."""
-    kind = target.suffix.lower()
-    if kind not in FRAMES_PER_S:
-        raise InputError(f"'{target.suffix}' is not a film: let the file end in {MP4} or {GIF}", target)
+    kind = check_suffix(target, "a film", MP4, GIF)
     if not 0.5 <= seconds <= 600.0:
         raise InputError(f"a film of {seconds:g} s cannot be made: give 0.5 to 600 s")
     if kind == MP4:
         _ffmpeg()
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        existed = target.exists()
-        with target.open("ab"):
-            pass
-        if not existed:
-            target.unlink()
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", target) from None
+    make_writable(target.parent)
     return kind
 
 

@@ -15,8 +15,9 @@ from edmsim.cosim.straight import PulseSample
 from edmsim.files import replacing
 from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, shares_figure
 from edmsim.recording.figures.passes import face_figure, passes_figure
-from edmsim.recording.figures.profile import PROFILE_DOTS, figure_png
+from edmsim.recording.figures.profile import PROFILE_DOTS
 from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
+from edmsim.recording.figures.style import figure_png
 from edmsim.recording.figures.wire import spectrum_figure
 from edmsim.recording.report import Element, Report, duration_text, outcome_text, summary
 from edmsim.recording.scene import Scene

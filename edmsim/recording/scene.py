@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,41 +19,27 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 from edmsim.files import read_arrays, replacing
+from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
 from edmsim.plant.workpiece.height_steps import middle_slice
 
+SPECK_SHARE = 0.01  # of the wire's cross-section: specks are less (ours: a crater or two; any kerf is larger)
 Polylines = tuple[NDArray[np.float64], ...]  # lines of shape (n, 2) in mm on the table
 
 
 @dataclass(frozen=True)
 class ErrorMap:
-    """One nominal edge and the profile error along it.
+    """One nominal edge and the profile error along it."""
 
-    Attributes
-    ----------
-    nominal_mm : float64 array (m, 2)
-        The part's edge as drawn, mm on the table.
-    part_side : {"left", "right"}
-        Side of the part, looking along the edge.
-    points_mm : float64 array (n, 2)
-        Measured places; n may be 0.
-    error_um : float64 array (n,)
-        Mean profile error over the height: positive is metal left on the part; NaN if unknown.
-    shares_um : float64 array (5, n), optional
-        Its shares by cause (`edmsim.metrology.shares.error_shares`), if known.
-    unreachable_um : float64 array (n,), optional
-        Metal that the round wire cannot reach, if known.
-    face_um : float64 array (slices, n), optional
-        Profile error of every slice from the lowest, if known.
-    """
-
-    nominal_mm: NDArray[np.float64]
-    part_side: Literal["left", "right"]
-    points_mm: NDArray[np.float64]
+    nominal_mm: NDArray[np.float64]  # (m, 2): the part's edge as drawn, mm on the table
+    part_side: Literal["left", "right"]  # side of the part, looking along the edge
+    points_mm: NDArray[np.float64]  # (n, 2): measured places; n may be 0
+    # (n,): mean profile error over the height: positive is metal left on the part; NaN if unknown
     error_um: NDArray[np.float64]
+    # (5, n): its shares by cause (`edmsim.metrology.shares.error_shares`), if known
     shares_um: NDArray[np.float64] | None = None
-    unreachable_um: NDArray[np.float64] | None = None
-    face_um: NDArray[np.float64] | None = None
+    unreachable_um: NDArray[np.float64] | None = None  # (n,): metal that the round wire cannot reach, if known
+    face_um: NDArray[np.float64] | None = None  # (slices, n): profile error of every slice from the lowest, if known
 
     def reached_um(self) -> NDArray[np.float64]:
         """Return the error (n,) within the wire's reach; NaN elsewhere."""
@@ -91,16 +78,6 @@ class ErrorMap:
 
 
 @dataclass(frozen=True)
-class SceneCorner:
-    """One corner of the nominal edge, in mm on the table, and its error in um (positive: metal left)."""
-
-    x_mm: float
-    y_mm: float
-    turn_deg: float
-    error_um: float
-
-
-@dataclass(frozen=True)
 class Terrace:
     """Upper faces of a stepped workpiece at one height: their outlines, and the height in mm."""
 
@@ -121,59 +98,28 @@ class PassFace:
 
 @dataclass(frozen=True)
 class Scene:
-    """The drawing of one cut.
+    """The drawing of one cut."""
 
-    Attributes
-    ----------
-    maps : tuple of ErrorMap
-        One per contour, in cutting order.
-    cut_edges_mm : tuple of Polylines
-        Edges of the remaining metal, per slice from the bottom.
-    corners : tuple of SceneCorner
-    starts_mm : float64 array (k, 2)
-        Start holes.
-    stock_mm : (x_min, y_min, x_max, y_max)
-        The blank on the table.
-    height_mm : float
-        Greatest height of the workpiece.
-    guides_z_mm : (lower, upper)
-        Heights of the wire guides over the workpiece's bottom; the lower is negative.
-    wire_diameter_um : float
-    stop_mm : (x, y) or None
-        Place of the wire when the machine stopped; None if the cut finished.
-    terraces : tuple of Terrace
-        Levels of a stepped workpiece, from the lowest; empty if its height is constant.
-    holes_mm : float64 array (n, 3)
-        Centres and radii of the holes in the blank before the first spark; a slot is a row of holes.
-    cut : str or None
-        Identity of the cut: `edmsim.recording.report.cut_id`.
-    origin_mm : (x, y) or None
-        The program's zero on the table; None without a program.
-    lead : float64 array (n, 5) or None
-        If the wire leans, for points of the path: length of path in um, u and v in mm, and the heights in mm at
-        which the wire bends at the lower and the upper guide.
-    walls_mm : tuple of Polylines
-        Edges of tapered contours as drawn on the lower and the upper face.
-    pass_faces : tuple of PassFace
-        Faces after each pass, in order.
-    """
-
-    maps: tuple[ErrorMap, ...]
-    cut_edges_mm: tuple[Polylines, ...]
-    corners: tuple[SceneCorner, ...]
-    starts_mm: NDArray[np.float64]
-    stock_mm: tuple[float, float, float, float]
-    height_mm: float
-    guides_z_mm: tuple[float, float]
+    maps: tuple[ErrorMap, ...]  # one per contour, in cutting order
+    cut_edges_mm: tuple[Polylines, ...]  # edges of the remaining metal, per slice from the bottom
+    corners: tuple[CornerError, ...]
+    starts_mm: NDArray[np.float64]  # (k, 2): start holes
+    stock_mm: tuple[float, float, float, float]  # the blank on the table
+    height_mm: float  # greatest height of the workpiece
+    guides_z_mm: tuple[float, float]  # heights of the wire guides over the workpiece's bottom; the lower is negative
     wire_diameter_um: float
-    stop_mm: tuple[float, float] | None = None
+    stop_mm: tuple[float, float] | None = None  # place of the wire when the machine stopped; None if the cut finished
+    # levels of a stepped workpiece, from the lowest; empty if its height is constant
     terraces: tuple[Terrace, ...] = ()
+    # (n, 3): centres and radii of the holes in the blank before the first spark; a slot is a row of holes
     holes_mm: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
-    cut: str | None = None
-    origin_mm: tuple[float, float] | None = None
+    cut: str | None = None  # identity of the cut: `edmsim.recording.report.cut_id`
+    origin_mm: tuple[float, float] | None = None  # the program's zero on the table; None without a program
+    # if the wire leans, for points of the path: length of path in um, u and v in mm, and the heights in mm at which
+    # the wire bends at the lower and the upper guide
     lead: NDArray[np.float64] | None = None
-    walls_mm: tuple[Polylines, ...] = ()
-    pass_faces: tuple[PassFace, ...] = ()
+    walls_mm: tuple[Polylines, ...] = ()  # edges of tapered contours as drawn on the lower and the upper face
+    pass_faces: tuple[PassFace, ...] = ()  # faces after each pass, in order
 
     def lead_mm(self, path_um: NDArray[np.float64], heights_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the wire's distance in mm (n, heights, 2) from the lower guide's axis, by lengths of path."""
@@ -183,6 +129,11 @@ class Scene:
         u, v, low, high = (np.interp(path_um, along, column)[:, None] for column in known)
         share = (heights_mm[None, :] - low) / (high - low)
         return np.stack([share * u, share * v], axis=2)
+
+    @property
+    def speck_mm2(self) -> float:
+        """A smaller area is a speck: a single crater beside the kerf, or a crumb of metal in it."""
+        return SPECK_SHARE * math.pi / 4 * (self.wire_diameter_um * 1e-3) ** 2
 
     def __repr__(self) -> str:
         """Say how much there is of everything, not all its points."""
@@ -291,15 +242,14 @@ def round_number(limit: float) -> float:
 
 
 VERSION = 4  # of the file's layout
+_FIELDS = "stock_mm", "height_mm", "guides_z_mm", "wire_diameter_um", "stop_mm", "origin_mm", "cut"
 
 
 def write_scene(scene: Scene, file: str | Path) -> None:
     """Write a scene; a file of that name is replaced whole or not at all."""
     document = {
-        "version": VERSION, "stock_mm": scene.stock_mm, "height_mm": scene.height_mm,
-        "guides_z_mm": scene.guides_z_mm, "wire_diameter_um": scene.wire_diameter_um, "stop_mm": scene.stop_mm,
-        "origin_mm": scene.origin_mm,
-        "cut": scene.cut, "part_sides": [edge.part_side for edge in scene.maps],
+        "version": VERSION, **{name: getattr(scene, name) for name in _FIELDS},
+        "part_sides": [edge.part_side for edge in scene.maps],
         "terrace_heights_mm": [terrace.height_mm for terrace in scene.terraces],
     }
     corners = [(c.x_mm, c.y_mm, c.turn_deg, c.error_um) for c in scene.corners]
@@ -348,37 +298,33 @@ def read_scene(file: str | Path) -> Scene:
 def _scene(arrays: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Scene:
     measured = [lines[0] for lines in _groups(arrays, "measured")]
     nominal = [lines[0] for lines in _groups(arrays, "nominal")]
+    plain = ((name, document[name]) for name in _FIELDS)
+    fields: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in plain}
     return Scene(
         maps=tuple(
             ErrorMap(
                 line, side, rows[:, :2], rows[:, 2], rows[:, 3:].T if np.isfinite(rows[:, 3:]).any() else None,
-                arrays.get(f"unreachable.{number}"), arrays.get(f"face.{number}"),  # earlier files have none
+                arrays.get(f"unreachable.{number}"), arrays.get(f"face.{number}"),
             )
             for number, (line, side, rows) in enumerate(zip(nominal, document["part_sides"], measured, strict=True))
         ),
         cut_edges_mm=_groups(arrays, "edges"),
-        corners=tuple(SceneCorner(*(float(v) for v in row)) for row in arrays["corners"]),
+        corners=tuple(CornerError(*(float(v) for v in row)) for row in arrays["corners"]),
         starts_mm=arrays["starts_mm"],
-        stock_mm=tuple(document["stock_mm"]),
-        height_mm=document["height_mm"],
-        guides_z_mm=tuple(document["guides_z_mm"]),
-        wire_diameter_um=document["wire_diameter_um"],
-        stop_mm=None if document["stop_mm"] is None else tuple(document["stop_mm"]),
         terraces=tuple(
             Terrace(lines, height)
             for lines, height in zip(_groups(arrays, "terraces"), document["terrace_heights_mm"], strict=True)
         ),
         holes_mm=arrays["holes_mm"].reshape(-1, 3),
-        cut=document.get("cut"),
-        origin_mm=None if document["origin_mm"] is None else tuple(document["origin_mm"]),
-        lead=arrays["lead"] if len(arrays.get("lead", ())) else None,
-        walls_mm=_groups(arrays, "walls") if "walls.points" in arrays else (),
+        lead=arrays["lead"] if len(arrays["lead"]) else None,
+        walls_mm=_groups(arrays, "walls"),
         pass_faces=tuple(
             PassFace(int(contour), float(time_s), float(path_um), rows[:, :2], rows[:, 2:].T)
             for (contour, time_s, path_um), (rows,) in zip(
                 arrays["pass_ends"], _groups(arrays, "passes"), strict=True
             )
-        ) if "pass_ends" in arrays else (),  # earlier files have none
+        ),
+        **fields,
     )
 
 

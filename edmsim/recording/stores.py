@@ -96,8 +96,9 @@ class Frames(ArraySnapshots, Observer):
     def __init__(self, n_slices: int, capacity: int = 2000) -> None:
         self.n_slices = n_slices
         kind = [
-            ("t_s", "f8"), ("guides_um", "f8", 2), ("path_um", "f8"), ("deflection_um", "f8", (n_slices, 2)),
-            ("coverage", "f4", (n_slices,)),
+            ("t_s", "f8"), ("guides_um", "f8", 2), ("path_um", "f8"),
+            ("deflection_um", "f8", (n_slices, 2)),  # per slice from the bottom
+            ("coverage", "f4", (n_slices,)),  # share of the wire's front that gas covers
         ]  # fmt: skip
         self._row: NDArray[np.void] = np.zeros(1, np.dtype(kind))
         self._thinned = Thinned(self._row.dtype, capacity)
@@ -114,45 +115,20 @@ class Frames(ArraySnapshots, Observer):
     def window(self, turn: Turn, plant: PlantView) -> None:
         """See a window; it is kept if its turn has come."""
         if self._thinned.wants_next:
-            x_um, y_um = plant.commanded_um
-            self.offer(turn.time_ns * 1e-9, x_um, y_um, turn.path_um, plant.deflections_um(), plant.coverage())
+            place = plant.commanded_um, turn.path_um
+            self.offer(turn.time_ns * 1e-9, *place, plant.deflections_um(), plant.coverage())
         else:
             self._thinned.skip()
 
-    def offer(
-        self, t_s: float, x_um: float, y_um: float, path_um: float, deflection_um: NDArray[np.float64],
-        coverage: NDArray[np.float64],
-    ) -> None:  # fmt: skip
-        """Show one window: wire minus guides and the share that gas covers, per slice from the bottom."""
-        row = self._row[0]
-        row["t_s"], row["guides_um"], row["path_um"], row["deflection_um"] = t_s, (x_um, y_um), path_um, deflection_um
-        row["coverage"] = coverage
+    def offer(self, *row: object) -> None:
+        """Show one window: what `rows` have of it."""
+        self._row[0] = row
         self._thinned.offer(bytes_of(self._row)[0])
 
     @property
-    def t_s(self) -> NDArray[np.float64]:
-        """Machine time of every frame in s, shape (n,)."""
-        return np.asarray(self._thinned.rows["t_s"])
-
-    @property
-    def guides_um(self) -> NDArray[np.float64]:
-        """Wire guides on the table in um, shape (n, 2)."""
-        return np.asarray(self._thinned.rows["guides_um"])
-
-    @property
-    def path_um(self) -> NDArray[np.float64]:
-        """Place along the wire path in um, shape (n,)."""
-        return np.asarray(self._thinned.rows["path_um"])
-
-    @property
-    def deflection_um(self) -> NDArray[np.float64]:
-        """Wire minus guides in um, shape (n, n_slices, 2)."""
-        return np.asarray(self._thinned.rows["deflection_um"])
-
-    @property
-    def coverage(self) -> NDArray[np.float32]:
-        """Share of the wire's front that gas covers, shape (n, n_slices)."""
-        return np.asarray(self._thinned.rows["coverage"])
+    def rows(self) -> NDArray[np.void]:
+        """Frames stored, (n,): machine time, guides on the table, place along the path, wire minus guides, gas."""
+        return self._thinned.rows
 
 
 PULSES = 96  # the last pulses of a window, which are what is kept of it

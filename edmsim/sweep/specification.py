@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, ValidationError, model_validator
+from pydantic import BaseModel, Field, ModelWrapValidatorHandler, ValidationError, model_validator
 
 from edmsim import __version__
 from edmsim.controllers import from_text
@@ -86,11 +86,7 @@ Recorded = Literal["report", "windows", "all"]
 """Files saved of each cut: ``report.json``, ``windows.parquet``, or all that ``edmsim cut`` writes."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class SobolSample(_Strict):
+class SobolSample(BaseModel, extra="forbid", frozen=True):
     """Scrambled Sobol sequence, which fills a space evenly (`scipy.stats.qmc.Sobol`)."""
 
     # number of points, a power of 2; other numbers do not cover the space evenly
@@ -111,7 +107,7 @@ class SobolSample(_Strict):
         return self
 
 
-class Specification(_Strict):
+class Specification(BaseModel, extra="forbid", frozen=True):
     """Description of a sweep; it determines every run.
 
     Raises

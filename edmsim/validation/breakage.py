@@ -13,14 +13,14 @@ from edmsim.controllers import from_text, make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
-from edmsim.validation.rows import Check, Row, extended, mean_and_interval
+from edmsim.validation.rows import Check, Row, differences, extended, ratios
 from edmsim.validation.setups import HELD_SHARE, UNBREAKABLE, altered
 
 SATO = "Sato et al., Wire-break Prevention on WEDM, J. Japan Soc. Electrical Machining Engineers (2013)"
 MORI = "Mori, Kitamura, Kunieda, Abe: wire breaking in WEDM seen through transparent electrodes"
 COOLING = "Sato et al., explanation of the limit: the wire is less likely to be cooled"
 STRENGTH = "tension against the hot wire's strength (derived)"
-PAGE = "docs/theory/emergence.md"
+NOTE = "docs/theory/emergence.md#wire-rupture"
 
 PEAK_A, PULSE_US = 700.0, 1.4  # triangular pulse of Sato's stable cutting, an upper bound: 0.49 mC
 LEAST_PEAK_A, MOST_PEAK_A = 600.0, 940.0  # peak currents of Sato's 67 conditions
@@ -77,7 +77,8 @@ def break_limit_A(machine: Machine, seed: int) -> float:
     return max((step.current_A for step in held), default=0.0)
 
 
-def _limits(machine: Machine, seeds: Sequence[int]) -> list[float]:
+def limits_A(machine: Machine, seeds: Sequence[int]) -> list[float]:
+    """Search the limit, a search per seed."""
     return [break_limit_A(machine, seed) for seed in seeds]
 
 
@@ -97,20 +98,16 @@ def stable_point(seeds: Sequence[int]) -> list[Row]:
     charge = PEAK_A / 2 * PULSE_US * 1e-6
     stable_A = charge * STABLE_HZ
     broke_A = charge / (1 / STABLE_HZ - (PAUSE_US - BREAKING_PAUSE_US) * 1e-6)
-    mean, half = mean_and_interval(_limits(sato_rig(STABLE_MM), seeds))
     return [
         Row.band("rupture", "mean current at the limit, 80 mm, 0.3 mm wire", SATO, low=stable_A, high=broke_A,
-                 simulated=mean, uncertainty=half, unit="A", note=f"{PAGE}#wire-rupture")
+                 simulated=limits_A(sato_rig(STABLE_MM), seeds), unit="A", note=NOTE)
         .calibration("wire_heat_share, turbulence and wake_mm were set within their ranges to match this limit"),
-        *(_changed(name, changes, seeds) for name, changes in HANGS_ON.items()),
+        *(
+            Row.report("rupture", f"limit, 80 mm, {name}", "constants within their ranges, or a wire beyond them",
+                       simulated=limits_A(sato_rig(STABLE_MM, changes), seeds), unit="A")
+            for name, changes in HANGS_ON.items()
+        ),
     ]
-
-
-def _changed(name: str, changes: Mapping[str, float], seeds: Sequence[int]) -> Row:
-    """Report the limit with other constants."""
-    mean, half = mean_and_interval(_limits(sato_rig(STABLE_MM, changes), seeds))
-    return Row.report("rupture", f"limit, 80 mm, {name}", "constants within their ranges, or a wire beyond them",
-                      simulated=mean, uncertainty=half, unit="A")
 
 
 def concentration(seeds: Sequence[int]) -> list[Row]:
@@ -118,7 +115,7 @@ def concentration(seeds: Sequence[int]) -> list[Row]:
     runs = [mori_cut(mori_rig(), seed).broken for seed in seeds]
     return [
         Row.band("rupture", "share of runs that break, 1 mm wide piece, pause 4 us", MORI, low=1.0, high=1.0,
-                 published="15 of 15", simulated=sum(runs) / len(runs), note=f"{PAGE}#wire-rupture")
+                 published="15 of 15", simulated=sum(runs) / len(runs), note=NOTE)
     ]
 
 
@@ -145,26 +142,24 @@ def limits(seeds: Sequence[int]) -> list[Row]:
     """What the limit does with height, flushing, cooling and tension."""
     cooling = "base.cooling.convection_W_m2K"
     paired, tensions = extended(seeds, PAIRED), extended(seeds, TENSIONS)
-    every_thin = _limits(sato_rig(THIN_MM), tensions)
-    thin, thick = every_thin[: len(seeds)], _limits(sato_rig(THICK_MM), seeds)
-    every = _limits(sato_rig(MIDDLE_MM), paired)
+    every_thin = limits_A(sato_rig(THIN_MM), tensions)
+    thin, thick = every_thin[: len(seeds)], limits_A(sato_rig(THICK_MM), seeds)
+    every = limits_A(sato_rig(MIDDLE_MM), paired)
     middle = every[: len(seeds)]
     convection = sato_rig(THIN_MM).base.cooling.convection_W_m2K.value
-    off = {h: _limits(sato_rig(h).with_(standoff_upper_mm=OFF_MM), seeds) for h in (THIN_MM, MIDDLE_MM)}
-    uncooled = _limits(sato_rig(MIDDLE_MM, {cooling: 0.7 * convection}), paired)
-    taut = _limits(sato_rig(THIN_MM, tension=33.0), tensions)
-    gentle, hard = (_limits(sato_rig(MIDDLE_MM, peak_A=peak), seeds) for peak in (LEAST_PEAK_A, MOST_PEAK_A))
-    one_limit, half_one = mean_and_interval([b / a for a, b in zip(gentle, hard, strict=True)])
-    slopes = [math.log(b / a) / math.log(THICK_MM / THIN_MM) for a, b in zip(thin, thick, strict=True)]
-    lost_thin = [1 - b / a for a, b in zip(thin, off[THIN_MM], strict=True)]
-    lost_middle = [1 - b / a for a, b in zip(middle, off[MIDDLE_MM], strict=True)]
-    slope, half = mean_and_interval(slopes)
+    off = {h: limits_A(sato_rig(h).with_(standoff_upper_mm=OFF_MM), seeds) for h in (THIN_MM, MIDDLE_MM)}
+    uncooled = limits_A(sato_rig(MIDDLE_MM, {cooling: 0.7 * convection}), paired)
+    taut = limits_A(sato_rig(THIN_MM, tension=33.0), tensions)
+    gentle, hard = (limits_A(sato_rig(MIDDLE_MM, peak_A=peak), seeds) for peak in (LEAST_PEAK_A, MOST_PEAK_A))
+    lost_thin = [1 - left for left in ratios(thin, off[THIN_MM])]
+    lost_middle = [1 - left for left in ratios(middle, off[MIDDLE_MM])]
     return [
         _sign("limit over 20 to 100 mm", SATO, True, thin, thick, "A"),
         Row.band("rupture", "limit over 20 to 100 mm, log-log slope", SATO, low=0.0, high=1.0,
-                 published="less than in proportion", simulated=slope, uncertainty=half),
+                 published="less than in proportion",
+                 simulated=[math.log(more) / math.log(THICK_MM / THIN_MM) for more in ratios(thin, thick)]),
         Row.value("rupture", "limit, 60 mm, peak 940 A over 600 A", f"{SATO}: one threshold of mean current",
-                  published=1.0, simulated=one_limit, within=0.2, uncertainty=half_one, note=f"{PAGE}#wire-rupture"),
+                  published=1.0, simulated=ratios(gentle, hard), within=0.2, note=NOTE),
         _sign("limit, 60 mm, a nozzle off", SATO, False, middle, off[MIDDLE_MM], "A"),
         _sign("share lost with a nozzle off, 20 to 60 mm", SATO, True, lost_thin, lost_middle),
         _sign("limit, 60 mm, convection x0.7", COOLING, False, every, uncooled, "A"),
@@ -175,9 +170,7 @@ def limits(seeds: Sequence[int]) -> list[Row]:
 def _sign(
     name: str, source: str, rises: bool, before: Sequence[float], after: Sequence[float], unit: str = ""
 ) -> Row:
-    mean, half = mean_and_interval([b - a for a, b in zip(before, after, strict=True)])
-    return Row.sign("rupture", name, source, rises=rises, simulated=mean, uncertainty=half, unit=unit,
-                    note=f"{PAGE}#wire-rupture")
+    return Row.sign("rupture", name, source, rises=rises, simulated=differences(before, after), unit=unit, note=NOTE)
 
 
 CHECKS: tuple[Check, ...] = (stable_point, concentration, limits)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,8 +11,8 @@ from edmsim.controllers import make
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.validation.breakage import PAUSE_US, sato_rig
-from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import UNBREAKABLE, change, each, feed_within, servo_cut
+from edmsim.validation.rows import Check, Row, differences
+from edmsim.validation.setups import UNBREAKABLE, feed_within, servo_cut
 
 TEXTBOOK = "textbook figure 1.8 W per mm3/min"
 MASS_BALANCE = "mass balance of production cutting of steel, from Sato et al. (590 W, 60..80 mm3/min)"
@@ -35,25 +36,21 @@ def _by_counts(machine: Machine, seed: int) -> Cut:
 def removal(seeds: Sequence[int]) -> list[Row]:
     """Energy per removed volume and cutting rate of the default set-up, energy and charge in production cutting."""
     machine = Machine.load()
-    cuts = each(seeds, lambda seed: _by_counts(machine, seed))
-    energy, half_energy = mean_and_interval([cut.energy / cut.removed_mm3 for cut in cuts])
-    dense = each(seeds, lambda seed: servo_cut(production(), seed))
-    spent, half_spent = mean_and_interval([cut.energy / cut.removed_mm3 for cut in dense])
-    charge, half_charge = mean_and_interval([cut.charge / cut.removed_mm3 for cut in dense])
-    rate, half_rate = mean_and_interval([cut.feed_um_s * machine.height_mm * 60e-3 for cut in cuts])
-    gap, half_gap = mean_and_interval([cut.gap_um for cut in cuts])
+    cuts = [_by_counts(machine, seed) for seed in seeds]
+    dense = [servo_cut(production(), seed) for seed in seeds]
     note = f"{PAGE}#removal-and-cutting-rate"
     return [
-        Row.value("removal", "energy per volume", TEXTBOOK, published=108.0, simulated=energy, within=0.1,
-                  uncertainty=half_energy, unit="J/mm3").calibration("the removal per joule is this figure"),
-        Row.band("removal", "energy per volume, production", MASS_BALANCE, low=440.0, high=590.0,
-                 simulated=spent, uncertainty=half_spent, unit="J/mm3", note=note).calibration(EXPONENT),
-        Row.band("removal", "charge per volume, production", MASS_BALANCE, low=22.0, high=29.0,
-                 simulated=charge, uncertainty=half_charge, unit="C/mm3", note=note).calibration(EXPONENT),
-        Row.band("removal", "cutting rate", EARLY_MACHINES, low=10.0, high=60.0, simulated=rate,
-                 uncertainty=half_rate, unit="mm2/min"),
-        Row.band("kerf", "frontal gap", FRONT_GAP, low=10.0, high=30.0, simulated=gap, uncertainty=half_gap,
-                 unit="um"),
+        Row.value("removal", "energy per volume", TEXTBOOK, published=108.0, within=0.1, unit="J/mm3",
+                  simulated=[cut.energy / cut.removed_mm3 for cut in cuts])
+        .calibration("the removal per joule is this figure"),
+        Row.band("removal", "energy per volume, production", MASS_BALANCE, low=440.0, high=590.0, unit="J/mm3",
+                 simulated=[cut.energy / cut.removed_mm3 for cut in dense], note=note).calibration(EXPONENT),
+        Row.band("removal", "charge per volume, production", MASS_BALANCE, low=22.0, high=29.0, unit="C/mm3",
+                 simulated=[cut.charge / cut.removed_mm3 for cut in dense], note=note).calibration(EXPONENT),
+        Row.band("removal", "cutting rate", EARLY_MACHINES, low=10.0, high=60.0, unit="mm2/min",
+                 simulated=[cut.feed_um_s * machine.height_mm * 60e-3 for cut in cuts]),
+        Row.band("kerf", "frontal gap", FRONT_GAP, low=10.0, high=30.0, unit="um",
+                 simulated=[cut.gap_um for cut in cuts]),
     ]
 
 
@@ -69,7 +66,7 @@ PAUSE_PERIODS_US = (100.0, 150.0, 250.0)
 
 def pauses(seeds: Sequence[int]) -> list[Row]:
     """Charge per volume over the pause, the feed in proportion to the pulse frequency."""
-    ratios = []
+    longest_over_shortest = []
     for seed in seeds:
         per_volume = []
         for period_us in PAUSE_PERIODS_US:
@@ -78,11 +75,10 @@ def pauses(seeds: Sequence[int]) -> list[Row]:
                 Machine.load(t_period_us=period_us), 20.0 / slower, seed, settle_s=6 * slower, seconds=12 * slower
             )
             per_volume.append(cut.charge / cut.removed_mm3)
-        ratios.append(per_volume[-1] / per_volume[0])
-    mean, half = mean_and_interval(ratios)
+        longest_over_shortest.append(per_volume[-1] / per_volume[0])
     return [
-        Row.value("removal", "charge per volume, long over short pauses", SCHACHT, published=1.0, simulated=mean,
-                  within=0.05, uncertainty=half)
+        Row.value("removal", "charge per volume, long over short pauses", SCHACHT, published=1.0, within=0.05,
+                  simulated=longest_over_shortest)
     ]
 
 
@@ -93,15 +89,12 @@ def thickness(seeds: Sequence[int]) -> list[Row]:
         h: [_current_index(_by_counts(Machine.load(height_mm=h), seed)) for seed in seeds]
         for h in (10.0, known_mm, 40.0)
     }
-    rows = []
-    for height in (10.0, 40.0):
-        ratios = [known_mm * i / k for i, k in zip(index[height], index[known_mm], strict=True)]
-        mean, half = mean_and_interval(ratios)
-        rows.append(
-            Row.band("removal", f"thickness estimated for {height:g} mm", f"{ESTIMATOR}; {ESTIMATOR_ERROR}",
-                     low=height - 2.0, high=height + 2.0, simulated=mean, uncertainty=half, unit="mm")
-        )
-    return rows
+    return [
+        Row.band("removal", f"thickness estimated for {height:g} mm", f"{ESTIMATOR}; {ESTIMATOR_ERROR}",
+                 low=height - 2.0, high=height + 2.0, unit="mm",
+                 simulated=[known_mm * i / k for i, k in zip(index[height], index[known_mm], strict=True)])
+        for height in (10.0, 40.0)
+    ]
 
 
 def _current_index(cut: Cut) -> float:
@@ -119,20 +112,17 @@ def diameters(seeds: Sequence[int]) -> list[Row]:
             for seed in seeds
         ]
     )
-    slope, half = mean_and_interval([float(np.polyfit(DIAMETERS_UM, one, 1)[0]) for one in kerf])
     # a side gap free within 30..60 um at either end allows this much
     free = 2 * (60.0 - 30.0) / (DIAMETERS_UM[-1] - DIAMETERS_UM[0])
-    rows = [
-        Row.value("kerf", "kerf over wire diameter, slope", KERF, published=1.0, simulated=slope, within=free,
-                  uncertainty=half)
+    return [
+        Row.value("kerf", "kerf over wire diameter, slope", KERF, published=1.0, within=free,
+                  simulated=[float(np.polyfit(DIAMETERS_UM, one, 1)[0]) for one in kerf]),
+        *(
+            Row.band("kerf", f"side gap, {diameter:g} um wire", SIDE_GAP, low=30.0, high=60.0,
+                     simulated=(widths - diameter) / 2, unit="um", note=f"{PAGE}#kerf-and-gaps")
+            for diameter, widths in zip(DIAMETERS_UM, kerf.T, strict=True)
+        ),
     ]
-    for diameter, widths in zip(DIAMETERS_UM, kerf.T, strict=True):
-        mean, half = mean_and_interval([(float(k) - diameter) / 2 for k in widths])
-        rows.append(
-            Row.band("kerf", f"side gap, {diameter:g} um wire", SIDE_GAP, low=30.0, high=60.0, simulated=mean,
-                     uncertainty=half, unit="um", note=f"{PAGE}#kerf-and-gaps")
-        )
-    return rows
 
 
 FEEDS_UM_S = (7.0, 14.0, 28.0)  # fixed feeds, each twice the one before, if they are within the capacity (ours)
@@ -141,22 +131,18 @@ FEEDS_UM_S = (7.0, 14.0, 28.0)  # fixed feeds, each twice the one before, if the
 def overcut(seeds: Sequence[int]) -> list[Row]:
     """Kerf against fixed feed: the walls of a slow cut face the wire for longer."""
     feeds = [feed_within(feed, Machine.load()) for feed in FEEDS_UM_S]
-    by_feed = [_cuts_at(feed, seeds) for feed in feeds]
-    rows = []
-    for k in range(len(feeds) - 1):
-        mean, half = change(by_feed[k], by_feed[k + 1], lambda cut: float(cut.kerf_um.mean()))
-        rows.append(
-            Row.sign("kerf", f"kerf, feed {feeds[k]:.3g} to {feeds[k + 1]:.3g} um/s", EXPOSURE, rises=False,
-                     simulated=mean, uncertainty=half, unit="um")
-        )
-    return rows
-
-
-def _cuts_at(feed_um_s: float, seeds: Sequence[int]) -> list[Cut]:
     machine = Machine.load()
+    kerfs_um = [
+        [
+            float(cut_straight(machine, feed, seed, settle_s=150.0 / feed, seconds=300.0 / feed).kerf_um.mean())
+            for seed in seeds
+        ]
+        for feed in feeds
+    ]
     return [
-        cut_straight(machine, feed_um_s, seed, settle_s=150.0 / feed_um_s, seconds=300.0 / feed_um_s)
-        for seed in seeds
+        Row.sign("kerf", f"kerf, feed {slow:.3g} to {quick:.3g} um/s", EXPOSURE, rises=False, unit="um",
+                 simulated=differences(wide_um, narrow_um))
+        for (slow, quick), (wide_um, narrow_um) in zip(pairwise(feeds), pairwise(kerfs_um), strict=True)
     ]
 
 

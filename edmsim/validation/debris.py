@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,22 +15,15 @@ from edmsim.machine.machine import Machine
 from edmsim.plant.gap.generator import crater_um3
 from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
+from edmsim.validation import ignition
 from edmsim.validation.breakage import ROUGH_PERIOD_US, rough_rig
-from edmsim.validation.ignition import (
-    ESTEVES,
-    FLOW,
-    STILL_WATER,
-    THESIS,
-    THESIS_ON_US,
-    hole_gap_um,
-    ray_gaps_um,
-    thesis_machine,
-)
-from edmsim.validation.rows import Check, Row, mean_and_interval
-from edmsim.validation.setups import PRACTICE, STILL, UNBREAKABLE, altered, change, in_a_hole, servo_cut
+from edmsim.validation.rows import Check, Row, differences
+from edmsim.validation.setups import PRACTICE, STILL, UNBREAKABLE, altered, in_a_hole, servo_cut
 
-WIDER = f"{PRACTICE}: more energy per pulse, a wider gap at one voltage; {ESTEVES}: energy influences the delay"
-REMAINS = f"{THESIS}: the flow carries the remains of discharges off, and the delays rise"
+WIDER = (
+    f"{PRACTICE}: more energy per pulse, a wider gap at one voltage; {ignition.ESTEVES}: energy influences the delay"
+)
+REMAINS = f"{ignition.THESIS}: the flow carries the remains of discharges off, and the delays rise"
 GAPS = "docs/theory/emergence.md#kerf-and-gaps"
 PARTICLES = "docs/theory/breakdown.md#particles"
 
@@ -48,10 +42,9 @@ def gap_over_energy(seeds: Sequence[int]) -> list[Row]:
     brief, long = (
         [servo_cut(rough_pulses(on), seed, open_share=OPEN_SHARE) for seed in seeds] for on in (BRIEF_US, LONG_US)
     )
-    mean, half = change(brief, long, lambda cut: cut.gap_um)
     return [
         Row.sign("kerf", f"gap at the discharges of a rough cut, on-time {BRIEF_US:g} to {LONG_US:g} us", WIDER,
-                 rises=True, simulated=mean, uncertainty=half, unit="um", note=GAPS),
+                 rises=True, simulated=differences(brief, long, lambda cut: cut.gap_um), unit="um", note=GAPS),
     ]
 
 
@@ -79,10 +72,9 @@ def side_gap_over_energy(seeds: Sequence[int]) -> list[Row]:
         [side_gap_um(slot_rig(energy, on), seed) for seed in seeds[:FEW]]
         for energy, on in ((FINE_MJ, FINE_ON_US), (COARSE_MJ, COARSE_ON_US))
     )
-    mean, half = mean_and_interval([b - a for a, b in zip(fine, coarse, strict=True)])
     return [
         Row.sign("kerf", f"side gap, {FINE_MJ:g} to {COARSE_MJ:g} mJ per discharge at {SIDE_V:g} V", WIDER,
-                 rises=True, simulated=mean, uncertainty=half, unit="um", note=GAPS),
+                 rises=True, simulated=differences(fine, coarse), unit="um", note=GAPS),
     ]
 
 
@@ -142,31 +134,27 @@ def delay_in_debris(seeds: Sequence[int]) -> list[Row]:
         ]
         for speed in SPEEDS_M_S
     }
-    rows = []
-    for k in range(len(SPEEDS_M_S) - 1):
-        slow, quick = SPEEDS_M_S[k : k + 2]
-        mean, half = mean_and_interval([b - a for a, b in zip(delay[slow], delay[quick], strict=True)])
-        rows.append(
-            Row.sign("ignition", f"mean delay among debris, flow {slow:g} to {quick:g} m/s", REMAINS, rises=True,
-                     simulated=mean, uncertainty=half, unit="us", note=FLOW)
-        )
-    return rows
+    return [
+        Row.sign("ignition", f"mean delay among debris, flow {slow:g} to {quick:g} m/s", REMAINS, rises=True,
+                 simulated=differences(delay[slow], delay[quick]), unit="us", note=ignition.FLOW)
+        for slow, quick in pairwise(SPEEDS_M_S)
+    ]
 
 
 def waited_us(windows: Sequence[PulseWindow]) -> float:
     """Mean delay of the pulses that were no shorts, an open one counted with the whole on-time; NaN if all were."""
     lit = sum(w.mean_delay_us * (w.spark + w.arc) for w in windows if w.spark + w.arc)
     opened, pulses = sum(w.open for w in windows), sum(w.pulses - w.short for w in windows)
-    return (lit + THESIS_ON_US * opened) / pulses if pulses else math.nan
+    return (lit + ignition.THESIS_ON_US * opened) / pulses if pulses else math.nan
 
 
 def in_debris(speed_m_s: float, seed: int) -> list[PulseWindow]:
     """Pulses as long as those of figure 2-9 in a hole that their own debris fills and the flow empties."""
     usual = Machine.load()
-    still, metal = thesis_machine(speed_m_s, HOLE_V, usual.height_mm), usual.material
+    still, metal = ignition.thesis_machine(speed_m_s, HOLE_V, usual.height_mm), usual.material
     ohm = (still.generator.open_voltage_V.value - metal.burning_voltage_V.value) / SPARK_A
     constants = {"material.removal_mm3_J": metal.removal_mm3_J.value, "generator.resistance_ohm": ohm}
-    plant = in_a_hole(altered(still, constants), hole_gap_um(still, HOLE_UM, seed), seed)
+    plant = in_a_hole(altered(still, constants), ignition.hole_gap_um(still, HOLE_UM, seed), seed)
     return [plant.advance() for _ in range(BEFORE + MEASURED)][BEFORE:]
 
 
@@ -189,15 +177,15 @@ NO_LONG_BRANCH = {"base.gap.median_a_us_um2": 1e12, "base.gap.median_c_us": 1e15
 def particles(seeds: Sequence[int]) -> list[Row]:
     """Particles that ignite in a hole whose water holds debris: their number, and how it falls with the gap."""
     critical_um, size_um = Machine.load().base.gap.critical_um.value, mean_size_um(_at_80_V())
-    number, half = mean_and_interval([counted(NEAR_UM, NEAR_SHARE, seed) for seed in seeds])
     sizes = (np.array(FAR_UM) - critical_um) / size_um
     over = [[math.log(counted(gap, FAR_SHARE, seed)) for gap in FAR_UM] for seed in seeds]
-    falls, half_falls = mean_and_interval([float(np.polyfit(sizes, of, 1)[0]) - 1 for of in over])
     return [
         Row.value("ignition", f"number of particles that ignite at {NEAR_UM:g} um over the law's", SIZES,
-                  published=1.0, simulated=number, within=0.1, uncertainty=half, note=PARTICLES),
+                  published=1.0, simulated=[counted(NEAR_UM, NEAR_SHARE, seed) for seed in seeds], within=0.1,
+                  note=PARTICLES),
         Row.value("ignition", f"fall of that number over {FAR_UM[0]:g} to {FAR_UM[-1]:g} um, e-folds per mean size",
-                  SIZES, published=-1.0, simulated=falls, within=0.1, uncertainty=half_falls, note=PARTICLES),
+                  SIZES, published=-1.0, within=0.1,
+                  simulated=[float(np.polyfit(sizes, of, 1)[0]) - 1 for of in over], note=PARTICLES),
     ]
 
 
@@ -205,14 +193,14 @@ def counted(gap_um: float, share: float, seed: int) -> float:
     """Particles that ignite in a hole, by the share of pulses that find none, over the law's number of them."""
     # the law is summed over the gaps that the rays see, with the wire's whole girth as its area
     machine, gap = loaded_machine(), Machine.load().base.gap
-    plant = in_a_hole(machine, hole_gap_um(machine, gap_um, seed), seed)
+    plant = in_a_hole(machine, ignition.hole_gap_um(machine, gap_um, seed), seed)
     state = plant.snapshot()
     state["debris"][:] = share
     plant.restore(state)
     windows = [plant.advance() for _ in range(LOADED_WINDOWS)]
     none = max(sum(w.open for w in windows), 1)  # where every pulse finds one, there is at least that number
     found = -math.log(none / sum(w.pulses for w in windows))
-    gaps_um, size_um = ray_gaps_um(plant), mean_size_um(_at_80_V())
+    gaps_um, size_um = ignition.ray_gaps_um(plant), mean_size_um(_at_80_V())
     area_um2 = math.pi * machine.wire_diameter_um * machine.height_mm * 1e3
     per_um3 = share / (math.pi * size_um**3) * np.exp(-(gaps_um - gap.critical_um.value) / size_um)
     return found / (area_um2 * float(np.mean(gaps_um * per_um3)))
@@ -226,7 +214,7 @@ def mean_size_um(machine: Machine) -> float:
 def loaded_machine() -> Machine:
     """Return the default machine at the law's nominal voltage: its debris has its size, nothing makes or moves it."""
     usual = _at_80_V()
-    still = altered(usual, {**STILL, **STILL_WATER, **NO_LONG_BRANCH})
+    still = altered(usual, {**STILL, **ignition.STILL_WATER, **NO_LONG_BRANCH})
     return altered(still, {"base.gap.particle_share": mean_size_um(usual) / crater_um3(still) ** (1 / 3)})
 
 

@@ -13,7 +13,7 @@ from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.kerf_field import Stock
 from edmsim.validation.breakage import ROUGH_TENSION_N, rough_rig
 from edmsim.validation.pulse_ratios import drum_um
-from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.rows import Check, Row, differences, ratios
 from edmsim.validation.setups import PRACTICE, UNBREAKABLE, altered, servo_cut
 
 LAG = "usual lag of rough cuts"
@@ -27,6 +27,7 @@ DRUM = f"{PRACTICE}: walls of 40 mm are hollow by 5 to 20 um"
 STRING = "taut string: deflection = load / tension (derived; Sarkar et al., Precision Engineering 35:339 (2011))"
 TRIM = "push ~ root of the energy against pull ~ square of the voltage (derived; the sign is what practice knows)"
 PAGE = "docs/theory/emergence.md"
+LAG_PAGE = f"{PAGE}#lag"
 NO_NUMBER = "no impulse, force or lag of a discharge is published in any unit"
 RANGE = f"{NO_NUMBER}: the constant's range is what is known"
 EXPERIMENT = "an experiment that would settle it, not made as far as is known"
@@ -48,12 +49,12 @@ def rough_cuts(seeds: Sequence[int], machine: Machine) -> list[Cut]:
     return [servo_cut(machine, seed, open_share=ROUGH_OPEN_SHARE) for seed in seeds]
 
 
-def _lag(cuts: Sequence[Cut]) -> tuple[float, float]:
-    return mean_and_interval([cut.lag_um for cut in cuts])
+def _lag_um(cut: Cut) -> float:
+    return cut.lag_um
 
 
-def _report(name: str, reason: str, found: tuple[float, float], unit: str = "um") -> Row:
-    return Row.report("lag", name, reason, simulated=found[0], uncertainty=found[1], unit=unit)
+def _report(name: str, reason: str, found: Sequence[float], unit: str = "um") -> Row:
+    return Row.report("lag", name, reason, simulated=found, unit=unit)
 
 
 def impulse_ends(machine: Machine) -> tuple[float, float]:
@@ -66,40 +67,34 @@ def impulse_ends(machine: Machine) -> tuple[float, float]:
 def rough_lag(seeds: Sequence[int]) -> list[Row]:
     """Lag and vibration of rough cuts, the lag's range, and what magnet, tension, height and jets do to it."""
     base = rough_cuts(seeds, rough_rig(ROUGH_MM))
-    without = rough_cuts(seeds, rough_rig(ROUGH_MM, {MAGNETIC: 0.0}))
+    without_um = [cut.lag_um for cut in rough_cuts(seeds, rough_rig(ROUGH_MM, {MAGNETIC: 0.0}))]
     # in tool steel push, pull and magnetic force nearly cancel: what a string does shows where they do not
     pushed = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC))
     taut = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC, tension=TAUTER * ROUGH_TENSION_N))
     tall = rough_cuts(seeds, rough_rig(TALL_MM, NON_MAGNETIC))
-    ratio, half_ratio = mean_and_interval([b.lag_um / a.lag_um for a, b in zip(pushed, taut, strict=True)])
-    higher, half_higher = mean_and_interval([b.lag_um - a.lag_um for a, b in zip(pushed, tall, strict=True)])
-    shaken, half_shaken = mean_and_interval([cut.vibration_um for cut in base])
-    note = f"{PAGE}#lag"
     return [
         _usual("lag of a rough cut, 30 mm, 11 mJ per discharge", base),
         _usual("lag of a rough cut in austenitic steel, 30 mm", pushed),
-        Row.band("vibration", "rms vibration of a rough cut, 30 mm", STILLNESS, high=10.0, simulated=shaken,
-                 uncertainty=half_shaken, unit="um", note=f"{PAGE}#vibration")
+        Row.band("vibration", "rms vibration of a rough cut, 30 mm", STILLNESS, high=10.0, unit="um",
+                 simulated=[cut.vibration_um for cut in base], note=f"{PAGE}#vibration")
         .calibration("bubble_share, 0.01 to 0.1 by its derivation, was set to 0.02 to fit this vibration and the "
                      "60 000 discharges per second of Sato's stable cutting"),
         Row.value("lag", "deflection of a rough cut in austenitic steel, tension x1.4 over x1", STRING,
-                  published=1 / TAUTER, simulated=ratio, within=0.15, uncertainty=half_ratio, note=note),
+                  published=1 / TAUTER, simulated=ratios(pushed, taut, _lag_um), within=0.15, note=LAG_PAGE),
         Row.sign("lag", "lag of a rough cut in austenitic steel, 30 to 60 mm high", STRING, rises=True,
-                 simulated=higher, uncertainty=half_higher, unit="um", note=note),
+                 simulated=differences(pushed, tall, _lag_um), unit="um", note=LAG_PAGE),
         jets(pushed, seeds),
-        _report("lag of that cut without the magnetic force", "no source separates the two forces", _lag(without)),
+        _report("lag of that cut without the magnetic force", "no source separates the two forces", without_um),
         *(
             _report(f"lag of that cut, impulse {impulse:g} N s at 10 mJ", RANGE,
-                    _lag(rough_cuts(seeds, rough_rig(ROUGH_MM, {IMPULSE: impulse}))))
+                    [*map(_lag_um, rough_cuts(seeds, rough_rig(ROUGH_MM, {IMPULSE: impulse})))])
             for impulse in impulse_ends(rough_rig(ROUGH_MM))
         ),
     ]
 
 
 def _usual(name: str, cuts: Sequence[Cut]) -> Row:
-    mean, half = _lag(cuts)
-    return Row.band("lag", name, LAG, low=10.0, high=100.0, simulated=mean, uncertainty=half, unit="um",
-                    note=f"{PAGE}#lag")
+    return Row.band("lag", name, LAG, low=10.0, high=100.0, simulated=[*map(_lag_um, cuts)], unit="um", note=LAG_PAGE)
 
 
 WEAK_PA = 0.2e5  # pressure of both nozzles where their jets hardly act: a tenth of the rough cut's
@@ -109,20 +104,19 @@ def jets(flushed: Sequence[Cut], seeds: Sequence[int]) -> Row:
     """Lag of a rough cut in austenitic steel over the pressure, against the same cut in a weak flow."""
     machine = rough_rig(ROUGH_MM, NON_MAGNETIC)
     weak = rough_cuts(seeds, machine.with_(flushing_lower_Pa=WEAK_PA, flushing_upper_Pa=WEAK_PA))
-    mean, half = mean_and_interval([b.lag_um - a.lag_um for a, b in zip(weak, flushed, strict=True)])
     usual_Pa = machine.base.dielectric.flushing_pressure_Pa.value
     return Row.sign(
         "lag", f"lag of a rough cut in austenitic steel, {WEAK_PA / 1e5:g} to {usual_Pa / 1e5:g} bar", JET,
-        rises=True, simulated=mean, uncertainty=half, unit="um", note=f"{PAGE}#lag",
+        rises=True, simulated=differences(weak, flushed, _lag_um), unit="um", note=LAG_PAGE,
     )
 
 
 def default_lag(seeds: Sequence[int]) -> list[Row]:
     """Lag of the default cut under the servo, whatever its sign, over the range of the impulse."""
 
-    def found(changes: Mapping[str, float]) -> tuple[float, float]:
+    def found(changes: Mapping[str, float]) -> list[float]:
         machine = altered(Machine.load(), changes)
-        return _lag([servo_cut(machine, seed, seconds=DEFAULT_S) for seed in seeds])
+        return [servo_cut(machine, seed, seconds=DEFAULT_S).lag_um for seed in seeds]
 
     return [
         _report("lag of the default cut, 20 mm, at most 3 mJ per discharge", NO_NUMBER, found({})),
@@ -137,17 +131,15 @@ def experiments(seeds: Sequence[int]) -> list[Row]:
     """The model's predictions for the two experiments that would separate the causes of the lag."""
     steel = rough_cuts(seeds, rough_rig(ROUGH_MM))
     other = rough_cuts(seeds, rough_rig(ROUGH_MM, NON_MAGNETIC))
-    magnetic = mean_and_interval([b.lag_um - a.lag_um for a, b in zip(steel, other, strict=True)])
     brief, long = (rough_cuts(seeds, _with_on_time(rough_rig(ROUGH_MM, NON_MAGNETIC), on)) for on in ON_TIMES_US)
-    ratio = mean_and_interval([b.lag_um / a.lag_um for a, b in zip(brief, long, strict=True)])
-    energy = mean_and_interval([
-        (b.energy / b.ignitions) / (a.energy / a.ignitions) for a, b in zip(brief, long, strict=True)
-    ])
     names = "{1:g} over {0:g} us".format(*ON_TIMES_US)
     return [
-        _report("lag of that cut in austenitic steel less that in tool steel", EXPERIMENT, magnetic),
-        _report(f"lag in austenitic steel at one current, on-time {names}", EXPERIMENT, ratio, ""),
-        _report(f"energy per discharge of these, on-time {names}", EXPERIMENT, energy, ""),
+        _report("lag of that cut in austenitic steel less that in tool steel", EXPERIMENT,
+                differences(steel, other, _lag_um)),
+        _report(f"lag in austenitic steel at one current, on-time {names}", EXPERIMENT,
+                ratios(brief, long, _lag_um), ""),
+        _report(f"energy per discharge of these, on-time {names}", EXPERIMENT,
+                ratios(brief, long, lambda cut: cut.energy / cut.ignitions), ""),
     ]
 
 
@@ -172,17 +164,13 @@ def lag_over_height(seeds: Sequence[int]) -> list[Row]:
     """Lag of the production machine as it is loaded, its wire unbreakable, over the height; the wall's hollow."""
     cuts = {height: [_production_cut(height, seed) for seed in seeds[:FEW]] for height in HEIGHTS_MM}
     least = HEIGHTS_MM[0]
-    rises, half = mean_and_interval(
-        [b.lag_um - a.lag_um for a, b in zip(cuts[least], cuts[RISES_TO_MM], strict=True)]
-    )
-    hollow, half_hollow = mean_and_interval([drum_um(cut) / 2 for cut in cuts[DRUM_MM]])
     return [
         *(_trails(f"lag of the production machine, {height:g} mm high", cuts[height]) for height in HEIGHTS_MM),
         Row.sign("lag", f"lag of the production machine, {least:g} to {RISES_TO_MM:g} mm high",
-                 f"{TRAILS}, ever more", rises=True, simulated=rises, uncertainty=half, unit="um",
-                 note=f"{PAGE}#lag"),
+                 f"{TRAILS}, ever more", rises=True, unit="um", note=LAG_PAGE,
+                 simulated=differences(cuts[least], cuts[RISES_TO_MM], _lag_um)),
         Row.band("debris", f"hollow of the production machine's wall at mid-height, {DRUM_MM:g} mm high", DRUM,
-                 low=5.0, high=20.0, simulated=hollow, uncertainty=half_hollow, unit="um",
+                 low=5.0, high=20.0, simulated=[drum_um(cut) / 2 for cut in cuts[DRUM_MM]], unit="um",
                  note=f"{PAGE}#debris-and-flushing"),
     ]
 
@@ -203,9 +191,8 @@ def default_over_height(seeds: Sequence[int]) -> list[Row]:
 
 
 def _trails(name: str, cuts: Sequence[Cut]) -> Row:
-    mean, half = _lag(cuts)
-    return Row.sign("lag", name, TRAILS, rises=True, published="positive", simulated=mean, uncertainty=half,
-                    unit="um", note=f"{PAGE}#lag")
+    return Row.sign("lag", name, TRAILS, rises=True, published="positive", simulated=[*map(_lag_um, cuts)], unit="um",
+                    note=LAG_PAGE)
 
 
 # --- trim cuts ---
@@ -246,23 +233,18 @@ def trims(seeds: Sequence[int]) -> list[Row]:
     towards = {energy: [run[0] for run in of] for energy, of in runs.items()}
     lower = [trim(trim_machine(TRIM_MJ[0], LOWER_V), seed) for seed in seeds]
     shorts = max(float(np.mean([run[1] for run in of])) for of in (*runs.values(), lower))
-    falls, half_falls = mean_and_interval(
-        [b - a for a, b in zip(towards[TRIM_MJ[0]], towards[TRIM_MJ[-1]], strict=True)]
-    )
-    ratio, half_ratio = mean_and_interval([a / b[0] for a, b in zip(towards[TRIM_MJ[0]], lower, strict=True)])
-    smallest, half_smallest = mean_and_interval(towards[TRIM_MJ[0]])
     note = f"{PAGE}#trim-cuts"
     least, most = TRIM_MJ[0], TRIM_MJ[-1]
     return [
         Row.band("trim cuts", "short share of trim cuts, the largest", "trim cuts have next to no shorts", high=0.05,
                  simulated=shorts, note=note),
         Row.sign("trim cuts", f"deflection towards the wall, trim pulses of {least:g} mJ", TRIM, rises=True,
-                 simulated=smallest, uncertainty=half_smallest, unit="um", note=note),
+                 simulated=towards[least], unit="um", note=note),
         Row.sign("trim cuts", f"deflection towards the wall, {least:g} to {most:g} mJ", TRIM, rises=False,
-                 simulated=falls, uncertainty=half_falls, unit="um", note=note),
+                 simulated=differences(towards[least], towards[most]), unit="um", note=note),
         Row.value("trim cuts", f"deflection towards the wall, {TRIM_V:g} over {LOWER_V:g} V, {least:g} mJ", TRIM,
-                  published=(TRIM_V / LOWER_V) ** 2, simulated=ratio, within=0.25, uncertainty=half_ratio,
-                  note=note),
+                  published=(TRIM_V / LOWER_V) ** 2, simulated=ratios([run[0] for run in lower], towards[least]),
+                  within=0.25, note=note),
         Row.report("trim cuts", f"energy of a pulse that neither draws nor pushes (infinite: above {most:g} mJ)",
                    NO_NUMBER, simulated=crossing_mJ([float(np.mean(of)) for of in towards.values()]), unit="mJ"),
     ]

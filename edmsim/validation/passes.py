@@ -18,7 +18,7 @@ from edmsim.machine.technology import technology_for
 from edmsim.metrology.profile import PROFILE_STEP_MM, corners, error_stats, profile_error
 from edmsim.metrology.reach import unreachable_um
 from edmsim.metrology.roughness import face_roughness_um
-from edmsim.validation.rows import Check, Row, mean_and_interval, worst
+from edmsim.validation.rows import Check, Row, differences, worst
 
 Floats = NDArray[np.float64]
 
@@ -109,16 +109,13 @@ def by_passes(seeds: Sequence[int]) -> list[Row]:
 def tall(seeds: Sequence[int]) -> list[Row]:
     """Compare a single pass on 76.2 mm with the shop's."""
     cuts = [chain(TALL_MM, 1, seed) for seed in seeds[:2]]
-    offset, half = mean_and_interval([cut.last_offset_um(1) for cut in cuts])
-    feed, half_feed = mean_and_interval([cut.feed_mm_min(1) for cut in cuts])
-    ra_um, half_ra = mean_and_interval([cut.ra_um[0] for cut in cuts])
     return [
-        Row.value("passes", "offset of one pass, 76.2 mm", TALL, published=183.0, simulated=offset, uncertainty=half,
-                  within=0.15, unit="um"),
-        Row.value("passes", "feed of one pass, 76.2 mm", TALL, published=0.89, simulated=feed,
-                  uncertainty=half_feed, within=0.3, unit="mm/min", note=PAGE + "#one-pass-of-a-tall-part"),
-        Row.value("passes", "Ra of one pass, 76.2 mm", TALL, published=1.65, simulated=ra_um, uncertainty=half_ra,
-                  within=0.3, unit="um").calibration(FOUND),
+        Row.value("passes", "offset of one pass, 76.2 mm", TALL, published=183.0, within=0.15, unit="um",
+                  simulated=[cut.last_offset_um(1) for cut in cuts]),
+        Row.value("passes", "feed of one pass, 76.2 mm", TALL, published=0.89, within=0.3, unit="mm/min",
+                  simulated=[cut.feed_mm_min(1) for cut in cuts], note=PAGE + "#one-pass-of-a-tall-part"),
+        Row.value("passes", "Ra of one pass, 76.2 mm", TALL, published=1.65, within=0.3, unit="um",
+                  simulated=[cut.ra_um[0] for cut in cuts]).calibration(FOUND),
     ]  # fmt: skip
 
 
@@ -142,7 +139,7 @@ def corner(passes: int, seed: int) -> Corner:
     error = np.where(ends, np.nan, measured.error_um - unreachable_um(measured, contour))
     (found,) = corners(contour, replace(measured, error_um=error))
     sides = [error[:, ~ends & side] for side in (measured.s_mm <= CORNER_MM, measured.s_mm >= CORNER_MM)]
-    return Corner(found["error_um"], error_stats(np.hstack([without_roughness(side) for side in sides]))["p95"])
+    return Corner(found.error_um, error_stats(np.hstack([without_roughness(side) for side in sides]))["p95"])
 
 
 def without_roughness(error_um: Floats) -> Floats:
@@ -155,18 +152,17 @@ def without_roughness(error_um: Floats) -> Floats:
 def accuracy(seeds: Sequence[int]) -> list[Row]:
     """Accuracy by number of passes, and what trims leave of a corner's error."""
     cuts = {passes: [corner(passes, seed) for seed in seeds[:CORNERS]] for passes in (*ACCURACY_UM, 3)}
-    rows = []
-    for passes, (low, high) in ACCURACY_UM.items():
-        value, half = mean_and_interval([cut.p95_um for cut in cuts[passes]])
-        name = f"accuracy of {passes} in all, 95 % of an edge without its roughness"
-        rows.append(Row.band("passes", name, TRADE, low=low, high=high, simulated=value, uncertainty=half, unit="um",
-                             note=PAGE + "#accuracy"))
     rough, trimmed = (float(np.mean([abs(cut.corner_um) for cut in cuts[passes]])) for passes in (1, 3))
-    rows.append(Row.band(
-        "passes", "error of an outer corner after three passes, over that after one", TARGET, low=0.0, high=1 / 3,
-        published="below a third (asked for)", simulated=trimmed / rough, note=PAGE + "#outer-corners",
-    ))  # fmt: skip
-    return rows
+    return [
+        *(
+            Row.band("passes", f"accuracy of {passes} in all, 95 % of an edge without its roughness", TRADE, low=low,
+                     high=high, simulated=[cut.p95_um for cut in cuts[passes]], unit="um", note=PAGE + "#accuracy")
+            for passes, (low, high) in ACCURACY_UM.items()
+        ),
+        Row.band("passes", "error of an outer corner after three passes, over that after one", TARGET, low=0.0,
+                 high=1 / 3, published="below a third (asked for)", simulated=trimmed / rough,
+                 note=PAGE + "#outer-corners"),
+    ]
 
 
 def bow(seeds: Sequence[int]) -> list[Row]:
@@ -189,19 +185,15 @@ def bow(seeds: Sequence[int]) -> list[Row]:
             one = trim.model_copy(update=change)
             wall = cut_pass(own, one, 3, offset_mm - BOW_STEP_MM, metal).record.wall
             bows[name].append(math.nan if wall is None else wall.bow_um)
-    usual, slack, weak = (np.array(values) for values in bows.values())
-    more, half = mean_and_interval((slack - usual).tolist())
-    less, half_less = mean_and_interval((weak - usual).tolist())
-    mean, half_mean = mean_and_interval(usual.tolist())
     return [
-        Row.sign("passes", "bow of a trim at half the tension", BOW, rises=True, simulated=more, uncertainty=half,
-                 unit="um", note=PAGE + "#bow"),
+        Row.sign("passes", "bow of a trim at half the tension", BOW, rises=True, unit="um",
+                 simulated=differences(bows["usual"], bows["slack"]), note=PAGE + "#bow"),
         Row.report("passes", "bow of a trim with a quarter of the energy per pulse, at equal power, less that bow",
                    "no sign is published; four times the discharges with half the push each push more",
-                   simulated=less, uncertainty=half_less, unit="um"),
+                   simulated=differences(bows["usual"], bows["weak"]), unit="um"),
         Row.report("passes", "bow after a trim, 25.4 mm (above 0: convex)", "no table of straightness found",
-                   simulated=mean, uncertainty=half_mean, unit="um"),
-    ]  # fmt: skip
+                   simulated=bows["usual"], unit="um"),
+    ]
 
 
 CHECKS: tuple[Check, ...] = (by_passes, tall, accuracy, bow)

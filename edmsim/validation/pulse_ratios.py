@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import flushing
-from edmsim.validation.rows import Check, Row, extended, mean_and_interval
-from edmsim.validation.setups import altered, change, each, feed_within, in_a_hole
+from edmsim.validation.rows import Check, Row, differences, extended
+from edmsim.validation.setups import altered, feed_within, in_a_hole
 
 LIAO_WOO = "Liao, Woo, J. Mater. Process. Technol. 71(3):433 (1997)"
 FLUSHING_STUDY = "particle-resolved flushing study, Eng. Appl. Comput. Fluid Mech., doi:10.1080/19942060.2021.1877198"
@@ -44,7 +44,7 @@ def pulse_trains(seeds: Sequence[int]) -> list[Row]:
     largest = feed_within((1 + CHANGE) * FEED_UM_S, machine)
     feed_um_s = min(feed_within(FEED_UM_S, brief, sparse), largest / (1 + CHANGE))
     seeds = extended(seeds, TRAINS)
-    base = each(seeds, lambda seed: _train(machine, feed_um_s, seed))
+    base = [_train(machine, feed_um_s, seed) for seed in seeds]
     changes = {
         "shorter on-time": (brief, feed_um_s),
         "longer off-time": (sparse, feed_um_s),
@@ -67,16 +67,11 @@ def _three_signs(name: str, base: Sequence[Cut], cuts: Sequence[Cut]) -> list[Ro
         "short ratio": (lambda cut: sparks_ratio(cut, "short"), True, ""),
         "mean delay": (lambda cut: cut.mean_delay_us, False, "us"),
     }
-    rows = []
-    for figure, (of, rises, unit) in figures.items():
-        mean, half = change(base, cuts, of)
-        rows.append(
-            Row.sign(
-                "pulse ratios", f"{figure}, {name}", LIAO_WOO, rises=rises, simulated=mean, uncertainty=half,
-                unit=unit, note=f"{PAGE}#classes-of-pulses",
-            )
-        )
-    return rows
+    return [
+        Row.sign("pulse ratios", f"{figure}, {name}", LIAO_WOO, rises=rises, simulated=differences(base, cuts, of),
+                 unit=unit, note=f"{PAGE}#classes-of-pulses")
+        for figure, (of, rises, unit) in figures.items()
+    ]
 
 
 DEBRIS_HEIGHT_MM = 40.0  # workpiece in which debris matters: its middle is far from both jets (ours)
@@ -93,24 +88,19 @@ def debris(seeds: Sequence[int]) -> list[Row]:
     weak_machine = altered(machine, {"base.dielectric.flushing_pressure_Pa": usual_Pa / 3})
     one_machine = machine.with_(flushing_upper_Pa=0.0)
     feed_um_s = feed_within(DEBRIS_FEED_UM_S, machine, weak_machine, one_machine)
-    usual = each(seeds, lambda seed: _tall(machine, feed_um_s, seed))
-    weak = each(seeds, lambda seed: _tall(weak_machine, feed_um_s, seed))
-    one = each(seeds, lambda seed: _tall(one_machine, feed_um_s, seed))
-    slow = each(seeds, lambda seed: _tall(machine, feed_um_s / LOADING_RATIO, seed))
+    usual, weak, one = ([_tall(of, feed_um_s, seed) for seed in seeds] for of in (machine, weak_machine, one_machine))
+    slow = [_tall(machine, feed_um_s / LOADING_RATIO, seed) for seed in seeds]
     thin, thick = (flushed_share(loading) for loading in LOADINGS)
     return [
-        _sign("debris share, flushing pressure x3", SLOT_FLOW, False, change(weak, usual, lambda c: c.debris)),
-        _sign("short share, flushing pressure x3", BRIDGES, False, change(weak, usual, lambda c: c.share("short"))),
-        _sign("short share, second nozzle on", BRIDGES, False, change(one, usual, lambda c: c.share("short"))),
-        _sign(f"debris share, feed x{LOADING_RATIO}", SPARC_BALANCE, True, change(slow, usual, lambda c: c.debris)),
+        _sign("debris share, flushing pressure x3", SLOT_FLOW, False, differences(weak, usual, _debris)),
+        _sign("short share, flushing pressure x3", BRIDGES, False, differences(weak, usual, _shorts)),
+        _sign("short share, second nozzle on", BRIDGES, False, differences(one, usual, _shorts)),
+        _sign(f"debris share, feed x{LOADING_RATIO}", SPARC_BALANCE, True, differences(slow, usual, _debris)),
         Row.value(
             "debris", f"share of debris flushed out per second, loading x{LOADING_RATIO}", FLUSHING_STUDY,
             published=0.86, simulated=thick / thin, within=0.1, note=f"{PAGE}#debris-and-flushing",
         ),
-        _sign(
-            "kerf at mid-height less kerf at the faces (drum)", DRUM, True,
-            mean_and_interval([drum_um(cut) for cut in usual]), "um",
-        ),
+        _sign("kerf at mid-height less kerf at the faces (drum)", DRUM, True, [drum_um(cut) for cut in usual], "um"),
     ]
 
 
@@ -118,9 +108,16 @@ def _tall(machine: Machine, feed_um_s: float, seed: int) -> Cut:
     return cut_straight(machine, feed_um_s, seed, settle_s=8.0, seconds=240.0 / feed_um_s)
 
 
-def _sign(name: str, source: str, rises: bool, found: tuple[float, float], unit: str = "") -> Row:
-    mean, half = found
-    return Row.sign("debris", name, source, rises=rises, simulated=mean, uncertainty=half, unit=unit,
+def _debris(cut: Cut) -> float:
+    return cut.debris
+
+
+def _shorts(cut: Cut) -> float:
+    return cut.share("short")
+
+
+def _sign(name: str, source: str, rises: bool, found: Sequence[float], unit: str = "") -> Row:
+    return Row.sign("debris", name, source, rises=rises, simulated=found, unit=unit,
                     note=f"{PAGE}#debris-and-flushing")
 
 

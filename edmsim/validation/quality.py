@@ -10,13 +10,13 @@ import numpy as np
 from shapely import LineString, distance, points
 
 from edmsim.controllers import FeedController, make
-from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
+from edmsim.cosim.straight import Traverse, begin, cut_straight
 from edmsim.machine.machine import Machine
 from edmsim.metrology.roughness import roughness_um
 from edmsim.validation.breakage import ROUGH_TENSION_N, rough_rig
 from edmsim.validation.lag import NON_MAGNETIC
-from edmsim.validation.rows import Check, Row, extended, mean_and_interval
-from edmsim.validation.setups import PRACTICE, altered, change, each
+from edmsim.validation.rows import Check, Row, differences, extended
+from edmsim.validation.setups import PRACTICE, altered
 
 ROUGHNESS = "usual: Ra = C E^n, n = 0.3..0.4; rough cuts 2.5..4 um"
 HABIB = "Habib, Mech. Adv. Mater. Mod. Process. 3 (2017), doi:10.1186/s40759-017-0017-1: linear term"
@@ -31,13 +31,11 @@ ON_TIMES_US = (10.0, 30.0, 100.0)  # on-times from 1 to 10 mJ per discharge (our
 def roughness(seeds: Sequence[int]) -> list[Row]:
     """Ra from the craters of a cut, over the energy of its discharges."""
     by_on_time = {on: [_ra_and_energy(on, seed) for seed in seeds] for on in ON_TIMES_US}
-    exponent, half = mean_and_interval([_exponent(cuts) for cuts in zip(*by_on_time.values(), strict=True)])
-    rough, half_rough = mean_and_interval([one.ra_um for one in by_on_time[ON_TIMES_US[-1]]])
     return [
         Row.band("roughness", "Ra over energy per discharge, exponent", ROUGHNESS, low=0.3, high=0.4,
-                 simulated=exponent, uncertainty=half),
-        Row.band("roughness", "Ra of a rough cut, 10 mJ per discharge", ROUGHNESS, low=2.5, high=4.0,
-                 simulated=rough, uncertainty=half_rough, unit="um", note=f"{PAGE}#roughness"),
+                 simulated=[_exponent(cuts) for cuts in zip(*by_on_time.values(), strict=True)]),
+        Row.band("roughness", "Ra of a rough cut, 10 mJ per discharge", ROUGHNESS, low=2.5, high=4.0, unit="um",
+                 simulated=[one.ra_um for one in by_on_time[ON_TIMES_US[-1]]], note=f"{PAGE}#roughness"),
     ]
 
 
@@ -64,10 +62,6 @@ def _ra_and_energy(t_on_us: float, seed: int) -> Roughness:
 FEED_UM_S = 20.0  # feed of the cuts whose wire is watched: half of the pulses open (ours)
 
 
-def _watched(machine: Machine, seed: int, feed_um_s: float = FEED_UM_S) -> Cut:
-    return cut_straight(machine, feed_um_s, seed, settle_s=6.0, seconds=10.0)
-
-
 def vibration(seeds: Sequence[int]) -> list[Row]:
     """Signs of Habib's linear terms on the wire's vibration; a higher servo voltage is a lower feed here."""
     machine = Machine.load()
@@ -76,21 +70,24 @@ def vibration(seeds: Sequence[int]) -> list[Row]:
     quicker = {"base.guides.wire_speed_m_s": 2 * guides.wire_speed_m_s.value}
     taut = machine.with_(tension=1.4 * machine.tension)
     note = f"{PAGE}#vibration"
-    base = each(seeds, lambda seed: _watched(machine, seed))
-    changed = {
-        "tension x1.4": (each(seeds, lambda seed: _watched(taut, seed)), ""),
-        "servo voltage (feed x0.8)": (each(seeds, lambda seed: _watched(machine, seed, 0.8 * FEED_UM_S)), ""),
-        "flow rate (pressure x3)": (each(seeds, lambda seed: _watched(altered(machine, stronger), seed)), note),
-        "running speed x2": (each(seeds, lambda seed: _watched(altered(machine, quicker), seed)), note),
-    }
-    rows = []
-    for name, (cuts, why) in changed.items():
-        mean, half = change(base, cuts, lambda cut: cut.vibration_um)
-        rows.append(
-            Row.sign("vibration", f"rms vibration, {name}", HABIB, rises=False, simulated=mean, uncertainty=half,
-                     unit="um", note=why)
-        )
-    return rows
+
+    def vibration_um(machine: Machine, feed_um_s: float = FEED_UM_S) -> list[float]:
+        return [
+            cut_straight(machine, feed_um_s, seed, settle_s=6.0, seconds=10.0).vibration_um for seed in seeds
+        ]
+
+    base_um = vibration_um(machine)
+    changed = (
+        ("tension x1.4", vibration_um(taut), ""),
+        ("servo voltage (feed x0.8)", vibration_um(machine, 0.8 * FEED_UM_S), ""),
+        ("flow rate (pressure x3)", vibration_um(altered(machine, stronger)), note),
+        ("running speed x2", vibration_um(altered(machine, quicker)), note),
+    )
+    return [
+        Row.sign("vibration", f"rms vibration, {name}", HABIB, rises=False, unit="um",
+                 simulated=differences(base_um, changed_um), note=why)
+        for name, changed_um, why in changed
+    ]
 
 
 CORNER_HEIGHT_MM, CORNER_FEED_UM_S = 60.0, 20.0  # piece and feed of the corner (ours: a lag of some 20 um)
@@ -120,16 +117,13 @@ def corner(seeds: Sequence[int]) -> list[Row]:
     """Corner error of a lagging wire against the pursuit of constant lag, and against tension."""
     slack = [cut_corner(corner_rig(5.0), seed) for seed in seeds]
     taut = [cut_corner(corner_rig(10.0), seed) for seed in seeds]
-    share, half_share = mean_and_interval([one.nearest_um / one.lag_um for one in slack])
-    inside, half_inside = mean_and_interval([one.inside_um for one in slack])
-    less, half_less = mean_and_interval([b.nearest_um - a.nearest_um for a, b in zip(slack, taut, strict=True)])
     return [
         Row.value("corner", "nearest approach to the corner over lag, 90 degrees", PURSUIT, published=0.6628,
-                  simulated=share, within=0.2, uncertainty=half_share, note=f"{PAGE}#corner"),
-        Row.sign("corner", "passage of a wire that lags, inside the corner", PURSUIT, rises=True, simulated=inside,
-                 uncertainty=half_inside, unit="um", note=f"{PAGE}#corner"),
-        Row.sign("corner", "nearest approach to the corner, tension 5 to 10 N", CORNERS, rises=False,
-                 simulated=less, uncertainty=half_less, unit="um", note=f"{PAGE}#corner"),
+                  simulated=[one.nearest_um / one.lag_um for one in slack], within=0.2, note=f"{PAGE}#corner"),
+        Row.sign("corner", "passage of a wire that lags, inside the corner", PURSUIT, rises=True, unit="um",
+                 simulated=[one.inside_um for one in slack], note=f"{PAGE}#corner"),
+        Row.sign("corner", "nearest approach to the corner, tension 5 to 10 N", CORNERS, rises=False, unit="um",
+                 simulated=differences(slack, taut, lambda one: one.nearest_um), note=f"{PAGE}#corner"),
     ]
 
 
@@ -180,10 +174,9 @@ def corner_over_feed(seeds: Sequence[int]) -> list[Row]:
             [cut_corner(machine, seed, feed=feed).inside_um for seed in extended(seeds, TURNS)]
             for feed in (SLOW_UM_S, CORNER_FEED_UM_S)
         )
-        more, half = mean_and_interval([b - a for a, b in zip(slow, quick, strict=True)])
         rows.append(
             Row.sign("corner", f"undercut of a corner in {metal}, feed {SLOW_UM_S:g} to {CORNER_FEED_UM_S:g} um/s",
-                     FEED, rises=True, simulated=more, uncertainty=half, unit="um", note=f"{PAGE}#corner")
+                     FEED, rises=True, simulated=differences(slow, quick), unit="um", note=f"{PAGE}#corner")
         )
     return rows
 

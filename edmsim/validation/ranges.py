@@ -33,28 +33,24 @@ def ranges(seeds: Sequence[int]) -> list[Row]:
     # a machine that the law does not feed by a wire's diameter has a rate, but no kerf; it is left out of gaps
     # and lag
     cuts = [cut for cut in drawn_cuts(seeds) if not cut.broken]
-    rate, half_rate = _median_and_half([c.feed_um_s * c.plant.machine.height_mm * 60e-3 for c in cuts])
-    cuts = [cut for cut in cuts if cut.travel_um > cut.plant.machine.wire_diameter_um]
-    front, half_front = _median_and_half([c.gap_um for c in cuts])
-    side, half_side = _median_and_half(
-        [(float(c.kerf_um.mean()) - c.plant.machine.wire_diameter_um) / 2 for c in cuts]
-    )
-    lag, half_lag = _median_and_half([c.lag_um for c in cuts])
+    fed = [cut for cut in cuts if cut.travel_um > cut.plant.machine.wire_diameter_um]
+    sides = [(float(c.kerf_um.mean()) - c.plant.machine.wire_diameter_um) / 2 for c in fed]
+    rates = [c.feed_um_s * c.plant.machine.height_mm * 60e-3 for c in cuts]
     return [
-        Row.band("ranges", "cutting rate of drawn machines", EARLY_MACHINES, low=10.0, high=60.0, simulated=rate,
-                 uncertainty=half_rate, unit="mm2/min", note=PAGE),
-        Row.band("ranges", "frontal gap of drawn machines", FRONT_GAP, low=10.0, high=30.0, simulated=front,
-                 uncertainty=half_front, unit="um", note=PAGE),
-        Row.band("ranges", "side gap of drawn machines", SIDE_GAP, low=30.0, high=60.0, simulated=side,
-                 uncertainty=half_side, unit="um", note=PAGE),
-        Row.band("ranges", "lag of drawn machines", LAG, low=10.0, high=100.0, simulated=lag, uncertainty=half_lag,
-                 unit="um").context("the source is about rough cuts; these machines cut with pulses of 3 mJ at most"),
+        _row("cutting rate of drawn machines", EARLY_MACHINES, 10.0, 60.0, rates, "mm2/min"),
+        _row("frontal gap of drawn machines", FRONT_GAP, 10.0, 30.0, [c.gap_um for c in fed]),
+        _row("side gap of drawn machines", SIDE_GAP, 30.0, 60.0, sides),
+        _row("lag of drawn machines", LAG, 10.0, 100.0, [c.lag_um for c in fed], note="")
+        .context("the source is about rough cuts; these machines cut with pulses of 3 mJ at most"),
     ]
 
 
-def _median_and_half(values: Sequence[float]) -> tuple[float, float]:
-    low, middle, high = np.quantile(values, [0.5 - LEVEL / 2, 0.5, 0.5 + LEVEL / 2])
-    return float(middle), float(high - low) / 2
+def _row(
+    name: str, source: str, low: float, high: float, values: Sequence[float], unit: str = "um", note: str = PAGE
+) -> Row:
+    least, middle, most = np.quantile(values, [0.5 - LEVEL / 2, 0.5, 0.5 + LEVEL / 2])
+    return Row.band("ranges", name, source, low=low, high=high, simulated=float(middle),
+                    uncertainty=float(most - least) / 2, unit=unit, note=note)
 
 
 CHECKS: tuple[Check, ...] = (ranges,)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from edmsim.cosim.straight import Cut, cut_straight
 from edmsim.machine.machine import Machine
-from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.rows import Check, Row, differences, mean_and_interval
 from edmsim.validation.setups import feed_within
 
 SAME = "the model's own claim: a resolution changes the price of a cut and not the cut"
@@ -53,7 +53,7 @@ def _cuts(name: str, feed_um_s: float, seeds: Sequence[int]) -> list[Cut]:
 def _row(figure: Figure, name: str, cuts: Sequence[Cut], fine: Sequence[Cut]) -> Row:
     """Compare a figure with that of `fine`; the interval is that of their difference."""
     published = mean_and_interval([figure.of(cut) for cut in fine])[0] or 1e-6  # what is compared with is not 0
-    less, half = mean_and_interval([figure.of(b) - figure.of(a) for a, b in zip(fine, cuts, strict=True)])
+    less, half = mean_and_interval(differences(fine, cuts, figure.of))
     within = max(SHARE, round(figure.small / abs(published), 3))
     return Row.value("resolution", f"{figure.name} of the default cut, {name} against fine", SAME,
                      published=published, simulated=published + less, within=within, uncertainty=half,

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import t as student
 
 LEVEL = 0.95  # level of every interval in the table
 
+Simulated = float | Sequence[float] | NDArray[np.float64]
+"""What a row is built from: a number, or the values of independent seeds, whose mean and interval it shows."""
 Kind = Literal["judged", "calibration", "context"]
 """Whether a row counts: only a judged one does. See `Row.calibration` and `Row.context`."""
 
@@ -53,31 +56,33 @@ class Row:
 
     @classmethod
     def report(
-        cls, topic: str, name: str, reason: str, *, simulated: float, uncertainty: float = 0.0, unit: str = ""
+        cls, topic: str, name: str, reason: str, *, simulated: Simulated, uncertainty: float = 0.0, unit: str = ""
     ) -> Row:
         """Return a simulated figure without a published one, as context; `reason` says why there is none."""
+        mean, half = _central(simulated, uncertainty)
         return cls(
-            topic, name, "", "nothing found in print", float(simulated), float(uncertainty), unit, "none asked for",
-            True, kind="context", reason=reason,
+            topic, name, "", "nothing found in print", mean, half, unit, "none asked for", True, kind="context",
+            reason=reason,
         )
 
     @classmethod
     def value(
-        cls, topic: str, name: str, source: str, *, published: float, simulated: float, within: float,
+        cls, topic: str, name: str, source: str, *, published: float, simulated: Simulated, within: float,
         uncertainty: float = 0.0, unit: str = "", note: str = "",
     ) -> Row:
         """Compare with a published value, not 0; passes within a share of it, the interval being no wider."""
+        mean, half = _central(simulated, uncertainty)
         tolerance = within * abs(published)
-        passed = abs(simulated - published) <= tolerance and uncertainty <= tolerance
+        passed = abs(mean - published) <= tolerance and half <= tolerance
         return cls(
-            topic, name, source, _text(published, unit), float(simulated), float(uncertainty), unit,
+            topic, name, source, _text(published, unit), mean, half, unit,
             f"within {100 * within:g} %, and known to it", bool(passed), note,
         )
 
     @classmethod
     def band(
-        cls, topic: str, name: str, source: str, *, simulated: float, low: float = -math.inf, high: float = math.inf,
-        published: str = "", uncertainty: float = 0.0, unit: str = "", note: str = "",
+        cls, topic: str, name: str, source: str, *, simulated: Simulated, low: float = -math.inf,
+        high: float = math.inf, published: str = "", uncertainty: float = 0.0, unit: str = "", note: str = "",
     ) -> Row:
         """Compare with a published band; passes if the central value is in it. `published` is another text for it."""
         if math.isinf(low):
@@ -86,21 +91,23 @@ class Row:
             words, allowed = f"at least {_text(low, unit)}", f">= {_text(low, unit)}"
         else:
             words, allowed = f"{low:.4g}..{_text(high, unit)}", f"{low:.4g}..{_text(high, unit)}"
+        mean, half = _central(simulated, uncertainty)
         return cls(
-            topic, name, source, published or words, float(simulated), float(uncertainty), unit,
-            f"central value {allowed}", bool(low <= simulated <= high), note,
+            topic, name, source, published or words, mean, half, unit, f"central value {allowed}",
+            bool(low <= mean <= high), note,
         )
 
     @classmethod
     def sign(
-        cls, topic: str, name: str, source: str, *, rises: bool, simulated: float, uncertainty: float,
-        published: str = "", unit: str = "", note: str = "",
+        cls, topic: str, name: str, source: str, *, rises: bool, simulated: Simulated,
+        uncertainty: float = 0.0, published: str = "", unit: str = "", note: str = "",
     ) -> Row:
         """Compare with the published sign of a difference, changed minus base; passes with its whole interval."""
-        passed = simulated - uncertainty > 0 if rises else simulated + uncertainty < 0
+        mean, half = _central(simulated, uncertainty)
+        passed = mean - half > 0 if rises else mean + half < 0
         return cls(
-            topic, name, source, published or ("rises" if rises else "falls"), float(simulated), float(uncertainty),
-            unit, f"{'above' if rises else 'below'} 0 with its whole 95 % interval", bool(passed), note,
+            topic, name, source, published or ("rises" if rises else "falls"), mean, half, unit,
+            f"{'above' if rises else 'below'} 0 with its whole 95 % interval", bool(passed), note,
         )
 
 
@@ -108,13 +115,33 @@ Check = Callable[[Sequence[int]], list[Row]]
 """Simulates with some seeds and returns rows; the same seeds give the same rows."""
 
 
-def mean_and_interval(values: Sequence[float]) -> tuple[float, float]:
+def mean_and_interval(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:
     """Mean of independent values and the half width of its 95 % interval (Student's t), infinite for a single one."""
     data = np.asarray(values, float)
     n = data.size
     if n < 2:
         return float(data.mean()), math.inf
     return float(data.mean()), float(student.ppf(0.5 + LEVEL / 2, n - 1) * data.std(ddof=1) / math.sqrt(n))
+
+
+def _central(simulated: Simulated, uncertainty: float) -> tuple[float, float]:
+    if isinstance(simulated, float | int):
+        return float(simulated), float(uncertainty)
+    return mean_and_interval(simulated)
+
+
+def differences(
+    before: Iterable[Any], after: Iterable[Any], of: Callable[[Any], float] = lambda value: value
+) -> list[float]:
+    """Return a figure's change, after less before, seed by seed."""
+    return [of(b) - of(a) for a, b in zip(before, after, strict=True)]
+
+
+def ratios(
+    before: Iterable[Any], after: Iterable[Any], of: Callable[[Any], float] = lambda value: value
+) -> list[float]:
+    """Return a figure after over the one before, seed by seed."""
+    return [of(b) / of(a) for a, b in zip(before, after, strict=True)]
 
 
 def extended(seeds: Sequence[int], count: int) -> Sequence[int]:

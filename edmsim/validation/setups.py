@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from edmsim.controllers import from_text
@@ -14,7 +14,6 @@ from edmsim.machine.parts import Constant
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 from edmsim.plant.workpiece.kerf_field import Stock
-from edmsim.validation.rows import mean_and_interval
 
 STILL: Mapping[str, float] = {
     "material.removal_mm3_J": 1e-15,
@@ -103,12 +102,3 @@ def feed_within(feed_um_s: float, *machines: Machine) -> float:
     """Return a fixed feed, or `CAPACITY_SHARE` of the least capacity of the set-ups it is for if that is less."""
     return min(feed_um_s, *(CAPACITY_SHARE * capacity_um_s(machine) for machine in machines))
 
-
-def each(seeds: Sequence[int], cut: Callable[[int], Cut]) -> list[Cut]:
-    """Make one cut per seed."""
-    return [cut(seed) for seed in seeds]
-
-
-def change(base: Sequence[Cut], changed: Sequence[Cut], of: Callable[[Cut], float]) -> tuple[float, float]:
-    """Mean of a figure's differences, changed less base, seed by seed, and the half width of its interval."""
-    return mean_and_interval([of(b) - of(a) for a, b in zip(base, changed, strict=True)])

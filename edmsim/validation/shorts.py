@@ -12,7 +12,7 @@ from edmsim.evaluation.stable_rate import JAMMED_SHARE, quick_counts, shorten_pa
 from edmsim.machine.machine import Machine
 from edmsim.plant.window import PlantError
 from edmsim.validation.breakage import APPROACH_S, HOLD_S, MIDDLE_MM, rough_rig, sato_rig
-from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.rows import Check, Row, differences
 from edmsim.validation.setups import HELD_SHARE, PRACTICE, UNBREAKABLE, altered, capacity_um_s, feed_within, servo_cut
 
 LIAO_WOO = "Liao, Woo, J. Mater. Process. Technol. 71(3):433 (1997)"
@@ -25,7 +25,7 @@ SOONER = "pulses that ignite sooner find a gap less deionised (derived)"
 FEW_SHORTS = f"{PRACTICE}: below 10 % in stable cutting"
 MEMORY = "from memory, no table was retrieved: below 10 % in stable cutting"
 PARTS = "no source separates the causes of shorts"
-PAGE = "docs/theory/emergence.md"
+NOTE = "docs/theory/emergence.md#classes-of-pulses"
 
 FEEDS_UM_S = (10.0, 20.0, 28.0)
 """Fixed feeds from three quarters of the pulses open to the first crowd of shorts (ours)."""
@@ -49,8 +49,8 @@ def _shorts(machine: Machine, feed_um_s: float, seeds: Sequence[int]) -> list[fl
     return shares
 
 
-def _shares(cuts: Sequence[Cut], kind: str = "short") -> list[float]:
-    return [cut.share(kind) for cut in cuts]
+def _shares(cuts: Sequence[Cut]) -> list[float]:
+    return [cut.share("short") for cut in cuts]
 
 
 def causes(seeds: Sequence[int]) -> list[Row]:
@@ -59,19 +59,16 @@ def causes(seeds: Sequence[int]) -> list[Row]:
     feeds = [feed_within(feed, machine) for feed in FEEDS_UM_S]
     by_feed = [_shorts(machine, feed, seeds) for feed in feeds]
     top = feeds[-1]
-    rises, half = _change(by_feed[0], by_feed[-1])
-    middle, half_middle = mean_and_interval(by_feed[1])
     rows = [
         Row.sign("shorts", f"short share, feed {feeds[0]:.3g} to {top:.3g} um/s", LIAO_WOO, rises=True,
-                 simulated=rises, uncertainty=half, note=f"{PAGE}#classes-of-pulses"),
-        Row.band("shorts", f"short share at {feeds[1]:.3g} um/s", MEMORY, high=0.1, simulated=middle,
-                 uncertainty=half_middle).context("a working assumption from memory, no published table"),
+                 simulated=differences(by_feed[0], by_feed[-1]), note=NOTE),
+        Row.band("shorts", f"short share at {feeds[1]:.3g} um/s", MEMORY, high=0.1, simulated=by_feed[1])
+        .context("a working assumption from memory, no published table"),
     ]
     for name, film in (("with the film", {}), ("without a film", NO_FILM)):
         free, pulled = (_shorts(altered(machine, {**film, **pull}), feeds[1], seeds) for pull in (NO_PULL, {}))
-        part, half_part = _change(free, pulled)
         rows.append(Row.report("shorts", f"short share by the pull at {feeds[1]:.3g} um/s, {name}", PARTS,
-                               simulated=part, uncertainty=half_part))
+                               simulated=differences(free, pulled)))
     return rows
 
 
@@ -84,17 +81,14 @@ def rate_over_shorts(seeds: Sequence[int]) -> list[Row]:
     runs = {share: [servo_cut(rough_rig(30.0), seed, open_share=share) for seed in seeds] for share in OPEN_SHARES}
     rates = [float(np.mean([cut.feed_um_s for cut in runs[share]])) for share in OPEN_SHARES]
     best = OPEN_SHARES[int(np.argmax(rates))]
-    shorts, half = mean_and_interval(_shares(runs[best]))
-    wide, half_wide = mean_and_interval(
-        [b.feed_um_s - a.feed_um_s for a, b in zip(runs[best], runs[OPEN_SHARES[-1]], strict=True)]
-    )
+    shorts = _shares(runs[best])
     return [
         Row.band("shorts", f"short share at the highest cutting rate, {best:g} of the pulses open", JAM, low=0.0,
-                 high=JAMMED_SHARE, published="below the jam", simulated=shorts, uncertainty=half),
+                 high=JAMMED_SHARE, published="below the jam", simulated=shorts),
         Row.band("shorts", "short share of a rough cut, 30 mm, at the highest cutting rate", FEW_SHORTS, high=0.1,
-                 simulated=shorts, uncertainty=half, note=f"{PAGE}#classes-of-pulses"),
-        Row.sign("shorts", f"feed, {best:g} to {OPEN_SHARES[-1]:g} of the pulses open", JAM, rises=False,
-                 simulated=wide, uncertainty=half_wide, unit="um/s"),
+                 simulated=shorts, note=NOTE),
+        Row.sign("shorts", f"feed, {best:g} to {OPEN_SHARES[-1]:g} of the pulses open", JAM, rises=False, unit="um/s",
+                 simulated=differences(runs[best], runs[OPEN_SHARES[-1]], lambda cut: cut.feed_um_s)),
         *(
             Row.report("shorts", f"feed at a short share of {np.mean(_shares(runs[share])):.2g}", PARTS,
                        simulated=rate, unit="um/s")
@@ -113,21 +107,17 @@ that the search begins with nothing is left of a channel."""
 def price(seeds: Sequence[int]) -> list[Row]:
     """What a servo that runs on shorts pays: heat, arcs, and the power at which the wire breaks."""
     slow = sato_rig(MIDDLE_MM, UNBREAKABLE)
-    careful, keen = _off_and_on_shorts(slow, seeds)
-    heat = _change([_hottest_K(cut) / cut.working_current_A for cut in careful],
-                   [_hottest_K(cut) / cut.working_current_A for cut in keen])
-    dense = _off_and_on_shorts(slow.with_(t_period_us=ARC_PERIOD_US), seeds)
-    arcs = _change(*(_shares(cuts, "arc") for cuts in dense))
-    limit = _change([_limit_mm2_min(ON_SPARKS, seed) for seed in seeds],
-                    [_limit_mm2_min(ON_SHORTS, seed) for seed in seeds])
-    note = f"{PAGE}#classes-of-pulses"
+    off, on = _off_and_on_shorts(slow, seeds)
+    dense_off, dense_on = _off_and_on_shorts(slow.with_(t_period_us=ARC_PERIOD_US), seeds)
+    sparing, shorting = ([_limit_mm2_min(share, seed) for seed in seeds] for share in (ON_SPARKS, ON_SHORTS))
     return [
         Row.sign("shorts", "rise of the wire's temperature per working current, servo on shorts", COST, rises=True,
-                 simulated=heat[0], uncertainty=heat[1], unit="K/A", note=note).context(DERIVED),
+                 simulated=differences(off, on, lambda cut: _hottest_K(cut) / cut.working_current_A), unit="K/A",
+                 note=NOTE).context(DERIVED),
         Row.sign("shorts", f"arc share at a period of {ARC_PERIOD_US:g} us, servo on shorts", SOONER, rises=True,
-                 simulated=arcs[0], uncertainty=arcs[1], note=note),
+                 simulated=differences(dense_off, dense_on, lambda cut: cut.share("arc")), note=NOTE),
         Row.sign("shorts", "cutting rate before the wire breaks, servo on shorts", COST, rises=False,
-                 simulated=limit[0], uncertainty=limit[1], unit="mm2/min", note=note).context(DERIVED),
+                 simulated=differences(sparing, shorting), unit="mm2/min", note=NOTE).context(DERIVED),
     ]
 
 
@@ -135,10 +125,6 @@ def _off_and_on_shorts(machine: Machine, seeds: Sequence[int]) -> tuple[list[Cut
     """Cut with a servo that stays off the metal, and with one that runs on shorts."""
     off, on = ([servo_cut(machine, seed, open_share=share) for seed in seeds] for share in (ON_SPARKS, ON_SHORTS))
     return off, on
-
-
-def _change(before: Sequence[float], after: Sequence[float]) -> tuple[float, float]:
-    return mean_and_interval([b - a for a, b in zip(before, after, strict=True)])
 
 
 def _hottest_K(cut: Cut) -> float:
@@ -166,9 +152,9 @@ def jams(seeds: Sequence[int]) -> list[Row]:
     rows = []
     for push in PUSHES:
         machine = rough_rig(30.0, {"base.discharge.short_push_share": push})
-        mean, half = mean_and_interval([_jammed_share(machine, feed_um_s, seed) for seed in seeds])
         rows.append(Row.report("shorts", f"short share above capacity, push of a short {push:g}",
-                               "no datum on the push of a short", simulated=mean, uncertainty=half))
+                               "no datum on the push of a short",
+                               simulated=[_jammed_share(machine, feed_um_s, seed) for seed in seeds]))
     return rows
 
 

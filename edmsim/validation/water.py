@@ -9,7 +9,7 @@ import numpy as np
 from edmsim.machine.machine import Machine
 from edmsim.plant.gap.debris import bridged_probability, flush, jets
 from edmsim.plant.resolution import resolution
-from edmsim.validation.rows import Check, Row, mean_and_interval
+from edmsim.validation.rows import Check, Row, differences
 from edmsim.validation.setups import STILL, altered, in_a_hole
 
 SPARC = "SPARC (ETH, MIT licence): short above min(0.95, 0.3 + 0.02 g)"
@@ -59,8 +59,7 @@ def check_bridging(seeds: Sequence[int]) -> list[Row]:
         ("shorts, gap 20 to 24 um at debris 0.685", False, 24.0, 0.685),
     ):
         changed = [bridged_share(gap, debris, seed) for seed in seeds]
-        change, half = mean_and_interval([after - before for after, before in zip(changed, base, strict=True)])
-        rows.append(Row.sign("dielectric", name, SPARC, rises=rises, simulated=change, uncertainty=half))
+        rows.append(Row.sign("dielectric", name, SPARC, rises=rises, simulated=differences(base, changed)))
     return rows
 
 

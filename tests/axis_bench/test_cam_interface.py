@@ -35,7 +35,7 @@ def test_numbers_and_rights_are_those_of_the_document():
         call(number).status is CallStatus.OK for call in (at(rig).read_int, at(rig).read_double)
     )}  # fmt: skip
     assert numbers == {*range(1, 9), 10, *range(13, 21), 30, 31, 300}
-    write_only = {f for f, (_, rights) in ACCESS.items() if rights == "w"}
+    write_only = {function for function, access in ACCESS.items() if access.rights == "w"}
     assert write_only == {11, 12, 21}
     for function in (13, 14, 19, 20):
         assert at(rig).write_int(function, 1) is at(rig).write_double(function, 1.0) is CallStatus.REFUSED

@@ -45,7 +45,6 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("RUNS", str(tmp_path / "runs"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(pairs, "ROOT", root)
-    monkeypatch.setattr(pairs, "ROOT", root)
     monkeypatch.setattr(pairs, "PROGRAM", program)
     return root
 

@@ -246,7 +246,7 @@ def log_file(known: SimpleNamespace, tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--out", "fitted.json"), "must end in .toml"),
+        (("--out", "fitted.json"), "the fitted machine is written as .toml"),
         (("--out", "missing/fitted.toml"), "cannot be written: No such file"),
         (("--out", "fitted.toml", "--fit", "gap.nonsense"), "'gap.nonsense' is not a section"),
         (("--out", "fitted.toml", "--resolution", "finest"), "finest"),

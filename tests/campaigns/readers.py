@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from edmsim import models
+from edmsim import Machine, models
 
 from . import devices
 
@@ -89,28 +89,9 @@ def _gcode(file: Path) -> object:
     return plan_path(file, "auto", auto_offset_mm=0.15, table_um=65_000)
 
 
-def _machine(file: Path) -> object:
-    from edmsim import Machine
-
-    return Machine.load(str(file))
-
-
-def _material(file: Path) -> object:
-    from edmsim import Machine
-
-    return Machine.load(material=str(file))
-
-
-def _wire(file: Path) -> object:
-    from edmsim import Machine
-
-    return Machine.load(wire=str(file))
-
-
-def _generator(file: Path) -> object:
-    from edmsim import Machine
-
-    return Machine.load(generator=str(file))
+def _part(kind: str) -> Read:
+    """Load a machine, or one with this part, from an input."""
+    return _file("own.toml", lambda file: Machine.load(**{kind: str(file)}))
 
 
 def _mjcf(data: bytes, folder: Path) -> object:
@@ -200,7 +181,6 @@ def _checkpoint() -> tuple[Read, Callable[[], list[bytes]]]:
     made: list[Any] = []
 
     def fresh() -> Any:
-        from edmsim import Machine
         from edmsim.controllers import make
         from edmsim.cosim.simulation import Simulation
         from edmsim.program.path import plan_path
@@ -281,10 +261,10 @@ _XML = _words("<body/> <joint/> <geom/> <include file='a.xml'/> <mesh file='/etc
 _ALL: tuple[Reader, ...] = (
     Reader("gcode", _file("own.ngc", _gcode), _stored("gcode", "examples/punch.ngc", "examples/slot.iso"), _G, 80),
     Reader("dxf", _file("own.dxf", _gcode), _stored("dxf"), _DXF, 1.5),
-    Reader("machine", _file("own.toml", _machine), _models("machines/*.toml"), _TOML, 3),
-    Reader("material", _file("own.toml", _material), _models("materials/*.toml"), _TOML, 5),
-    Reader("wire", _file("own.toml", _wire), _models("wires/*.toml"), _TOML, 8),
-    Reader("generator", _file("own.toml", _generator), _models("generators/*.toml"), _TOML, 8),
+    Reader("machine", _part("name"), _models("machines/*.toml"), _TOML, 3),
+    Reader("material", _part("material"), _models("materials/*.toml"), _TOML, 5),
+    Reader("wire", _part("wire"), _models("wires/*.toml"), _TOML, 8),
+    Reader("generator", _part("generator"), _models("generators/*.toml"), _TOML, 8),
     Reader("mjcf", _mjcf, _models("*.xml"), _XML, 0.3),
     Reader("log-csv", _log("own.csv"), _good_log, _words(", \" 1e400 NaN null true \xff"), 10),
     Reader("log-parquet", _log("own.parquet"), _good_parquet, (), 10),

@@ -118,6 +118,28 @@ def test_default_and_dda_keep_the_line_forwards_and_backwards(name, limit, point
     assert deviation_um(points, follow(points, steps)) <= limit
 
 
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=15)
+@given(points=polylines(), plan=st.lists(st.tuples(st.integers(0, 127), DURATIONS), max_size=8), at=st.integers(1, 5))
+def test_a_planner_that_begins_later_on_its_path_can_run_back_to_the_first_point(name, points, plan, at):
+    start = min(at, len(points) - 2)
+    if start < 1 or (points[start:] == points[start]).all():
+        return
+    planner, alone = make_planner(name, points, start=start), make_planner(name, points[start:])
+    units = [(round(speed * UNIT_NM_S / planner.speed_unit_nm_s), duration) for speed, duration in plan]
+    steps, time = run_plan(planner, units)
+    assert (steps, time) == run_plan(alone, units)  # forwards, equal to the bit
+    assert (planner.path_um, planner.done) == (alone.path_um, alone.done)
+    back = -round(127 * UNIT_NM_S / planner.speed_unit_nm_s)
+    steps += planner.advance(time, time + 100 * SECOND, back)
+    assert planner.path_um == pytest.approx(-shapely.LineString(points[: start + 1]).length, abs=2)
+    assert np.abs(follow(points[start:], steps)[-1] - points[0]).max() <= 2
+    assert planner.advance(time + 100 * SECOND, time + 101 * SECOND, back) == []  # no further
+    if name != "poscal-literal":  # whose way back does not undo the way there
+        run_to_end(planner, time + 101 * SECOND, -back)
+        assert np.abs(np.subtract(planner.position_um, points[-1])).max() <= 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=20)
@@ -434,6 +456,22 @@ def test_u_and_v_follow_planners_that_count(name):
     for axis in (2, 3):
         away = counts[:, axis] * STEP_UM - np.interp(behind, way, LEADS[:, axis - 2])
         assert np.abs(away).max() <= 3.0 * STEP_UM
+
+
+@pytest.mark.parametrize("name", ["exact", "poscal"])
+def test_all_axes_run_back_over_where_they_began(name):
+    ahead = make_leaning_planner(name, POINTS[1:], LEADS[1:], ALONG[1:] - ALONG[1], step_um=STEP_UM)
+    planner = make_leaning_planner(name, POINTS, LEADS, ALONG - ALONG[1], step_um=STEP_UM)
+    steps = run(planner, 5.0)
+    assert steps == run(ahead, 5.0)
+    units, behind = round(20e3 / planner.speed_unit_nm_s), np.zeros(4)
+    steps += planner.advance(5 * NS, 200 * NS, -units)
+    assert planner.path_um == pytest.approx(-ALONG[1], abs=2.0)
+    for step in steps:
+        behind[step.axis] += step.direction * STEP_UM
+    assert np.abs(behind + np.append(POINTS[1] - POINTS[0], LEADS[1] - LEADS[0])).max() <= 2.0 * STEP_UM
+    planner.advance(200 * NS, 400 * NS, units)
+    assert planner.done
 
 
 @pytest.mark.parametrize("name", ["exact", "poscal"])

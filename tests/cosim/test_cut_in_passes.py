@@ -23,18 +23,22 @@ from edmsim.metrology.passes import loose_pieces
 from edmsim.metrology.roughness import face_roughness_um, roughness_um
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 
-TABLE = technology_for("tool-steel").table(25.4, 2)
+
+def setups(height_mm: float = 25.4) -> list[PassSetup]:
+    found = technology_for("tool-steel").table(height_mm, 2).settings
+    machines = [machine_of(one, "production", "tool-steel", "brass-254", height_mm) for one in found]
+    return [PassSetup(m, from_text(one.controller())) for m, one in zip(machines, found, strict=True)]
 
 
-def setups() -> list[PassSetup]:
-    machines = [machine_of(one, "production", "tool-steel", "brass-254", 25.4) for one in TABLE.settings]
-    return [PassSetup(m, from_text(one.controller())) for m, one in zip(machines, TABLE.settings, strict=True)]
-
-
-def started(length_mm: float = 0.5, resolution: str = "fast") -> Simulation:
-    both = setups()
-    path = straight_path(TABLE.offsets_mm, length_mm, both[0].machine)
-    return Simulation(both[0].machine, path, both[0].controller, planner="exact", resolution=resolution, setups=both)
+def started(
+    length_mm: float = 0.5, resolution: str = "fast", height_mm: float = 25.4, seed: int = 0
+) -> Simulation:
+    both = setups(height_mm)
+    offsets_mm = technology_for("tool-steel").table(height_mm, 2).offsets_mm
+    path = straight_path(offsets_mm, length_mm, both[0].machine)
+    return Simulation(
+        both[0].machine, path, both[0].controller, planner="exact", seed=seed, resolution=resolution, setups=both
+    )
 
 
 def state_of(simulation: Simulation) -> tuple[dict[str, bytes], str]:
@@ -71,6 +75,24 @@ def test_a_trim_takes_from_one_side_what_the_rough_pass_left() -> None:
     assert trim.sums.crater_um3 < 0.5 * rough.sums.crater_um3
     assert rough.sums.pulses + trim.sums.pulses < simulation.sums.pulses  # the lead-in is neither's
     assert trim.begin_s >= rough.end_s
+
+
+def test_a_trim_that_begins_in_a_short_runs_back_along_the_rough_pass() -> None:
+    """The wire hung behind; straightened for the trim, it touches the metal ahead of the rough pass."""
+    simulation, trim_s, behind = started(0.1, height_mm=76.2), [], []
+    while simulation.outcome is None:
+        now = simulation.step()
+        if simulation.leg == len(simulation.legs) - 1:
+            trim_s.append(now.time_s)
+            if simulation.path_um < simulation.leg_from_um and not behind:
+                behind.append(simulation.snapshot())
+    assert simulation.outcome == "finished"
+    assert trim_s[-1] - trim_s[0] < 5.0  # 8 s if no trim ran back over its beginning
+    ((arrays, values),) = behind
+    again = started(0.1, height_mm=76.2)
+    again.restore(arrays, json.loads(json.dumps(values)))
+    again.run()
+    assert state_of(again) == state_of(simulation)
 
 
 def test_craters_leave_no_waves_on_a_trimmed_wall() -> None:

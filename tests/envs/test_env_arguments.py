@@ -58,12 +58,9 @@ def test_lists_and_mappings_mean_what_tuples_and_objects_mean(make_env, env_name
     assert hash(written) == hash(kind.of(resolution="fast", **COMMON))
 
 
-def test_a_machine_by_name_or_file(tmp_path):
+def test_a_machine_by_name_or_file(own_file):
     assert GapFeed.of(machine="agiecut-dem15").base == edmsim.Machine.load()
-    text = (resources.files("edmsim.models") / "machines" / "agiecut-dem15.toml").read_text(encoding="utf-8")
-    file = tmp_path / "mine.toml"
-    file.write_text(text, encoding="utf-8")
-    assert GapFeed.of(machine=str(file)).base.base == edmsim.Machine.load().base
+    assert GapFeed.of(machine=own_file("machines", "agiecut-dem15")).base.base == edmsim.Machine.load().base
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import edmsim
 from edmsim.envs import Task
 from edmsim.envs.registry import env_id_of, family_of
 from edmsim.errors import InputError
+from edmsim.machine.ranges import with_values
 
 FROZEN = {
     "GapFeed": ((4.0, 40.0), 25.0, (0.0, 0.0)), "HeightStep": ((4.0, 40.0), 25.0, (0.0, 0.0)),
@@ -94,8 +95,7 @@ def test_a_longer_period_buys_no_time(make_env):
 
 def test_the_next_wire_is_threaded_where_the_last_one_broke(make_env):
     strained = edmsim.Machine.load(wire="brass-100", tension=2.0, height_mm=5.0)
-    half = strained.wire.half_strength_K.model_copy(update={"value": 300.0, "range": None})
-    weak = strained.model_copy(update={"wire": strained.wire.model_copy(update={"half_strength_K": half})})
+    weak = with_values(strained, {"wire.half_strength_K": 300.0})
     env = make_env("GapFeed", action="speed", machine=weak, wires=2)
     env.reset(seed=1)
     over, total, cost, places = False, 0.0, 0.0, []

@@ -168,17 +168,6 @@ def test_gymnasiums_vector_has_the_attributes_of_its_sub_environments_too():
         native.set_attr("note", [1, 2, 3])
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_ppo_learns_on_it():
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import VecNormalize
-
-    env = VecNormalize(make_sb3_vec_env("edmsim/GapFeed-v2", 4, resolution="fast", max_episode_steps=100))
-    model = PPO("MlpPolicy", env, n_steps=64, batch_size=64, seed=1, device="cpu").learn(512)
-    assert model.num_timesteps >= 512
-
-
 def test_it_takes_edmsims_environments_only():
     with pytest.raises((InputError, TypeError)):
         make_sb3_vec_env("CartPole-v1", 2)

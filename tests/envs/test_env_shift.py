@@ -15,6 +15,7 @@ from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.envs import shift
 from edmsim.envs.scenario import Drift
 from edmsim.errors import InputError
+from edmsim.machine.ranges import with_values
 from edmsim.machine.setting import flushing_Pa
 from edmsim.plant.constants import faces_Pa
 
@@ -26,9 +27,7 @@ PATH = np.zeros((2, 2))
 def weak():
     """A set-up whose wire breaks in its first second, on a table for a shift."""
     strained = edmsim.Machine.load(wire="brass-100", tension=2.0, height_mm=10.0, t_on_us=10.0, t_period_us=50.0)
-    half = strained.wire.half_strength_K.model_copy(update={"value": 310.0, "range": None})
-    machine = strained.model_copy(update={"wire": strained.wire.model_copy(update={"half_strength_K": half})})
-    return shift.on_a_large_table(machine)
+    return shift.on_a_large_table(with_values(strained, {"wire.half_strength_K": 310.0}))
 
 
 def test_a_lost_wire_costs_its_time_and_nothing_else(make_env, weak):

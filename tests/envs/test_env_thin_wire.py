@@ -10,6 +10,7 @@ from edmsim.controllers import make
 from edmsim.controllers.feed.laws import ClimbController
 from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.evaluation.episode import Episode
+from edmsim.machine.ranges import with_values
 
 PATH_UM = np.array([[0.0, 0.0], [300.0, 0.0], [300.0, 300.0]])
 
@@ -18,8 +19,7 @@ PATH_UM = np.array([[0.0, 0.0], [300.0, 0.0], [300.0, 300.0]])
 def weak():
     """A set-up whose wire breaks in its first second."""
     strained = edmsim.Machine.load(wire="brass-100", tension=2.0, height_mm=5.0, t_on_us=10.0, t_period_us=50.0)
-    half = strained.wire.half_strength_K.model_copy(update={"value": 310.0, "range": None})
-    return strained.model_copy(update={"wire": strained.wire.model_copy(update={"half_strength_K": half})})
+    return with_values(strained, {"wire.half_strength_K": 310.0})
 
 
 def window(short=0, open_=20, path_um=0.0):

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import edmsim
-from edmsim.cli import app as cli
 from edmsim.envs import Corner, Family, GapFeed, Task, Weights, register
 from edmsim.envs.registry import make_family, resolve, stand_in
 from edmsim.errors import InputError
 from edmsim.evaluation import compare, episode
+from edmsim.job.cut import cut
 from edmsim.learning import hyperparameters, policy_file
+from tests.conftest import Run
 
 BEND = '''\
 from dataclasses import dataclass
@@ -165,19 +165,10 @@ def test_registered_arguments_stay_where_controllers_are_compared_and_policies_t
     assert hyperparameters.load(BEND_ID, "ppo").num_envs == hyperparameters.load("GapFeed", "ppo").num_envs
 
 
-def command(monkeypatch: pytest.MonkeyPatch, *words: object) -> None:
-    monkeypatch.setattr("sys.argv", ["edmsim", *map(str, words)])
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    assert left.value.code in (0, None, 3)
-
-
 @pytest.mark.slow
-def test_controllers_are_compared_in_it(
-    bend: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    command(monkeypatch, "evaluate", bend, "--controllers", "voltage", "--seeds", 2, "--resolution", "fast", "--json")
-    (found,) = json.loads(capsys.readouterr().out)
+def test_controllers_are_compared_in_it(bend: str, edmsim: Run) -> None:
+    shown = edmsim("evaluate", bend, "--controllers", "voltage", "--seeds", 2, "--resolution", "fast", "--json")
+    (found,) = json.loads(shown.out)
     assert found["env_id"] == BEND_ID
     assert {cut["outcome"] for cut in found["cuts"]} == {"finished"}
 
@@ -186,10 +177,10 @@ def test_controllers_are_compared_in_it(
 @pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")
 @pytest.mark.skipif(importlib.util.find_spec("stable_baselines3") is None, reason="the extra rl is not installed")
 def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
-    bend: str, small_punch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, short_training: None
+    bend: str, small_punch: Path, tmp_path: Path, edmsim: Run, monkeypatch: pytest.MonkeyPatch, short_training: None
 ) -> None:
     monkeypatch.setattr("edmsim.learning.score.RESOLUTIONS", ("fast",))
-    command(monkeypatch, "train", bend, "--steps", 64, "--score", 2, "--out", tmp_path / "bend")
+    assert edmsim("train", bend, "--steps", 64, "--score", 2, "--out", tmp_path / "bend").status == 0
     gym.registry.pop(BEND_ID)
     card = policy_file.load(str(tmp_path / "bend" / "policy.json")).card
     assert card.env_id == "edmsim/GapFeed-v2"
@@ -197,6 +188,6 @@ def test_a_policy_trained_in_it_cuts_where_nobody_knows_it(
     # what differs from the defaults of the id that anybody knows
     assert card.environment == {"machine_episodes": 4, "height_mm": [5.0, 6.0], "episode_s": 10.0, "length_mm": 0.06}
     assert len(card.scores) == 3
-    cut = edmsim.cut(small_punch, controller=f"policy:{tmp_path / 'bend' / 'policy.json'}", height_mm=5.0,
-                     resolution="fast", max_time_s=1.0)  # fmt: skip
-    assert cut.windows.num_rows > 30
+    made = cut(small_punch, controller=f"policy:{tmp_path / 'bend' / 'policy.json'}", height_mm=5.0,
+               resolution="fast", max_time_s=1.0)  # fmt: skip
+    assert made.windows.num_rows > 30

@@ -176,16 +176,6 @@ def test_the_corners_of_a_later_leg_are_observed_where_they_are(make_policy):
     assert len({command.feed_um_s for command in commands[0]}) > 2
 
 
-@pytest.mark.slow
-def test_it_cuts_a_program(make_policy, small_punch, tmp_path):
-    report = edmsim.cut(
-        small_punch, out=tmp_path / "cut", height_mm=5, resolution="fast", max_time_s=1,
-        controller=f"policy:{make_policy('GapFeed')}",
-    ).report
-    assert report["outcome"] == "time-limit"
-    assert report["pulses"] == 40 * 255
-
-
 @pytest.mark.parametrize("file", sorted((ROOT / "models" / "policies").glob("*.json")), ids=lambda f: f.stem)
 def test_what_is_shipped_loads_by_name_and_says_how_it_was_made(file):
     bandit = bandit_file.find(file.stem)

@@ -265,12 +265,12 @@ def test_inner_corners_keep_what_the_round_wire_cannot_reach():
     line = square(500.0, "right")
     profile = profile_error(cut(line.points_um), line)
     found = corners(line, profile)
-    places = {(c["x_mm"], c["y_mm"]) for c in found}
+    places = {(c.x_mm, c.y_mm) for c in found}
     assert places == {(3.5, 3.5), (3.5, 4.5), (4.5, 3.5), (4.5, 4.5)}
     assert len(found) == 4
     for corner in found:
-        assert corner["turn_deg"] == pytest.approx(90.0)
-        assert corner["error_um"] == pytest.approx((math.sqrt(2) - 1) * RADIUS, abs=0.6)
+        assert corner.turn_deg == pytest.approx(90.0)
+        assert corner.error_um == pytest.approx((math.sqrt(2) - 1) * RADIUS, abs=0.6)
 
 
 @pytest.mark.slow
@@ -280,7 +280,7 @@ def test_outer_corners_stay_sharp(punch):
     found = corners(line, profile)
     assert len(found) == 4
     # a cell's corner cannot be drawn sharper than the half-full level does: 0.2 cells
-    assert max(abs(corner["error_um"]) for corner in found) < 2.5
+    assert max(abs(corner.error_um) for corner in found) < 2.5
     assert profile.stats()["p95"] < 0.6
 
 
@@ -291,7 +291,7 @@ def test_outer_corner_cut_short_is_undercut():
     path = line.points_um[1:].astype(float)
     early = 120.0  # the wire leaves the one side, and reaches the other, this far from the path's corner
     short = np.insert(np.delete(path, 1, axis=0), 1, [path[1] - (early, 0), path[1] + (0, early)], axis=0)
-    found = {(c["x_mm"], c["y_mm"]): c["error_um"] for c in corners(line, profile_error(cut(short), line))}
+    found = {(c.x_mm, c.y_mm): c.error_um for c in corners(line, profile_error(cut(short), line))}
     from_corner_to_chamfer = math.sqrt(2) * RADIUS - early / math.sqrt(2)
     assert found[4.5, 3.5] == pytest.approx(from_corner_to_chamfer - RADIUS, abs=0.6)
     assert abs(found[4.5, 4.5]) < 2.5
@@ -303,8 +303,8 @@ def test_corner_turns_are_signed_and_the_seam_is_a_corner_too():
     backward = make_contour(ring[::-1] * 1000, ring[::-1], closed=True)
     for way, turns in ((line, [135.0, 90.0, 135.0]), (backward, [-135.0, -135.0, -90.0])):
         found = corners(way, profile_error(KerfField(1, BLANK), way))
-        assert [c["turn_deg"] for c in found] == pytest.approx(turns)
-        assert all(math.isnan(c["error_um"]) for c in found)
+        assert [c.turn_deg for c in found] == pytest.approx(turns)
+        assert all(math.isnan(c.error_um) for c in found)
 
 
 @pytest.mark.slow

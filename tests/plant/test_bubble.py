@@ -14,11 +14,11 @@ from edmsim.plant.gap.bubble import (
     ESCAPE_AREA,
     ESCAPE_EDGE,
     LEAST_GAP_UM,
-    WATER_KG_M3,
     bubble_impulse_Ns,
     bubble_law,
     vent_time_us,
 )
+from edmsim.plant.gap.water import DENSITY_KG_M3
 
 SCRIPT = Path(__file__).parents[2] / "docs" / "make" / "bubble.py"
 LAW = bubble_law(250.0, 4.3e-6, 0.04)
@@ -46,7 +46,7 @@ def exponent(impulse, low, high):
 
 
 def test_the_gas_of_a_default_pulse_escapes_after_two_us():
-    half, inertia = math.pi / 4 * 250e-6, 2 * math.pi * WATER_KG_M3 * 20e-6 * 0.6
+    half, inertia = math.pi / 4 * 250e-6, 2 * math.pi * DENSITY_KG_M3 * 20e-6 * 0.6
     expected_s = (0.75 * half**2 * math.sqrt(inertia / (0.04 * 145.0))) ** (2 / 3)
     assert vent_time_us(145.0, 20.0, LAW) == pytest.approx(expected_s * 1e6, rel=1e-6)
     assert vent_time_us(145.0, 20.0, LAW) == pytest.approx(2.2, abs=0.05)
@@ -119,8 +119,8 @@ def test_metal_nearer_than_the_least_gap_raises_nothing():
 def test_a_steady_growth_of_a_disc_pushes_as_its_momentum_integral_says(slit):
     """R R' = K gives rho pi K Ro^2 / 4, by the Bernoulli term alone: the flow's own impulse is 0 at the edge."""
     radius, k = 196e-6, 0.01
-    pushed, _ = quad(lambda r: WATER_KG_M3 * math.pi * k**2 * slit.DISC.bernoulli(r / radius) * r / k, 0, radius)
-    assert pushed == pytest.approx(WATER_KG_M3 * math.pi * k * radius**2 / 4, rel=1e-6)
+    pushed, _ = quad(lambda r: DENSITY_KG_M3 * math.pi * k**2 * slit.DISC.bernoulli(r / radius) * r / k, 0, radius)
+    assert pushed == pytest.approx(DENSITY_KG_M3 * math.pi * k * radius**2 / 4, rel=1e-6)
     assert slit.DISC.momentum(1.0) == 0.0
 
 
@@ -131,14 +131,14 @@ def test_the_force_on_a_disc_is_its_pressure_integrated_over_gas_and_water(slit,
     radius = x * edge
 
     def pressure(r):
-        return WATER_KG_M3 * (rise * math.log(edge / r) - k**2 / 2 * (1 / r**2 - 1 / edge**2))
+        return DENSITY_KG_M3 * (rise * math.log(edge / r) - k**2 / 2 * (1 / r**2 - 1 / edge**2))
 
     water, _ = quad(lambda r: 2 * math.pi * r * pressure(r), radius, edge)
     force = math.pi * radius**2 * pressure(radius) + water
     swept = x + 1e-6, x - 1e-6  # dm/dt = dm/dx K / (W^2 x)
     momentum_rate = (slit.DISC.momentum(swept[0]) - slit.DISC.momentum(swept[1])) / 2e-6 * k / (edge**2 * x)
-    started = 2 * math.pi * WATER_KG_M3 * edge**2 * (rise * slit.DISC.momentum(x) + k * momentum_rate)
-    assert force == pytest.approx(started + WATER_KG_M3 * math.pi * k**2 * slit.DISC.bernoulli(x), rel=1e-5)
+    started = 2 * math.pi * DENSITY_KG_M3 * edge**2 * (rise * slit.DISC.momentum(x) + k * momentum_rate)
+    assert force == pytest.approx(started + DENSITY_KG_M3 * math.pi * k**2 * slit.DISC.bernoulli(x), rel=1e-5)
 
 
 def test_a_small_bubble_in_a_strip_flows_as_a_source_between_two_edges(strip):

@@ -19,21 +19,6 @@ def visited(n_slices=2):
     return field
 
 
-def test_removed_parts_are_what_was_taken_and_nothing_else():
-    field = visited()
-    assert field.removed_parts == 0
-    rng = np.random.default_rng(1)
-    taken = 0
-    for step in range(50):
-        tile = field.tiles[rng.integers(field.count), rng.integers(2)]
-        ix, iy = rng.integers(TILE, size=2)
-        parts = int(rng.integers(tile[ix, iy] + 1))
-        tile[ix, iy] -= parts
-        taken += parts
-        field.allocate(600.0 + 60.0 * step, 600.0, 200.0)  # new tiles count for nothing
-    assert field.removed_parts == taken > 0
-
-
 def test_one_full_cell_is_its_area():
     assert KerfField(1, STOCK, cell_um=4.0).part_area_um2 * FULL == 16.0
 

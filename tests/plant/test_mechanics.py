@@ -282,35 +282,6 @@ def test_the_file_alone_holds_the_brass_of_the_wire_table() -> None:
     assert alone.opt.timestep == pytest.approx(machine.opt.timestep, rel=1e-5)
 
 
-def battered(model: mujoco.MjModel, n_steps: int) -> Array:
-    """Positions after sparks of 3e-7 N s every 25 steps."""
-    data = mujoco.MjData(model)
-    dofs = np.array([wire_dofs(model, axis) for axis in "xy"])
-    hits = impulses(n_steps, every=25)
-    for step in range(n_steps):
-        data.qfrc_applied[:] = 0
-        if step in hits:
-            axis, node, impulse = hits[step]
-            data.qfrc_applied[dofs[axis, node]] = impulse / model.opt.timestep
-        mujoco.mj_step(model, data)
-    assert data.nefc == 0
-    return np.array(data.qpos)
-
-
-@pytest.mark.parametrize("wire", WIRES[:4])
-def test_two_thousand_steps_stay_finite_and_small(wire: WireSetup) -> None:
-    positions = battered(build_model(wire), 2000)
-    assert np.all(np.isfinite(positions))
-    assert 0 < np.abs(positions).max() < 100e-6
-
-
-def test_the_same_wire_gives_the_same_bits() -> None:
-    np.testing.assert_array_equal(battered(build_model(BRASS), 300), battered(build_model(BRASS), 300))
-    one, two = (reduce_model(build_model(BRASS), 8, [0.01, 0.02]) for _ in range(2))
-    for name, value in vars(one).items():
-        np.testing.assert_array_equal(value, getattr(two, name))
-
-
 def test_upper_arm_and_workpiece_stand_where_the_guides_are() -> None:
     tall = build_model(WireSetup(0.25e-3, 8500.0, 10.0, 0.100, 0.2))
     data = mujoco.MjData(tall)

@@ -36,6 +36,7 @@ def test_reset_with_another_machine_is_a_plant_made_with_it(machine):
     cut(plant, 10)
     assert plant.craters_mm3 > 0
     plant.set_generator(10.0, 100.0)
+    plant.rethread((30_000.0, 31_000.0), 10**9)
     plant.advance()
     plant.reset(7, machine=other)
     assert plant.machine is other

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -71,12 +70,6 @@ def test_discharges_are_located_in_every_fifth_of_the_height(settled):
     located = np.sum([w.fifths for w in windows], axis=0)
     assert located.sum() == sum(w.spark + w.arc for w in windows)
     assert (located > 0.1 * located.sum()).all()
-
-
-def test_windows_follow_each_other_without_a_break(settled):
-    windows = settled[20.0]
-    for before, after in pairwise(windows):
-        assert after.start_ns == before.start_ns + before.duration_ns
 
 
 def test_sparks_push_the_wire_back_as_a_string_under_their_impulses(machine, altered, drive):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -18,6 +18,8 @@ def modal() -> ModalModel:
 
 
 @pytest.mark.slow
+@example(omega=1e3, zeta=0.2, phase=0.0)
+@example(omega=1e3, zeta=40.0, phase=1e6)
 @given(
     omega=st.floats(1.0, 3e5),
     zeta=st.one_of(st.floats(0.0, 30.0), st.just(1.0), st.floats(1 - 1e-9, 1 + 1e-9)),
@@ -29,13 +31,6 @@ def test_propagator_is_the_matrix_exponential(omega: float, zeta: float, phase: 
     scaled = np.array([[p11, p12 * omega], [p21 / omega, p22]])  # in radians of the mode
     exact = expm(phase * np.array([[0.0, 1.0], [-1.0, -2 * zeta]]))
     np.testing.assert_allclose(scaled, exact, rtol=0, atol=1e-9)
-
-
-@given(zeta=st.floats(0.0, 5.0), first=st.floats(0.0, 1e-3), second=st.floats(0.0, 1e-3))
-def test_two_spans_are_one(zeta: float, first: float, second: float) -> None:
-    table = np.array(propagator_table([12e3], [zeta], [first, second, first + second]))[:, :, 0]
-    one, two, both = (np.array([[a, b * 12e3], [c / 12e3, d]]) for a, b, c, d in table.T)
-    np.testing.assert_allclose(two @ one, both, rtol=0, atol=1e-10)
 
 
 def test_tables_of_powers_hold_the_closed_forms(modal: ModalModel) -> None:
@@ -53,10 +48,3 @@ def test_tables_of_powers_hold_the_closed_forms(modal: ModalModel) -> None:
     np.testing.assert_allclose(yielding[..., 1], p12 @ own, rtol=1e-9, atol=1e-9 * np.abs(p12 @ own).max())
     closed = propagator_table(modal.table_omega[1], modal.table_zeta[1], dt * np.arange(rows))
     np.testing.assert_allclose(table[:, :, 1], closed, rtol=1e-9, atol=1e-14)
-
-
-def test_propagator_of_no_time_changes_nothing_and_of_long_decays() -> None:
-    p11, p12, p21, p22 = propagator_table([1e3, 1e3, 1e3], [0.2, 1.0, 40.0], [0.0, 1e3])
-    at_once = np.array([p11[0], p12[0], p21[0], p22[0]])
-    np.testing.assert_array_equal(at_once, np.outer([1, 0, 0, 1], [1, 1, 1]))
-    assert max(np.abs(p[1]).max() for p in (p11, p12, p21, p22)) < 1e-12

@@ -8,7 +8,6 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import edmsim
 from edmsim.errors import InputError
 from edmsim.plant.workpiece.height_steps import LowerRegion, Relief, slices_below
 from edmsim.plant.workpiece.kerf_field import FULL, KerfField, Stock
@@ -146,18 +145,3 @@ def test_a_height_that_does_not_fit_is_refused(height, named):
 def test_steps_need_the_height_they_are_steps_of():
     with pytest.raises(InputError, match="height_mm"):
         Stock(BLANK, steps=(LowerRegion(shapely.box(0, 0, 1, 1), 3.0),))
-
-
-def test_a_plant_takes_metal_only_from_slices_that_have_it(drive):
-    machine = edmsim.Machine.load(height_mm=10)
-    x, y = 32_500.0, 32_500.0
-    low = LowerRegion(shapely.box(x - 3_000, y - 3_000, x + 3_000, y + 3_000), 4.0)
-    stock = Stock((x - 3_000, y - 3_000, x + 3_000, y + 3_000), ((x, y, 160.0),), (low,), 10.0)
-    plant = edmsim.Plant(machine, 1, stock=stock, position_um=(x, y), resolution="fast")
-    windows = drive(plant, 20.0, 5.0)
-    assert sum(w.spark for w in windows) > 500
-    assert plant.removed_mm3 == pytest.approx(plant.craters_mm3, rel=1e-9)
-    assert plant.removed_mm3 > 0.01
-    left = plant.field.tiles[: plant.field.count].sum(axis=(0, 2, 3), dtype=np.int64)
-    assert (left[2:] == 0).all()
-    assert left[0] > 0

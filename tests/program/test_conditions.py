@@ -78,7 +78,7 @@ def test_a_condition_that_is_missing_is_named_with_its_line(tmp_path: Path) -> N
     assert refused.value.line == 17
     with pytest.raises(InputError, match="no such file"):
         read_conditions(tmp_path / "none.toml")
-    with pytest.raises(InputError, match="a drawing has none"):
+    with pytest.raises(InputError, match="G-code has this"):
         load_program(tmp_path / "a.dxf", conditions=tmp_path / "table.toml")
 
 

@@ -14,7 +14,7 @@ from edmsim.cosim.passes import legs_of
 from edmsim.errors import InputError
 from edmsim.program.outline import Corners
 from edmsim.program.passes import PassPlan
-from edmsim.program.path import CutPath, WireContour, plan_path
+from edmsim.program.path import CutPath, WireContour, load_program, plan_path
 from edmsim.program.taper import GuideHeights
 
 SQUARE = "G21 G90\nG0 X-1.5 Y2\nG41 G1 X0\n{}G40\nM2\n"
@@ -183,9 +183,8 @@ def test_every_place_of_a_leaning_wall_is_passed_by_every_pass(tmp_path: Path, c
 
 def test_the_passes_of_two_contours_go_round_as_often(tmp_path: Path) -> None:
     file = Path(__file__).parents[2] / "examples" / "square_to_round.dxf"
-    path = plan_path(
-        file, auto_offset_mm=0.2, upper_layer="UPPER", passes=PassPlan(OFFSETS_MM), guides=[GUIDES]
-    )
+    program = load_program(file, upper_layer="UPPER")
+    path = plan_path(program, auto_offset_mm=0.2, passes=PassPlan(OFFSETS_MM), guides=[GUIDES])
     contour = path.contours[0]
     assert [one.number for one in contour.passes] == [1, 2, 3, 1, 2, 3]
     assert path.leans

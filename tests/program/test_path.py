@@ -324,11 +324,11 @@ def test_a_text_that_does_not_read_as_a_program_is_refused(plan):
         plan("Dear reader,\nthis is a letter.\n", name="part.txt")
 
 
-def test_layers_and_ignored_words_have_their_kind_of_file(plan, plan_drawing):
-    with pytest.raises(InputError, match="those of a drawing"):
-        plan(PUNCH, layers=["0"])
-    with pytest.raises(InputError, match="ignored in G-code"):
-        plan_drawing(lambda space: space.add_circle((0, 0), 3), ignore=["M77"])
+def test_options_of_the_other_kind_of_file_are_refused():
+    with pytest.raises(InputError, match=r"a\.ngc: layers: a drawing has this, leave it out here"):
+        load_program("a.ngc", layers=["0"])
+    with pytest.raises(InputError, match=r"a\.dxf: ignore and dialect: G-code has this"):
+        load_program("a.dxf", ignore=["M77"], dialect="sodick")
 
 
 @pytest.mark.parametrize("suffix", [".ngc", ".NC", ".gcode", ".ISO", ".txt"])

@@ -23,9 +23,8 @@ def plan(folder: Path, text: str, offset: str | float = "auto", table: str | Non
     (folder / "a.ngc").write_text(text)
     if table is not None:
         (folder / "table.toml").write_text(table)
-    return plan_path(
-        folder / "a.ngc", offset, auto_offset_mm=0.2, offsets=None if table is None else folder / "table.toml"
-    )
+    program = load_program(folder / "a.ngc", offsets=None if table is None else folder / "table.toml")
+    return plan_path(program, offset, auto_offset_mm=0.2)
 
 
 def read(folder: Path, text: str) -> Program:
@@ -154,7 +153,7 @@ def test_a_table_is_read_as_it_is_written(tmp_path_factory: pytest.TempPathFacto
 
 
 def test_a_drawing_has_no_registers(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="a drawing has none"):
+    with pytest.raises(InputError, match="G-code has this"):
         load_program(tmp_path / "a.dxf", offsets=tmp_path / "table.toml")
 
 

@@ -9,9 +9,10 @@ import pytest
 import shapely
 
 from edmsim.machine.machine import Machine
+from edmsim.metrology.profile import CornerError
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording.report import Corner, Kerf, Origin, ProfileErrors, Report, Surface, Totals, build_report
-from edmsim.recording.scene import ErrorMap, Scene, SceneCorner, polylines
+from edmsim.recording.scene import ErrorMap, Scene, polylines
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import WindowTable
 
@@ -84,7 +85,7 @@ def frames(rows: np.ndarray) -> Frames:
     store = Frames(N_SLICES)
     shape = np.sin(np.pi * (np.arange(N_SLICES) + 0.5) / N_SLICES)
     for row in rows:
-        store.offer(row[0], row[1], row[2], row[-1], -shape[:, None] * row[12:14], GAS)
+        store.offer(row[0], row[1:3], row[-1], -shape[:, None] * row[12:14], GAS)
     return store
 
 
@@ -127,7 +128,7 @@ def cut() -> SimpleNamespace:
     table = windows(draw)
     edge = error_map(draw)
     corners = tuple(
-        SceneCorner(float(x), float(y), 90.0, e)
+        CornerError(float(x), float(y), 90.0, e)
         for (x, y), e in zip(CORNERS_MM, (-9.1, -8.4, -10.2, -7.9), strict=True)
     )
     scene = Scene(

@@ -14,6 +14,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
+from edmsim.metrology.profile import CornerError
 from edmsim.recording.figures.cut import error_figure
 from edmsim.recording.figures.profile import PANELS, draw_map, draw_series, profile_figure
 from edmsim.recording.figures.pulses import plane_figure, pulses_figure
@@ -22,7 +23,6 @@ from edmsim.recording.film import Film
 from edmsim.recording.rerun.machine import growing_kerf
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.write import write_recording
-from edmsim.recording.scene import SceneCorner
 from edmsim.recording.windows import (
     ROW_NAMES,
     WindowTable,
@@ -190,7 +190,7 @@ def labels(figure: Figure) -> list[Annotation]:
 def test_labels_of_corners_never_cover_each_other(cut: SimpleNamespace) -> None:
     draw = np.random.default_rng(3)
     places = draw.uniform(22, 26, (40, 2))
-    crowd = tuple(SceneCorner(float(x), float(y), 90.0, float(k + 1)) for k, (x, y) in enumerate(places))
+    crowd = tuple(CornerError(float(x), float(y), 90.0, float(k + 1)) for k, (x, y) in enumerate(places))
     scene = dataclasses.replace(cut.scene, corners=crowd)
     for figure, least in ((profile_figure(scene, cut.windows, cut.report, "crowd"), 6), (error_figure(scene), 4)):
         figure.canvas.draw()

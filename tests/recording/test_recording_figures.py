@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.recording.figures.profile import binned, profile_figure, write_figure
+from edmsim.recording.figures.profile import binned, profile_figure
+from edmsim.recording.figures.style import write_figure
 from edmsim.recording.scene import Scene
 from edmsim.recording.windows import WindowTable
 

@@ -18,7 +18,7 @@ from edmsim.recording.figures.pulses import pulses_figure
 from edmsim.recording.film import Film
 from edmsim.recording.report import Coverage, render_table
 from edmsim.recording.rerun.gap import SMALLEST, travel_at
-from edmsim.recording.rerun.machine import Shapes, wire_strips
+from edmsim.recording.rerun.machine import shapes_of, wire_strips
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.stores import Closeups, Frames
@@ -37,10 +37,6 @@ def recording(cut: SimpleNamespace, folder: Path, closeups: Closeups) -> Playbac
 @pytest.fixture(scope="module")
 def play(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Playback:
     return recording(cut, tmp_path_factory.mktemp("recording"), cut.closeups)
-
-
-def shapes_of(cut: SimpleNamespace) -> Shapes:
-    return Shapes(cut.frames, cut.closeups.table())
 
 
 def test_a_plant_tells_the_gas_in_every_slice_and_keeps_its_own() -> None:
@@ -64,9 +60,9 @@ def test_a_cut_records_the_same_gas_everywhere(small_cut: SimpleNamespace) -> No
     t_s, covered = column(result.windows, "t_s"), column(result.windows, "coverage")
     assert 0.0 <= covered.min() < covered.mean() < covered.max() <= 1.0
     closeups = result.closeups.table()
-    for times, shares in ((result.frames.t_s, result.frames.coverage), (closeups["t_s"], closeups["coverage"])):
-        rows = np.searchsorted(t_s, times)
-        np.testing.assert_allclose(shares.mean(axis=1), covered[rows], atol=1e-6)
+    for rows in (result.frames.rows, closeups):
+        windows = np.searchsorted(t_s, rows["t_s"])
+        np.testing.assert_allclose(rows["coverage"].mean(axis=1), covered[windows], atol=1e-6)
     coverage = result.report["coverage"]
     assert coverage["mean"] == pytest.approx(covered.mean())  # its period is the same in all windows
     assert coverage["max"] == covered.max()
@@ -88,25 +84,25 @@ def test_the_figure_of_the_pulses_has_a_panel_of_gas(cut: SimpleNamespace) -> No
 
 
 def test_every_slice_has_its_curve(cut: SimpleNamespace, play: Playback) -> None:
-    shapes = shapes_of(cut)
+    shapes = shapes_of(cut.frames, cut.closeups.table())
     rows = play.rows("/slices/coverage", "Scalars:scalars")
-    np.testing.assert_allclose(rows.t_s, shapes.t_s, atol=1e-9)
-    np.testing.assert_allclose(np.array(rows.values.to_pylist()), shapes.coverage)
+    np.testing.assert_allclose(rows.t_s, shapes["t_s"], atol=1e-9)
+    np.testing.assert_allclose(np.array(rows.values.to_pylist()), shapes["coverage"])
     names = play.rows("/slices/coverage", "SeriesLines:names").values[0].as_py()
     assert (names[0], names[4], names[8]) == ("1.1 mm", "10.0 mm", "18.9 mm")
 
 
 def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut: SimpleNamespace, play: Playback) -> None:
-    shapes, at = shapes_of(cut), 40
-    t_s = float(shapes.t_s[at])
+    shapes, at = shapes_of(cut.frames, cut.closeups.table()), 40
+    t_s = float(shapes["t_s"][at])
     centres = play.points("/world/gas", "Ellipsoids3D:centers", t_s)
     halves = play.points("/world/gas", "Ellipsoids3D:half_sizes", t_s)
-    shown = shapes.coverage[at] >= SMALLEST
+    shown = shapes["coverage"][at] >= SMALLEST
     assert (shown.sum(), len(centres)) == (8, 8)  # the lowest slice has no gas, so no bubble
-    shares = np.repeat(shapes.coverage[at][shown, None], 3, axis=1)
+    shares = np.repeat(shapes["coverage"][at][shown, None], 3, axis=1)
     np.testing.assert_allclose((halves / (20.0 / 9 / 2)) ** 2, shares, rtol=1e-5)
     wire = wire_strips(cut.scene, shapes, float(play.sizes[7]))[at, 1:-1][shown]
-    ahead = travel_at(cut.windows, shapes.t_s[at : at + 1]) * 0.125
+    ahead = travel_at(cut.windows, shapes["t_s"][at : at + 1]) * 0.125
     np.testing.assert_allclose(centres - wire, np.repeat(np.column_stack([ahead, [0.0]]), 8, axis=0), atol=1e-5)
 
 

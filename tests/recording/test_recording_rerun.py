@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS
-from edmsim.recording.rerun.machine import Shapes, face_mesh, wire_strips
+from edmsim.recording.rerun.machine import face_mesh, shapes_of, wire_strips
 from edmsim.recording.rerun.viewer import RERUN
 from edmsim.recording.rerun.write import group_starts, grouped, recording_id, write_recording
 from edmsim.recording.scene import PassFace, Scene, read_scene, write_scene
@@ -107,9 +107,9 @@ def test_timelines_are_machine_time_and_path(cut: SimpleNamespace, read: Read) -
 
 def test_the_table_moves_and_the_wire_stands(cut: SimpleNamespace, read: Read) -> None:
     moved = np.array([row[0] for row in read.column("/world/table", "Transform3D:translation")])
-    shapes = Shapes(cut.frames, cut.closeups.table())
-    assert set(cut.frames.t_s) <= set(shapes.t_s)
-    np.testing.assert_allclose(moved[:, :2], -shapes.guides_um / 1000.0, atol=1e-5)
+    shapes = shapes_of(cut.frames, cut.closeups.table())
+    assert set(cut.frames.rows["t_s"]) <= set(shapes["t_s"])
+    np.testing.assert_allclose(moved[:, :2], -shapes["guides_um"] / 1000.0, atol=1e-5)
     carried = np.array([row[0] for row in read.column("/world/cross", "Transform3D:translation")])
     np.testing.assert_array_equal(carried[:, 0], moved[:, 0])
     np.testing.assert_array_equal(carried[:, 1], 0.0)  # the x carriage does not go along y
@@ -130,9 +130,9 @@ def test_the_part_is_drawn(read: Read) -> None:
 
 
 def test_deflection_is_exaggerated_by_the_factor(cut: SimpleNamespace) -> None:
-    shapes = Shapes(cut.frames, cut.closeups.table()[:0])
+    shapes = shapes_of(cut.frames, cut.closeups.table()[:0])
     strips = wire_strips(cut.scene, shapes, 100.0)
-    np.testing.assert_allclose(strips[:, 1:-1, :2], cut.frames.deflection_um / 10.0, rtol=1e-6)
+    np.testing.assert_allclose(strips[:, 1:-1, :2], cut.frames.rows["deflection_um"] / 10.0, rtol=1e-6)
     np.testing.assert_allclose(strips[0, 1:-1, 2], 20.0 * (np.arange(9) + 0.5) / 9)
 
 

@@ -85,7 +85,7 @@ def test_corners_of_a_path() -> None:
 def offer(frames: Frames, start: int, stop: int) -> None:
     for i in range(start, stop):
         deflection, coverage = i + np.tile([0.0, 0.25], (frames.n_slices, 1)), np.full(frames.n_slices, 1 / (i + 1))
-        frames.offer(0.5 * i, 10.0 * i, -i, 3.0 * i, deflection, coverage)
+        frames.offer(0.5 * i, (10.0 * i, -i), 3.0 * i, deflection, coverage)
 
 
 @pytest.mark.slow
@@ -95,12 +95,12 @@ def test_stored_windows_are_the_multiples_of_the_stride(capacity: int, windows: 
     offer(frames, 0, windows)
     assert len(frames) <= capacity
     stored = np.arange(0, windows, frames.stride)
-    np.testing.assert_array_equal(frames.t_s, 0.5 * stored)
-    np.testing.assert_array_equal(frames.guides_um, np.column_stack([10.0 * stored, -stored]))
-    np.testing.assert_array_equal(frames.path_um, 3.0 * stored)
-    assert frames.deflection_um.shape == (len(stored), 3, 2)
-    np.testing.assert_array_equal(frames.deflection_um[:, 1, 1], stored + 0.25)
-    np.testing.assert_allclose(frames.coverage[:, 2], 1 / (stored + 1), rtol=1e-6)
+    np.testing.assert_array_equal(frames.rows["t_s"], 0.5 * stored)
+    np.testing.assert_array_equal(frames.rows["guides_um"], np.column_stack([10.0 * stored, -stored]))
+    np.testing.assert_array_equal(frames.rows["path_um"], 3.0 * stored)
+    assert frames.rows["deflection_um"].shape == (len(stored), 3, 2)
+    np.testing.assert_array_equal(frames.rows["deflection_um"][:, 1, 1], stored + 0.25)
+    np.testing.assert_allclose(frames.rows["coverage"][:, 2], 1 / (stored + 1), rtol=1e-6)
     assert windows < capacity or len(frames) >= capacity // 2
 
 
@@ -115,8 +115,8 @@ def test_resuming_keeps_the_same_frames(before: int, after: int) -> None:
     resumed.restore(state)
     offer(resumed, before, before + after)
     assert resumed.stride == whole.stride
-    np.testing.assert_array_equal(resumed.t_s, whole.t_s)
-    np.testing.assert_array_equal(resumed.deflection_um, whole.deflection_um)
+    np.testing.assert_array_equal(resumed.rows["t_s"], whole.rows["t_s"])
+    np.testing.assert_array_equal(resumed.rows["deflection_um"], whole.rows["deflection_um"])
 
 
 def test_what_does_not_fit_is_refused() -> None:

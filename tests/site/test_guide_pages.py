@@ -6,7 +6,6 @@ import importlib.util
 import json
 import pkgutil
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -17,12 +16,12 @@ import pytest
 
 import edmsim
 from edmsim import controllers
-from edmsim.cli import app as cli
 from edmsim.cli import console
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.errors import BAD_INPUT, FAILED
 from edmsim.plant.resolution import resolution
 from edmsim.recording import figures
+from tests.conftest import Run
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -113,17 +112,11 @@ def test_exit_statuses_and_outcomes() -> None:
     assert set(cells(ends)) - {"--max-time"} == {WORDS[cause].report for cause in causes}
 
 
-def test_the_error_shown_is_the_one_a_user_sees(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_error_shown_is_the_one_a_user_sees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edmsim: Run) -> None:
     command, shown = re.findall(r"```(?:sh|output)\n(.*?)```", page("guide/outcomes"), re.DOTALL)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
-    monkeypatch.setattr(sys, "argv", command.split())
-    with pytest.raises(SystemExit) as left:
-        cli.main()
-    assert left.value.code == BAD_INPUT
-    assert capsys.readouterr().err == shown
+    assert edmsim(*command.split()[1:]) == (BAD_INPUT, "", shown)
     assert not Path("out").exists()
 
 

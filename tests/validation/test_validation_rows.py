@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import edmsim
 from edmsim import validation
 from edmsim.validation.report import as_json, simulated, summary
-from edmsim.validation.rows import Row, mean_and_interval, worst
+from edmsim.validation.rows import Row, differences, mean_and_interval, ratios, worst
 from edmsim.validation.setups import altered
 
 
@@ -60,6 +60,20 @@ def test_a_sign_says_what_was_published():
     assert Row.sign("t", "n", "s", rises=True, **document).published == "rises"
     assert Row.sign("t", "n", "s", rises=False, **document).published == "falls"
     assert Row.sign("t", "n", "s", rises=True, published="positive", **document).published == "positive"
+
+
+def test_a_row_of_seeds_shows_their_mean_and_interval():
+    seeds = differences([1.0, 2.0, 3.0], [2.0, 4.5, 5.0])
+    mean, half = mean_and_interval([1.0, 2.5, 2.0])
+    for row in (
+        Row.sign("t", "n", "s", rises=True, simulated=seeds), Row.band("t", "n", "s", low=0.0, simulated=seeds),
+        Row.value("t", "n", "s", published=2.0, within=0.1, simulated=np.array(seeds)),
+        Row.report("t", "n", "nothing in print", simulated=seeds),
+    ):  # fmt: skip
+        assert (row.simulated, row.uncertainty) == (mean, half)
+    assert ratios([1.0, 2.0], [3.0, 5.0]) == [3.0, 2.5]
+    with pytest.raises(ValueError, match="longer"):
+        differences([1.0], [1.0, 2.0])
 
 
 def test_a_failure_is_unexpected_unless_a_page_explains_it():

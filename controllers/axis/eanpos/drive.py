@@ -44,24 +44,12 @@ _SIGNALS = {
 
 
 class Resources(NamedTuple):
-    """Resources of a device on the bus, from the configuration; row Q-A21 lists what changes if one is missing.
+    """Resources of a device on the bus, from the configuration; row Q-A21 lists what changes if one is missing."""
 
-    Attributes
-    ----------
-    counter : bool
-        A bidirectional counter; without it, actual is theoretical position.
-    interrupt : bool
-        An interrupt line for the encoder's zero pulse, for homing in mode 1.
-    home_input : bool
-        The input that enables the zero pulse: the cam.
-    output : bool
-        An analogue output; without it, no motor is driven.
-    """
-
-    counter: bool = True
-    interrupt: bool = True
-    home_input: bool = True
-    output: bool = True
+    counter: bool = True  # a bidirectional counter; without it, actual is theoretical position
+    interrupt: bool = True  # an interrupt line for the encoder's zero pulse, for homing in mode 1
+    home_input: bool = True  # the input that enables the zero pulse: the cam
+    output: bool = True  # an analogue output; without it, no motor is driven
 
 
 class Parameters(MutableMapping[str, int]):

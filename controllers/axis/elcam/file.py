@@ -25,117 +25,104 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, AllowInfNan, BaseModel, Field, Strict, StrictBool, ValidationError
 
 from edmsim.controllers.axis.elcam.module import BUFFER_VARIABLE, CamPlace, Elcam, TableAccess
 from edmsim.controllers.axis.elcam.registers import DATA, CallStatus, Descriptor, Error, Function, Mode
-from edmsim.errors import InputError
-from edmsim.numeric import real
+from edmsim.errors import InputError, invalid_entry
 
 NAMES = "x", "y", "u", "v"  # axes in the order of their numbers
 PATH = "path"  # the length of path behind the wire, in mm: the control has it as an axis that nothing moves
 PLACES = (*NAMES, PATH)  # what a table can look up, in the order of the control's numbers
-CAM_AXES, CAM_MASTERS = NAMES[2:], ("x", "y", PATH)
+CAM_AXES = NAMES[2:]
 _STEEPEST = 1.0  # travel of a follower over that of its master, at most (ours): it then is no faster than the wire
 
 
-class _Section:
-    """A parsed section of a file; its name is for messages, such as ``table 2``."""
-
-    def __init__(self, name: str, values: Mapping[str, Any], file: str | Path) -> None:
-        self._name, self._values, self._file = name, values, file
-
-    def __contains__(self, key: str) -> bool:
-        """Tell whether something is given."""
-        return key in self._values
-
-    def refuse(self, reason: str) -> InputError:
-        """Return the error that names the section."""
-        return InputError(f"{self._name}: {reason}", self._file)
-
-    def check_keys(self, *known: str) -> None:
-        """Refuse an unknown key."""
-        wrong = sorted(self._values.keys() - set(known))
-        if wrong:
-            raise self.refuse(f"unknown key {wrong[0]!r}; there are: {', '.join(sorted(known))}")
-
-    def one_of(self, key: str, names: Sequence[str]) -> str:
-        """Return a name."""
-        found = self._values.get(key)
-        if found not in names:
-            raise self.refuse(f"{key} is {found!r}; it must be one of {', '.join(names)}")
-        return str(found)
-
-    def number(self, key: str) -> float:
-        """Return a number, 0 if it is not given."""
-        found = self._values.get(key, 0.0)
-        if not _is_finite_number(found):
-            raise self.refuse(f"{key} is {found!r}; it must be a number")
-        return float(found)
-
-    def flag(self, key: str) -> bool:
-        """Return whether something is wanted; it is not if it is not given."""
-        found = self._values.get(key, False)
-        if not isinstance(found, bool):
-            raise self.refuse(f"{key} is {found!r}; it must be true or false")
-        return found
-
-    def range(self, key: str) -> tuple[float, float]:
-        """Return two places."""
-        found = self._values.get(key)
-        if not isinstance(found, list) or len(found) != 2 or not all(map(_is_finite_number, found)):
-            raise self.refuse(f"{key} is {found!r}; it must be two numbers, [mm, mm]")
-        return float(found[0]), float(found[1])
-
-    def points(self, unit: str) -> NDArray[np.float64]:
-        """Return the points (n, 2); `unit` is that of their second numbers."""
-        return self._points("points", self._values.get("points"), unit)
-
-    def rows(self, unit: str) -> list[NDArray[np.float64]]:
-        """Return the points of each row."""
-        found = self._values["rows"]
-        if not isinstance(found, list) or not found:
-            raise self.refuse("rows must be one row or more, each a list of points")
-        return [self._points(f"row {number}", row, unit) for number, row in enumerate(found, 1)]
-
-    def _points(self, what: str, pairs: Any, unit: str) -> NDArray[np.float64]:
-        if not isinstance(pairs, list) or len(pairs) < 2 or any(not _is_pair(pair) for pair in pairs):
-            raise self.refuse(f"{what} must be two or more pairs of numbers, [mm, {unit}]")
-        if not all(_is_finite(value) for pair in pairs for value in pair):
-            raise self.refuse(f"{what} must be finite numbers")
-        points = np.array(pairs, np.float64)
-        rising = np.diff(points[:, 0]) > 0
-        if not rising.all():
-            k = int(np.argmin(rising))
-            raise self.refuse(f"places must rise, but {points[k + 1, 0]:g} mm follows {points[k, 0]:g} mm in {what}")
-        return points
+Real = Annotated[float, Strict(), AllowInfNan(False)]
 
 
-def _is_number(value: object) -> bool:
-    return real(value) is not None
+def _rising(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    for (before, _), (place, _) in pairwise(pairs):
+        if not place > before:
+            raise ValueError(f"places must rise, but {place:g} mm follows {before:g} mm")
+    return pairs
 
 
-def _is_pair(pair: object) -> bool:
-    return isinstance(pair, list) and len(pair) == 2 and all(map(_is_number, pair))
+Points = Annotated[list[tuple[Real, Real]], Field(min_length=2), AfterValidator(_rising)]
 
 
-def _is_finite_number(value: Any) -> bool:
-    return _is_number(value) and _is_finite(value)
+class _Section(BaseModel, extra="forbid", frozen=True):
+    """A section of a file; its fields are the keys."""
+
+    axis: Literal["x", "y", "u", "v"]
+    master: Literal["x", "y", "u", "v", "path"]
+    cubic: StrictBool = False
 
 
-def _is_finite(value: float) -> bool:
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # a whole number of hundreds of digits
-        return False
+class _Line(_Section, frozen=True):
+    """Errors along the master."""
+
+    reversal_um: Real = 0.0
+    points: Points
+
+    def read(self) -> ErrorTable:
+        return ErrorTable(self.axis, self.master, np.array(self.points), self.reversal_um, self.cubic)
+
+
+class _Grid(_Section, frozen=True):
+    """Errors along the master and a third axis."""
+
+    reversal_um: Real = 0.0
+    row_axis: Literal["x", "y", "u", "v", "path"]
+    row_range_mm: tuple[Real, Real]
+    interpolate_rows: StrictBool = False
+    rows: Annotated[list[Points], Field(min_length=1)]
+
+    def read(self) -> ErrorTable:
+        first_mm, last_mm = self.row_range_mm
+        if len(self.rows) > 1 and first_mm == last_mm:
+            raise InputError(f"row_range_mm is {first_mm:g} to {last_mm:g}: the rows must begin and end apart")
+        from_mm, to_mm, expected = self.rows[0][0][0], self.rows[0][-1][0], len(self.rows[0])
+        for number, row in enumerate(self.rows, 1):
+            if (row[0][0], row[-1][0], len(row)) != (from_mm, to_mm, expected):
+                raise InputError(
+                    f"row {number} has {len(row)} points from {row[0][0]:g} to {row[-1][0]:g} mm; the first one has "
+                    f"{expected} from {from_mm:g} to {to_mm:g} mm, and all must be alike"
+                )
+        rows = TableRows(self.row_axis, first_mm, last_mm, len(self.rows), self.interpolate_rows)
+        return ErrorTable(self.axis, self.master, np.concatenate(self.rows), self.reversal_um, self.cubic, rows)
+
+
+class _Motion(_Section, frozen=True):
+    """A cam."""
+
+    master: Literal["x", "y", "path"]
+    points: Points
+
+    def read(self) -> Cam:
+        if self.axis not in CAM_AXES:
+            raise InputError(
+                f"the program moves {self.axis}, and an axis that follows a cam takes no travel commands; axis must "
+                f"be one of {', '.join(CAM_AXES)}"
+            )
+        cam = Cam(self.axis, self.master, np.array(self.points), self.cubic)
+        slope = np.diff(cam.points[:, 1]) / np.diff(cam.points[:, 0])
+        k = int(np.argmax(np.abs(slope)))
+        if abs(slope[k]) > _STEEPEST:
+            raise InputError(
+                f"{cam.axis} moves {abs(slope[k]):g} mm for each mm of {cam.master} behind {cam.points[k, 0]:g} mm; "
+                f"it must be at most {_STEEPEST:g}"
+            )
+        return cam
 
 
 @dataclass(frozen=True)
@@ -151,36 +138,24 @@ class TableRows:
 
 @dataclass(frozen=True)
 class ErrorTable:
-    """Errors of one axis along an axis or the path.
+    """Errors of one axis along an axis or the path."""
 
-    Attributes
-    ----------
-    axis, master : str
-        One of `NAMES`; one of `PLACES`.
-    points : float64 array (n, 2)
-        Position of the master in mm, and error in um (indicated less true position of the axis), row after row.
-    reversal_um : float
-        Error while the master moves up, less error while it moves down.
-    cubic : bool
-        Whether a curve joins the points instead of straight lines.
-    rows : TableRows or None
-        Selector of the row of points.
-    """
-
+    # axis, master: one of `NAMES`; one of `PLACES`
     axis: str
     master: str
+    # (n, 2): position of the master in mm, and error in um (indicated less true position of the axis), row after row
     points: NDArray[np.float64]
-    reversal_um: float = 0.0
-    cubic: bool = False
-    rows: TableRows | None = None
+    reversal_um: float = 0.0  # error while the master moves up, less error while it moves down
+    cubic: bool = False  # whether a curve joins the points instead of straight lines
+    rows: TableRows | None = None  # selector of the row of points
 
 
 @dataclass(frozen=True)
 class Cam:
-    """Motion of an axis of `CAM_AXES` over a master of `CAM_MASTERS`: ``points`` (n, 2), both in mm."""
+    """Motion of an axis of `CAM_AXES` over x, y or the path: ``points`` (n, 2), both in mm."""
 
     axis: str
-    master: str
+    master: str  # one of `PLACES`
     points: NDArray[np.float64]
     cubic: bool = False
 
@@ -200,11 +175,11 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"not valid TOML: {error}", file) from None
     found: list[ErrorTable | Cam] = []
-    for kind, read in (("table", _error_table), ("cam", _cam)):
+    for kind in ("table", "cam"):
         sections = data.pop(kind, [])
         if not isinstance(sections, list) or any(not isinstance(section, dict) for section in sections):
             raise InputError(f"a compensation file has one section [[{kind}]] or more, not this {kind}", file)
-        found += [read(_Section(f"{kind} {number}", section, file)) for number, section in enumerate(sections, 1)]
+        found += [_read(kind, section, f"{kind} {number}", file) for number, section in enumerate(sections, 1)]
     if data:
         raise InputError(f"unknown section {next(iter(data))!r}; there are: [[table]], [[cam]]", file)
     if not found:
@@ -212,49 +187,14 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     return found
 
 
-def _error_table(section: _Section) -> ErrorTable:
-    shape = ("rows", "row_axis", "row_range_mm", "interpolate_rows") if "rows" in section else ("points",)
-    section.check_keys("axis", "master", "reversal_um", "cubic", *shape)
-    axis, master = section.one_of("axis", NAMES), section.one_of("master", PLACES)
-    points, rows = (section.points("um"), None) if "points" in shape else _rows(section)
-    return ErrorTable(axis, master, points, section.number("reversal_um"), section.flag("cubic"), rows)
-
-
-def _rows(section: _Section) -> tuple[NDArray[np.float64], TableRows]:
-    lines = section.rows("um")
-    axis = section.one_of("row_axis", PLACES)
-    first_mm, last_mm = section.range("row_range_mm")
-    if len(lines) > 1 and first_mm == last_mm:
-        raise section.refuse(f"row_range_mm is {first_mm:g} to {last_mm:g}: the rows must begin and end apart")
-    for number, line in enumerate(lines, 1):
-        ends = [line[0, 0], line[-1, 0], len(line)]
-        expected = [lines[0][0, 0], lines[0][-1, 0], len(lines[0])]
-        if ends != expected:
-            raise section.refuse(
-                f"row {number} has {ends[2]} points from {ends[0]:g} to {ends[1]:g} mm; the first one has "
-                f"{expected[2]} from {expected[0]:g} to {expected[1]:g} mm, and all must be alike"
-            )
-    rows = TableRows(axis, first_mm, last_mm, len(lines), section.flag("interpolate_rows"))
-    return np.concatenate(lines), rows
-
-
-def _cam(section: _Section) -> Cam:
-    section.check_keys("axis", "master", "points", "cubic")
-    axis = section.one_of("axis", NAMES)
-    if axis not in CAM_AXES:
-        raise section.refuse(
-            f"the program moves {axis}, and an axis that follows a cam takes no travel commands; axis must be one of "
-            f"{', '.join(CAM_AXES)}"
-        )
-    cam = Cam(axis, section.one_of("master", CAM_MASTERS), section.points("mm"), section.flag("cubic"))
-    slope = np.diff(cam.points[:, 1]) / np.diff(cam.points[:, 0])
-    k = int(np.argmax(np.abs(slope)))
-    if abs(slope[k]) > _STEEPEST:
-        raise section.refuse(
-            f"{cam.axis} moves {abs(slope[k]):g} mm for each mm of {cam.master} behind {cam.points[k, 0]:g} mm; "
-            f"it must be at most {_STEEPEST:g}"
-        )
-    return cam
+def _read(kind: str, section: dict[str, Any], name: str, file: str | Path) -> ErrorTable | Cam:
+    model: type[_Line | _Grid | _Motion] = _Motion if kind == "cam" else _Grid if "rows" in section else _Line
+    try:
+        return model.model_validate(section).read()
+    except ValidationError as error:
+        raise InputError(f"{name}: {invalid_entry(error)}", file) from None
+    except InputError as error:
+        raise InputError(f"{name}: {error.reason}", file) from None
 
 
 def text_of(tables: Iterable[ErrorTable], comments: Sequence[str] = ()) -> str:

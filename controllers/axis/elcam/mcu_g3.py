@@ -26,29 +26,15 @@ CYCLE_S = DATA["axis"]["cycle_ns"] * 1e-9  # interpolator's cycle
 
 @dataclass
 class ControlAxis:
-    """An axis of the control; positions are in its unit, mostly mm.
+    """An axis of the control; positions are in its unit, mostly mm."""
 
-    Attributes
-    ----------
-    counts_per_unit : float
-        Encoder counts, or a stepper's steps, in one unit.
-    stepper : bool
-        Whether it is open-loop: the control sends steps to the motor.
-    use_encoder : bool
-        "Use encoder for position feedback" of the system data: a stepper's encoder is its auxiliary register.
-    auxiliary_factor : float
-        Counts of that encoder in one unit (gfaux); it may change at any time.
-    accel : float
-        Acceleration in units per s2.
-    compensation_rate : float
-        Extension: rate of compensation after switching, in units per s; 0 applies it at once.
-    """
-
-    counts_per_unit: float
-    stepper: bool = False
+    counts_per_unit: float  # encoder counts, or a stepper's steps, in one unit
+    stepper: bool = False  # whether it is open-loop: the control sends steps to the motor
+    # "Use encoder for position feedback" of the system data: a stepper's encoder is its auxiliary register
     use_encoder: bool = False
-    auxiliary_factor: float = 1.0
-    accel: float = DATA["axis"]["accel"]
+    auxiliary_factor: float = 1.0  # counts of that encoder in one unit (gfaux); it may change at any time
+    accel: float = DATA["axis"]["accel"]  # acceleration in units per s2
+    # extension: rate of compensation after switching, in units per s; 0 applies it at once
     compensation_rate: float = 0.0
     setpoint: float = 0.0
     velocity: float = 0.0

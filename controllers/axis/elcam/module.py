@@ -27,7 +27,6 @@ from edmsim.controllers.axis.elcam.registers import (
     ACCESS,
     DATA,
     KNOWN,
-    NEEDS,
     CallStatus,
     Descriptor,
     Error,
@@ -146,18 +145,6 @@ class ControlFaults:
 
 
 _AUXILIARY = Mode.AUXILIARY | Mode.AUXILIARY_ROW
-_PLAIN: dict[Function, str] = {
-    Function.AXIS: "axis", Function.MASTER: "master", Function.GAIN: "gain", Function.PHASE: "phase",
-    Function.SHIFT: "shift", Function.SIZE_MASTER: "size_master", Function.SIZE_FOLLOW: "size_follow",
-    Function.ROW_AXIS: "row_axis", Function.ROW_START: "row_start", Function.ROW_END: "row_end",
-    Function.ROW_COUNT: "row_count", Function.PHYSICAL_ADDRESS: "physical_address",
-}  # fmt: skip
-"""Functions that read a number as it stands."""
-_WHILE_RUNNING = frozenset({
-    Function.ERROR, Function.RESET, Function.GAIN, Function.PHASE, Function.SHIFT, Function.MODE,
-    Function.INTERPOLATE_ROWS,
-})  # fmt: skip
-"""Writable while the table runs (ours: the document forbids only the number of rows)."""
 
 
 @dataclass(frozen=True)
@@ -240,17 +227,11 @@ class Elcam:
         self.faults = ControlFaults()
         self._firmware = version_of(firmware or data["firmware"])
         self._library = version_of(library or data["library"])
-        self._readers: dict[Function, Callable[[CamTable], ObjectAnswer]] = {
-            Function.ERROR: lambda table: ObjectAnswer(CallStatus.OK, self._error(table)),
-            Function.RESET: lambda table: ObjectAnswer(CallStatus.OK, 0),
-            Function.BUFFER_SIZE: lambda table: ObjectAnswer(CallStatus.OK, len(table.points)),
-            Function.MODE: lambda table: ObjectAnswer(CallStatus.OK, int(table.mode)),
-            Function.TARGET_POSITION: self._target_position,
-            Function.MEMORY_ADDRESS: lambda table: ObjectAnswer(CallStatus.OK, table.physical_address),
-            Function.COMPENSATION: lambda table: ObjectAnswer(CallStatus.OK, int(table.marked and table.compensates)),
-            Function.INTERPOLATE_ROWS: lambda table: ObjectAnswer(
-                CallStatus.OK, int(Mode.INTERPOLATE_ROWS in table.mode)
-            ),
+        self._readers: dict[Function, Callable[[CamTable], int]] = {
+            Function.ERROR: self._error, Function.RESET: lambda table: 0,
+            Function.BUFFER_SIZE: lambda table: len(table.points), Function.MODE: lambda table: int(table.mode),
+            Function.COMPENSATION: lambda table: int(table.marked and table.compensates),
+            Function.INTERPOLATE_ROWS: lambda table: int(Mode.INTERPOLATE_ROWS in table.mode),
         }
         self._writers: dict[Function, Callable[[CamTable, Any], CallStatus]] = {
             Function.ERROR: self._clear_error, Function.RESET: self._reset, Function.BUFFER_SIZE: self._reserve,
@@ -351,20 +332,20 @@ class Elcam:
         if what.sub_index not in set(ACCESS):
             return None
         function = Function(what.sub_index)
-        own_kind, rights = ACCESS[function]
-        old = function in NEEDS and not self.has(NEEDS[function])
-        return None if own_kind is not kind or right not in rights or old else function
+        access = ACCESS[function]
+        old = access.since != "" and not self.has(access.since)
+        return None if access.kind is not kind or right not in access.rights or old else function
 
     def _write(self, to: Descriptor, value: float, kind: type) -> CallStatus:
         function = self._function(to, kind, "w")
         if function is None or (not math.isfinite(value) and function is not Function.ADD_MASTER):
             return CallStatus.REFUSED
         table = self.tables.setdefault(to.index, CamTable())
-        if table.runs and function not in _WHILE_RUNNING:
+        if table.runs and not ACCESS[function].while_running:
             return CallStatus.BUSY
         if function in self._writers:
             return self._writers[function](table, value)
-        setattr(table, _PLAIN[function], value)
+        setattr(table, ACCESS[function].name, value)
         return CallStatus.OK
 
     def _read(self, of: Descriptor, kind: type) -> ObjectAnswer:
@@ -372,9 +353,10 @@ class Elcam:
         if function is None:
             return ObjectAnswer(CallStatus.REFUSED, 0)
         table = self.tables.setdefault(of.index, CamTable())
-        if function in _PLAIN:
-            return ObjectAnswer(CallStatus.OK, getattr(table, _PLAIN[function]))
-        return self._readers[function](table)
+        if function is Function.TARGET_POSITION:
+            return self._target_position(table)
+        name = ACCESS[function].name
+        return ObjectAnswer(CallStatus.OK, getattr(table, name) if name else self._readers[function](table))
 
     def _error(self, table: CamTable) -> int:
         """Return the register ERROR: with points entered, also what would forbid to run with the present bits."""

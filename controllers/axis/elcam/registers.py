@@ -53,23 +53,42 @@ class Function(IntEnum):
     PHYSICAL_ADDRESS = 300
 
 
-ACCESS: dict[Function, tuple[type[int] | type[float], str]] = {
-    Function.ERROR: (int, "rw"), Function.RESET: (int, "rw"), Function.BUFFER_SIZE: (int, "rw"),
-    Function.AXIS: (int, "rw"), Function.MASTER: (int, "rw"), Function.GAIN: (float, "rw"),
-    Function.PHASE: (float, "rw"), Function.SHIFT: (float, "rw"), Function.MODE: (int, "rw"),
-    Function.ADD_MASTER: (float, "w"), Function.ADD_FOLLOW: (float, "w"), Function.SIZE_MASTER: (int, "r"),
-    Function.SIZE_FOLLOW: (int, "r"), Function.ROW_AXIS: (int, "rw"), Function.ROW_START: (float, "rw"),
-    Function.ROW_END: (float, "rw"), Function.ROW_COUNT: (int, "rw"), Function.TARGET_POSITION: (float, "r"),
-    Function.MEMORY_ADDRESS: (int, "r"), Function.TABLE_SIZE: (int, "w"), Function.COMPENSATION: (int, "rw"),
-    Function.INTERPOLATE_ROWS: (int, "rw"), Function.PHYSICAL_ADDRESS: (int, "rw"),
-}  # fmt: skip
-"""Kind of number and rights of every function."""
+class Access(NamedTuple):
+    """How a function is called."""
 
-NEEDS: dict[Function, str] = {
-    Function.TARGET_POSITION: "target_position", Function.TABLE_SIZE: "computer_memory",
-    Function.PHYSICAL_ADDRESS: "computer_memory", Function.COMPENSATION: "compensation",
-}  # fmt: skip
-"""Functions that the firmware has only from some version on: the key of that version in the data."""
+    kind: type[int] | type[float]
+    rights: str  # of "r" and "w"
+    name: str = ""  # attribute of `CamTable` that it reads, and writes unless the module does more; empty for none
+    while_running: bool = False  # whether it is written while the table runs (ours: only rows are forbidden there)
+    since: str = ""  # key in the data of the version from which on the firmware has it; empty for all
+
+
+ACCESS: dict[Function, Access] = {
+    Function.ERROR: Access(int, "rw", while_running=True),
+    Function.RESET: Access(int, "rw", while_running=True),
+    Function.BUFFER_SIZE: Access(int, "rw"),
+    Function.AXIS: Access(int, "rw", "axis"),
+    Function.MASTER: Access(int, "rw", "master"),
+    Function.GAIN: Access(float, "rw", "gain", while_running=True),
+    Function.PHASE: Access(float, "rw", "phase", while_running=True),
+    Function.SHIFT: Access(float, "rw", "shift", while_running=True),
+    Function.MODE: Access(int, "rw", while_running=True),
+    Function.ADD_MASTER: Access(float, "w"),
+    Function.ADD_FOLLOW: Access(float, "w"),
+    Function.SIZE_MASTER: Access(int, "r", "size_master"),
+    Function.SIZE_FOLLOW: Access(int, "r", "size_follow"),
+    Function.ROW_AXIS: Access(int, "rw", "row_axis"),
+    Function.ROW_START: Access(float, "rw", "row_start"),
+    Function.ROW_END: Access(float, "rw", "row_end"),
+    Function.ROW_COUNT: Access(int, "rw", "row_count"),
+    Function.TARGET_POSITION: Access(float, "r", since="target_position"),
+    Function.MEMORY_ADDRESS: Access(int, "r", "physical_address"),
+    Function.TABLE_SIZE: Access(int, "w", since="computer_memory"),
+    Function.COMPENSATION: Access(int, "rw", since="compensation"),
+    Function.INTERPOLATE_ROWS: Access(int, "rw", while_running=True),
+    Function.PHYSICAL_ADDRESS: Access(int, "rw", "physical_address", since="computer_memory"),
+}
+"""Every function of a table's object."""
 
 
 class Error(IntFlag):

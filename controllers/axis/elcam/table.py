@@ -21,19 +21,13 @@ from edmsim.controllers.axis.elcam.registers import Error, Mode
 
 @dataclass
 class CamExtensions:
-    """Extensions of a table; by default all are off.
+    """Extensions of a table; by default all are off."""
 
-    Attributes
-    ----------
-    cubic : bool
-        Whether points are joined by cubics with the slopes of the points' neighbours instead of straight lines: the
-        curve passes through every point, without steps in speed.
-    reversal : float
-        For compensation tables: error while the master moves up, less error while it moves down, in units of the
-        follower. Half of it is added upwards and subtracted downwards.
-    """
-
+    # whether points are joined by cubics with the slopes of the points' neighbours instead of straight lines: the
+    # curve passes through every point, without steps in speed
     cubic: bool = False
+    # for compensation tables: error while the master moves up, less error while it moves down, in units of the
+    # follower. Half of it is added upwards and subtracted downwards.
     reversal: float = 0.0
 
 

@@ -315,6 +315,25 @@ _QUESTIONS = ("POSITION X Y", "NEW POSITION X Y", "t(i) us", "t(p) us", "CUTTING
 _POSITION, _NEW, _T_I, _T_P, _SPEED, _START = range(6)
 
 
+def _alone(do: Callable[[], None]) -> Callable[[InputBuffer], None]:
+    """Return what obeys a word that stands alone on its line."""
+
+    def word(buffer: InputBuffer) -> None:
+        part_program.at_end(buffer)
+        do()
+
+    return word
+
+
+def _switched(word: str, on: str, off: str, buffer: InputBuffer) -> bool:
+    """Read which of two words follows another, and the end of the line."""
+    found = part_program.read_word(buffer)
+    part_program.at_end(buffer)
+    if found not in (on, off):
+        raise InputError(f"{word} {on} or {word} {off} is wanted")
+    return found == on
+
+
 class MainProgram:
     """The dialogue: one line at a time, from the input buffer."""
 
@@ -327,15 +346,16 @@ class MainProgram:
         self._new_place = ProgramStore(memory, at.NEW, 1)
         self._program = ProgramStore(memory, at.PROGRAM, at.PROGRAM_ENTRIES)
         self._words: dict[str, Callable[[InputBuffer], None]] = {
-            "HELP": self._help, "?": self._help, "STATUS": self._status, "POS": self._pos, "NEW": self._new,
+            "HELP": self._help, "?": self._help, "STATUS": _alone(self._status), "POS": self._pos, "NEW": self._new,
             "CW": self._new, "CCW": self._new, "TI": self._set, "TP": self._set, "SPEED": self._set,
-            "START": self._start, "X": self._jog, "Y": self._jog, "GEN": self._gen, "WAIT": self._wait,
-            "MAIN": self._main, "LOAD": self._load, "LIST": self._list, "RUN": self._run,
-            "TENSION": self._tension, "KEY": lambda buffer: machine.press(buffer.rest.decode("ascii")),
-            "STOP": self._plain(machine.stop), "GO": self._plain(machine.go_on), "EM": self._plain(machine.emergency),
-            "INIT": self._plain(machine.init), "WIRE": self._plain(machine.thread_wire),
-            "MON": self._plain(desk.monitor),
-            "BYE": self._plain(desk.leave),
+            "START": _alone(self._start), "X": self._jog, "Y": self._jog, "WAIT": self._wait,
+            "GEN": lambda buffer: machine.generator(_switched("GEN", "ON", "OFF", buffer)),
+            "TENSION": lambda buffer: machine.tension(_switched("TENSION", "LOW", "FULL", buffer)),
+            "KEY": lambda buffer: machine.press(buffer.rest.decode("ascii")),
+            "MAIN": _alone(self._main), "LOAD": _alone(self._load), "LIST": _alone(self._list),
+            "RUN": _alone(self._run), "STOP": _alone(machine.stop), "GO": _alone(machine.go_on),
+            "EM": _alone(machine.emergency), "INIT": _alone(machine.init), "WIRE": _alone(machine.thread_wire),
+            "MON": _alone(desk.monitor), "BYE": _alone(desk.leave),
         }  # fmt: skip
         self._word = ""
 
@@ -376,13 +396,6 @@ class MainProgram:
             raise InputError(f"{found} is not a word of this machine; HELP shows them")
         self._words[self._word](buffer)
 
-    def _plain(self, do: Callable[[], None]) -> Callable[[InputBuffer], None]:
-        def word(buffer: InputBuffer) -> None:
-            part_program.at_end(buffer)
-            do()
-
-        return word
-
     def _help(self, buffer: InputBuffer) -> None:
         word = part_program.read_word(buffer)
         part_program.at_end(buffer)
@@ -390,8 +403,7 @@ class MainProgram:
             raise InputError(f"there is no help on {word}; there is on {' '.join(WORDS)}")
         self._say(WORDS[ALIASES.get(word, word)] if word else JOB)
 
-    def _status(self, buffer: InputBuffer) -> None:
-        part_program.at_end(buffer)
+    def _status(self) -> None:
         self._say(describe(self._machine.status(), self.target))
 
     def _pos(self, buffer: InputBuffer) -> None:
@@ -411,8 +423,7 @@ class MainProgram:
         now = self._machine.status()
         self._say(f"{pulses(now)}   SPEED {now.speed}")
 
-    def _start(self, buffer: InputBuffer) -> None:
-        part_program.at_end(buffer)
+    def _start(self) -> None:
         target = self.target
         if target is None:
             raise InputError("no new position was given; NEW x y gives one")
@@ -429,46 +440,28 @@ class MainProgram:
         part_program.at_end(buffer)
         self._machine.jog(axis, way)
 
-    def _gen(self, buffer: InputBuffer) -> None:
-        word = part_program.read_word(buffer)
-        part_program.at_end(buffer)
-        if word not in ("ON", "OFF"):
-            raise InputError("GEN ON or GEN OFF is wanted")
-        self._machine.generator(word == "ON")
-
-    def _tension(self, buffer: InputBuffer) -> None:
-        word = part_program.read_word(buffer)
-        part_program.at_end(buffer)
-        if word not in ("LOW", "FULL"):
-            raise InputError("TENSION LOW or TENSION FULL is wanted")
-        self._machine.tension(word == "LOW")
-
     def _wait(self, buffer: InputBuffer) -> None:
         seconds = part_program.read_number(buffer) if skip(buffer) else None
         part_program.at_end(buffer)
         self._desk.wait(seconds)
 
-    def _load(self, buffer: InputBuffer) -> None:
-        part_program.at_end(buffer)
+    def _load(self) -> None:
         program = part_program.read_program(self._desk.host_lines(), self._machine.codes)
         self._program.write(program)
         moves = sum(isinstance(entry, part_program.Move) for entry in program)
         self._say(f"LOADED: {moves} MOVES, {len(program) - moves} SETTINGS")
 
-    def _list(self, buffer: InputBuffer) -> None:
-        part_program.at_end(buffer)
+    def _list(self) -> None:
         program = self._program.read()
         self._say("\n".join(map(str, program)) if program else "NO PROGRAM")
 
-    def _run(self, buffer: InputBuffer) -> None:
-        part_program.at_end(buffer)
+    def _run(self) -> None:
         program = self._program.read()
         if not program:
             raise InputError("there is no program; LOAD takes one from the host")
         self._machine.cut(program)
 
-    def _main(self, buffer: InputBuffer) -> None:
-        part_program.at_end(buffer)
+    def _main(self) -> None:
         self._question = _POSITION
 
     def _shown(self, question: int) -> str:
@@ -494,7 +487,7 @@ class MainProgram:
         if question == _START:
             self._question = None
             if buffer.waiting == ord("Y"):
-                self._start(InputBuffer())
+                self._start()
             return
         if skip(buffer):
             self._take(question, buffer)

@@ -17,7 +17,7 @@ from edmsim.plant.axes.board import NEVER, NOWHERE_UM
 from edmsim.plant.axes.encoder import draw_pause
 from edmsim.plant.axes.marks import LONG_AGO_NS, mark_below, watch_cam
 from edmsim.plant.axes.motor import check_motor
-from edmsim.plant.axes.rapid import constants, run_moves, straight_moves, time_left_s
+from edmsim.plant.axes.rapid import rapid_constants, run_moves, straight_moves, time_left_s
 from edmsim.plant.axes.shaft import longest_step_ns
 from edmsim.plant.axes.steps import MOVE
 from edmsim.plant.axes.ways import no_ways, taken_up
@@ -83,9 +83,9 @@ class Drives:
             check_motor(motor)
             made.step_ns[k] = longest_step_ns(motor)
             self._looped.append(k)
-        self._first, self._first_rows = made.drives.copy(), _rows_at_first(travel_um, stray_um)
+        self._initial, self._initial_rows = made.drives.copy(), _initial_rows(travel_um, stray_um)
         for name in _TIMERS:
-            self._first[name] = NEVER
+            self._initial[name] = NEVER
         self._stray_um = stray_um
         errs = made.ways.tobytes() != no_ways().tobytes()
         self.axes = made._replace(loops=len(self._looped), errs=int(errs))
@@ -93,12 +93,12 @@ class Drives:
     def reset(self, state: NDArray[np.void], seed: int) -> None:
         """Switch the drives on at time 0, with the axes at rest where the scalars of a plant (`STATE`) say."""
         self.switch_on(state["axis_um"][0], seed)
-        self._stray(state)
+        self._apply_errors(state)
 
     def switch_on(self, axis_um: NDArray[np.float64], seed: int) -> None:
         """Switch the drives on at time 0, with the axes at rest at some places; the seed is the encoders' noise's."""
         rows, drives = self.axes.rows, self.axes.drives
-        rows[:], drives[:] = self._first_rows, self._first
+        rows[:], drives[:] = self._initial_rows, self._initial
         for name in ("place_um", "zero_um", "least_um", "most_um", "rotor_um"):
             rows[name] = axis_um
         rows["link_V"] = self.axes.motors["supply_V"]
@@ -138,7 +138,7 @@ class Drives:
         late_s = 0.0
         if self._looped:
             duration_ns, late_s = self._travel(state, counts, duration_ns, step_um, rapid_um_s)
-        self._stray(state)
+        self._apply_errors(state)
         return duration_ns, late_s
 
     def _travel(
@@ -159,13 +159,13 @@ class Drives:
             if np.all(away_um <= step_um):
                 break
             if until_ns >= check_ns:
-                late_s = time_left_s(before_um, away_um, constants()["settled_s"], step_um)
-                if late_s > constants()["longest_s"]:
+                late_s = time_left_s(before_um, away_um, rapid_constants()["settled_s"], step_um)
+                if late_s > rapid_constants()["longest_s"]:
                     break
-                check_ns, before_um, late_s = until_ns + round(constants()["settled_s"] * 1e9), away_um, 0.0
+                check_ns, before_um, late_s = until_ns + round(rapid_constants()["settled_s"] * 1e9), away_um, 0.0
             until_ns += _LOOK_NS
         rows["least_um"] = rows["most_um"] = to_um
-        self._show(state)
+        self._publish_places(state)
         return until_ns - start_ns, late_s
 
     def away_um(self, state: NDArray[np.void]) -> NDArray[np.float64]:
@@ -174,7 +174,7 @@ class Drives:
         away_um[self._looped] = np.abs(self.axes.rows["place_um"] - state["commanded_um"][0])[self._looped]
         return away_um
 
-    def _show(self, state: NDArray[np.void]) -> None:
+    def _publish_places(self, state: NDArray[np.void]) -> None:
         """Put the axes whose drives have a loop where their tables are; one that is nowhere stays."""
         places_um = self.axes.rows["place_um"]
         there = [k for k in self._looped if abs(places_um[k]) < NOWHERE_UM]
@@ -195,12 +195,12 @@ class Drives:
                 self.axes.rows["least_um"][channel] += value * step_um
                 self.axes.rows["most_um"][channel] += value * step_um
             else:
-                state["axis_um"][0, channel] += self._taken(state, channel, value * step_um)
+                state["axis_um"][0, channel] += self._after_backlash(state, channel, value * step_um)
         self._run_to(until_ns)
-        self._show(state)
-        self._stray(state)
+        self._publish_places(state)
+        self._apply_errors(state)
 
-    def _taken(self, state: NDArray[np.void], axis: int, travel_um: float) -> float:
+    def _after_backlash(self, state: NDArray[np.void], axis: int, travel_um: float) -> float:
         """Return how far a stepper's axis goes at a step, whose nut may have play."""
         if not self.axes.errs or axis >= 2:
             return travel_um
@@ -214,7 +214,7 @@ class Drives:
         if self._looped:
             run_moves(self.axes, np.zeros(0, MOVE), time_ns)
 
-    def _stray(self, state: NDArray[np.void]) -> None:
+    def _apply_errors(self, state: NDArray[np.void]) -> None:
         if self.axes.errs:
             apply_geometric_errors(state, self.axes)
 
@@ -280,7 +280,7 @@ class Drives:
             self.axes.drives["sample"][k] = sample.address
 
 
-def _rows_at_first(travel_um: float, stray_um: float) -> NDArray[np.void]:
+def _initial_rows(travel_um: float, stray_um: float) -> NDArray[np.void]:
     """Rows of axes that are switched on, but for where they stand."""
     rows = np.zeros(N_AXES, AXIS)
     rows["spike_ns"], rows["stray_um"] = np.inf, stray_um

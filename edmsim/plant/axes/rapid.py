@@ -24,7 +24,7 @@ from edmsim.plant.kernel.state import Axes
 
 
 @cache
-def constants() -> dict[str, float]:
+def rapid_constants() -> dict[str, float]:
     """Return the constants of a rapid by name."""
     found: dict[str, float] = tomllib.loads(models.path("drives/board.toml").read_text(encoding="utf-8"))["rapid"]
     return found
@@ -37,7 +37,7 @@ def straight_moves(counts: Sequence[int], start_ns: int, rate_Hz: float, at_once
     for axis, count in enumerate(counts):
         if count:
             rate = 0.0 if at_once[axis] else rate_Hz * abs(count) / way
-            rows.append(move(axis, start_ns, count, rate, rate / constants()["ramp_s"]))
+            rows.append(move(axis, start_ns, count, rate, rate / rapid_constants()["ramp_s"]))
     return np.concatenate(rows)
 
 

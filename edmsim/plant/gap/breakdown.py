@@ -137,6 +137,7 @@ def sum_slice(
         gap = gaps_of(rays, s, at, sx, sy)
         delay, held = _delays(gap, law), highest(gap, np.float32(PULL_GAP_FLOOR_UM))
         square = held * held
+        # one division serves rate and pull
         both = spread(one) / (delay * square)
         rate += both * square
         pressure = both * delay * (held * law.wire_curvature + one) + law.bare
@@ -174,9 +175,8 @@ def slice_sums(
 ) -> float:
     """Sum the rays of slice `s` into its row of `sums` (slices, 4), and return the depth of its contacts in um.
 
-    The row is rate 1/us, primed weight um^2, both times `gain`, pull x, y 1/um^2. `shift` is how far the wire has
-    moved from where the rays were traced. The pull is that of coaxial cylinders a ray's gap apart, to second order in
-    gap over radius: ``(1/g + 1/(2 r))^2``. One division serves all.
+    The row is rate 1/us, primed weight um^2, both times `gain`, pull x, y 1/um^2: that of coaxial cylinders,
+    ``(1/g + 1/(2 r))^2``. `shift` is how far the wire has moved from where the rays were traced.
     """
     sx, sy = np.float32(shift_x), np.float32(shift_y)
     near = sum_slice(rays, s, sx, sy, block_law(law), gain, 1.0, debris, sums, spread(np.float32(0.0)))

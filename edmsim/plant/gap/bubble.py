@@ -13,13 +13,12 @@ from typing import NamedTuple
 
 from edmsim.compiled.elementary import cube_root
 from edmsim.compiled.jit import compiled
+from edmsim.plant.gap.water import DENSITY_KG_M3
 
 REFERENCE_GAP_UM, REFERENCE_J, REFERENCE_DIAMETER_UM = 20.0, 0.01, 250.0
 """Gap, energy and wire diameter at which the impulse constant of a machine file holds."""
 LEAST_GAP_UM = 5.0
 """Nearer metal does not raise the impulse (ours: craters and asperities are as large)."""
-WATER_KG_M3 = 998.0
-"""Density of water at 20 C."""
 AMBIENT_PA = 1.0e5
 """Pressure behind the wire, where the gas goes."""
 SLIT_LOGARITHM = 0.6
@@ -49,7 +48,7 @@ class BubbleLaw(NamedTuple):
 def bubble_law(diameter_um: float, impulse_10mJ_Ns: float, bubble_share: float) -> BubbleLaw:
     """Return the push for a wire from the impulse of 10 mJ on one of 250 um; it grows with the diameter's square."""
     half_m, gap_m = math.pi / 4 * diameter_um * 1e-6, REFERENCE_GAP_UM * 1e-6
-    inertia = 2 * math.pi * WATER_KG_M3 * gap_m * SLIT_LOGARITHM
+    inertia = 2 * math.pi * DENSITY_KG_M3 * gap_m * SLIT_LOGARITHM
     area_m2 = ESCAPE_AREA * half_m**2
     enthalpy_per_pressure = HEAT_RATIO / (HEAT_RATIO - 1.0)
     return BubbleLaw(
@@ -70,10 +69,9 @@ def vent_time_us(power_W: float, gap_um: float, law: BubbleLaw) -> float:
 def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: BubbleLaw) -> float:
     """Impulse that the bubble of a discharge gives the wire where liquid fills the slit.
 
-    The water driven out gives ``J0 (d / 250 um)^2 (E_w / 10 mJ)^(1/2) (20 um / g)^(1/2)``. There ``E_w`` is the
-    energy ``E_v`` delivered until the vent time ``t_v``, and ``E_v (1 + 0.7 (1 - t_e / t_v))`` where the discharge
-    ends before, after ``t_e``. Escaping gas adds ``k (20 um / g)`` times half of ``E_v``, which it still holds, and
-    then ``k (20 um / g) P - F0`` for as long as the discharge burns on. The gap is taken as 5 um where it is less.
+    The water driven out gives ``J0 (d / 250 um)^2 (E_w / 10 mJ)^(1/2) (20 um / g)^(1/2)``; what escapes adds
+    ``k (20 um / g)`` times half of the energy that the gas holds then, and ``k (20 um / g) P - F0`` as long as the
+    discharge burns on.
     """
     if power_W <= 0.0:
         return 0.0
@@ -82,6 +80,7 @@ def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: Bubble
     energy_J = power_W * confined_us * 1e-6
     narrow = REFERENCE_GAP_UM / max(gap_um, LEAST_GAP_UM)
     escape = law.escape_Ns_J * narrow
+    # a discharge that ends before its gas escapes leaves it the time to give more of its energy
     driving_J = energy_J * (1.0 + LATE_SHARE * (1.0 - confined_us / vent_us))
     water_Ns = law.impulse_Ns * math.sqrt(driving_J / REFERENCE_J * narrow)
     escape_N = max(0.0, escape * power_W - law.ambient_N)

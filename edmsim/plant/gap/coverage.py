@@ -56,10 +56,8 @@ def steam_life_us(half_length_um: float, periods: float, density_kg_m3: float) -
 def refill_um_s(gap_um: float, life_us: float) -> float:
     """Speed of a wire that drives the water through its edges as fast as pockets of steam do.
 
-    Pockets over a share a of the front, of the life T, drive ``pi r g a / T`` out per height and let as much in
-    again, through two edges ``g`` wide: u = ``pi r a / T`` in the mean of both. A pressure ``loss rho (u + v r / g)^2
-    / 2`` resists the wire's speed v as ``loss rho u (r / g) d``; `film.edge_loss_kg_m2` has the same force for random
-    motion of the speed ``2 pi g a / (T sqrt(8 / pi))``, which is returned for a = 1.
+    Pockets of the life T over a share a of the front give the edges' water ``u = pi r a / T``, whose loss resists a
+    wire as ``loss rho u (r / g) d``: as `film.edge_loss_kg_m2` does at ``2 pi g a / (T sqrt(8 / pi))``; here a is 1.
     """
     return 2 * math.pi * gap_um / (max(life_us, 1.0) * 1e-6) / math.sqrt(8 / math.pi)
 
@@ -69,8 +67,7 @@ def refill_us(
 ) -> float:
     """Time in which capillarity draws water over a length into a gap.
 
-    The pressure ``2 sigma cos(angle) / g`` works against friction (Washburn) and inertia, whose times are added: ``3
-    eta l^2 / (sigma cos g) + l sqrt(rho g / (4 sigma cos))``.
+    The pressure ``2 sigma cos(angle) / g`` works against friction (Washburn) and inertia, whose times are added.
     """
     length, gap, driving = length_um * 1e-6, gap_um * 1e-6, tension_N_m * wetting
     friction = 3 * viscosity_Pa_s * length**2 / (driving * gap)
@@ -103,11 +100,9 @@ def blow(
 ) -> None:
     """Let a discharge blow gas at a share of the height of its slice, so long before the period's end.
 
-    It covers the front again where gas of former discharges lies, whose life ends with it: at one slice and a steady
-    rate f the mean share is ``x / (1 + x)``, x = f times the life times the share of the slice one discharge covers.
-    The steam, which reaches further than the permanent gas, spreads the discharge's debris over its pocket, beyond
-    the workpiece as well, and exchanges the gap's debris with the kerf's. Lengths count as shares of the height of
-    the metal in the discharge's slice, beyond the slice as well.
+    Gas of former discharges ends where it covers the front again. The steam spreads the discharge's debris over its
+    pocket, beyond the workpiece as well, and exchanges the gap's debris with the kerf's. Lengths count as shares of
+    the height of the metal in the discharge's slice.
     """
     root, place = math.sqrt(energy_J) / (c.slice_um * a.metal[s]), s + within
     steam, gas = law.steam_um_J * root, law.gas_um_J * root

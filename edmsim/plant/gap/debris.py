@@ -46,16 +46,18 @@ class Jets(NamedTuple):
         return share
 
 
-def jets(
-    lower_Pa: float, upper_Pa: float, viscosity_Pa_s: float, side_gap_um: float, height_mm: float
-) -> Jets:
-    """Return what two nozzles drive through the gap.
+def _meeting_share(lower_Pa: float, upper_Pa: float) -> float:
+    """Height at which two jets meet, as a share of the workpiece's: ``(z / (h - z))^2`` is the pressures' ratio.
 
-    As much water leaves through the kerf at every height, so the flows fall with one slope, the pressures go with the
-    squares of the ways, and the jets meet where ``(z / (h - z))^2`` is the ratio of the pressures.
+    As much water leaves through the kerf at every height (ours), so the flows fall with one slope.
     """
     lower, upper = math.sqrt(lower_Pa), math.sqrt(upper_Pa)
-    share = lower / (lower + upper) if lower + upper > 0.0 else 0.5
+    return lower / (lower + upper) if lower + upper > 0.0 else 0.5
+
+
+def jets(lower_Pa: float, upper_Pa: float, viscosity_Pa_s: float, side_gap_um: float, height_mm: float) -> Jets:
+    """Return what two nozzles drive through the gap."""
+    share = _meeting_share(lower_Pa, upper_Pa)
     return Jets(
         share,
         flow_speed_m_s(lower_Pa, viscosity_Pa_s, side_gap_um, share * height_mm),
@@ -78,11 +80,9 @@ Reynolds numbers of some 10 000 (handbook)."""
 def kerf_jets(lower_Pa: float, upper_Pa: float, kerf_um: float, height_mm: float) -> Jets:
     """Return what two nozzles drive down the kerf behind the wire, whose flow is turbulent.
 
-    ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the way z to where the jets meet. That is taken to be where
-    they do in the gap; the jet of the shorter way loses less to friction, so that each falls with a slope of its own.
+    ``v = sqrt(2 dp / rho / (1.5 + 0.04 z / (2 w)))`` over the way z to where the jets meet, the same as in the gap.
     """
-    lower, upper = math.sqrt(lower_Pa), math.sqrt(upper_Pa)
-    share = lower / (lower + upper) if lower + upper > 0.0 else 0.5
+    share = _meeting_share(lower_Pa, upper_Pa)
 
     def speed_m_s(pressure_Pa: float, way: float) -> float:
         loss = KERF_LOSS + KERF_FRICTION * way * height_mm / (2 * kerf_um * 1e-3)

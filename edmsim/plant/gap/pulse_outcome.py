@@ -165,8 +165,7 @@ def _await(
 ) -> tuple[float, int, float]:
     """Delay of the long branch in us, its slice, and what of a drawn sum is left there.
 
-    Thinning: without flow a breakdown comes at the summed rate; it is put off by the chance that the water has
-    carried away what prepared it.
+    Thinning: breakdowns come at the summed rate; one is put off if the water has carried away what prepared it.
     """
     delay, per_rate = 0.0, 1.0 / max(rate, 1e-30)
     for _ in range(MOST_TRIES):

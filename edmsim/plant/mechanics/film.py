@@ -37,9 +37,8 @@ def _gaps_um(front_um: float, side_um: float) -> NDArray[np.float64]:
 def drag_N_s_m2(radius_um: float, front_um: float, side_um: float, viscosity_Pa_s: float) -> float:
     """Force per metre and per m/s with which the film resists a wire that moves towards its front.
 
-    Reynolds' equation of a film whose sides are open: water leaves sideways, ``v r sin(theta)`` on either side, and
-    ``c = 12 eta r^3 integral sin^2(theta) / g^3``, in a uniform gap ``6 pi eta (r / g)^3``. From 90 degrees on it has
-    to pass between wire and straight walls: ``2 12 eta r^3 integral cos^2(psi) / (g_s + r (1 - cos psi))^3``.
+    Reynolds' equation of a film with open sides: ``c = 12 eta r^3 integral sin^2(theta) / g^3``, in a uniform gap
+    ``6 pi eta (r / g)^3``; behind, water has to pass between wire and straight walls.
     """
     front = 2 * np.trapezoid(np.sin(_ANGLES) ** 2 / _gaps_um(front_um, side_um) ** 3, _ANGLES)
     behind = 2 * np.trapezoid(np.cos(_ANGLES) ** 2 / (side_um + radius_um * (1 - np.cos(_ANGLES))) ** 3, _ANGLES)
@@ -49,18 +48,14 @@ def drag_N_s_m2(radius_um: float, front_um: float, side_um: float, viscosity_Pa_
 def edge_loss_kg_m2(radius_um: float, side_um: float, loss: float, density_kg_m3: float) -> float:
     """Force per metre over the mean square speed of a wire that drives water round its sides, linearised.
 
-    What comes out of the film between wire and side has the speed ``u = v r / g`` and loses ``loss`` times its
-    ``rho u^2 / 2``, on the wire's diameter: ``F' = loss rho r (r / g)^2 v |v|``; random motion of the mean square
-    speed s^2 meets ``sqrt(8 / pi) s v`` in place of ``v |v|``.
+    Water leaves the film at ``u = v r / g`` and loses ``loss rho u^2 / 2``, on the wire's diameter; random motion of
+    the mean square speed s^2 meets ``sqrt(8 / pi) s v`` in place of ``v |v|``.
     """
     return loss * density_kg_m3 * radius_um * 1e-6 * (radius_um / side_um) ** 2 * math.sqrt(8 / math.pi)
 
 
 def added_mass_kg_m(radius_um: float, front_um: float, side_um: float, density_kg_m3: float) -> float:
-    """Mass per metre of the water a wire moves when it moves towards its front; terms as in `drag_N_s_m2`.
-
-    The same flow, without friction: ``rho r^3 integral sin^2(theta) / g``, and what passes the sides.
-    """
+    """Mass per metre of the water a wire moves when it moves towards its front, in the flow of `drag_N_s_m2`."""
     front = 2 * np.trapezoid(np.sin(_ANGLES) ** 2 / _gaps_um(front_um, side_um), _ANGLES)
     behind = 2 * np.trapezoid(np.cos(_ANGLES) ** 2 / (side_um + radius_um * (1 - np.cos(_ANGLES))), _ANGLES)
     return float(density_kg_m3 * (radius_um * 1e-6) ** 2 * radius_um * (front + behind))
@@ -88,8 +83,8 @@ def film_sum(rays: Rays, s: int, sx: np.float32, sy: np.float32, nx: np.float32,
 def scale_film(state: NDArray[np.void], a: Arrays, c: Constants, position: Array, sums: Array) -> None:
     """Find the films' resistance over the pull, which they keep until the rays are traced again.
 
-    Both grow as the front comes nearer, the resistance a little faster: over the pull it is the same within a quarter
-    from 3 to 20 um in a kerf, six times less along a wall. Where the pulls cancel, a fifth of a kerf's is assumed.
+    Both grow as the front comes nearer: over the pull the resistance is the same within a quarter from 3 to 20 um in
+    a kerf, six times less along a wall.
     """
     rays = rays_of(a)
     film = pulls = 0.0
@@ -154,8 +149,7 @@ def _speed(a: Arrays) -> float:
 def mean_resistance(a: Arrays, c: Constants, gas: GasLaw, film: float) -> float:
     """Resistance of a slice in kg/s that damps all modes: the mean film, and what the water loses at its edges.
 
-    The loss grows with the square of the speed; it is linearised at the slices' mean square, as for random motion. To
-    the wire's own motion comes what leaves and refills the gap with every pocket of steam.
+    The loss is linearised at the slices' mean square speed; to it comes the water that every pocket of steam moves.
     Modes stay apart: in a load that creeps for long, single slices go 0.6 to 1.6 times as fast as they should.
     """
     return film + c.jet_kg_um * (_speed(a) + gas.refill_um_s * mean_of_slices(a.steam, a.debris.shape[0]))
@@ -185,8 +179,7 @@ def find_films(state: NDArray[np.void], a: Arrays, c: Constants, sums: Array, me
     """Write every slice's film into `films` (slices, 6), and return how many there are.
 
     Direction to the metal; resistance in kg/s that the film has more than the mean one; the front gap in um; the pull
-    in 1/um^2; the way the wire has come since, 0 here. All are 0 where the gap is wide. The pull's own size tells
-    that gap, as it grows with ``g^(-3/2)``.
+    in 1/um^2; the way the wire has come since, 0 here. All are 0 where the gap is wide.
     """
     found = 0
     for s in range(sums.shape[0]):
@@ -249,10 +242,9 @@ def squeeze(
 ) -> None:
     """Correct the wire's motion over a span for the films and for the pull's change, slice after slice.
 
-    With the resistance c and the yielding H, a slice that would have moved by x moves by ``x / (1 + H c / T)``: all
-    the way where there is no film, not at all where it is stiff. Its speed then follows: a stiff film leaves it that
-    of the way it came, or the force that stopped it would throw it back. The pull, which the motion took as it was
-    when the films were found, is that in the middle of the way; ``scale`` is that of the pull over the span.
+    With the resistance c and the yielding H, a slice that would have moved by x moves by ``x / (1 + H c / T)``. The
+    pull, which the motion took as it was when the films were found, is that in the middle of the way; `scale` is that
+    of the pull over the span.
     """
     slices = films.shape[0]
     for at in range(slices):

@@ -93,12 +93,10 @@ def ringing(a: Arrays, axis: int) -> float:
 def push_out(a: Arrays, s: int, cosine: float, sine: float, depth: float) -> None:
     """Take the wire out of the metal against a direction and stop its motion into it.
 
-    The correction is the smallest one in modal coordinates: what an impulse at that slice would do. The impact is
-    plastic for the slice; the rest of the wire swings on.
+    The smallest correction in modal coordinates, as of an impulse there; plastic for the slice, the rest swings on.
     """
     n_modes = a.shape.shape[1]
-    norm = 0.0
-    speed = 0.0
+    norm = speed = 0.0
     for m in range(n_modes):
         norm += a.shape[s, m] ** 2
         speed += a.shape[s, m] * (a.wire_v[0, m] * cosine + a.wire_v[1, m] * sine)
@@ -127,12 +125,9 @@ def project(a: Arrays, sums: Array, onto: Array) -> None:
 def move(a: Arrays, p: Propagators, loads: Array, scale: float, k: int, braking: float) -> None:
     """Propagate every mode over `k` grid steps, under loads that are constant over them.
 
-    A constant force f acts at the end T as ``f (1 - p11(T)) / omega^2`` on the deflection and as ``f p12(T)`` on the
-    speed, so no time step enters, only the grid of the tables. `braking` is the mean resistance times the span, in
-    kg. With B, its ratio to a mode's mass, a free mass keeps ``E = exp(-B)`` of its speed, goes ``P = (1 - E) / B``
-    of its way; a force moves it by ``2 (1 - P) / B`` of the way it would, and gives it P of the speed; the string's
-    answer to a mass that goes is ``2 (P - E) / B`` of what it would be. With E in Pade's form that is exact in the
-    limits of a mass, of a string and of creep, and no mode grows, however stiff the film.
+    A force f adds ``f (1 - p11) / omega^2`` to the deflection and ``f p12`` to the speed: exact, no time step enters.
+    `braking` is the mean resistance times the span, in kg; with its ratio B to a mode's mass, a free mass would keep
+    ``exp(-B)`` of its speed, here in Pade's form: no mode grows, however stiff the film.
     """
     for m in range(0, a.shape.shape[1], COORDINATES):
         c, s = load(p.wire, (k, 0, m)), load(p.wire, (k, 1, m))

@@ -108,10 +108,7 @@ class ModalModel:
 def build_model(wire: WireSetup, model_file: str = MODEL_FILE) -> mujoco.MjModel:
     """Return the machine's MuJoCo model with this wire in it.
 
-    Node positions, masses, damping, segment stiffness, the height of the upper arm and of the drawn workpiece, and
-    the time step (half the limit of stability of the wire's highest mode) follow the wire; everything else stands in
-    the file.
-
+    Nodes, segments, upper arm, the drawn workpiece and the time step (half the limit of stability) follow the wire.
     Joints are ``x y x_rotor y_rotor`` and ``wire_x00 wire_y00 ..``, bodies ``wire_00 ..`` from the lower guide up,
     actuators ``x_stepper y_stepper`` (ctrl: rotor angle in rad).
     """
@@ -188,9 +185,8 @@ def _draw_workpiece(spec: mujoco.MjSpec, guide_distance_m: float) -> None:
 def reduce_model(model: mujoco.MjModel, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
     """Linearise a machine at its tensioned equilibrium and return its modes.
 
-    Mass comes from MuJoCo, stiffness and damping from central differences of the generalised force over position and
-    velocity. The modes of a block (wire x, wire y, table x, table y) solve ``K phi = omega^2 M phi``. Damping keeps
-    its diagonal in modal coordinates; the largest part dropped is reported.
+    The modes of a block (wire x, wire y, table x, table y) solve ``K phi = omega^2 M phi``. Damping keeps its
+    diagonal in modal coordinates; `ModalModel.neglected_damping` is the largest part dropped.
     """
     node_heights, guide_distance = wire_heights(model)
     linear, blocks = machine_at_rest(model, len(node_heights))

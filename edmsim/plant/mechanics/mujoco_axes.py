@@ -79,22 +79,18 @@ def sound(link: FullLink) -> bool:
 
 @compiled
 def _drive(state: NDArray[np.void], axes: Axes, link: FullLink) -> None:
-    """Apply the motors' torques and the friction of the ways.
-
-    The torque of a direct-current motor follows its current. Its screw's damper stands here, as it does nothing
-    within the backlash. A hybrid stepper holds its rotor by a torque that is sinusoidal over the angle and repeats
-    with every tooth: an angle of a tooth and it rests, four full steps off, without anyone noticing.
-    """
+    """Apply the motors' torques and the friction of the ways."""
     for axis in range(2):
         rotor = link.rotor[axis]
         if axes.drives[axis].sample != 0:
             row, motor = axes.rows[axis], axes.motors[axis]
-            damping = screw_damping(row, motor)
+            damping = screw_damping(row, motor)  # not in MuJoCo: it does nothing within the backlash
             link.force[link.carriage[axis]] = damping + motor.load_N + row.hand_N
             torque = energise(row, motor, link.timestep[0])
             link.force[rotor] = torque + row.hand_Nm - damping * motor.um_per_rad * 1e-6
             continue
         link.force[link.carriage[axis]] = -link.friction_N * link.friction_share[axis]
+        # a tooth away the torque is the same: the rotor may rest four full steps off, without anyone noticing
         lead = link.qpos[rotor] - state[0].commanded_um[axis] * link.rad_per_um[axis]
         link.force[rotor] = -link.holding_Nm[axis] * math.sin(link.teeth * lead)
 

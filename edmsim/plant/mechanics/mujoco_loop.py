@@ -91,8 +91,7 @@ def _add_growth(a: Arrays, link: FullLink, films: Array, scale: float) -> None:
 def _brake(a: Arrays, c: Constants, link: FullLink, films: Array, mean: float, resistance: float) -> None:
     """Let mean film and films resist the speed after a time step, which the step has moved the wire with.
 
-    With the mass m a slice moves, a speed v becomes ``v / (1 + c dt / m)``, slice by slice: no film is too stiff. A
-    slice's film is that of its gap now.
+    With the mass m a slice moves, a speed v becomes ``v / (1 + c dt / m)``: no film is too stiff.
     """
     dt = link.timestep[0]
     for m in range(link.wire.shape[1]):
@@ -123,44 +122,23 @@ def _overlap(begin: float, end: float, low: float, high: float) -> float:
 
 @compiled
 def move_full(
-    state: NDArray[np.void],
-    a: Arrays,
-    c: Constants,
-    axes: Axes,
-    link: FullLink,
-    p: Propagators,
-    t: Timing,
-    load: Array,
-    films: Array,
-    mean: float,
-    resistance: float,
-    open_scale: float,
-    burn_scale: float,
-    ignite_us: float,
-    end_us: float,
-    period_ns: int,
-    s: int,
-    kick_x: float,
-    kick_y: float,
-    events: NDArray[np.int64],
-    next_event: int,
+    state: NDArray[np.void], a: Arrays, c: Constants, axes: Axes, link: FullLink, p: Propagators, t: Timing,
+    load: Array, films: Array, mean: float, resistance: float, open_scale: float, burn_scale: float,
+    ignite_us: float, end_us: float, period_ns: int, s: int, kick_x: float, kick_y: float,
+    events: NDArray[np.int64], next_event: int,
 ) -> int:
     """Step the full model over the period of a pulse that starts at the state's time, which is left as it is.
 
-    As `edmsim.plant.mechanics.modal.move` and `advance_axes` together. The period is cut into equal time steps. The
-    pull (um kg/s2 times the scales) acts with its mean over each. The kick (N s) at ``end_us`` on slice `s` is shared
-    by the two time steps around it, so that its mean moment is right; in the last time step there is no other to
-    share with, and it comes early by less than its length. A motor's step changes the commanded angle, and
-    ``commanded_um`` with it, at the begin of the time step in which it falls.
-
-    Returns the first event after this period; `TRIPPED` if an axis has to be stopped; `LOST` if a coordinate is out
-    of range or not finite: nothing is stepped any more then, and the arrays hold what was found.
+    As `modal.move` and `advance_axes` together, in equal time steps: the pull (um kg/s2 times the scales) acts with
+    its mean over each, the kick (N s) on slice `s` at `end_us`. Returns the first event after this period; `TRIPPED`
+    if an axis has to be stopped; `LOST` if a coordinate is out of range or not finite.
     """
     period_us = period_ns * 1e-3
     n_steps = math.ceil(period_us / link.longest_us)
     dt_us = period_us / n_steps
     link.timestep[0] = dt_us * 1e-6
     _lay_out(state, a, link)
+    # the two time steps around the kick share it, so that its mean time is right; in the last one it comes early
     kicked = min(int(end_us / dt_us), n_steps - 1)
     second = end_us / dt_us - kicked if kicked < n_steps - 1 else 0.0
     fine = True

@@ -53,8 +53,7 @@ class FullMechanics(TableMechanics):
 def _stable_step(modes: ModalModel) -> float:
     """Return the longest time step in s at which no mode grows.
 
-    Semi-implicit Euler with explicit damping c = 2 zeta omega is stable up to
-    ``omega^2 dt^2 + 2 c dt = 4`` (and c dt < 2, which that implies).
+    Semi-implicit Euler with explicit damping c = 2 zeta omega is stable up to ``omega^2 dt^2 + 2 c dt = 4``.
     """
     omega = np.concatenate([modes.wire_omega, modes.table_omega.ravel()])
     damping = 2 * np.concatenate([modes.wire_zeta, modes.table_zeta.ravel()]) * omega

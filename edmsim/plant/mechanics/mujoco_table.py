@@ -138,16 +138,13 @@ def compile_without_geoms(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _free_motors(model: mujoco.MjModel, drive: DriveSetup) -> None:
-    """Take the linear motors off, give the nuts their play, and leave the integration to plain Euler steps.
-
-    Without warm start nothing but positions, velocities and forces goes into a step. Damping is explicit, which
-    costs least; the time step must allow for it.
-    """
+    """Take the linear motors off, give the nuts their play, and leave the integration to plain Euler steps."""
     import mujoco
 
     for axis in "xy":
         model.tendon_lengthspring[model.tendon(f"{axis}_screw").id] = -drive.backlash_m / 2, drive.backlash_m / 2
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    # explicit damping costs least; without warm start only positions, velocities and forces go into a step
     off = mujoco.mjtDisableBit
     for flag in (off.mjDSBL_ACTUATION, off.mjDSBL_EULERDAMP, off.mjDSBL_WARMSTART, off.mjDSBL_AUTORESET):
         model.opt.disableflags |= flag
@@ -169,8 +166,7 @@ def _address_of_step() -> int:
 def _timestep(model: mujoco.MjModel) -> Array:
     """Return a view of the model's time step, which the bindings give as a copy only.
 
-    Gravity stands in the same C struct a few numbers behind it, and of gravity there is a view. The place is
-    taken only if it follows two changes of the time step.
+    Gravity, of which there is a view, stands a few numbers behind it. A place counts if it follows two changes.
     """
     gravity = model.opt.gravity.__array_interface__["data"][0]
     before = model.opt.timestep

@@ -36,9 +36,8 @@ from edmsim.plant.mechanics.modes import Linear, block_modes
 def string_modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: ArrayLike) -> ModalModel:
     """Return the modes of ``reduce_model(build_model(wire, model_file), ...)`` without building that model.
 
-    The file's machine is linearised once, with the wire that stands in it. Of another wire only the nodes' masses
-    and dampings differ, and the segments' stiffness, by one factor: the rest length is 0, so a node feels T/a times
-    its offset from its neighbour whatever the length a of a segment.
+    The file's machine is linearised once. Of another wire only the nodes' masses and dampings differ, and the
+    segments' stiffness, by one factor: their rest length is 0, so a node feels T/a times its neighbour's offset.
     """
     known = _reference(model_file, mjcf_version(model_file))
     linear, nodes = known.linear, np.concatenate(known.blocks[:2])

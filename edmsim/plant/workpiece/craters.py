@@ -58,8 +58,7 @@ def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, rea
 def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, volume: float, jitter: float) -> bool:
     """Lay a crater of `volume` um3 at the ray at a place on the rays in its width, which recede by its mean depth.
 
-    `jitter` (-0.5..0.5 ray spacings) shifts the crater, so that many of them cover the wall evenly. Says whether
-    there was metal to lay it on.
+    `jitter` (-0.5..0.5 ray spacings) lets many of them cover the wall evenly. False if there was no metal.
     """
     if volume <= 0.0:
         return False
@@ -113,8 +112,7 @@ def _carve_ray(
 def carve(a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Constants, aside: float) -> float:
     """Carve what lies on the rays from the field; returns the volume in um3 that found no metal.
 
-    `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees. What
-    is less than a part of a cell, or was taken too much, is kept per slice.
+    `aside` (-0.5..0.5 ray spacings) shifts all strips: where two meet, no ridge shall stay that no ray sees.
     """
     part = c.cell_um**2 / FULL
     missed = 0.0
@@ -128,7 +126,7 @@ def carve(a: Arrays, tiles: NDArray[np.uint16], index: NDArray[np.int32], c: Con
                     area /= metal
                 a.pending_um2[s, place] = 0.0
                 parts = max(0, int(min(area / part, MOST_PARTS)))
-                # the field counts whole parts: the rest of the area waits in its slice
+                # the field counts whole parts: the rest, or what was taken too much, waits in its slice
                 a.carry_um2[s] = area - parts * part
                 left = 0
                 if parts != 0:

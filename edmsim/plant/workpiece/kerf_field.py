@@ -32,15 +32,6 @@ PARALLEL = 1e-9  # a direction is parallel to an axis of the grid if its cosine 
 class Stock:
     """The blank before the first spark: a rectangle with round start holes, perhaps of several heights.
 
-    Attributes
-    ----------
-    rectangle_um : (x_min, y_min, x_max, y_max)
-    holes_um : tuple of (x, y, radius)
-    steps : tuple of LowerRegion
-        Regions that are less high than the rest; where they overlap, the earlier one holds.
-    height_mm : float, optional
-        Height outside the steps: the machine's `height_mm`, the greatest there is. Needed with steps.
-
     Raises
     ------
     InputError
@@ -49,7 +40,9 @@ class Stock:
 
     rectangle_um: tuple[float, float, float, float]
     holes_um: tuple[tuple[float, float, float], ...] = ()
+    # regions that are less high than the rest; where they overlap, the earlier one holds
     steps: tuple[LowerRegion, ...] = ()
+    # height outside the steps: the machine's `height_mm`, the greatest there is. Needed with steps.
     height_mm: float | None = None
 
     def __post_init__(self) -> None:
@@ -231,15 +224,13 @@ class KerfField:
     def take_out(self, piece: shapely.Polygon) -> float:
         """Take a piece out of the stock, as one that fell: in every slice, also where no tile is allocated yet.
 
-        It counts neither as removed metal nor as stock any more. Cells go whose middles lie in it, so a polygon that
-        ends in what was cut leaves no rim.
+        It counts neither as removed metal nor as stock any more. Cells go whose middles lie in it.
         """
         taken = 0
         for tx, ty, place in self.tile_places():
             gone = self._gone_in(tx, ty, (piece,))
             if gone is not None:
-                metal = self.tiles[place][:, gone]
-                taken += int(metal.sum(dtype=np.int64))
+                taken += int(self.tiles[place][:, gone].sum(dtype=np.int64))
                 if self.relief is not None:
                     self._stock_beyond -= _beyond(self.tiles[[place]], self.levels[[place]])
                 self.tiles[place][:, gone] = 0
@@ -405,21 +396,12 @@ def metal_height(
 
 @compiled
 def trace(
-    tiles: NDArray[np.uint16],
-    index: NDArray[np.int32],
-    slice_index: int,
-    cell_um: float,
-    x: float,
-    y: float,
-    cosine: float,
-    sine: float,
-    start_um: float,
-    end_um: float,
+    tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, cell_um: float, x: float, y: float,
+    cosine: float, sine: float, start_um: float, end_um: float,
 ) -> float:
     """Distance in um from a point along a direction to the metal's edge; `NO_METAL_UM` where there is none.
 
-    Goes from cell to cell and adds up the metal met; where it amounts to one cell, the edge lies one cell back. That
-    makes the edge move smoothly as a cell is emptied, and a sliver thinner than a cell transparent.
+    The edge lies one cell before where the metal met amounts to one cell: it moves smoothly as a cell is emptied.
     """
     grid = 1.0 / cell_um
     px, py = (x + cosine * start_um) * grid, (y + sine * start_um) * grid
@@ -495,28 +477,15 @@ def _carve_row(
 
 @compiled
 def carve_wall(
-    tiles: NDArray[np.uint16],
-    index: NDArray[np.int32],
-    slice_index: int,
-    cell_um: float,
-    x: float,
-    y: float,
-    cosine: float,
-    sine: float,
-    edge_um: float,
-    before_um: float,
-    proud_um: float,
-    beyond_um: float,
-    width_um: float,
-    parts: int,
+    tiles: NDArray[np.uint16], index: NDArray[np.int32], slice_index: int, cell_um: float, x: float, y: float,
+    cosine: float, sine: float, edge_um: float, before_um: float, proud_um: float, beyond_um: float,
+    width_um: float, parts: int,
 ) -> int:
     """Remove `parts` parts of metal from a wall; return how many found none, below zero if more were taken.
 
     The wall stands across a direction, `edge_um` from the point and `width_um` wide; metal is looked for from
-    `before_um` before it to `beyond_um` behind. It is taken row by row of the grid, along the axis nearer to the
-    direction; every row gives as much as the share of the width it covers, from its first metal inwards, so that the
-    edge stays sharp and even. Metal that stands more than `proud_um` before the wall is what discharges hit first: of
-    it a row gives up to `PROUD_SHARE` times as much more.
+    `before_um` before it to `beyond_um` behind. Discharges hit first what stands more than `proud_um` before the
+    wall: of that a row of cells gives up to `PROUD_SHARE` times as much more.
     """
     grid = 1.0 / cell_um
     # rows run along the axis nearer to the direction, so that each crosses the wall once

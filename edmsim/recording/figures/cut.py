@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
 from edmsim.metrology.edges import filled
+from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
 from edmsim.recording.figures import palette, style
 from edmsim.recording.figures.profile import draw_errors, label_corners
 from edmsim.recording.report import Report
-from edmsim.recording.scene import ErrorMap, Scene, SceneCorner
+from edmsim.recording.scene import ErrorMap, Scene
 from edmsim.recording.windows import column
 
 Array = NDArray[np.float64]
@@ -159,7 +160,7 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     return figure
 
 
-def _chosen_corner(scene: Scene, corner: int | None) -> SceneCorner:
+def _chosen_corner(scene: Scene, corner: int | None) -> CornerError:
     if corner is None:
         return max(scene.corners, key=lambda c: -1.0 if np.isnan(c.error_um) else abs(c.error_um))
     if not 0 <= corner < len(scene.corners):

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -18,12 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from edmsim.files import replacing
 from edmsim.metrology.edges import filled
+from edmsim.metrology.profile import CornerError
 from edmsim.recording.figures import palette
-from edmsim.recording.figures.style import NotebookFigure, fill, quiet
+from edmsim.recording.figures.style import NotebookFigure, figure_png, fill, quiet
 from edmsim.recording.report import Report, duration_text, rate_text
-from edmsim.recording.scene import Scene, SceneCorner, round_number
+from edmsim.recording.scene import Scene, round_number
 from edmsim.recording.windows import column, lag_along_um, pause_rows, stretches
 
 BINS = 800  # most points a series is drawn with
@@ -331,8 +329,8 @@ def label_corners(axes: Axes, scene: Scene, most: int, font_pt: float, box: dict
 
 
 def label_places(
-    axes: Axes, corners: Sequence[SceneCorner], middle: NDArray[np.float64], font_pt: float
-) -> Iterator[tuple[SceneCorner, tuple[float, float]]]:
+    axes: Axes, corners: Sequence[CornerError], middle: NDArray[np.float64], font_pt: float
+) -> Iterator[tuple[CornerError, tuple[float, float]]]:
     """Choose places of labels, in points from their corners, that cover neither each other nor a corner."""
     # best toward the middle of the part: outside, the exaggerated error is drawn; one without room has no label
     point = axes.figure.dpi / 72.0
@@ -447,19 +445,6 @@ def mark_passes(panels: list[Axes], windows: pa.Table, report: Report) -> None:
 def profile_png(scene: Scene, windows: pa.Table, report: Report, title: str) -> bytes:
     """Return `profile_figure` as PNG: ``profile.png``, and the first picture of the report's page."""
     return figure_png(profile_figure(scene, windows, report, title))
-
-
-def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> bytes:
-    """Return a figure as PNG, the same bytes each time."""
-    written = io.BytesIO()
-    figure.savefig(written, format="png", dpi=dpi, metadata={"Software": "edmsim"})
-    return written.getvalue()
-
-
-def write_figure(figure: Figure, file: str | Path) -> None:
-    """Write a figure as PNG; replaces an existing file only when complete."""
-    with replacing(file) as partial:
-        partial.write_bytes(figure_png(figure))
 
 
 def _heading(figure: Figure, report: Report, title: str) -> None:

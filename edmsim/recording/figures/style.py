@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import pathlib
 from typing import Any, Literal
 
 import shapely
@@ -13,8 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
+from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.recording.figures.palette import GRID, INK, LINE, MUTED
 
+FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
 WIDTH_IN = 3.5  # width of one column of a journal (89 mm)
 DPI = 200
 LABEL_PT, TICK_PT, TITLE_PT = 7.5, 7.0, 8.5
@@ -28,9 +31,30 @@ class NotebookFigure(Figure):
         FigureCanvasAgg(self)
 
     def _repr_png_(self) -> bytes:
-        held = io.BytesIO()
-        self.savefig(held, format="png", metadata={"Software": "edmsim"})
-        return held.getvalue()
+        return figure_png(self)
+
+
+def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> bytes:
+    """Return a figure as PNG, the same bytes each time."""
+    written = io.BytesIO()
+    figure.savefig(written, format="png", dpi=dpi, metadata={"Software": "edmsim"})
+    return written.getvalue()
+
+
+def check_figure(file: pathlib.Path) -> str:
+    """Return what kind of file a figure is to be, one of `FORMATS`; raises `InputError` if it is none of them."""
+    return check_suffix(file, "a figure", *(f".{kind}" for kind in FORMATS)).removeprefix(".")
+
+
+def write_figure(figure: Figure, file: pathlib.Path) -> None:
+    """Write a figure as its file's suffix says; replaces an existing file only when complete."""
+    kind = check_figure(file)
+    make_writable(file.parent)
+    with replacing(file) as partial:
+        if kind == "png":
+            partial.write_bytes(figure_png(figure))
+        else:
+            figure.savefig(partial, format=kind)
 
 
 def quiet(axes: Axes) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.plant.kernel.state import ARC, SPARK
 from edmsim.recording.figures import palette
-from edmsim.recording.rerun.machine import Shapes, wire_strips
+from edmsim.recording.rerun.machine import wire_strips
 from edmsim.recording.rerun.stream import class_rgb, faded, indexes, on_screen, turned
 from edmsim.recording.scene import Scene
 from edmsim.recording.stores import traces
@@ -231,9 +231,9 @@ def travel_at(windows: pa.Table, t_s: NDArray[np.float64]) -> NDArray[np.float64
     return travel_direction(windows)[np.minimum(row, len(windows) - 1)]
 
 
-def log_coverage(recording: rr.RecordingStream, scene: Scene, shapes: Shapes) -> None:
+def log_coverage(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void]) -> None:
     """Log the share of the front that gas covers, a curve per slice."""
-    n, slices = shapes.coverage.shape
+    n, slices = shapes["coverage"].shape
     if n == 0:
         return
     high = np.linspace(0.0, 1.0, slices)[:, None]
@@ -241,28 +241,29 @@ def log_coverage(recording: rr.RecordingStream, scene: Scene, shapes: Shapes) ->
     names = [f"{scene.height_mm * (s + 0.5) / slices:.1f} mm" for s in range(slices)]
     lines = rr.SeriesLines(names=names, colors=colours.astype(np.uint8), widths=[0.8] * slices)
     recording.log("slices/coverage", lines, static=True)
-    curves = rr.Scalars.columns(scalars=shapes.coverage.ravel()).partition([slices] * n)
-    recording.send_columns("slices/coverage", indexes(shapes.t_s, shapes.path_um), curves)
+    curves = rr.Scalars.columns(scalars=shapes["coverage"].ravel()).partition([slices] * n)
+    recording.send_columns("slices/coverage", indexes(shapes["t_s"], shapes["path_um"]), curves)
 
 
 def log_bubbles(
-    recording: rr.RecordingStream, scene: Scene, shapes: Shapes, travel: NDArray[np.float64], factor: float
+    recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], travel: NDArray[np.float64], factor: float
 ) -> None:
     """Log a bubble for every slice on the front of the drawn wire, in mm."""
     # in a slice covered wholly it is as wide as the slice is high; the area of others is that share of its
-    n, slices = shapes.coverage.shape
+    n, slices = shapes["coverage"].shape
     if n == 0:
         return
     centre = wire_strips(scene, shapes, factor)[:, 1:-1]
     centre[..., :2] += travel[:, None] * (scene.wire_diameter_um / 2000.0)
-    shown = shapes.coverage >= SMALLEST
-    radius_mm = np.sqrt(shapes.coverage[shown]) * (scene.height_mm / slices / 2)
+    shown = shapes["coverage"] >= SMALLEST
+    radius_mm = np.sqrt(shapes["coverage"][shown]) * (scene.height_mm / slices / 2)
     look = rr.Ellipsoids3D.from_fields(
         colors=[(*palette.rgb(palette.GAS), _OPACITY)], fill_mode=rr.components.FillMode.Solid
     )  # fmt: skip
     recording.log("world/gas", look, static=True)
     columns = rr.Ellipsoids3D.columns(half_sizes=np.repeat(radius_mm[:, None], 3, axis=1), centers=centre[shown])
-    recording.send_columns("world/gas", indexes(shapes.t_s, shapes.path_um), columns.partition(shown.sum(axis=1)))
+    when = indexes(shapes["t_s"], shapes["path_um"])
+    recording.send_columns("world/gas", when, columns.partition(shown.sum(axis=1)))
 
 
 def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArray[np.void]) -> None:

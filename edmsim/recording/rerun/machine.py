@@ -266,20 +266,10 @@ STEEL = (142, 152, 172, 140)  # colour of the workpiece; a little of what is in 
 _PLACES = {BASE: "world/base", CROSS: "world/cross/carriage", TABLE: "world/table/carriage"}
 
 
-class Shapes:
-    """The wire and the gas on it over the cut: frames and close-ups together, in order of time."""
-
-    def __init__(self, frames: Frames, closeups: NDArray[np.void]) -> None:
-        times = np.concatenate([frames.t_s, closeups["t_s"]])
-        self.t_s, first = np.unique(times, return_index=True)
-        self.path_um = np.concatenate([frames.path_um, closeups["path_um"]])[first]
-        self.guides_um = np.concatenate([frames.guides_um, closeups["guides_um"]])[first]
-        self.deflection_um = np.concatenate([frames.deflection_um, closeups["deflection_um"]])[first]
-        self.coverage = np.concatenate([frames.coverage, closeups["coverage"]])[first]
-
-    def __len__(self) -> int:
-        """Return how many there are."""
-        return len(self.t_s)
+def shapes_of(frames: Frames, closeups: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the wire and the gas on it over the cut: the rows of frames and close-ups, in order of time."""
+    rows = np.concatenate([frames.rows, closeups[list(frames.rows.dtype.names or ())]])
+    return np.asarray(rows[np.unique(rows["t_s"], return_index=True)[1]])
 
 
 def log_bodies(recording: rr.RecordingStream, bodies: Bodies) -> None:
@@ -428,12 +418,12 @@ def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> Non
     )  # fmt: skip
 
 
-def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: Shapes, factor: float) -> None:
+def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], factor: float) -> None:
     """Log table, wire and the path cut so far; the wire's deflection is drawn `factor` times as large."""
     if len(shapes) == 0:
         return
-    at = np.column_stack([shapes.guides_um / 1000.0, np.zeros(len(shapes))])
-    when = indexes(shapes.t_s, shapes.path_um)
+    at = np.column_stack([shapes["guides_um"] / 1000.0, np.zeros(len(shapes))])
+    when = indexes(shapes["t_s"], shapes["path_um"])
     recording.send_columns("world/cross", when, rr.Transform3D.columns(translation=-at * (1.0, 0.0, 0.0)))
     recording.send_columns("world/table", when, rr.Transform3D.columns(translation=-at))
     recording.log(
@@ -450,14 +440,14 @@ def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: Shapes, fact
     )
     top = at + np.array([0.0, 0.0, scene.height_mm])
     steps = np.stack([np.vstack([top[:1], top[:-1]]), top], axis=1)
-    threaded = jump_rows(shapes.guides_um, shapes.path_um)  # nothing is cut on the way to the next contour
+    threaded = jump_rows(shapes["guides_um"], shapes["path_um"])  # nothing is cut on the way to the next contour
     steps[threaded, 0] = top[threaded]
     recording.send_columns("world/table/done", when, rr.LineStrips3D.columns(strips=steps))
 
 
-def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: Shapes, factor: float) -> None:
+def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], factor: float) -> None:
     """Log the deflection at mid height as an arrow from the guides' axis, drawn on the workpiece's top."""
-    middle = shapes.deflection_um[:, shapes.deflection_um.shape[1] // 2] * (factor / 1000.0)
+    middle = shapes["deflection_um"][:, shapes["deflection_um"].shape[1] // 2] * (factor / 1000.0)
     vectors = np.column_stack([middle, np.zeros(len(shapes))])
     origin = [(0.0, 0.0, scene.height_mm)]
     recording.log(
@@ -466,21 +456,21 @@ def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: Shapes,
         static=True,
     )
     recording.send_columns(
-        "world/deflection", indexes(shapes.t_s, shapes.path_um), rr.Arrows3D.columns(vectors=vectors)
+        "world/deflection", indexes(shapes["t_s"], shapes["path_um"]), rr.Arrows3D.columns(vectors=vectors)
     )
     recording.log(
         "world/axis", rr.Points3D(origin, colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0)), static=True
     )
 
 
-def wire_strips(scene: Scene, shapes: Shapes, factor: float) -> NDArray[np.float32]:
+def wire_strips(scene: Scene, shapes: NDArray[np.void], factor: float) -> NDArray[np.float32]:
     """Return the wire of every shape, from guide to guide, (n, slices + 2, 3) in mm; deflection times `factor`."""
-    n = shapes.deflection_um.shape[1]
+    n = shapes["deflection_um"].shape[1]
     z_mm = np.concatenate(
         [[scene.guides_z_mm[0]], scene.height_mm * (np.arange(n) + 0.5) / n, [scene.guides_z_mm[1]]]
     )
     strips = np.zeros((len(shapes), n + 2, 3), np.float32)
-    strips[:, 1:-1, :2] = shapes.deflection_um * (factor / 1000.0)
-    strips[:, :, :2] += scene.lead_mm(shapes.path_um, z_mm)
+    strips[:, 1:-1, :2] = shapes["deflection_um"] * (factor / 1000.0)
+    strips[:, :, :2] += scene.lead_mm(shapes["path_um"], z_mm)
     strips[:, :, 2] = z_mm
     return strips

@@ -23,7 +23,7 @@ from edmsim.recording.report import PassFigures, Report, duration_text, outcome_
 from edmsim.recording.rerun import gap as log_gap
 from edmsim.recording.rerun import machine as log_machine
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, Series, Steps, blueprint, sizes_of
-from edmsim.recording.rerun.machine import KERF_FRAMES, Shapes, bodies_of, growing_kerf
+from edmsim.recording.rerun.machine import KERF_FRAMES, bodies_of, growing_kerf, shapes_of
 from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
 from edmsim.recording.rerun.stream import indexes, saved
 from edmsim.recording.scene import Scene, round_factor
@@ -132,14 +132,14 @@ def write_recording(
 ) -> None:  # fmt: skip
     """Write the recording; equal cuts give equal recordings, whatever the computer took for them."""
     closeup_rows = closeups.table()
-    shapes = Shapes(frames, closeup_rows)
-    factor = round_factor(np.hypot(*np.moveaxis(shapes.deflection_um, -1, 0)).ravel(), 0.05 * scene.size_mm())
+    shapes = shapes_of(frames, closeup_rows)
+    factor = round_factor(np.hypot(*np.moveaxis(shapes["deflection_um"], -1, 0)).ravel(), 0.05 * scene.size_mm())
     # batches cut off by a clock would differ from run to run
     recording = rr.RecordingStream(
         APPLICATION, recording_id=recording_id(report), send_properties=False,
         batcher_config=rr.ChunkBatcherConfig.NEVER(),
     )  # fmt: skip
-    sizes = sizes_of(scene, factor, float(shapes.t_s[-1]) if len(shapes) else 0.0)
+    sizes = sizes_of(scene, factor, float(shapes["t_s"][-1]) if len(shapes) else 0.0)
     with saved(recording, file, blueprint(sizes, steps.plots if steps else ())):
         recording.send_recording_name(title)
         made = {"format": FORMAT, "version": report.edmsim_version, "sizes": list(sizes)}
@@ -150,7 +150,7 @@ def write_recording(
         log_gap.log_gap(recording, scene, above)
         log_gap.log_scope(recording, closeup_rows)
         log_gap.log_coverage(recording, scene, shapes)
-        log_gap.log_bubbles(recording, scene, shapes, log_gap.travel_at(windows, shapes.t_s), factor)
+        log_gap.log_bubbles(recording, scene, shapes, log_gap.travel_at(windows, shapes["t_s"]), factor)
         log_gap.log_top_bubbles(recording, scene, above)
         shown = events(windows, scene, report)
         rows = np.array([event.row for event in shown], np.int64)
@@ -180,7 +180,8 @@ def _at_mid_height(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]
 
 
 def _log_machine(
-    recording: rr.RecordingStream, scene: Scene, windows: pa.Table, machine: Machine, shapes: Shapes, factor: float
+    recording: rr.RecordingStream, scene: Scene, windows: pa.Table, machine: Machine, shapes: NDArray[np.void],
+    factor: float,
 ) -> float:
     """Log machine, workpiece and wire; return within how many mm the growing kerf is drawn."""
     t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
