@@ -1,9 +1,9 @@
 """A rule for the period that relieves a wire before it breaks, and so holds more heat flux.
 
-On training machines, most wires that broke had boiled dry 10 to 200 ms before. It began in a window in which
-discharges had concentrated on one fifth of the height, 1.4 to 2.4 times as many as usual there, or in which a short
-had cleared. Steam then covers the wire, takes hardly any heat from it, and leaves it only when the wire has cooled
-down. A law that holds the mean flux is too slow for that; therefore a window of long periods follows a burst.
+On training machines, most wires that broke had boiled dry 10 to 270 ms before (docs/tasks/max-rate-shift.md). It
+began with 1.4 to 4 times as many discharges as usual in one fifth of the height, often as a short cleared. Steam then
+covers the wire, takes hardly any heat from it, and leaves it only when the wire has cooled down. A law that holds the
+mean flux is too slow for that; therefore a window of long periods follows a burst.
 
 Kinoshita, Fukui and Gamo (CIRP Annals 31:111, 1982) saw the frequency of pulses rise 5 to 40 ms before a wire broke,
 and switched the generator off then; later controllers located discharges and reduced the power where they
@@ -29,10 +29,10 @@ from edmsim.machine.setting import flushing_Pa
 WATER_KG_M3 = 1000.0
 USUAL_S = 1.0  # time constant of what an ignition adds to the flux (ours: some hundred windows)
 FIRST_GUARD, LEAST_GUARD = 1.5, 1.15
-"""Flux of a window, over what is held, that is a burst: at first, and at the least (ours: half of the bursts on
-training machines were above 1.5; counts of 50 ignitions scatter by 0.14)."""
+"""Flux of a window, over what is held, that is a burst: at first, and at the least (ours: two thirds of those that
+dried wires of training machines were above 1.5; counts of 50 ignitions scatter by 0.14)."""
 GUARD_STEP = 0.02  # change of its logarithm after a relief (ours: it settles within some minutes)
-NEAR_HOLD = 0.8  # share of what is held above which the guard learns: no wire is relieved below
+NEAR_HOLD = 0.8  # share of what is held above which the guard learns (ours: below, the gap limits the flux)
 
 
 @dataclass
@@ -86,8 +86,8 @@ class GuardedHold(AdaptiveHold):
     relief_us : float
         Period of the window that follows a burst; the feed falls as the period grows.
     restart_share : float
-        What is held over the greatest flux in the window after a short: there the period is so long that no more could
-        be reached if every pulse ignited. 0: no such limit.
+        What is held over the greatest flux in the window after a short: its period is so long that no more could be
+        reached if every pulse ignited. 0: no such limit.
     """
 
     reliefs_per_s: float = 0.25
