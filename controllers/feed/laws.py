@@ -108,7 +108,7 @@ class AdaptiveHoldController(
 
 class GuardedHoldController(
     ServoLaw, measure=OpenShare, period=GuardedHold, gauge=StreamGauge, fixed=("hold_share", "break_hold_share"),
-    **{**FINDING, "proportional_share": 0.4, "integral_per_s": 2.5, "limit_share": 0.16, "limit_spread": 0.3},
+    **{**FINDING, "proportional_share": 0.4, "integral_per_s": 2.5, "limit_share": 0.16, "limit_spread": 0.2},
 ):  # fmt: skip
     """Holds the heat flux as `adaptive-hold` does, and relieves the wire after bursts of discharges."""
 
