@@ -1,7 +1,5 @@
 """The loop: planner, plant and controller stay in step, and every way a cut can end is reported."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 

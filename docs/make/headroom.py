@@ -134,7 +134,7 @@ TASKS = {
 stands for one."""
 
 
-EARLIER = "Contour", *SHIFTS
+EARLIER = SHIFTS
 """Tasks whose figures are of the revision before craters had a section of their own."""
 OF_EARLIER = """The figures of {tasks}
 are of the revision before craters had a section of their own."""

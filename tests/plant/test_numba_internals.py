@@ -1,7 +1,5 @@
 """What edmsim uses of numba beyond its documented interface, by name: a release that changes it fails here."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from pathlib import Path
