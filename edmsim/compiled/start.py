@@ -1,15 +1,10 @@
-"""What lets a process with numba start and end sooner: numba makes a hundred thousand objects that stay."""
+"""What lets a process with numba start sooner: numba makes a hundred thousand objects that stay."""
 
 from __future__ import annotations
 
-import atexit
 import gc
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BufferedReader, BytesIO, FileIO, StringIO, TextIOWrapper
-from itertools import compress
-from types import GeneratorType
 from typing import Any
 
 
@@ -45,30 +40,3 @@ def replaced(owner: Any, **values: Any) -> Iterator[None]:
                 delattr(owner, name)
             else:
                 setattr(owner, name, value)
-
-
-@atexit.register
-def _end_at_once() -> None:
-    """Keep Python from looking through all objects three times as it ends, a quarter of an environment's start.
-
-    Only where no object does anything of use when it goes: no file of a user's stays unwritten.
-    """
-    alive = gc.get_objects()
-    acting = {kind for kind in set(map(type, alive)) if any("__del__" in vars(base) for base in kind.__mro__)}
-    if all(map(_goes_idly, compress(alive, map(acting.__contains__, map(type, alive))))):
-        gc.freeze()
-
-
-_IDLE = "llvmlite", "numba", "numpy", "pyparsing"
-_NOTHING_TO_WRITE = FileIO, BufferedReader, BytesIO, StringIO
-
-
-def _goes_idly(thing: Any) -> bool:
-    """Whether an object has nothing to do when it goes, or is of a package that only frees memory, or warns."""
-    kind = type(thing)
-    if issubclass(kind, TextIOWrapper):
-        return thing in (sys.__stdin__, sys.__stdout__, sys.__stderr__)  # which Python flushes
-    if kind is GeneratorType and thing.gi_frame is None:
-        return True  # it has run to its end
-    home = thing.gi_frame.f_globals.get("__name__", "") if kind is GeneratorType else kind.__module__
-    return kind in _NOTHING_TO_WRITE or home.partition(".")[0] in _IDLE

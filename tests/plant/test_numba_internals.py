@@ -2,6 +2,8 @@
 
 import inspect
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any, cast
 
@@ -168,3 +170,11 @@ def test_no_other_file_uses_them() -> None:
         for file in folder.rglob("*.py") if private.search(file.read_text(encoding="utf-8"))
     }
     assert found == {"compiled/numba_internals.py"}
+
+
+def test_a_process_keeps_the_objects_that_it_froze_itself() -> None:
+    """`gc.unfreeze` would bring them back to the collector."""
+    code = "import gc; gc.freeze(); before = gc.get_freeze_count()\nfrom edmsim.compiled.start import garbage_left\n"
+    code += "with garbage_left(): pass\nprint(gc.get_freeze_count() >= before)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True"]
