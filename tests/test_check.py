@@ -282,4 +282,7 @@ def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_t
     assert "edmsim tune technology copper --height 25.4 --passes 3 --out copper.toml" in outcome
     own = check(EXAMPLES / "punch.ngc", CutSettings(material="aluminium", passes=3, height_mm=25.4))
     assert not any("technology" in notice for notice in own.path.notices)
+    fast = check(EXAMPLES / "punch.ngc", CutSettings(passes=3, height_mm=25.4, resolution="fast"))
+    (moved,) = [notice for notice in fast.path.notices if "technology" in notice]
+    assert moved.startswith("the offsets of the passes were measured at the resolution default; at fast walls lie")
     assert own.passes[0].seconds < found.passes[0].seconds  # shops cut aluminium some twice as fast

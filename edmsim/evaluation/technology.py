@@ -423,9 +423,12 @@ def _cut_of(simulation: Simulation, record: PassRecord) -> Cut:
 
 def cut_in_passes(
     technology: Technology, height_mm: float, passes: int, length_mm: float, *, seed: int, resolution: str,
-    edge_mm: NDArray[np.float64] | None = None,
+    edge_mm: NDArray[np.float64] | None = None, watch: Callable[[Simulation], None] = lambda _: None,
 ) -> Simulation:  # fmt: skip
-    """Cut a straight edge, or another open one, in passes with the offsets and settings of a technology."""
+    """Cut a straight edge, or another open one, in passes with the offsets and settings of a technology.
+
+    `watch` is called after every window.
+    """
     table = technology.table(height_mm, passes)
     machines = [
         machine_of(one, technology.machine, technology.material, technology.wire, height_mm) for one in table.settings
@@ -437,7 +440,7 @@ def cut_in_passes(
         machine, straight_path(table.offsets_mm, length_mm, machine, edge_mm), controller, planner="exact", seed=seed,
         resolution=resolution, setups=setups, approach=approach,
     )  # fmt: skip
-    simulation.run()
+    simulation.run(lambda _: watch(simulation))
     return simulation
 
 
