@@ -58,10 +58,10 @@ def test_a_trim_lengthens_its_period_before_outer_corners_only(machine, side, ou
     trim = make("trim", feed_um_s=20.0, before_um=60.0, corner_factor=3.0)
     tell(trim, machine, LEFT, START_UM, side)  # it turns left: to the part on the left, away from one on the right
     assert trim.reset(33.0).t_period_us is None
-    seen = [trim.update(window(START_UM + path_um)) for path_um in (230.0, 241.0, 300.0, 301.0, 320.0)]
+    commands = [trim.update(window(START_UM + path_um)) for path_um in (230.0, 241.0, 300.0, 301.0, 320.0)]
     slow = 3.0 * machine.t_period_us
     expected = [None, slow, slow, machine.t_period_us, None] if outer else [None] * 5
-    assert [command.t_period_us for command in seen] == expected
+    assert [command.t_period_us for command in commands] == expected
 
 
 def test_pauses_are_longer_near_corners(machine):
