@@ -11,7 +11,7 @@ import numpy as np
 
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.technology import Technology, technology_for
-from edmsim.validation.passes import HEIGHT_MM, cut_corner
+from edmsim.validation.passes import CORNER_MM, HEIGHT_MM, cut_corner
 
 SIDE_MM, SEED = 0.8, 1
 NEAR_UM, FAR_UM = 150.0, 350.0
@@ -69,7 +69,7 @@ def by_passes() -> None:
     for material, passes in MATERIALS.items():
         own = technology_for(material)
         for name, technology in ((f"{material}, without it", careless(own)), (material, own)):
-            found = [f"{cut_corner(technology, n, MATERIALS_SEED).corner_um:.1f}" for n in range(1, passes + 1)]
+            found = [f"{cut_corner(technology, n, MATERIALS_SEED, CORNER_MM).corner_um:.1f}" for n in range(1, passes + 1)]
             print("|", " | ".join([name, *found, *[""] * (most - passes)]), "|", flush=True)
 
 
