@@ -69,8 +69,9 @@ def by_passes() -> None:
     for material, passes in MATERIALS.items():
         own = technology_for(material)
         for name, technology in ((f"{material}, without it", careless(own)), (material, own)):
-            found = [f"{cut_corner(technology, n, MATERIALS_SEED, CORNER_MM).corner_um:.1f}" for n in range(1, passes + 1)]
-            print("|", " | ".join([name, *found, *[""] * (most - passes)]), "|", flush=True)
+            found = [cut_corner(technology, n, MATERIALS_SEED, CORNER_MM) for n in range(1, passes + 1)]
+            texts = [f"{corner.corner_um:.1f}" for corner in found]
+            print("|", " | ".join([name, *texts, *[""] * (most - passes)]), "|", flush=True)
 
 
 def main() -> None:
