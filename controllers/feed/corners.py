@@ -72,19 +72,12 @@ class Corners(CornerRule):
 
 @dataclass
 class OuterCorners(CornerRule):
-    """A longer period before outer corners: less and less metal is in front of a trim there.
+    """A longer period before outer corners: less and less metal is in front of a trim there."""
 
-    Parameters
-    ----------
-    before_um : float
-        Path before an outer corner of the wire's path on which the period is longer; 0 for none. Trims go straight
-        past the part's corner, by about their offset.
-    corner_factor : float
-        Period there divided by the period elsewhere.
-    """
-
+    # path before an outer corner of the wire's path on which the period is longer; 0 for none. Trims go straight past
+    # the part's corner, by about their offset.
     before_um: float = 0.0
-    corner_factor: float = 3.0
+    corner_factor: float = 3.0  # period there divided by the period elsewhere
 
     def __post_init__(self) -> None:
         self.part_side: Literal["left", "right"] | None = None

@@ -78,21 +78,13 @@ class GuardedHold(AdaptiveHold):
 
     Further parameters: see `AdaptiveHold`; here they count the flux over the critical one of its place, and
     ``proportional_share`` and ``integral_per_s`` are per unit of the flux over what is held.
-
-    Parameters
-    ----------
-    reliefs_per_s : float
-        Bursts per second: the threshold rises while there are more, and falls while there are fewer. 0: no guard.
-    relief_us : float
-        Period of the window that follows a burst; the feed falls as the period grows.
-    restart_share : float
-        What is held over the greatest flux in the window after a short: its period is so long that no more could be
-        reached if every pulse ignited. 0: no such limit.
     """
 
     # bursts per second: the threshold rises while there are more, and falls while there are fewer. 0: no guard.
     reliefs_per_s: float = 0.25
-    relief_us: float = 200.0
+    relief_us: float = 200.0  # period of the window that follows a burst; the feed falls as the period grows
+    # what is held over the greatest flux in the window after a short: its period is so long that no more could be
+    # reached if every pulse ignited. 0: no such limit.
     restart_share: float = 0.7
 
     log_guard: float = field(default=math.log(FIRST_GUARD), init=False)
