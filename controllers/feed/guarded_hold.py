@@ -90,6 +90,7 @@ class GuardedHold(AdaptiveHold):
         reached if every pulse ignited. 0: no such limit.
     """
 
+    # bursts per second: the threshold rises while there are more, and falls while there are fewer. 0: no guard.
     reliefs_per_s: float = 0.25
     relief_us: float = 200.0
     restart_share: float = 0.7

@@ -1,7 +1,5 @@
 """A law that relieves the wire after bursts of discharges in one place: when, for how long, and what it costs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
