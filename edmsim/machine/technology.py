@@ -53,6 +53,9 @@ class PassSetting(Part):
     feed: Literal["adaptive", "constant"]
     open_target_share: Annotated[Number, Field(ge=0, le=1)] = 0.06  # target share of open pulses of an adaptive feed
     stop_share: Annotated[Number, Field(gt=0, le=1)] = 0.5  # share of shorts at which a constant feed stops
+    # path before an outer corner of the wire's path on which the period of a constant feed is longer, and by how much
+    corner_before_um: _Any = 0.0
+    corner_factor: Annotated[Number, Field(ge=1)] = 3.0
     feed_mm_min: _Above  # the constant feed; an adaptive one begins at half
     last_offset_um: _Above  # offset that produces the drawn size if this is the last pass
     step_um: _Any = 0.0  # decrease of the offset to the next pass
@@ -68,7 +71,10 @@ class PassSetting(Part):
         """
         feed_um_s = self.feed_mm_min / 0.06 * scale
         if self.feed == "constant" or scale != 1.0:
-            return f"trim:feed_um_s={feed_um_s:.6g},stop_share={self.stop_share:.6g}"
+            corner = f",before_um={self.corner_before_um:.6g},corner_factor={self.corner_factor:.6g}"
+            return f"trim:feed_um_s={feed_um_s:.6g},stop_share={self.stop_share:.6g}" + (
+                corner if self.corner_before_um and scale == 1.0 else ""
+            )
         return f"counts:open_target_share={self.open_target_share:.6g},start_feed_um_s={feed_um_s / 2:.6g}"
 
 
@@ -91,6 +97,7 @@ class AtHeight(Part):
     """The passes of a technology at one height, from rough to last, and how much slower a lead-in is cut."""
 
     height_mm: _Above
+    resolution: str | None = None  # of the cuts that its offsets were measured in, if known
     approach_share: Annotated[Number, Field(gt=0, le=1)] = 0.25
     passes: Annotated[tuple[PassSetting, ...], Field(alias="pass", min_length=1)]
 
@@ -107,6 +114,7 @@ class PassTable(NamedTuple):
     offsets_mm: tuple[float, ...]
     settings: tuple[PassSetting, ...]
     approach_share: float  # feed of a lead-in over that of the rough pass
+    resolution: str | None  # see `AtHeight`
     notices: tuple[str, ...]
 
 
@@ -130,6 +138,9 @@ class Technology(Part):
     def table(self, height_mm: float, passes: int) -> PassTable:
         """Return offsets and settings for a height and a number of passes, interpolated between heights.
 
+        Near a single height, trims have its power per mm of height; a rough pass has no more than that, and no more
+        power.
+
         Raises
         ------
         InputError
@@ -147,7 +158,8 @@ class Technology(Part):
         for one in settings[-2::-1]:
             offset_um += one.step_um
             offsets.append(offset_um)
-        return PassTable(tuple(round(um) / 1e3 for um in offsets[::-1]), settings, at.approach_share, notices)
+        offsets_mm = tuple(round(um) / 1e3 for um in offsets[::-1])
+        return PassTable(offsets_mm, settings, at.approach_share, at.resolution, notices)
 
     def _at(self, height_mm: float) -> tuple[AtHeight, tuple[str, ...]]:
         known = [one.height_mm for one in self.heights]
@@ -163,21 +175,44 @@ class Technology(Part):
             )
         between = known[0] < height_mm < known[-1]
         how = "interpolated between" if between else "extrapolated from"
+        rule = ", by power per mm of height" if len(known) == 1 else ""
         notice = (
-            f"the settings of the passes are {how} those for {listed} mm; this workpiece is {height_mm:g} mm high"
+            f"the settings of the passes are {how} those for {listed} mm{rule}; this workpiece is {height_mm:g} mm "
+            "high"
         )
         if len(known) == 1:
-            return self.heights[0], (notice,)
+            return _alone(self.heights[0], height_mm), (notice,)
         pair = next((p for p in pairwise(self.heights) if height_mm <= p[1].height_mm), self.heights[-2:])
         low, high = pair
         share = math.log(height_mm / low.height_mm) / math.log(high.height_mm / low.height_mm)
         return _between(low, high, share, height_mm), (notice,)
 
 
+def _alone(at: AtHeight, height_mm: float) -> AtHeight:
+    """Return the settings of the only known height for another one, with its power per mm of height."""
+    # A trim then removes its metal at its feed. The rough pass of a taller part keeps its power, and is slower: the
+    # wire is longer in the gap. That of a lower part must not: at the power for 25.4 mm wires break on 16 mm.
+    share = at.height_mm / height_mm
+    rough, *trims = at.passes
+    slower = min(share, 1.0)
+    found = rough.found.model_copy(update={"feed_mm_min": rough.found.feed_mm_min * slower})
+    changed = {
+        "t_period_us": rough.t_period_us * max(share, 1.0), "feed_mm_min": rough.feed_mm_min * slower, "found": found,
+    }  # fmt: skip
+    passes = (
+        rough.model_copy(update=changed),
+        *(one.model_copy(update={"t_period_us": one.t_period_us * share}) for one in trims),
+    )
+    return at.model_copy(update={"height_mm": height_mm, "passes": passes})
+
+
 def _between(low: AtHeight, high: AtHeight, share: float, height_mm: float) -> AtHeight:
     """Return the settings at a share of the way, in the logarithm of the height, from one to the other."""
     passes = [_mixed(a, b, share) for a, b in zip(low.passes, high.passes, strict=False)]
-    return AtHeight.model_construct(height_mm=height_mm, approach_share=low.approach_share, passes=tuple(passes))
+    resolution = low.resolution if low.resolution == high.resolution else None
+    return AtHeight.model_construct(
+        height_mm=height_mm, resolution=resolution, approach_share=low.approach_share, passes=tuple(passes)
+    )
 
 
 def _mixed(a: PassSetting, b: PassSetting, share: float) -> PassSetting:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from edmsim.cosim.passes import PassRecord
+from edmsim.cosim.simulation import Simulation
 from edmsim.evaluation.technology import Job, cut_in_passes, cut_pass
-from edmsim.machine.technology import technology_for
+from edmsim.machine.technology import Technology, technology_for
 from edmsim.metrology.profile import PROFILE_STEP_MM, corners, error_stats, profile_error
 from edmsim.metrology.reach import unreachable_um
 from edmsim.metrology.roughness import face_roughness_um
@@ -129,16 +130,24 @@ class Corner(NamedTuple):
 @cache
 def corner(passes: int, seed: int) -> Corner:
     """Cut an outer corner in `passes` passes, at the resolution at which the technology's offsets were measured."""
-    edge = np.array([[0.0, 0.0], [CORNER_MM, 0.0], [CORNER_MM, -CORNER_MM]])
+    return cut_corner(technology_for("tool-steel"), passes, seed, CORNER_MM)
+
+
+def cut_corner(
+    technology: Technology, passes: int, seed: int, side_mm: float,
+    watch: Callable[[Simulation], None] = lambda _: None,
+) -> Corner:
+    """Cut an outer corner with sides of a length and a technology of your own; see `cut_in_passes`."""
+    edge = np.array([[0.0, 0.0], [side_mm, 0.0], [side_mm, -side_mm]])
     simulation = cut_in_passes(
-        technology_for("tool-steel"), HEIGHT_MM, passes, CORNER_MM, seed=seed, resolution="default", edge_mm=edge
+        technology, HEIGHT_MM, passes, side_mm, seed=seed, resolution="default", edge_mm=edge, watch=watch
     )
     contour = simulation.path.contours[0]
     measured = profile_error(simulation.plant.field, contour)
     ends = np.minimum(measured.s_mm, measured.s_mm[-1] - measured.s_mm) < END_MM
     error = np.where(ends, np.nan, measured.error_um - unreachable_um(measured, contour))
     (found,) = corners(contour, replace(measured, error_um=error))
-    sides = [error[:, ~ends & side] for side in (measured.s_mm <= CORNER_MM, measured.s_mm >= CORNER_MM)]
+    sides = [error[:, ~ends & side] for side in (measured.s_mm <= side_mm, measured.s_mm >= side_mm)]
     return Corner(found.error_um, error_stats(np.hstack([without_roughness(side) for side in sides]))["p95"])
 
 

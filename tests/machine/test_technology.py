@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from edmsim.errors import InputError
+from edmsim.evaluation.technology import Job, cut_pass
 from edmsim.machine.options import available
 from edmsim.machine.technology import (
     machine_of,
@@ -42,13 +43,41 @@ def test_between_heights_it_interpolates_and_says_so() -> None:
     assert "extrapolated from" in OURS.table(20.0, 4).notices[0]
 
 
+def test_a_single_height_gives_another_one_its_power_per_mm() -> None:
+    found = technology_for("cemented-carbide")
+    low, own, high = (found.table(mm, 4) for mm in (16.0, 25.4, 38.0))
+    assert "extrapolated from those for 25.4 mm, by power per mm of height" in low.notices[0]
+    periods = [[one.t_period_us for one in table.settings] for table in (low, own, high)]
+    assert periods[0] == pytest.approx([us * 25.4 / 16.0 for us in periods[1]])  # lower: as much less power
+    assert periods[2][1:] == pytest.approx([us * 25.4 / 38.0 for us in periods[1][1:]])
+    assert periods[2][0] == periods[1][0]  # taller: a rough pass has no more power, and is slower
+    assert high.settings[0].found.feed_mm_min == pytest.approx(own.settings[0].found.feed_mm_min * 25.4 / 38.0)
+    assert low.settings[0].found == own.settings[0].found
+
+
+def test_a_lower_part_than_the_technology_knows_does_not_break_the_wire() -> None:
+    """With the power for 25.4 mm, carbide of 16 mm breaks it within seconds."""
+    found = technology_for("cemented-carbide")
+    (one,) = found.table(16.0, 1).settings
+    tall = found.heights[0].passes[0]
+    outcomes = [
+        cut_pass(Job("cemented-carbide", height_mm=16.0, resolution="fast", seed=1), setting, 1, 0.5, None).outcome
+        for setting in (one, tall)
+    ]
+    assert outcomes == ["finished", "wire-break"]
+
+
 def test_every_setting_of_every_file_runs() -> None:
     for name in available("technologies"):
         found = read_technology(name)
         for at in found.heights:
             for one in at.passes:
                 machine_of(one, found.machine, found.material, found.wire, at.height_mm).check()
-                assert one.controller().partition(":")[0] in ("counts", "trim")
+                law, _, parameters = one.controller().partition(":")
+                assert law == ("trim" if one.feed == "constant" else "counts")
+                # a lead-in has no corners
+                assert ("before_um=200," in parameters) == (law == "trim")
+                assert "before_um" not in one.controller(scale=0.25)
 
 
 def test_what_it_has_no_settings_for_is_refused_with_what_to_do() -> None:

@@ -1,7 +1,5 @@
 """The guide says what the code does: tables, options, outcomes, keys, codes, controllers."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import pkgutil
