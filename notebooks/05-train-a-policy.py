@@ -121,9 +121,10 @@ for label in ("trained here", "shipped policy"):
 # %% [markdown]
 # The policy trained here has a negative return. The shipped one started from a policy of the previous version,
 # which avoided the metal, and had five times as many windows. It earns 92 % of the return of `voltage`, and 10 % more
-# than `counts`; with eight machines neither difference is significant. No learned policy is significantly better than the best law, `delay` on the page "benchmark". This task
-# sets only the feed, and a servo comes within a tenth of a controller that sees the gap. A policy could gain more
-# if it also sets the generator, or if it knows the corners ahead (`edmsim/Corner-v2`).
+# than `counts`; with eight machines the intervals of all three overlap. No learned policy is significantly better
+# than the best law, `delay` on the page "benchmark". This task sets only the feed, and a servo comes within a tenth
+# of a controller that sees the gap. A policy could gain more if it also sets the generator, or if it knows the
+# corners ahead (`edmsim/Corner-v2`).
 #
 # ## Cutting a part
 #
