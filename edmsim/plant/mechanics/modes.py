@@ -117,7 +117,7 @@ def _dsygvd() -> Callable[[Array, Array], tuple[Array, Array, int]]:
         if spec is None or spec.loader is None:  # another scipy has it elsewhere
             from scipy.linalg import lapack as public
 
-            return public.dsygvd  # type: ignore[no-any-return]
+            return public.dsygvd
         lapack = module_from_spec(spec)
         spec.loader.exec_module(lapack)
     return lapack.dsygvd  # type: ignore[no-any-return]
