@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,8 +178,24 @@ class KnowsSetup(Protocol):
         """
 
 
-def tell(controller: object, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
-    """Give a controller the set-up and the next leg if it has `KnowsSetup.set_up`."""
+@runtime_checkable
+class KnowsPart(Protocol):
+    """A controller that uses on which side of the path the part lies."""
+
+    def see_part(self, side: Literal["left", "right"] | None) -> None:
+        """Read the part's side, looking along the next leg; None if the wire follows a line as drawn.
+
+        Called before `KnowsSetup.set_up`.
+        """
+
+
+def tell(
+    controller: object, machine: Machine, points_um: NDArray[Any], start_um: float,
+    part_side: Literal["left", "right"] | None = None,
+) -> None:
+    """Give a controller the set-up and the next leg, if it has `KnowsSetup.set_up`, and the part's side."""
+    if isinstance(controller, KnowsPart):
+        controller.see_part(part_side)
     if isinstance(controller, KnowsSetup):
         controller.set_up(machine, np.asarray(points_um, np.float64), start_um)
 

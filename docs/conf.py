@@ -22,6 +22,9 @@ from sphinx.util.nodes import make_refnode
 
 import edmsim
 
+sys.path.append(str(Path(__file__).parent / "make"))
+from field_comments import declared_fields
+
 if TYPE_CHECKING:
     from docutils.nodes import Element, TextElement
     from sphinx.addnodes import pending_xref
@@ -210,21 +213,13 @@ def list_fields(_: Sphinx, __: str, ___: str, subject: object, ____: object, lin
     is_record = isinstance(subject, type) and (is_dataclass(subject) or hasattr(subject, "_fields"))
     if not (is_record or (isinstance(subject, type) and issubclass(subject, BaseModel))) or "Attributes" in lines:
         return
-    listed, above, has_comments = [], [], False
-    for line in inspect.getsource(subject).partition('"""\n')[2].splitlines():
-        if comment := re.match(r" {4}# (.*)", line):
-            above.append(comment[1])
-        elif field := re.match(r" {4}(\w+): (.*?)(?: = .*?)?(?:  # (.*))?$", line):
-            kind = re.sub(r"^Annotated\[(.*), \w+(?:\(.*\))?\]$", r"\1", field[2])
-            meaning = " ".join([*above, field[3] or ""]).strip()
-            if not kind.startswith("ClassVar"):
-                listed += [f"{field[1]} : {kind}", *([f"    {meaning[:1].upper()}{meaning[1:]}."] if meaning else [])]
-                has_comments |= bool(meaning)
-            above = []
-        elif re.match(r" {4}(def|@)", line):
-            break
-    if has_comments:
-        lines += ["", "Attributes", "----------", *listed, ""]
+    fields = [field for field in declared_fields(subject) if not field.is_state]
+    if any(field.meaning for field in fields):
+        lines += ["", "Attributes", "----------"]
+    for names, kind, meaning, _ in fields if any(field.meaning for field in fields) else []:
+        kind = re.sub(r"^Annotated\[(.*), \w+(?:\(.*\))?\]$", r"\1", kind)
+        lines += [f"{', '.join(names)} : {kind}", *([f"    {meaning.rstrip('.')}."] if meaning else [])]
+    lines += [""]
 
 
 def known_name(

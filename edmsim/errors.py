@@ -78,17 +78,7 @@ def invalid_entry(error: ValidationError) -> str:
 
 
 def one_of(name: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
-    """Return the end of a refusal: the names there are, and the one nearest to what was asked for, if one is near.
-
-    Parameters
-    ----------
-    name : str
-        What was asked for.
-    known : iterable of str
-        All names.
-    listed : iterable of str, optional
-        Those to list, if not all of them.
-    """
+    """Return the end of a refusal: the names there are, or those to list, and the one nearest to a name, if any."""
     by_lower = {one.lower(): one for one in known}
     near = get_close_matches(name.lower(), by_lower, n=1, cutoff=_NEAR)
     hint = f"; did you mean '{by_lower[near[0]]}'?" if near else ""

@@ -83,10 +83,12 @@ def make_writable(folder: Path) -> None:
 
 
 def check_suffix(file: Path, what: str, *suffixes: str) -> str:
-    """Return the suffix of a file to write, in lower case; raises `InputError` if it is none of these."""
+    """Return the suffix of a file to write, in lower case; raises `InputError` if it is another, or a folder."""
     suffix = file.suffix.lower()
     if suffix not in suffixes:
         raise InputError(f"{what} is written as {' '.join(suffixes)}", file)
+    if file.is_dir():
+        raise InputError(f"is a folder; {what} is a file", file)
     return suffix
 
 
@@ -94,15 +96,7 @@ def check_suffix(file: Path, what: str, *suffixes: str) -> str:
 def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
     """Keep a folder, which is made, to this process; the lock goes with it, however it ends.
 
-    Parameters
-    ----------
-    who : str
-        Who works there, for those who come too late.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written to, or another process, or another thread of this one, works on it.
+    Raises `InputError` if the folder cannot be written to, or another process or thread, called `who`, works on it.
     """
     make_writable(folder)
     file = folder / _LOCK
@@ -124,13 +118,8 @@ def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
 def together(folder: Path, last: str) -> Iterator[Path]:
     """Give a folder to write files into; they come into another one together, when all are written.
 
-    Parameters
-    ----------
-    folder : path
-        Where they come to, in place of those of former ones that have their names. Nobody else works on it.
-    last : str
-        Name of the file without which the others are nothing: a former one goes first, the new one comes last, so
-        that it never stands beside files that are not its own.
+    `last` is the file without which the others are nothing: a former one goes first, the new one comes last, so that
+    it never stands beside files that are not its own. Nobody else works on the folder.
     """
     for left in folder.glob(f"{_UNFINISHED}*"):  # by a process that was killed
         shutil.rmtree(left, ignore_errors=True)

@@ -26,35 +26,23 @@ def arc_lengths(points: ArrayLike) -> Floats:
 
 
 class Polyline:
-    """A line of straight pieces, open or closed, asked by arc length. All lengths are in mm.
+    """A line of straight pieces, open or closed, asked by arc length in mm.
 
-    Parameters
-    ----------
-    points_mm : array (n, 2)
-        Corners in mm. Points nearer than 0.1 um to the one before are left out: they give no direction.
-    closed : bool
-        Whether the line goes round; then the last point is the first.
-
-    Attributes
-    ----------
-    s : array (n,)
-        Arc length in mm at every point.
-    length : float
-        In mm.
-    turn_deg : array (n,)
-        Change of direction at every point, left positive; 0 at the ends of an open line, and at the last
-        point of a closed one, where the first has it.
+    Points nearer than 0.1 um to the one before are left out: they give no direction. Of a closed line the last point
+    is the first.
     """
 
     def __init__(self, points_mm: Floats, closed: bool) -> None:
         step = np.hypot(*np.diff(points_mm, axis=0).T)
         self.points = points_mm[np.concatenate([[True], step > 1e-4])]
         pieces = np.diff(self.points, axis=0)
-        self.s = np.concatenate([[0.0], np.cumsum(np.hypot(*pieces.T))])
+        self.s = np.concatenate([[0.0], np.cumsum(np.hypot(*pieces.T))])  # (n,): arc length at every point
         self.length = float(self.s[-1])
         self.closed = closed
         heading = _heading_deg(pieces)
         before = np.concatenate([heading[-1:] if closed else heading[:1], heading[:-1]])
+        # (n,): change of direction at every point, left positive; 0 at the ends of an open line, and at the last
+        # point of a closed one, where the first has it
         self.turn_deg = np.append(_signed_angle(heading - before), 0.0)
 
     def corners(self, min_turn_deg: float) -> NDArray[np.intp]:

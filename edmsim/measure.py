@@ -36,6 +36,7 @@ from edmsim.program.path import plan_path
 from edmsim.recording.figures.palette import BLUE, GRID, MUTED, VERMILION
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
     from rich.console import RenderableType
@@ -371,25 +372,23 @@ def table_figure(measured: Mapping[str, TableMeasurement]) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 6.4), layout="constrained")
-    for place, (pair, title) in enumerate(
-        {("x", "x"): "x along x", ("y", "y"): "y along y", ("y", "x"): "y along x"}.items(), 1
-    ):
-        axes = figure.add_subplot(2, 2, place)
-        for colour, (name, found) in zip(_COLOURS, measured.items(), strict=False):
-            _draw(axes, found.along[pair], name, colour)
-        axes.set(title=title, xlabel="target, mm", ylabel="deviation, um")
-        axes.grid(color=GRID)
+    for place, pair in enumerate((("x", "x"), ("y", "y"), ("y", "x")), 1):
+        _draw(figure.add_subplot(2, 2, place), pair, measured)
     polar: PolarAxes = figure.add_subplot(2, 2, 4, projection="polar")  # type: ignore[assignment]
     _draw_circles(polar, {name: found.circle for name, found in measured.items()})
     return figure
 
 
-def _draw(axes: object, found: Positioning, name: str, colour: str) -> None:
-    plot = axes.plot  # type: ignore[attr-defined]
-    for mean in (found.mean_up_um, found.mean_down_um):
-        plot(found.targets_mm, mean, color=colour, lw=0.5, alpha=0.6)
-    plot(found.targets_mm, found.mean_um, color=colour, lw=1.3, label=name)
-    axes.legend(fontsize=8)  # type: ignore[attr-defined]
+def _draw(axes: Axes, pair: tuple[str, str], measured: Mapping[str, TableMeasurement]) -> None:
+    """Draw the deviations of an axis along an axis."""
+    for colour, (name, table) in zip(_COLOURS, measured.items(), strict=False):
+        found = table.along[pair]
+        for mean in (found.mean_up_um, found.mean_down_um):
+            axes.plot(found.targets_mm, mean, color=colour, lw=0.5, alpha=0.6)
+        axes.plot(found.targets_mm, found.mean_um, color=colour, lw=1.3, label=name)
+    axes.set(title=f"{pair[0]} along {pair[1]}", xlabel="target, mm", ylabel="deviation, um")
+    axes.grid(color=GRID)
+    axes.legend(fontsize=8)
 
 
 def _draw_circles(axes: PolarAxes, circles: Mapping[str, CircularTest]) -> None:
@@ -421,11 +420,7 @@ def part_figure(measured: Mapping[str, TableMeasurement], cuts: Mapping[str, Err
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     drawn = figure.subplot_mosaic([["x", "y"], ["part", "part"]])
     for pair in (("x", "x"), ("y", "x")):
-        axes = drawn[pair[0]]
-        for colour, (name, found) in zip(_COLOURS, measured.items(), strict=False):
-            _draw(axes, found.along[pair], name, colour)
-        axes.set(title=f"{pair[0]} along {pair[1]}", xlabel="target, mm", ylabel="deviation, um")
-        axes.grid(color=GRID)
+        _draw(drawn[pair[0]], pair, measured)
     axes = drawn["part"]
     perfect = cuts["perfect table"].error_um
     names = [name for name in cuts if name != "perfect table"]

@@ -25,15 +25,10 @@ NOTEBOOK_EVERY_S = 0.3
 class ShownProgress:
     """One bar for each name that is shown; none is drawn before the first, so that bad input prints its line alone.
 
+    With `quiet` nothing is shown, with `keep` the bars stay on the terminal when all is done.
+
     >>> with ShownProgress(quiet=True) as bar:
     ...     bar.show("cutting", 3, 10, "12 um/s")
-
-    Parameters
-    ----------
-    quiet : bool
-        Show nothing.
-    keep : bool
-        Leave the bars on the terminal when all is done.
     """
 
     def __init__(self, quiet: bool = False, keep: bool = False) -> None:
@@ -60,18 +55,9 @@ class ShownProgress:
     def show(
         self, name: str, done: float = 0.0, total: float | None = None, text: str = "", at_once: bool = False
     ) -> None:
-        """Say how far something is.
+        """Say how far something is, in any unit; without a total nobody knows how much it is.
 
-        Parameters
-        ----------
-        name : str
-            What is done; each has a bar of its own.
-        done, total : float
-            In any unit; without a total nobody knows how much it is.
-        text : str
-            What else there is to say.
-        at_once : bool
-            Whether a notebook draws it however soon it comes: something else begins.
+        `at_once` lets a notebook draw it however soon it comes: something else begins.
         """
         if self._quiet:
             return

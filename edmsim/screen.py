@@ -19,20 +19,9 @@ CUT = "…"
 class ScreenTable(rich.table.Table):
     """A table that fits the terminal: names are shortened, sentences wrap, and numbers stay whole.
 
-    Columns with ``justify="right"`` are numbers. In the others a word that is too long, as a file's path, is
-    shortened in its middle, so that no two that differ look the same. Where the numbers take more than the width,
-    the table goes on below with the next of them.
-
-    Parameters
-    ----------
-    *names : str
-        Heads of columns of names or sentences.
-    numbers : sequence of str
-        Heads of the columns of numbers behind these.
-    keys : int
-        Columns that say what a row is of, the first ones: they are repeated where the table goes on.
-    **options
-        See `rich.table.Table`.
+    In columns other than `numbers` a word that is too long, as a file's path, is shortened in its middle, so that no
+    two that differ look the same. Where the numbers take more than the width, the table goes on below with the next
+    of them, behind the first `keys` columns, which say what a row is of.
     """
 
     def __init__(self, *names: str, numbers: Sequence[str] = (), keys: int = 1, **options: Any) -> None:

@@ -48,13 +48,7 @@ def digest(file: str) -> str:
 
 
 def run(file: str) -> ModuleType:
-    """Run a Python file, once as long as its text stays the same, and return it as a module.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, is not Python, or fails.
-    """
+    """Run a Python file, once as long as its text stays the same; raises `InputError` if it fails."""
     return _run(str(Path(file).absolute()), _text(file), file)
 
 

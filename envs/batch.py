@@ -213,8 +213,9 @@ class Batch:
     def words(self) -> dict[str, NDArray[Any]]:
         """Return the texts of `info` (n,): why the episode ended, what the generator refused; empty where nothing."""
         causes, refused = self.sub_envs.rows["cause"], self.sub_envs.refused
-        words = {"cause": np.full(len(refused), "", object)}
+        words = {name: np.full(len(refused), "", object) for name in ("cause", "refused")}
         for index in np.flatnonzero(causes != RUNNING):
             words["cause"][index] = WORDS[StopCause(int(causes[index]))].info
-        words["refused"] = np.array([why or "" for why in refused], object)
+        if any(refused):
+            words["refused"][:] = [why or "" for why in refused]
         return words

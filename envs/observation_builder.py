@@ -6,25 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.protocols import WindowObservation
-from edmsim.envs.observation import (
-    DIALS,
-    MEASURED,
-    SCALE,
-    SHOWN,
-    Floats,
-    Known,
-    Sensors,
-    gather,
-    known_entries,
-    of_a_step,
-    show,
-    values_of,
-)
+from edmsim.envs import observation
 from edmsim.envs.task import Family
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.kernel.state import OPEN, SHORT, SPARK, WINDOW
 from edmsim.snapshots import Snapshots
+
+Floats = NDArray[np.float64]
 
 
 class ObservationBuilder(Snapshots):
@@ -32,23 +21,23 @@ class ObservationBuilder(Snapshots):
 
     STATE = ("sums", "_history", "_scales", "_threaded_ns", "_broke_at")
 
-    def __init__(self, family: Family, count: int, sensors: Sensors) -> None:
+    def __init__(self, family: Family, count: int, sensors: observation.Sensors) -> None:
         self.family, self.sensors = family, sensors
-        width = len(of_a_step(family.locates_discharges))
+        width = len(observation.of_a_step(family.locates_discharges))
         self._history = np.zeros((count, family.history + sensors.delay_steps, width), np.float32)
-        self._dials = np.zeros((count, len(DIALS)), np.float32)
+        self._dials = np.zeros((count, len(observation.DIALS)), np.float32)
         # (n,) `SHOWN`: what the windows of the present step showed
-        self.sums: NDArray[np.void] = np.zeros(count, SHOWN)
-        self._scales: NDArray[np.void] = np.zeros(count, SCALE)
+        self.sums: NDArray[np.void] = np.zeros(count, observation.SHOWN)
+        self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)
         self._threaded_ns = np.zeros(count, np.int64)
         self._broke_at = np.zeros(count)
-        self._values = np.zeros(len(MEASURED))
+        self._values = np.zeros(len(observation.MEASURED))
 
     def begin(self, i: int, row: np.void, machine: Machine, noise_key: np.uint64 | int = 0) -> None:
         """Begin an episode on a machine; `row` is its `path_follower.SUB_ENV`."""
         self._history[i] = 0.0
-        self.sums[i] = np.zeros((), SHOWN)
-        self._dials[i] = values_of(DIALS, machine, 1)[0]
+        self.sums[i] = np.zeros((), observation.SHOWN)
+        self._dials[i] = observation.values_of(observation.DIALS, machine, 1)[0]
         self._scales[i]["key"], self._scales[i]["draws"] = noise_key, 0
         self._broke_at[i] = 0.0
         self.take_scale(i, row)
@@ -77,23 +66,23 @@ class ObservationBuilder(Snapshots):
 
     def add(self, active: NDArray[np.int64], rows: NDArray[np.void], windows: NDArray[np.void]) -> None:
         """Add a window of some episodes; `rows` are all `path_follower.SUB_ENV`, `windows` `kernel.state.WINDOW`."""
-        gather(active, rows, windows, self.sums)
+        observation.gather(active, rows, windows, self.sums)
 
     def end_step(self, active: NDArray[np.int64]) -> None:
         """Put the steps of some episodes before those that came earlier."""
-        show(active, self.sums, self._scales, self.family.max_feed_um_s, self._history, self._values)
+        observation.show(active, self.sums, self._scales, self.family.max_feed_um_s, self._history, self._values)
 
     def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
         """Return all observations, (n, entries), in a fresh array; corners as `Known` has them."""
         parts = [self._history[:, self.sensors.delay_steps :].reshape(len(rows), -1), self._dials]
         family = self.family
-        known = known_entries(family.knows_corners, family.offset_um is not None, family.knows_wires)
+        known = observation.known_entries(family.knows_corners, family.offset_um is not None, family.knows_wires)
         if known:
             age_s = np.asarray((rows["elapsed_ns"] - self._threaded_ns) * 1e-9, np.float64)
-            what = Known(
+            what = observation.Known(
                 rows, corner_um, corner_deg, age_s, self._broke_at, family.offset_um, family.wires, family.episode_s
             )
-            parts.append(values_of(known, what, len(rows)))
+            parts.append(observation.values_of(known, what, len(rows)))
         return np.concatenate(parts, axis=1)
 
 

@@ -53,7 +53,6 @@ class PartCut:
         self._program = program
         found = with_passes(program, settings, planned)
         assert found.table is not None
-        assert found.technology is not None
         if len(found.path.contours) != 1:
             raise InputError(f"the program has {len(found.path.contours)} contours: a part has one", program.source)
         rows = [_tightened(one, tension_share) for one in found.table.settings]
@@ -63,10 +62,9 @@ class PartCut:
         self.setting, self.offset_um = rows[0], found.table.offsets_mm[0] * 1e3  # of the last pass, as its offset
         # why the last choice was not made as asked for; empty where it was
         self.cause, self.refused = StopCause.RUNNING, ""
-        self._settings, self._technology = found.settings, found.technology
-        self._path, self._stops_after = found.path, stops_after or len(rows)
+        self._settings, self._path, self._stops_after = found.settings, found.path, stops_after or len(rows)
         self._offsets_mm = list(found.table.offsets_mm)
-        self._setups = [setup_of(found.settings, found.technology, one) for one in rows]
+        self._setups = [setup_of(found.settings, one) for one in rows]
         self._threaded_ns = 0
 
     @property
@@ -226,7 +224,7 @@ class PartCut:
         for tried in (choice, choice._replace(pause=1.0), choice._replace(pause=1.0, on_time=1.0)):
             self.setting = _changed(self.table.settings[number - 1], tried)
             try:
-                return setup_of(self._settings, self._technology, self.setting)
+                return setup_of(self._settings, self.setting)
             except InputError as error:
                 self.refused = self.refused or str(error)
         raise InputError(f"the technology's setting of pass {number} is refused: {self.refused}")

@@ -107,7 +107,7 @@ class EpisodeRecorder:
         scenario, plant = self._sub_envs.scenarios[self._index], self._sub_envs.fleet.plants[self._index]
         assert scenario is not None
         scene, windows = scene_of(self._sub_envs, self._index), self._table()
-        values = windows.values()
+        values = windows.rows
         write_recording(
             file, scene, windows.to_arrow(), Frames(plant.resolution.slices), self._closeups, scenario.machine,
             self._report(settings, outcome or self._outcome(), scene, values), title, self._steps_of(values),

@@ -9,17 +9,9 @@ from edmsim.errors import InputError
 
 
 def path(name: str) -> Path:
-    """Return where a data file lies.
+    """Return where a data file lies, ``"agiecut_dem15.xml"``; an absolute path stays as it is.
 
-    Parameters
-    ----------
-    name : str
-        The file's place in this folder, for example ``"agiecut_dem15.xml"``; an absolute path stays as it is.
-
-    Raises
-    ------
-    InputError
-        If there is no such file.
+    Raises `InputError` if there is no such file.
     """
     file = Path(__file__).parent / name
     if not file.is_file():
@@ -28,30 +20,13 @@ def path(name: str) -> Path:
 
 
 def policies(env_id: str = "") -> list[str]:
-    """Return the names of the policies under ``policies/``: of those trained in one environment, or of all.
-
-    Parameters
-    ----------
-    env_id : str, optional
-        For example ``"edmsim/GapFeed-v2"``.
-    """
+    """Return the names of the policies under ``policies/``, perhaps of those trained in one environment."""
     prefix = f"{env_id.removeprefix('edmsim/').partition('-v')[0]}-" if env_id else ""
     names = sorted(found.stem for found in (Path(__file__).parent / "policies").glob("*.json"))
     return [name for name in names if name.startswith(prefix)]
 
 
 def published(name: str) -> list[dict[str, str]]:
-    """Return the rows of a published table, by column; its first lines, behind ``#``, give the source.
-
-    Parameters
-    ----------
-    name : str
-        A file of ``published/`` without its ending: ``"ignition_median_vs_gap_eth"``.
-
-    Raises
-    ------
-    InputError
-        If there is no such file.
-    """
+    """Return the rows of a table under ``published/``, ``"ignition_median_vs_gap_eth"``, by column."""
     with path(f"published/{name}.csv").open(encoding="utf-8") as file:
         return list(csv.DictReader(line for line in file if not line.startswith("#")))

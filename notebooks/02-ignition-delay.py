@@ -138,9 +138,9 @@ right.set(xlabel="speed of the water, m/s (mean over the height)", ylabel="open 
 
 # %% [markdown]
 # The delay rises with the gap as in the thesis. It rises with the flow only if it is long: the water must move some
-# 100 um during the delay to carry the prepared breakdown away. At 300 V the model's critical gap is 34 um, and
-# every gap of the figure, 10 to 30 um, ignites within some 2 us, in which water of 4 m/s moves 8 um. The thesis may
-# have measured an oil, which ignites more slowly (`docs/theory/breakdown.md`).
+# 100 um during the delay to carry the prepared breakdown away. At 300 V the model's critical gap is 34 um, and the
+# thesis' gaps, 10 to 30 um, ignite within 2 to 8 us, in which water of 4 m/s moves 8 to 32 um. The thesis may have
+# measured an oil, which ignites more slowly (`docs/theory/breakdown.md`).
 #
 # ## From delays to shares
 #

@@ -311,10 +311,10 @@ for axes, (name, none), set_up in zip(panels, plain.items(), (lagging, machine),
 panels[1].legend([outer, inner], ["part outside of the turn", "part inside"], fontsize=8);
 
 # %% [markdown]
-# - **Overshoot** is best: every µm reduces the error outside by some 0.7 µm, and 10 µm take a second. In the
-#   lagging set-up even more than the lag helps, as it also exposes the corner's wall longer; in the default set-up
-#   20 µm are too much. So you must know the right length.
-# - **Slower** reduces the error like 10 to 15 µm of overshoot, but takes several times as long: less push, and
+# - **Overshoot** is best: every µm reduces the error outside by some 0.8 µm, and 10 µm take a second. In the
+#   lagging set-up 30 µm are still too few; in the default set-up 10 µm are enough and 20 µm too much. So you must
+#   know the right length.
+# - **Slower** halves the error, like 5 to 20 µm of overshoot, but takes several times as long: less push, and
 #   longer exposure.
 # - **Less energy at the same feed makes it worse**, and with half the feed it is worse than half the feed alone.
 #   The same metal must be removed per second, by more and weaker sparks across a narrower gap, so the wall stays
@@ -360,7 +360,7 @@ for law in part_laws:
 
 # %% [markdown]
 # A whole cut gives the same result: a slower law leaves less metal in the corners, but costs time everywhere; the
-# shorter on-time before corners alone gains nothing.
+# shorter on-time before corners alone leaves more.
 #
 # ## Limits
 #

@@ -168,9 +168,9 @@ figure.tight_layout()
 # Where the workpiece gets thinner, the same power cuts a longer distance, so the feed can rise. Every controller
 # that measures the pulses raises it, `voltage` and the oracle up to 100 µm/s, the greatest feed of these
 # environments. Where the workpiece gets thicker the gap closes, and there are shorts until the feed has fallen. The
-# oracle holds a gap of 16 to 25 µm with hardly any open pulses; `voltage` has the same mean gap, but oscillates: it
-# runs into shorts and retracts. `counts` holds a gap of 28 µm, with a quarter of the pulses open. `fixed` feeds
-# slowly at any height, and four of five pulses are open.
+# oracle holds a gap of 13 to 26 µm with hardly any open pulses; `voltage` has nearly the same mean gap, but
+# oscillates: it runs into shorts and retracts. `counts` holds a gap of 28 µm, with a quarter of the pulses open.
+# `fixed` feeds slowly at any height, and half to four fifths of the pulses are open.
 #
 # ## The plane of short and open
 #

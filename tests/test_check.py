@@ -1,7 +1,5 @@
 """`edmsim check`, and what the command line says of options: one line for bad usage, names for what there is."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -21,7 +19,7 @@ from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.cosim.simulation import Simulation
 from edmsim.errors import InputError
 from edmsim.job.check import check, greatest_feed_um_s, lines_of
-from edmsim.job.cut import make_controller
+from edmsim.job.cut import make_controller, planned, with_passes
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.recording.figures.path import path_figure
@@ -113,6 +111,7 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim: R
         (("check", EXAMPLES / "gear.dxf", "--out", "path.bmp"), "path.bmp: a figure is written as .pdf .svg .png"),
         (("check", "no-such.ngc"), "no-such.ngc: no such file"),
         (("cut", "a.ngc", "--traces", "a.csv"), "a.csv: a file of traces is written as .parquet"),
+        (("measure", "table", "--out", "a.txt"), "a.txt: a compensation file is written as .toml"),
         (("cut", "a.ngc", "--colour", "red"), "no such option: --colour"),
         (("cut",), "missing argument 'program'; see edmsim cut --help"),
         (("cut", "a.ngc", "--height", "tall"), "invalid value for '--height'"),
@@ -266,6 +265,14 @@ def test_passes_are_estimated_by_their_technology() -> None:
     assert [f"pass {one.number}, {one.offset_mm:.3f} mm" for one in found.passes] == [
         str(line.get_label()) for line in drawn if str(line.get_label()).startswith("pass ")
     ]
+
+
+def test_what_a_technology_leaves_open_holds_in_every_pass() -> None:
+    settings = CutSettings(passes=3, height_mm=25.4, standoff_lower_mm=2.0, constants=["gap.critical_um=4"])
+    machines = [one.machine for one in with_passes(EXAMPLES / "punch.ngc", settings, planned).setups]
+    assert len({machine.t_period_us for machine in machines}) > 1
+    for machine in machines:
+        assert (machine.standoff_lower_mm, machine.base.gap.critical_um.value) == (2.0, 4.0)
 
 
 def test_passes_in_a_material_without_a_technology_say_what_they_take_and_what_to_run() -> None:

@@ -1,7 +1,5 @@
 """An interrupted cut goes on bit for bit, and only as the cut it was."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """The command line: exit statuses, one clear line for bad input, and nothing left half-written."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

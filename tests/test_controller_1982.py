@@ -3,8 +3,6 @@
 ``python tests/test_controller_1982.py`` writes the tests again into the page.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import io

@@ -1,7 +1,5 @@
 """The loop: planner, plant and controller stay in step, and every way a cut can end is reported."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
@@ -275,7 +273,7 @@ def test_snapshot_continues_bit_for_bit_across_threading_and_dwells() -> None:
     machine = Machine.load(height_mm=5, generator="iso-energetic")
     whole = simulation(*parts, machine=machine, controller=make("counts"))
     run(whole)
-    rows = windows_of(whole).values()
+    rows = windows_of(whole).rows
     threading = int(np.argmax(np.diff(rows[:, 0])))
     for stop in (10, 60, threading, threading + 1, threading + 9, len(rows) - 1):
         first, second = (simulation(*parts, machine=machine, controller=make("counts")) for _ in range(2))
@@ -283,7 +281,7 @@ def test_snapshot_continues_bit_for_bit_across_threading_and_dwells() -> None:
             first.step()
         second.restore(*first.snapshot())
         run(second)
-        np.testing.assert_array_equal(windows_of(second).values(), rows)
+        np.testing.assert_array_equal(windows_of(second).rows, rows)
         assert second.sums == whole.sums
 
 

@@ -1,7 +1,5 @@
 """A whole cut: report, windows, geometry and files agree with each other and with the craters."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """The options of a cut: one list that the function, the command line, reports and tables of windows agree on."""
 
-from __future__ import annotations
-
 import inspect
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Tables with rows, cams, and SZELCAMPUFFER in a cut: E-2, E-26, E-32, E-44, E-46."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """``edmsim.cut(compensation=...)`` and ``edmsim measure table``: errors are measured, compensated, and reported."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A program's conditions with a user's table: every pass is cut with the settings of its condition."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

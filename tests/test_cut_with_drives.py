@@ -1,7 +1,5 @@
 """``edmsim.cut(drive=...)``: servo drives under the table, following errors reported, a trip that stops."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A short tapered cut: guides, walls at every height, resume, drives, and what is refused."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

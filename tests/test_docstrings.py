@@ -1,7 +1,5 @@
 """Docstrings of internals, which are not in the reference, have one to three lines; few of them are longer."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

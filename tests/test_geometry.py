@@ -1,7 +1,5 @@
 """The wire's path behind guides it trails at a constant lag."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

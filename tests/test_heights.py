@@ -1,7 +1,5 @@
 """Changing heights: regions along the path, what a cut across a step does, what is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The house: which folder is a package, who imports whom, how long a file is, and what a name means."""
 
-from __future__ import annotations
-
 import ast
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """Nothing of a cut is lost: however it is interrupted, its folder holds it whole, or what `--resume` finishes."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Whatever is a real or whole number is one wherever a user gives one; not a truth value or a text."""
 
-from __future__ import annotations
-
 import json
 import math
 from decimal import Decimal

@@ -1,7 +1,5 @@
 """What is installed is what stands in the folders: from a wheel, from a checkout, and where links are plain files."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """What a preset's defaults do with the example, from the start hole on, and what is said of denser pulses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

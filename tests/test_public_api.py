@@ -1,7 +1,5 @@
 """What users import: the agreed names, and an import that stays cheap."""
 
-from __future__ import annotations
-
 import inspect
 import subprocess
 import sys

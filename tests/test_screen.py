@@ -1,7 +1,5 @@
 """Tables at any width: names are shortened and stay different, numbers stay whole. Progress in a file: lines."""
 
-from __future__ import annotations
-
 import io
 
 import pytest

@@ -1,7 +1,5 @@
 """Every test has a limit: what hangs, in Python, in compiled code or in a process it began, ends with its stack."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

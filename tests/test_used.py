@@ -1,7 +1,5 @@
 """The house has nothing that only tests reach: what it defines is used by itself, by its pages or by its examples."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """``edmsim warm-up``: afterwards a cut and an environment find all that they would compile."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

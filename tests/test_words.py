@@ -1,7 +1,5 @@
 """The house's words: names are the field's terms, and prose says things as Gymnasium's documentation would."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

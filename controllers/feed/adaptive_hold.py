@@ -45,17 +45,10 @@ class ClimbingHold(HoldHeat):
 
     Further parameters: see `HoldHeat`; ``hold_share`` is the first value, ``break_hold_share`` the factor on it after
     a break.
-
-    Parameters
-    ----------
-    climb_per_s : float
-        Growth of the logarithm of the held flux, per second.
-    patience_factor : float
-        Divisor of the growth at every break.
     """
 
-    climb_per_s: float = 0.01
-    patience_factor: float = 2.0
+    climb_per_s: float = 0.01  # growth of the logarithm of the held flux, per second
+    patience_factor: float = 2.0  # divisor of the growth at every break
 
     pace_per_s: float = field(default=0.0, init=False)
 
@@ -81,23 +74,15 @@ class AdaptiveHold(HoldHeat):
     """Holds the flux with the largest expected return under the present estimate of the machine's limit.
 
     Further parameters: see `HoldHeat`.
-
-    Parameters
-    ----------
-    limit_share, limit_spread : float
-        Prior of the flux at which wires break: its median, and the standard deviation of its logarithm.
-    drift_per_s : float
-        Growth of the variance of that logarithm with time: water and wear change the limit.
-    rate_exponent : float
-        Growth of the logarithm of the cutting rate with that of the flux.
-    break_weight : float
-        Factor on the time that a lost wire costs: threading plus the slow start of a new wire.
     """
 
+    # limit_share, limit_spread: prior of the flux at which wires break: its median, and the standard deviation of its
+    # logarithm
     limit_share: float = 0.8
     limit_spread: float = 0.5
-    drift_per_s: float = 2e-5
-    rate_exponent: float = 0.8
+    drift_per_s: float = 2e-5  # growth of the variance of that logarithm with time: water and wear change the limit
+    rate_exponent: float = 0.8  # growth of the logarithm of the cutting rate with that of the flux
+    # factor on the time that a lost wire costs: threading plus the slow start of a new wire
     break_weight: float = 1.0
 
     chance: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(LEVELS)), init=False)

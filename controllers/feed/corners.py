@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,34 +23,21 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class Corners(CornerRule):
-    """A longer period near corners, and an offset after them.
+    """A longer period near corners, and an offset after them."""
 
-    Parameters
-    ----------
-    before_um, behind_um : float
-        Path before and after a corner on which the period is longer; 0 for none.
-    corner_factor : float
-        Period near a corner divided by the period elsewhere.
-    slack_um : float
-        0, or the deflection of a wire under 1 N per m of workpiece for which `corner_factor` is meant. The factor of
-        another wire is scaled with the square root of its deflection divided by this value.
-    offset_um : float
-        Offset to the left of the path.
-    pull_N_m : float
-        Force on the wire per height of workpiece, positive forward; negative for a wire that lags. The force bends
-        the wire by `lead_um`, and after a corner this deflection points off the path. The offset compensates it and
-        fades out as the wire turns into the new direction.
-    fade_um : float
-        Length of path after a corner on which this compensation falls to 1/e.
-    """
-
+    # before_um, behind_um: path before and after a corner on which the period is longer; 0 for none
     before_um: float = 0.0
     behind_um: float = 0.0
-    corner_factor: float = 4.0
+    corner_factor: float = 4.0  # period near a corner divided by the period elsewhere
+    # 0, or the deflection of a wire under 1 N per m of workpiece for which `corner_factor` is meant. The factor of
+    # another wire is scaled with the square root of its deflection divided by this value.
     slack_um: float = 0.0
-    offset_um: float = 0.0
+    offset_um: float = 0.0  # offset to the left of the path
+    # force on the wire per height of workpiece, positive forward; negative for a wire that lags. The force bends the
+    # wire by `lead_um`, and after a corner this deflection points off the path. The offset compensates it and fades
+    # out as the wire turns into the new direction.
     pull_N_m: float = 0.0
-    fade_um: float = 100.0
+    fade_um: float = 100.0  # length of path after a corner on which this compensation falls to 1/e
 
     def __post_init__(self) -> None:
         self.start_um = self._lead_um = 0.0
@@ -83,6 +70,33 @@ class Corners(CornerRule):
         return self.offset_um + float(lateral_um.sum())
 
 
+@dataclass
+class OuterCorners(CornerRule):
+    """A longer period before outer corners: less and less metal is in front of a trim there."""
+
+    # path before an outer corner of the wire's path on which the period is longer; 0 for none. Trims go straight past
+    # the part's corner, by about their offset.
+    before_um: float = 0.0
+    corner_factor: float = 3.0  # period there divided by the period elsewhere
+
+    def __post_init__(self) -> None:
+        self.part_side: Literal["left", "right"] | None = None
+        self._corners_um: Floats = np.zeros(0)
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Find where the leg turns to the part."""
+        line = Polyline(points_um * 1e-3, closed=False)
+        corners = line.corners(CORNER_DEG)
+        outer = (line.turn_deg[corners] > 0) == (self.part_side == "left")
+        self._corners_um = line.s[corners][outer & (self.part_side is not None)] * 1e3 + start_um
+        self.start_um = start_um
+
+    def slowing(self, path_um: float) -> float:
+        """Return the factor on the period at a place of the path."""
+        ahead_um = self._corners_um - path_um
+        return self.corner_factor if ((ahead_um >= 0.0) & (ahead_um < self.before_um)).any() else 1.0
+
+
 def lead_um(machine: Machine, force_N_m: float) -> float:
     """Return how far a load q bends a wire: ``q h (2 l - h) / (8 T) - q h**2 / (24 T)`` in the mean over h, in um."""
     height_m, guides_m = machine.height_mm * 1e-3, machine.guide_distance_mm * 1e-3
@@ -96,13 +110,9 @@ class TrueBend(Corners):
 
     The offset is the opposite of the true mean deflection across the path. ``pull_N_m`` and ``fade_um`` have no
     effect.
-
-    Parameters
-    ----------
-    average_s : float
-        Time constant of the average of the deflection: the guides must not follow the wire's vibration.
     """
 
+    # time constant of the average of the deflection: the guides must not follow the wire's vibration
     average_s: float = 0.25
 
     bent_um: tuple[float, float] = field(default=(0.0, 0.0), init=False)

@@ -43,61 +43,26 @@ class CountsController(Snapshots):
     All constants are ours. Shares are fractions of the 255 pulses of a window. The feed is a whole number of speed
     units of 262.5 nm/s: up to 127 on the machine of 1982, more where the table is faster. Counts that arrive while
     the processor is busy wait in their latch; further counts are missed.
-
-    Parameters
-    ----------
-    open_target_share : float
-        Target share of open pulses without shorts. A larger share is safer and slower.
-    short_weight : float
-        Number of open pulses that one short pulse cancels.
-    proportional_um_s : float
-        Feed per unit of the difference from the target, um/s.
-    integral_um_s2 : float
-        Growth of the feed per unit of that difference, um/s per s.
-    filter_s : float
-        Time constant of the low-pass filter on both shares.
-    start_feed_um_s : float
-        Start value of the integrator; also its upper limit after a retract.
-    air_share : float
-        Share of open pulses from which the wire runs at full feed, because no metal is near.
-    shorted_share : float
-        Share of short pulses from which a window counts as shorted.
-    patience_s : float
-        Time in a short after which the wire retracts.
-    clear_share : float
-        Share of short pulses below which a short counts as cleared.
-    retract_feed_um_s : float
-        Speed of the retract.
-    retract_um : float
-        Longest retract.
-    dwell_s : float
-        Wait at the end of a retract that did not clear the short.
-    return_feed_um_s : float
-        Largest feed on the way back to the place of the short.
-    progress_um : float
-        Distance along the path from which the next short counts as a new one.
-    max_tries : int
-        Retracts for one short before the alarm.
     """
 
     name: ClassVar[str] = "counts"
 
-    open_target_share: float = 0.06
-    short_weight: float = 1.0
-    proportional_um_s: float = 10.0
-    integral_um_s2: float = 30.0
-    filter_s: float = 0.1
-    start_feed_um_s: float = 10.0
-    air_share: float = 0.98
-    shorted_share: float = 0.5
-    patience_s: float = 0.15
-    clear_share: float = 0.1
-    retract_feed_um_s: float = 20.0
-    retract_um: float = 60.0
-    dwell_s: float = 1.0
-    return_feed_um_s: float = 10.0
-    progress_um: float = 20.0
-    max_tries: int = 8
+    open_target_share: float = 0.06  # target share of open pulses without shorts. A larger share is safer and slower.
+    short_weight: float = 1.0  # number of open pulses that one short pulse cancels
+    proportional_um_s: float = 10.0  # feed per unit of the difference from the target, um/s
+    integral_um_s2: float = 30.0  # growth of the feed per unit of that difference, um/s per s
+    filter_s: float = 0.1  # time constant of the low-pass filter on both shares
+    start_feed_um_s: float = 10.0  # start value of the integrator; also its upper limit after a retract
+    air_share: float = 0.98  # share of open pulses from which the wire runs at full feed, because no metal is near
+    shorted_share: float = 0.5  # share of short pulses from which a window counts as shorted
+    patience_s: float = 0.15  # time in a short after which the wire retracts
+    clear_share: float = 0.1  # share of short pulses below which a short counts as cleared
+    retract_feed_um_s: float = 20.0  # speed of the retract
+    retract_um: float = 60.0  # longest retract
+    dwell_s: float = 1.0  # wait at the end of a retract that did not clear the short
+    return_feed_um_s: float = 10.0  # largest feed on the way back to the place of the short
+    progress_um: float = 20.0  # distance along the path from which the next short counts as a new one
+    max_tries: int = 8  # retracts for one short before the alarm
 
     _state: State = field(default_factory=State, init=False, repr=False)
     _cpu: Occupation = field(default_factory=Occupation, init=False, repr=False)

@@ -11,20 +11,13 @@ from edmsim.snapshots import Snapshots
 
 @dataclass
 class FixedController(Snapshots):
-    """Commands the same feed for every window.
-
-    Parameters
-    ----------
-    feed_um_s : float
-        The feed in um/s, 0 or more (ours: at 20 um/s half of the pulses are open in 20 mm of steel).
-    offset_um : float
-        Offset to the left of the path, for example for a finishing pass.
-    """
+    """Commands the same feed for every window."""
 
     name: ClassVar[str] = "fixed"
 
+    # the feed in um/s, 0 or more (ours: at 20 um/s half of the pulses are open in 20 mm of steel)
     feed_um_s: float = 20.0
-    offset_um: float = 0.0
+    offset_um: float = 0.0  # offset to the left of the path, for example for a finishing pass
 
     def __post_init__(self) -> None:
         check_parameters(self)

@@ -1,9 +1,9 @@
 """A rule for the period that relieves a wire before it breaks, and so holds more heat flux.
 
-On training machines, most wires that broke had boiled dry 10 to 200 ms before. It began in a window in which
-discharges had concentrated on one fifth of the height, 1.4 to 2.4 times as many as usual there, or in which a short
-had cleared. Steam then covers the wire, takes hardly any heat from it, and leaves it only when the wire has cooled
-down. A law that holds the mean flux is too slow for that; therefore a window of long periods follows a burst.
+On training machines, most wires that broke had boiled dry 10 to 270 ms before (docs/tasks/max-rate-shift.md). It
+began with 1.4 to 4 times as many discharges as usual in one fifth of the height, often as a short cleared. Steam then
+covers the wire, takes hardly any heat from it, and leaves it only when the wire has cooled down. A law that holds the
+mean flux is too slow for that; therefore a window of long periods follows a burst.
 
 Kinoshita, Fukui and Gamo (CIRP Annals 31:111, 1982) saw the frequency of pulses rise 5 to 40 ms before a wire broke,
 and switched the generator off then; later controllers located discharges and reduced the power where they
@@ -28,12 +28,11 @@ from edmsim.machine.setting import flushing_Pa
 
 WATER_KG_M3 = 1000.0
 USUAL_S = 1.0  # time constant of what an ignition adds to the flux (ours: some hundred windows)
-RESTART_S = 0.1  # time after a short in which the period is limited (ours: some ten windows)
 FIRST_GUARD, LEAST_GUARD = 1.5, 1.15
-"""Flux of a window, over what is held, that is a burst: at first, and at the least (ours: half of the bursts on
-training machines were above 1.5; counts of 50 ignitions scatter by 0.14)."""
+"""Flux of a window, over what is held, that is a burst: at first, and at the least (ours: two thirds of those that
+dried wires of training machines were above 1.5; counts of 50 ignitions scatter by 0.14)."""
 GUARD_STEP = 0.02  # change of its logarithm after a relief (ours: it settles within some minutes)
-NEAR_HOLD = 0.8  # share of what is held above which the guard learns: no wire is relieved below
+NEAR_HOLD = 0.8  # share of what is held above which the guard learns (ours: below, the gap limits the flux)
 
 
 @dataclass
@@ -79,25 +78,17 @@ class GuardedHold(AdaptiveHold):
 
     Further parameters: see `AdaptiveHold`; here they count the flux over the critical one of its place, and
     ``proportional_share`` and ``integral_per_s`` are per unit of the flux over what is held.
-
-    Parameters
-    ----------
-    reliefs_per_s : float
-        Bursts per second: the threshold rises while there are more, and falls while there are fewer. 0: no guard.
-    relief_us : float
-        Period of the window that follows a burst; the feed falls as the period grows.
-    restart_share : float
-        Inverse of the greatest flux after a short, over what is held: the period is so long that no more could be
-        reached if every pulse ignited.
     """
 
+    # bursts per second: the threshold rises while there are more, and falls while there are fewer. 0: no guard.
     reliefs_per_s: float = 0.25
-    relief_us: float = 200.0
-    restart_share: float = 0.8
+    relief_us: float = 200.0  # period of the window that follows a burst; the feed falls as the period grows
+    # what is held over the greatest flux in the window after a short: its period is so long that no more could be
+    # reached if every pulse ignited. 0: no such limit.
+    restart_share: float = 0.7
 
     log_guard: float = field(default=math.log(FIRST_GUARD), init=False)
     relieving: bool = field(default=False, init=False)  # whether the present window is a relief
-    clear_s: float = field(default=RESTART_S, init=False)  # since the last short
     ignition_s: float = field(default=0.0, init=False)  # flux of one ignition per second
 
     def excess(self, near: float) -> float:
@@ -112,11 +103,10 @@ class GuardedHold(AdaptiveHold):
         period_us = super().next_us(window, law)
         gauge = law.gauge
         assert isinstance(gauge, StreamGauge)
-        self.clear_s = 0.0 if shorted(window) else self.clear_s + window.duration_s
         if any(window.fifths):
             new_s = gauge.now * window.duration_s / sum(window.fifths)
             self.ignition_s -= math.expm1(-window.duration_s / USUAL_S) * (new_s - self.ignition_s)
-        if self.clear_s < RESTART_S:
+        if shorted(window):
             period_us = max(period_us, 1e6 * self.restart_share * self.ignition_s / self.hold)
         self.relieving = self.reliefs_per_s > 0.0 and gauge.now > self.hold * math.exp(self.log_guard)
         if gauge.flux.max() > NEAR_HOLD * self.hold:
@@ -127,4 +117,4 @@ class GuardedHold(AdaptiveHold):
     def fresh_wire(self) -> None:
         """Take in what the break said of the limit; the guard stays."""
         super().fresh_wire()
-        self.relieving, self.clear_s = False, RESTART_S
+        self.relieving = False

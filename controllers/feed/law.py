@@ -66,29 +66,16 @@ class Part(Snapshots):
 
 @dataclass
 class GapServo(Part):
-    """Servo of all gap laws: it turns an error into a feed, retracts from shorts and raises the alarm.
+    """Servo of all gap laws: it turns an error into a feed, retracts from shorts and raises the alarm."""
 
-    Parameters
-    ----------
-    filter_s : float
-        Time constant of the low-pass filter on the measured mean.
-    start_feed_um_s : float
-        Start value of the integral.
-    retract_feed_um_s : float
-        Largest speed backwards; the speed of a retract. A law's own default is limited to what the machine runs.
-    patience_s : float
-        Time in a short after which the wire retracts (ours, as in the counts controller).
-    integral_share : float
-        Factor on the integral after a retract (ours: half, because the feed before the short was too fast).
-    give_up_s : float
-        Time in one short after which the machine stops with an alarm (ours: at 20 um/s a retract of 0.4 mm).
-    """
-
-    filter_s: float = 0.1
-    start_feed_um_s: float = 10.0
+    filter_s: float = 0.1  # time constant of the low-pass filter on the measured mean
+    start_feed_um_s: float = 10.0  # start value of the integral
+    # largest speed backwards; the speed of a retract. A law's own default is limited to what the machine runs.
     retract_feed_um_s: float = 20.0
-    patience_s: float = 0.15
+    patience_s: float = 0.15  # time in a short after which the wire retracts (ours, as in the counts controller)
+    # factor on the integral after a retract (ours: half, because the feed before the short was too fast)
     integral_share: float = 0.5
+    # time in one short after which the machine stops with an alarm (ours: at 20 um/s a retract of 0.4 mm)
     give_up_s: float = 20.0
 
     max_feed_um_s: float = field(default=0.0, init=False)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from edmsim.controllers.feed import periods
 from edmsim.controllers.feed.adaptive_hold import AdaptiveHold, ClimbingHold
-from edmsim.controllers.feed.corners import Corners, TrueBend
+from edmsim.controllers.feed.corners import Corners, OuterCorners, TrueBend
 from edmsim.controllers.feed.guarded_hold import GuardedHold, StreamGauge
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
 from edmsim.controllers.feed.measures import FuzzyRules, MeanDelay, MeanVoltage, OpenShare, ShortShare, TrueGap
@@ -108,7 +108,7 @@ class AdaptiveHoldController(
 
 class GuardedHoldController(
     ServoLaw, measure=OpenShare, period=GuardedHold, gauge=StreamGauge, fixed=("hold_share", "break_hold_share"),
-    **{**FINDING, "proportional_share": 0.4, "integral_per_s": 2.5, "limit_share": 0.16, "limit_spread": 0.3},
+    **{**FINDING, "proportional_share": 0.4, "integral_per_s": 2.5, "limit_share": 0.16, "limit_spread": 0.2},
 ):  # fmt: skip
     """Holds the heat flux as `adaptive-hold` does, and relieves the wire after bursts of discharges."""
 
@@ -158,8 +158,8 @@ class LeadOracleController(
     name: ClassVar[str] = "lead-oracle"
 
 
-class TrimController(ServoLaw, measure=ShortShare):
-    """Runs at a constant feed, slower with more shorts, and retracts from a short that lasts.
+class TrimController(ServoLaw, measure=ShortShare, period=periods.CornerPeriod, corner=OuterCorners):
+    """Runs at a constant feed, slower with more shorts, retracts from a short that lasts, and spares outer corners.
 
     Most machines do this in trim cuts.
     """
@@ -173,3 +173,8 @@ class TrimController(ServoLaw, measure=ShortShare):
             return command
         assert isinstance(self.measure, ShortShare)
         return command._replace(feed_um_s=self.measure.slowed_um_s)
+
+    def see_part(self, side: Literal["left", "right"] | None) -> None:
+        """Read on which side of the next leg the part lies."""
+        assert isinstance(self.corner, OuterCorners)
+        self.corner.part_side = side

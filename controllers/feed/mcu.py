@@ -65,22 +65,13 @@ class _Setup(NamedTuple):
 
 @dataclass
 class McuController(CountsController):
-    """The register-level controller of 1982.
-
-    Parameters
-    ----------
-    corner_um : float
-        Distance before a corner from which t(i) is shortened; 0 for no change of the generator.
-    corner_share : float
-        Factor on t(i) there.
-
-    Further parameters: see `CountsController`.
-    """
+    """The register-level controller of 1982; its other parameters are those of `CountsController`."""
 
     name: ClassVar[str] = "mcu"
 
+    # distance before a corner from which t(i) is shortened; 0 for no change of the generator
     corner_um: float = 0.0
-    corner_share: float = 0.6
+    corner_share: float = 0.6  # factor on t(i) there
 
     _computer: Computer = field(default_factory=Computer, init=False, repr=False)
     _move: int = field(default=-1, init=False, repr=False)

@@ -44,22 +44,13 @@ class MeanVoltage(Measure):
 
     It is averaged over whole periods, pauses included, as by a moving-coil meter: the reference is for one duty
     factor.
-
-    Parameters
-    ----------
-    reference_V : float
-        Target of the mean gap voltage.
-    proportional_um_s_V : float
-        Feed per volt above the reference, um/s.
-    integral_um_s2_V : float
-        Growth of the feed per volt above the reference, um/s per s.
     """
 
     GAINS: ClassVar[tuple[str, str]] = ("proportional_um_s_V", "integral_um_s2_V")
 
-    reference_V: float = 15.0
-    proportional_um_s_V: float = 1.0
-    integral_um_s2_V: float = 1.0
+    reference_V: float = 15.0  # target of the mean gap voltage
+    proportional_um_s_V: float = 1.0  # feed per volt above the reference, um/s
+    integral_um_s2_V: float = 1.0  # growth of the feed per volt above the reference, um/s per s
 
     def error(self, window: WindowObservation, servo: GapServo) -> float:
         """Volts above the reference."""
@@ -71,24 +62,14 @@ class MeanDelay(Measure):
     """The mean ignition delay of all pulses.
 
     A short counts with a delay of 0, an open pulse with `open_delay_us`: there is a mean even if nothing ignites.
-
-    Parameters
-    ----------
-    reference_us : float
-        Target of the mean delay.
-    proportional_um_s_us : float
-        Feed per us above the reference, um/s.
-    integral_um_s2_us : float
-        Growth of the feed per us above the reference, um/s per s.
-    open_delay_us : float
-        Delay of an open pulse (ours: the on-time of the default setting, its shortest possible wait).
     """
 
     GAINS: ClassVar[tuple[str, str]] = ("proportional_um_s_us", "integral_um_s2_us")
 
-    reference_us: float = 12.0
-    proportional_um_s_us: float = 1.0
-    integral_um_s2_us: float = 1.0
+    reference_us: float = 12.0  # target of the mean delay
+    proportional_um_s_us: float = 1.0  # feed per us above the reference, um/s
+    integral_um_s2_us: float = 1.0  # growth of the feed per us above the reference, um/s per s
+    # delay of an open pulse (ours: the on-time of the default setting, its shortest possible wait)
     open_delay_us: float = 30.0
 
     def error(self, window: WindowObservation, servo: GapServo) -> float:
@@ -102,22 +83,13 @@ class MeanDelay(Measure):
 
 @dataclass
 class OpenShare(Measure):
-    """The share of open pulses minus that of weighted shorts.
-
-    Parameters
-    ----------
-    open_target_share : float
-        Target share of open pulses without shorts.
-    short_weight : float
-        Number of open pulses that one short pulse cancels.
-    proportional_um_s, integral_um_s2 : float
-        Feed, and its growth per second, per unit of the difference from the target.
-    """
+    """The share of open pulses minus that of weighted shorts."""
 
     GAINS: ClassVar[tuple[str, str]] = ("proportional_um_s", "integral_um_s2")
 
-    open_target_share: float = 0.1
-    short_weight: float = 1.0
+    open_target_share: float = 0.1  # target share of open pulses without shorts
+    short_weight: float = 1.0  # number of open pulses that one short pulse cancels
+    # proportional_um_s, integral_um_s2: feed, and its growth per second, per unit of the difference from the target
     proportional_um_s: float = 10.0
     integral_um_s2: float = 30.0
 
@@ -128,28 +100,16 @@ class OpenShare(Measure):
 
 @dataclass
 class FuzzyRules(Measure):
-    """Fuzzy rules on the filtered ratios of short and open pulses; the feed is the sum of their outputs.
+    """Fuzzy rules on the filtered ratios of short and open pulses; the feed is the sum of their outputs."""
 
-    Parameters
-    ----------
-    open_target_share : float
-        Target share of open pulses.
-    open_width_share : float
-        Difference from the target at which the ratio is fully low or high.
-    change_share_s : float
-        Change of the open ratio per second, as a share of all pulses, that is fully falling or rising.
-    short_begin_share, short_high_share : float
-        Short ratios at which membership in "high" begins and is full.
-    rate_um_s2 : float
-        Change of feed per second at an output of 1.
-    """
-
-    open_target_share: float = 0.2
-    open_width_share: float = 0.2
+    open_target_share: float = 0.2  # target share of open pulses
+    open_width_share: float = 0.2  # difference from the target at which the ratio is fully low or high
+    # change of the open ratio per second, as a share of all pulses, that is fully falling or rising
     change_share_s: float = 1.0
+    # short_begin_share, short_high_share: short ratios at which membership in "high" begins and is full
     short_begin_share: float = 0.1
     short_high_share: float = 0.4
-    rate_um_s2: float = 10.0
+    rate_um_s2: float = 10.0  # change of feed per second at an output of 1
 
     short: float = field(default=0.0, init=False)
     open: float = field(default=0.0, init=False)
@@ -190,20 +150,12 @@ def _memberships(value: float) -> tuple[float, float, float]:
 
 @dataclass
 class ShortShare(Measure):
-    """A constant feed that falls with the share of shorts, without the servo's integral.
-
-    Parameters
-    ----------
-    feed_um_s : float
-        The feed without shorts.
-    stop_share : float
-        Share of shorts at which the wire stops; the feed falls linearly up to it (ours).
-    """
+    """A constant feed that falls with the share of shorts, without the servo's integral."""
 
     FEEDS: ClassVar[tuple[str, ...]] = ("feed_um_s",)
 
-    feed_um_s: float = 30.0
-    stop_share: float = 0.3
+    feed_um_s: float = 30.0  # the feed without shorts
+    stop_share: float = 0.3  # share of shorts at which the wire stops; the feed falls linearly up to it (ours)
 
     shorts: float = field(default=0.0, init=False)
 
@@ -229,32 +181,17 @@ class ShortShare(Measure):
 
 @dataclass
 class TrueGap(Measure):
-    """The true gap, or the excess temperature of the wire; a real machine measures neither.
-
-    Parameters
-    ----------
-    gap_target_um : float
-        Target of the mean gap at the places of ignition.
-    proportional_um_s_um : float
-        Feed per um above the target, um/s.
-    integral_um_s2_um : float
-        Growth of the feed per um above the target, um/s per s.
-    short_um : float
-        Reduction of the measured gap in a window full of shorts (ours: the target, which makes the gap 0).
-    hot_K : float
-        Wire temperature above which the wire slows down.
-    kelvin_per_um : float
-        Excess temperature that counts as much as a gap 1 um too narrow.
-    """
+    """The true gap, or the excess temperature of the wire; a real machine measures neither."""
 
     GAINS: ClassVar[tuple[str, str]] = ("proportional_um_s_um", "integral_um_s2_um")
 
-    gap_target_um: float = 16.0
-    proportional_um_s_um: float = 1.0
-    integral_um_s2_um: float = 2.0
+    gap_target_um: float = 16.0  # target of the mean gap at the places of ignition
+    proportional_um_s_um: float = 1.0  # feed per um above the target, um/s
+    integral_um_s2_um: float = 2.0  # growth of the feed per um above the target, um/s per s
+    # reduction of the measured gap in a window full of shorts (ours: the target, which makes the gap 0)
     short_um: float = 16.0
-    hot_K: float = 560.0
-    kelvin_per_um: float = 10.0
+    hot_K: float = 560.0  # wire temperature above which the wire slows down
+    kelvin_per_um: float = 10.0  # excess temperature that counts as much as a gap 1 um too narrow
 
     gap_um: float = field(default=0.0, init=False)
     temperature_K: float = field(default=-1.0, init=False)  # below 0 before anything was seen

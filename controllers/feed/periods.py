@@ -43,27 +43,15 @@ _Setting = tuple[float | None, float | None]
 
 @dataclass
 class NormalPulses(PeriodRule):
-    """Holds the count of normal pulses by the off-time.
+    """Holds the count of normal pulses by the off-time."""
 
-    Parameters
-    ----------
-    normal_at_10mm : float
-        Threshold at 10 mm of thickness: normal pulses per 100 ms.
-    exponent_share : float
-        Power of the thickness with which the threshold rises: below 1.
-    height_factor : float
-        Thickness in mm per ampere and s/um of mean current over speed. Ours: tool steel 20 mm high at 46 um/s
-        and 1.63 A with the default set-up.
-    height_filter_s : float
-        Time constant of the low-pass filter on the thickness.
-    shortest_factor, longest_factor : float
-        Shortest and longest period, divided by the operator's.
-    """
-
-    normal_at_10mm: float = 600.0
-    exponent_share: float = 0.5
+    normal_at_10mm: float = 600.0  # threshold at 10 mm of thickness: normal pulses per 100 ms
+    exponent_share: float = 0.5  # power of the thickness with which the threshold rises: below 1
+    # thickness in mm per ampere and s/um of mean current over speed. Ours: tool steel 20 mm high at 46 um/s and 1.63
+    # A with the default set-up.
     height_factor: float = 562.0
-    height_filter_s: float = 0.5
+    height_filter_s: float = 0.5  # time constant of the low-pass filter on the thickness
+    # shortest_factor, longest_factor: shortest and longest period, divided by the operator's
     shortest_factor: float = 1.0
     longest_factor: float = 5.0
 
@@ -112,15 +100,9 @@ class NormalPulses(PeriodRule):
 
 @dataclass
 class FreshNormalPulses(NormalPulses):
-    """The same, but every wire begins with a longer period.
+    """The same, but every wire begins with a longer period."""
 
-    Parameters
-    ----------
-    slow_factor : float
-        First period of every wire, divided by the operator's (ours).
-    """
-
-    slow_factor: float = 2.5
+    slow_factor: float = 2.5  # first period of every wire, divided by the operator's (ours)
 
     fresh: bool = field(default=True, init=False)
 
@@ -139,21 +121,11 @@ class FreshNormalPulses(NormalPulses):
 
 @dataclass
 class RisingPeriod(PeriodRule):
-    """A period that a new wire reaches slowly.
+    """A period that a new wire reaches slowly."""
 
-    Parameters
-    ----------
-    period_us : float
-        Pulse period; 0 for the operator's.
-    rise_s : float
-        Time in which a new wire reaches it, starting from a period `slow_factor` times as long.
-    slow_factor : float
-        First period of a new wire, divided by the final one.
-    """
-
-    period_us: float = 40.0
-    rise_s: float = 1.5
-    slow_factor: float = 2.0
+    period_us: float = 40.0  # pulse period; 0 for the operator's
+    rise_s: float = 1.5  # time in which a new wire reaches it, starting from a period `slow_factor` times as long
+    slow_factor: float = 2.0  # first period of a new wire, divided by the final one
 
     cutting_s: float = field(default=0.0, init=False)  # since the wire was threaded
     first_us: float = field(default=0.0, init=False)  # with which the leg began; 0 before the first window
@@ -177,34 +149,23 @@ class RisingPeriod(PeriodRule):
 
 @dataclass
 class HoldHeat(RisingPeriod):
-    """Holds a gauge's measure of how near the wire is to boiling dry; ``period_us`` is the first period of a cut.
+    """Holds a gauge's measure of how near the wire is to boiling dry; ``period_us`` is the first period of a cut."""
 
-    Parameters
-    ----------
-    hold_share : float
-        Target of the measure, which is 1 where the wire boils dry.
-    break_hold_share : float
-        Factor on the target after every lost wire (ours).
-    proportional_share, integral_per_s : float
-        Change of the period's logarithm, and its growth per second, per unit of the difference from the target.
-    shortest_us, longest_us : float
-        Limits of the period (ours). If hardly a pulse ignites there is no heat to hold, and the period falls to the
-        shortest one.
-    recovery_s : float
-        If above 0, shorts do not shorten the period (the discharges that clear a short could break the wire at the
-        shortest period), and the period stays longer for this time after a retract, as for `rise_s` with a new wire.
-    refill_s : float
-        Time after a retract, and of a new wire, in which the period is not shortened while more pulses than usual are
-        open: it would be too short when the gap has closed again.
-    """
-
-    hold_share: float = 0.6
-    break_hold_share: float = 0.8
+    hold_share: float = 0.6  # target of the measure, which is 1 where the wire boils dry
+    break_hold_share: float = 0.8  # factor on the target after every lost wire (ours)
+    # proportional_share, integral_per_s: change of the period's logarithm, and its growth per second, per unit of the
+    # difference from the target
     proportional_share: float = 0.3
     integral_per_s: float = 1.0
+    # shortest_us, longest_us: limits of the period (ours). If hardly a pulse ignites there is no heat to hold, and
+    # the period falls to the shortest one.
     shortest_us: float = 25.0
     longest_us: float = 150.0
+    # if above 0, shorts do not shorten the period (the discharges that clear a short could break the wire at the
+    # shortest period), and the period stays longer for this time after a retract, as for `rise_s` with a new wire
     recovery_s: float = 0.0
+    # time after a retract, and of a new wire, in which the period is not shortened while more pulses than usual are
+    # open: it would be too short when the gap has closed again
     refill_s: float = 0.0
 
     log_us: float = field(default=0.0, init=False)  # the period's regulated part
@@ -260,14 +221,9 @@ class FluxGauge(Gauge):
 
     It knows what an operator knows: the names of the set-up's files, wire, height and pulse. It uses the constants of
     those files, because a real controller cannot know the machine's true ones.
-
-    Parameters
-    ----------
-    flux_filter_s : float
-        Time constant of the low-pass filter on the flux of each fifth of the height.
     """
 
-    flux_filter_s: float = 0.05
+    flux_filter_s: float = 0.05  # time constant of the low-pass filter on the flux of each fifth of the height
 
     flux: NDArray[np.float64] = field(default_factory=lambda: np.zeros(5), init=False)
     """Filtered heat flux of each fifth of the height over the critical one, (5,), from below."""
@@ -330,19 +286,41 @@ class HeatGauge(Gauge):
 
 
 @dataclass
+class CornerPeriod(PeriodRule):
+    """The operator's period, longer where the rule for corners says so."""
+
+    slower: bool = field(default=False, init=False)  # whether the period is longer than the operator's
+
+    def __post_init__(self) -> None:
+        self._period_us = 0.0
+
+    def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
+        """Take in the operator's period."""
+        self._period_us = machine.t_period_us
+
+    def first_setting_us(self, law: ServoLaw) -> _Setting:
+        """Return the setting of the leg's begin."""
+        return self._at(law.corner.start_um, law)
+
+    def next_setting_us(self, window: WindowObservation, law: ServoLaw) -> _Setting:
+        """Return the setting of the next window."""
+        return self._at(window.path_um, law)
+
+    def _at(self, path_um: float, law: ServoLaw) -> _Setting:
+        factor, before = law.corner.slowing(path_um), self.slower
+        self.slower = factor > 1.0
+        return None, self._period_us * factor if self.slower or before else None
+
+
+@dataclass
 class SetPoint(PeriodRule):
     """A setting in proportion to the operator's, and a longer period at corners.
 
     When the period changes, the feed changes at once in the same proportion as the removal: a servo alone would run
     into the metal for a second.
-
-    Parameters
-    ----------
-    on_factor, period_factor : float
-        On-time and pulse period, divided by the operator's.
     """
 
-    on_factor: float = 1.0
+    on_factor: float = 1.0  # on_factor, period_factor: on-time and pulse period, divided by the operator's
     period_factor: float = 1.0
 
     slowing: float = field(default=1.0, init=False)  # period away from corners, in the operator's
@@ -395,20 +373,11 @@ class SetPoint(PeriodRule):
 
 @dataclass
 class Climb(SetPoint):
-    """Shortens the period step by step until the wire breaks; ``period_factor`` is that of the first wire.
+    """Shortens the period step by step until the wire breaks; ``period_factor`` is that of the first wire."""
 
-    Parameters
-    ----------
-    climb_s : float
-        Cutting time between two steps, retracts not counted.
-    step_share : float
-        Share by which a step shortens the period.
-    back_factor : float
-        Factor on the period after a break. The period is then held; a further break lengthens it again.
-    """
-
-    climb_s: float = 5.0
-    step_share: float = 0.13
+    climb_s: float = 5.0  # cutting time between two steps, retracts not counted
+    step_share: float = 0.13  # share by which a step shortens the period
+    # factor on the period after a break. The period is then held; a further break lengthens it again.
     back_factor: float = 1.41
 
     held_s: float = field(default=0.0, init=False)

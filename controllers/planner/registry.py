@@ -182,12 +182,8 @@ def position_unit(name: str, travel_um: float, step_um: float = STEP_UM) -> Unit
 
 
 def make_planner(
-    name: str,
-    points_um: ArrayLike,
-    speed_unit_nm_s: float | None = None,
-    unit: Unit = "um",
-    step_um: float = STEP_UM,
-    start: int = 0,
+    name: str, points_um: ArrayLike, speed_unit_nm_s: float | None = None, unit: Unit = "um",
+    step_um: float = STEP_UM, start: int = 0,
 ) -> Planner:
     """Make a planner of `PLANNERS` for one path: corners (n, 2), whole um within 0..65535, but any for ``exact``.
 

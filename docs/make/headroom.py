@@ -42,9 +42,10 @@ LEAST_GAIN = 1.2
 """Return of a law that knows more, over that of the best honest one, from which on a task is worth learning on
 (ours)."""
 OF_MACHINE = {"MaxRateShift": {1_000_008: ("adaptive-hold:limit_share=0.6,limit_spread=0.1",)}}
-"""Laws that begin with what was found out of a machine in a shift before: of the one that lost most wires."""
-SERVO_SETTINGS = """In MaxRateShift only parameters of the wire's limit were tried here. Settings of the servo that
-fit the machine are worth more: see [a policy that learns them](training.md#adapt-to-a-machine)."""
+"""Laws that begin with what was found out of a machine in a shift before: of one that lost many wires."""
+SERVO_SETTINGS = """In MaxRateShift a law that knows the wire's limit was tried on one machine: it loses fewer wires
+there and earns less. Settings of the servo were not tried here: see
+[a policy that learns them](training.md#adapt-to-a-machine)."""
 RULE = "|---" * 5 + "|"
 SERVO = "set-point:open_target_share="
 GAP = f"{SERVO}0.05"
@@ -134,7 +135,7 @@ TASKS = {
 stands for one."""
 
 
-EARLIER = "Contour", *SHIFTS
+EARLIER = ("ThinWireShift",)
 """Tasks whose figures are of the revision before craters had a section of their own."""
 OF_EARLIER = """The figures of {tasks}
 are of the revision before craters had a section of their own."""

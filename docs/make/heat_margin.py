@@ -1,6 +1,6 @@
 """What a law that knew its machine could win on MaxRate: `python docs/make/heat_margin.py` prints a table.
 
-It is one of tasks/max-rate.md. Machines are drawn with training seeds, and `heat-flux` cuts each of them with several
+tasks/max-rate.md refers to it. Machines are drawn with training seeds, and `heat-flux` cuts each of them with several
 margins.
 """
 

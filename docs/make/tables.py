@@ -18,6 +18,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
+from field_comments import declared_fields
 from typer.models import ArgumentInfo
 
 from edmsim import controllers
@@ -166,7 +167,7 @@ def parameters(name: str) -> list[str]:
     defaults = {field.name: field.default for field in fields(kind) if field.init}
     own = meanings(kind)
     if issubclass(kind, ServoLaw):
-        parts = {base for slot, part in kind.PARTS.items() if slot != "servo" for base in part.__mro__}
+        parts = {base for slot, part in kind.PARTS.items() if slot != "servo" for base in part.__mro__[:-1]}
         found_in = [each for part in parts for each in meanings(part) if each[0][0] in defaults]
         own = sorted(found_in, key=lambda each: list(defaults).index(each[0][0]))
         own += [each for each in meanings(GapServo) if each[0][0] in found]
@@ -179,11 +180,9 @@ def parameters(name: str) -> list[str]:
 
 
 def meanings(kind: type) -> list[tuple[list[str], str]]:
-    """Return the parameters that a class's own docstring describes, those described together as one."""
-    text = inspect.cleandoc(kind.__dict__["__doc__"] or "")
-    section = re.search(r"^Parameters\n-+\n(.*?)(?=\n\n|\Z)", text, re.DOTALL | re.MULTILINE)
-    entries = re.findall(r"^(\w[\w, ]*) : .*\n((?:    .*(?:\n|$))+)", section[1] if section else "", re.MULTILINE)
-    return [(names.split(", "), " ".join(meaning.split()).rstrip(".")) for names, meaning in entries]
+    """Return the parameters that a class itself declares, those described together as one."""
+    own = (field for field in declared_fields(kind) if field.meaning and not field.is_state)
+    return [(field.names, field.meaning.rstrip(".")) for field in own]
 
 
 def set_ups(kind: str) -> list[str]:

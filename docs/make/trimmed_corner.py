@@ -1,7 +1,8 @@
-"""Why trims round an outer corner: `python docs/make/trimmed_corner.py` prints a table.
+"""Why trims round an outer corner, and what spares it: `python docs/make/trimmed_corner.py` prints two tables.
 
-It is one of theory/passes.md: how far the wire of the last pass is pushed from the wall beside the corner, and the
-error that it leaves at the corner, at several tensions.
+They are in theory/passes.md: how far the wire of the last pass is pushed from the wall beside the corner, and the
+error that it leaves at the corner, at several tensions; and that error by number of passes, with the longer period
+before corners that technologies have, and without it.
 """
 
 from __future__ import annotations
@@ -10,13 +11,26 @@ import numpy as np
 
 from edmsim.cosim.simulation import Simulation
 from edmsim.machine.technology import Technology, technology_for
-from edmsim.validation.passes import HEIGHT_MM, cut_corner
+from edmsim.validation.passes import CORNER_MM, HEIGHT_MM, cut_corner
 
 SIDE_MM, SEED = 0.8, 1
 NEAR_UM, FAR_UM = 150.0, 350.0
 """Distances from the corner between which the wire is looked at: its push does not change there."""
 CASES = ((2, 1.0), (3, 0.7), (3, 1.0), (3, 1.3))
 """Number of passes, and tension of the last one over the technology's."""
+
+
+MATERIALS, MATERIALS_SEED = {"tool-steel": 7, "aluminium": 4, "cemented-carbide": 4}, 11
+"""Materials with a technology, with the greatest number of passes of each; not the seed with which it was chosen."""
+
+
+def careless(technology: Technology) -> Technology:
+    """Return a technology whose trims cut at corners as elsewhere."""
+    heights = tuple(
+        at.model_copy(update={"passes": tuple(one.model_copy(update={"corner_before_um": 0.0}) for one in at.passes)})
+        for at in technology.heights
+    )
+    return technology.model_copy(update={"heights": heights})
 
 
 def tightened(technology: Technology, passes: int, share: float) -> Technology:
@@ -43,16 +57,31 @@ def measured(passes: int, share: float) -> tuple[float, float]:
             if NEAR_UM <= before <= FAR_UM
         )
 
-    corner = cut_corner(tightened(technology_for("tool-steel"), passes, share), passes, SEED, SIDE_MM, look)
+    technology = tightened(careless(technology_for("tool-steel")), passes, share)
+    corner = cut_corner(technology, passes, SEED, SIDE_MM, look)
     return float(np.mean(pushes)), corner.corner_um
 
 
+def by_passes() -> None:
+    """Print the error by number of passes."""
+    most = max(MATERIALS.values())
+    print("| passes |", " | ".join(map(str, range(1, most + 1))), "|\n|---|" + "--:|" * most)
+    for material, passes in MATERIALS.items():
+        own = technology_for(material)
+        for name, technology in ((f"{material}, without it", careless(own)), (material, own)):
+            found = [cut_corner(technology, n, MATERIALS_SEED, CORNER_MM) for n in range(1, passes + 1)]
+            texts = [f"{corner.corner_um:.1f}" for corner in found]
+            print("|", " | ".join([name, *texts, *[""] * (most - passes)]), "|", flush=True)
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     print("| passes | tension of the last | push from the wall, um | error of the corner, um |\n|---|---|---|---|")
     for passes, share in CASES:
         push, error = measured(passes, share)
         print(f"| {passes} | {share:g} | {push:.1f} | {error:.1f} |", flush=True)
+    print()
+    by_passes()
 
 
 if __name__ == "__main__":

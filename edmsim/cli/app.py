@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 from typing import Annotated, Any
@@ -74,6 +75,8 @@ def _version(
 
 def main() -> None:
     """Run the command line; bad input is one line on standard error and exit status 2."""
+    # by default Python looks through all objects four times in a short cut, most of which libraries made and keep
+    gc.set_threshold(50_000, 10, 10)
     take_any_terminal()
     run_command(_run)
 

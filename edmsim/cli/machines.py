@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -34,13 +35,15 @@ def table(
 ) -> None:
     """Measure a machine's table as a laser interferometer does."""
     from edmsim.controllers.axis.elcam.file import load_tables, read_tables, text_of
-    from edmsim.files import make_writable, replacing
+    from edmsim.files import check_suffix, make_writable, replacing
     from edmsim.job.settings import CutSettings
     from edmsim.measure import as_json, headline, measure_table, render, table_figure
     from edmsim.recording.figures.style import check_figure, write_figure
 
     if plot is not None:
         check_figure(plot)
+    if out is not None:
+        check_suffix(out, "a compensation file", ".toml")
     settings = CutSettings.model_validate(options)
     compensation = settings.compensation
     loaded = None if compensation is None else load_tables(read_tables(compensation), compensation)
@@ -166,6 +169,8 @@ def gap(
 
 
 def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: float) -> None:
+    if seconds is not None and not 0 < seconds < math.inf:
+        raise InputError(f"--seconds is above 0, not {seconds:g}")
     if has_ports:
         from edmsim.hil.session import serve
 
@@ -182,10 +187,11 @@ def _run(rig: Rig, has_ports: bool, speed: float, seconds: float | None, feed: f
 
 
 def _write_delays(set_up: Machine, file: Path, seed: int) -> None:
-    from edmsim.files import make_writable
+    from edmsim.files import check_suffix, make_writable
     from edmsim.hil.delays import delay_table, write_delays
     from edmsim.progress import ShownProgress
 
+    check_suffix(file, "a table of delays", ".csv")
     make_writable(file.parent)
     with ShownProgress() as bar:
         rows = delay_table(set_up, seed=seed, watch=bar.of("delays"))

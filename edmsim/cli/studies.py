@@ -41,37 +41,35 @@ def calibrate(
     **options: Any,
 ) -> None:
     """Fit the model's constants to a machine's log."""
-    from edmsim.calibration import DEFAULT_CONSTANTS, read_log, settings_for
-    from edmsim.calibration import calibrate as run
-    from edmsim.calibration.comparison import CalibrationProgress
-    from edmsim.calibration.fit import held, machine_of
-    from edmsim.calibration.output import as_json, check_writable, render, write
+    from edmsim import calibration
+    from edmsim.calibration import comparison, output
+    from edmsim.calibration import fit as fitting
     from edmsim.runs import RunTable
 
-    check_writable(out)
-    table = read_log(log)
+    output.check_writable(out)
+    table = calibration.read_log(log)
     seed = options.pop("seed")
-    settings, notices = settings_for(table, **options)
-    chosen = DEFAULT_CONSTANTS if fit is None else named(fit)
+    settings, notices = calibration.settings_for(table, **options)
+    chosen = calibration.DEFAULT_CONSTANTS if fit is None else named(fit)
     runs = out.with_suffix(".runs.jsonl")
-    set_up = machine_of(settings)
-    for notice in (*notices, *held(settings, set_up, chosen)):
+    set_up = fitting.machine_of(settings)
+    for notice in (*notices, *fitting.held(settings, set_up, chosen)):
         say(notice)
     with interruptible() as bar:
 
-        def watch(progress: CalibrationProgress) -> None:
+        def watch(progress: comparison.CalibrationProgress) -> None:
             misfit = "" if math.isnan(progress.misfit) else f", misfit {progress.misfit:.2f}"
             bar.show("calibrate", text=f"{progress.cuts} cuts simulated{misfit}")
 
-        found = run(
+        found = calibration.calibrate(
             table, set_up, chosen, seed=seed, resolution=settings.resolution, table=RunTable(runs), watch=watch
         )
-    files = write(found, table.name, out, [name for name, _ in settings.overrides])
+    files = output.write(found, table.name, out, [name for name, _ in settings.overrides])
     runs.unlink(missing_ok=True)
     if json:
-        sys.stdout.write(as_json(found, files) + "\n")
+        sys.stdout.write(output.as_json(found, files) + "\n")
         return
-    OUT.print(render(found, settings.resolution))
+    OUT.print(output.render(found, settings.resolution))
     fitted = " ".join(f"--{part} {file}" for part, file in files.items())
     print_line(f"Cut with it: edmsim cut PROGRAM {fitted} --out DIR")
 
@@ -104,7 +102,7 @@ def bench(
         bool, typer.Option("--training", help="Measure a training with PPO, compared with HalfCheetah-v5 (extra rl).")
     ] = False,
     figure: Annotated[Path | None, typer.Option(help="Picture of the profile: .png, .svg or .pdf.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Measure the speed of this computer in processor time."""
     measurements: dict[str, Callable[[Callable[[str], None]], _Result]] = {

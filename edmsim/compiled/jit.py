@@ -8,14 +8,14 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
-from edmsim.compiled.numba_internals import INLINED, UNWRAPPED, in_cache, with_parts
+from edmsim.compiled.numba_internals import INLINED, UNWRAPPED, with_parts
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 # NaN and infinity keep their meaning: the loop tests for them. The rest lets sums be vectorised.
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
 _OPTIONS: dict[str, Any] = {
-    "cache": True, "nogil": True, "fastmath": FAST, "error_model": "numpy", "no_cfunc_wrapper": True, **INLINED,
+    "nogil": True, "fastmath": FAST, "error_model": "numpy", "no_cfunc_wrapper": True, **INLINED,
 }
 _CALLED: dict[str, Any] = {"forceinline": False}
 apart: set[str] = set()
@@ -27,7 +27,7 @@ _count = 0
 @contextmanager
 def whole_program_only() -> Iterator[Callable[[], int]]:
     """Decorate functions that are only translated as parts of a whole program; says how many there were."""
-    _whole_program.update(UNWRAPPED, cache=False)
+    _whole_program.update(UNWRAPPED)
     before = _count
     yield lambda: _count - before
     _whole_program.clear()
@@ -36,7 +36,7 @@ def whole_program_only() -> Iterator[Callable[[], int]]:
 def _made(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     global _count
     _count += 1
-    made = in_cache(numba.njit(**{**_OPTIONS, **options, **_whole_program}), function)
+    made = numba.njit(**{**_OPTIONS, **options, **_whole_program})(function)
     return made if _whole_program else with_parts(made)
 
 

@@ -5,40 +5,53 @@
 
 from __future__ import annotations
 
-import gc
+import functools
 import io
 import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import llvmlite.binding as llvm
-import numba
-from numba import types as untyped_types
-from numba.core import caching
-from numba.core import cgutils as untyped_cgutils
-from numba.core import codegen as untyped_codegen
-from numba.core import compiler as untyped_compiler
-from numba.core import datamodel as untyped_datamodel
-from numba.core import dispatcher as untyped_dispatcher
-from numba.core import registry as untyped_registry
-from numba.core import sigutils as untyped_sigutils
-from numba.core.compiler_lock import global_compiler_lock as untyped_lock
-from numba.core.typing.templates import AttributeTemplate as UntypedTemplate
-from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array as untyped_populate_array
 
 from edmsim.compiled import cache
+from edmsim.compiled.start import garbage_left, replaced
+
+with garbage_left():
+    import numba
+    from numba import types as untyped_types
+    from numba.core import caching
+    from numba.core import cgutils as untyped_cgutils
+    from numba.core import codegen as untyped_codegen
+    from numba.core import compiler as untyped_compiler
+    from numba.core import datamodel as untyped_datamodel
+    from numba.core import dispatcher as untyped_dispatcher
+    from numba.core import postproc as untyped_postproc
+    from numba.core import registry as untyped_registry
+    from numba.core import sigutils as untyped_sigutils
+    from numba.core import transforms as untyped_transforms
+    from numba.core.annotations.type_annotations import TypeAnnotation
+    from numba.core.compiler_lock import global_compiler_lock as untyped_lock
+    from numba.core.targetconfig import TargetConfig
+    from numba.core.typing.templates import AttributeTemplate as UntypedTemplate
+    from numba.extending import intrinsic
+    from numba.np import linalg
+    from numba.np.arrayobj import populate_array as untyped_populate_array
+
+    with replaced(linalg, ensure_blas=lambda: None):  # it is there, and to load it takes a tenth of a start
+        import_module("numba.np.arraymath")
 
 cgutils: Any = untyped_cgutils
 datamodel: Any = untyped_datamodel
 dispatcher: Any = untyped_dispatcher
 codegen: Any = untyped_codegen
 compiler: Any = untyped_compiler
+postproc: Any = untyped_postproc
 registry: Any = untyped_registry
 sigutils: Any = untyped_sigutils
+transforms: Any = untyped_transforms
 _lock: Any = untyped_lock
 AttributeTemplate: Any = UntypedTemplate
 populate_array: Any = untyped_populate_array
@@ -80,13 +93,17 @@ class _SignedFiles(caching.IndexDataCacheFile):
             file.write(cache.signed(content.getvalue()))
 
 
+@contextmanager
+def _in_folder() -> Iterator[None]:
+    """Let what numba caches be in the folder of these sources."""
+    config: Any = numba.config
+    with replaced(config, CACHE_DIR=str(cache.folder)), replaced(caching, IndexDataCacheFile=_SignedFiles):
+        yield
+
+
 def in_cache(make: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
     """Apply one of numba's decorators to a function, its machine code kept in the folder of these sources."""
-    config: Any = numba.config
-    with (
-        patch.object(config, "CACHE_DIR", str(cache.folder)),
-        patch.object(caching, "IndexDataCacheFile", _SignedFiles),
-    ):
+    with _in_folder():
         return make(function)
 
 
@@ -151,6 +168,7 @@ class _PartCompiler(compiler.Compiler):  # type: ignore[misc]
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.state.library = _PartLibrary(self.state.targetctx.codegen(), "part")
+        self.state.flags.no_cpython_wrapper = True
 
 
 class _WholeCompiler(compiler.Compiler):  # type: ignore[misc]
@@ -169,33 +187,58 @@ def _by_type(self: Any, arguments: Any, named: Any) -> Any:
 _resolve = dispatcher._DispatcherBase.get_call_template
 
 
-@contextmanager
-def _garbage_left() -> Iterator[None]:
-    """Let the garbage collector wait: it takes a tenth of the time to compile, and finds little."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
-
-
-_of_numbers: dict[tuple[Any, ...], Any] = {}
+_resolved: dict[tuple[Any, ...], Any] = {}
 _resolve_function = types.Function.get_call_type
 
 
-def _once_of_numbers(self: Any, context: Any, arguments: Any, named: Any) -> Any:
-    """Resolve a call of one of numba's own functions, once for each set of numbers' types.
+def _resolve_once(self: Any, context: Any, arguments: Any, named: Any) -> Any:
+    """Resolve a call of one of numba's own functions, once for each set of types of numbers and arrays.
 
-    As it stands numba tries some sixty ways to add whenever two numbers are added.
+    As it stands numba tries some sixty ways to add whenever two numbers are added, and again for other constants.
     """
-    if named or not all(isinstance(argument, types.Number | types.Boolean) for argument in arguments):
+    if named or not all(isinstance(argument, types.Number | types.Boolean | types.Array) for argument in arguments):
         return _resolve_function(self, context, arguments, named)
-    call = self, context, tuple(arguments)
-    if call not in _of_numbers:
-        _of_numbers[call] = _resolve_function(self, context, arguments, named)
-    return _of_numbers[call]
+    call = self, context, tuple([types.unliteral(argument) for argument in arguments])
+    found = _resolved.get(call)
+    if found is None:
+        found = _resolve_function(self, context, arguments, named)
+        if not any(isinstance(argument, types.Literal) for argument in found.args):
+            _resolved[call] = found
+    return found
+
+
+@functools.cache
+def _usual(kind: type[TargetConfig]) -> dict[str, Any]:
+    return {name: kind.options[name].default for name in sorted(kind.options)}
+
+
+def _values(self: Any) -> dict[str, Any]:
+    """Return the values of a function's options, which numba compares for each call that it resolves."""
+    return {**_usual(self.__class__), **self._values}
+
+
+_process_fully = postproc.PostProcessor.run
+
+
+def _process(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
+    """Tidy up between numba's passes, but leave it to those few that need lifetimes to work them out."""
+    translated = self.func_ir
+    if emit_dels or translated.is_generator:
+        _process_fully(self, emit_dels, extend_lifetimes)
+        return
+    translated.blocks = transforms.canonicalize_cfg(translated.blocks)
+    translated.variable_lifetime = postproc.VariableLifetime(translated.blocks)
+    translated.generator_info = None
+
+
+@contextmanager
+def _quickly() -> Iterator[None]:
+    """Let numba do once what it does again and again while it compiles, and leave out what nobody reads."""
+    with (
+        replaced(types.Function, get_call_type=_resolve_once), replaced(TargetConfig, values=_values),
+        replaced(postproc.PostProcessor, run=_process), replaced(TypeAnnotation, __str__=lambda _: ""),
+    ):
+        yield
 
 
 class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
@@ -209,19 +252,24 @@ class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
     """How many of these functions are being compiled, each because of the one before."""
     translated: set[tuple[Any, ...]]
     """Types for which there is no machine code."""
+    cached = False
     get_call_template = _by_type
 
     def compile(self, signature: Any) -> Any:
         """Compile for some types, or take what was kept."""
         kinds = tuple(sigutils.normalize_signature(signature)[0])
-        with _lock, _garbage_left(), patch.object(types.Function, "get_call_type", _once_of_numbers):
+        with _lock, garbage_left(), _quickly():
+            if not self.cached:  # only now, as most functions are nothing but parts of others
+                with _in_folder():
+                    self.enable_caching()
+                self.cached = True
             if self.targetoptions["fastmath"]:
-                with patch.object(CompiledFunction, "depth", 0):
+                with replaced(CompiledFunction, depth=0):
                     return super().compile(signature)
             if CompiledFunction.depth == 0 and kinds in self.translated:
                 self.translated.remove(kinds)
                 del self.overloads[kinds]
-            with patch.object(CompiledFunction, "depth", CompiledFunction.depth + 1):
+            with replaced(CompiledFunction, depth=CompiledFunction.depth + 1):
                 return self._compile(signature, kinds)
 
     def _compile(self, signature: Any, kinds: tuple[Any, ...]) -> Any:
@@ -231,10 +279,7 @@ class CompiledFunction(registry.CPUDispatcher):  # type: ignore[misc]
             return super().compile(signature)
         self._compiler.pipeline_class = _PartCompiler
         self.translated.add(kinds)
-        with (
-            patch.object(self, "_cache", caching.NullCache()),
-            patch.object(self, "_insert", lambda *_: None),  # Python does not find it
-        ):
+        with replaced(self, _cache=caching.NullCache(), _insert=lambda *_: None):  # Python does not find it
             return super().compile(signature)
 
 
@@ -295,13 +340,12 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
         return done
 
     with (
-        patch.object(codegen.CPUCodeLibrary, "finalize", finalize),
-        patch.object(codegen.CPUCodeLibrary, "_optimize_functions", lambda *_: None),
-        patch.object(codegen.JITCodeLibrary, "get_pointer_to_function", lambda *_: 0),
-        patch.object(codegen.JITCPUCodegen, "set_env", lambda *_: None),
-        patch.object(dispatcher._FunctionCompiler, "compile", translate_and_report),
-        patch.object(dispatcher._DispatcherBase, "get_call_template", _by_type),
-        patch.object(types.Function, "get_call_type", _once_of_numbers),
+        replaced(codegen.CPUCodeLibrary, finalize=finalize, _optimize_functions=lambda *_: None),
+        replaced(codegen.JITCodeLibrary, get_pointer_to_function=lambda *_: 0),
+        replaced(codegen.JITCPUCodegen, set_env=lambda *_: None),
+        replaced(dispatcher._FunctionCompiler, compile=translate_and_report),
+        replaced(dispatcher._DispatcherBase, get_call_template=_by_type),
+        _quickly(),
     ):
         yield
 

@@ -21,7 +21,7 @@ from edmsim.controllers.axis import tuned as tuned_drive
 from edmsim.controllers.axis.drive import axis_names, axis_row, data_of
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError, one_of
-from edmsim.files import make_writable
+from edmsim.files import check_suffix, make_writable
 
 # The scope of the UHU's terminal program: the tracking error as a curve over a moving time line, drawn by rerun.
 
@@ -42,9 +42,8 @@ class Scope:
         from edmsim.recording.rerun.viewer import LiveViewer
 
         if file is not None:
+            check_suffix(file, "a recording of the scope", ".rrd")
             make_writable(file.parent)
-            if file.is_dir():
-                raise InputError("the recording is to be a file, for example scope.rrd, and this is a folder", file)
         error = [rrb.TimeSeriesView(name="tracking error, counts", contents=["/tracking_error"])]
         views = [
             *(error if streams else []),

@@ -65,7 +65,7 @@ class PlantView(Protocol):
 
 
 class Observer(Protocol):
-    """Looks on at a cut and changes nothing; `name` is its place in the checkpoint, and no two share one."""
+    """Looks on at a cut and changes nothing."""
 
     name: ClassVar[str]  # under this name its snapshot is part of the checkpoint; no two observers of a cut share one
 

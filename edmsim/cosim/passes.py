@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -50,6 +50,7 @@ class Leg(NamedTuple):
     lead_um: NDArray[np.int64] | None = None
     cut_pass: CutPass | None = None  # the pass it belongs to; None where the contour is cut in one
     leads_in: bool = False  # whether it is the way from the start hole to where the pass begins
+    part_side: Literal["left", "right"] | None = None  # looking along the leg; None: the wire follows a line as drawn
 
     def started_at(
         self, point_um: tuple[float, float], lead_um: tuple[float, float]
@@ -65,36 +66,29 @@ class Leg(NamedTuple):
         return np.concatenate([[point_um], points]), np.concatenate([[0.0], along + way]), leads
 
 
+def _part_side(contour: WireContour, one: CutPass | None) -> Literal["left", "right"] | None:
+    """Return the side of the part looking along a pass; None where the wire follows a line as drawn."""
+    if one is None or not one.reversed:
+        return contour.part_side if contour.compensated else None
+    return "left" if contour.part_side == "right" else "right"
+
+
 def legs_of(contour: WireContour) -> list[Leg]:
     """Cut a contour's path at its dwells; of one in passes return them one after the other, lead-in first."""
-    if contour.passes:
-        return _legs_of_passes(contour)
-    wait, last = _waits_s(contour.dwells), len(contour.points_um) - 1
-    ends = [i for i in wait if 0 < i < last] + [last]
-    starts = [0, *ends[:-1]]
-    along, threads = contour.along_um, not contour.continues
-    return [
-        Leg(
-            contour.points_um[a : b + 1], a == 0 and threads, wait.get(0, 0.0) if a == 0 else 0.0, wait.get(b, 0.0),
-            along[a : b + 1], None if contour.lean is None else contour.lean.upper_um[a : b + 1],
-        )
-        for a, b in zip(starts, ends, strict=True)
-    ]
-
-
-def _legs_of_passes(contour: WireContour) -> list[Leg]:
-    legs = []
-    for number, one in enumerate(contour.passes):
-        threads = number == 0 and not contour.continues
-        lead, last = one.approach_moves if number == 0 else 0, len(one.points_um) - 1
-        along, waits = one.way.along_um, _waits_s(one.dwells)
-        ends = sorted({lead, last, *(i for i in waits if i > 0)} - {0})
+    legs: list[Leg] = []
+    parts: Sequence[CutPass | WireContour] = contour.passes or (contour,)
+    for number, part in enumerate(parts):
+        one = part if isinstance(part, CutPass) else None
+        lead = one.approach_moves if one is not None and number == 0 else 0
+        along, waits, threads = part.way.along_um, _waits_s(part.dwells), number == 0 and not contour.continues
+        ends = sorted({lead, len(part.points_um) - 1, *waits} - {0})
         for a, b in zip([0, *ends[:-1]], ends, strict=True):
             legs.append(
                 Leg(
-                    one.points_um[a : b + 1], a == 0 and threads, waits.get(0, 0.0) if a == 0 else 0.0,
-                    waits.get(b, 0.0), along[a : b + 1], None if one.lean is None else one.lean.upper_um[a : b + 1],
-                    cut_pass=one, leads_in=b <= lead,
+                    part.points_um[a : b + 1], a == 0 and threads, waits.get(0, 0.0) if a == 0 else 0.0,
+                    waits.get(b, 0.0), along[a : b + 1],
+                    None if part.lean is None else part.lean.upper_um[a : b + 1], one,
+                    leads_in=one is not None and b <= lead, part_side=_part_side(contour, one),
                 )
             )
     return legs

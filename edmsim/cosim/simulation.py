@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers import FeedController, WindowObservation
+from edmsim.controllers import FeedCommand, FeedController, WindowObservation
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.axis.elcam.step_compensation import StepCompensation, check_cams
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON, WIRE_BREAK, X_END, Y_END
@@ -228,7 +228,6 @@ class Simulation:
         points, along, leads = leg.started_at(at.from_um, at.lead_um)
         for observer in self.observers:
             observer.leg(points, at.start_um)
-        tell(self.controller, machine, points, at.start_um)
         self._offset.begin_leg(points, None if leads is None else along)
         step_um = self.machine.base.table.step_um.value
         behind = way_behind(self.legs, at.leg)
@@ -242,15 +241,21 @@ class Simulation:
             )
         )
         limit_um_s = self.max_feed_um_s = min(self.max_feed_um_s, planner.max_feed_um_s)
-        command = check_command(self.controller.name, self.controller.reset(limit_um_s))
+        command = self._reset_controller(machine, points)
         own = self.controller.path_run(self._planner_name) if isinstance(self.controller, RunsPath) else None
-        self._set_generator(machine.t_on_us, machine.t_period_us)  # every leg begins as set up
-        self._set_generator(command.t_on_us, command.t_period_us)
         drives = self.controller if isinstance(self.controller, DrivesSteps) and own is None else None
         rest_until_ns = self.plant.time_ns + round(leg.rest_s * 1e9)
         return PlannerMotion(
             own or planner, drives, at.start_um, rest_until_ns, command, limit_um_s, self._offset, self._compensation
         )
+
+    def _reset_controller(self, machine: Machine, points_um: NDArray[Any]) -> FeedCommand:
+        """Let the controller begin along some points, with the generator as set up; return its first command."""
+        tell(self.controller, machine, points_um, self._at.start_um, self.legs[self._at.leg].part_side)
+        command = check_command(self.controller.name, self.controller.reset(self.max_feed_um_s))
+        self._set_generator(machine.t_on_us, machine.t_period_us)
+        self._set_generator(command.t_on_us, command.t_period_us)
+        return command
 
     def _check_lean(self) -> None:
         """Refuse what cannot move the upper guide as the legs want it."""
@@ -471,13 +476,8 @@ class Simulation:
             number = min(leg.cut_pass.number, len(self._setups))
             self._setups, self._approach = (*self._setups[: number - 1], setup, *self._setups[number:]), approach
         self._setup = approach if leg.leads_in else setup
-        machine = self._setup.machine
-        self.plant.change_setup(machine)
-        tell(self.controller, machine, leg.points_um, self._at.start_um)
-        command = check_command(self.controller.name, self.controller.reset(self.max_feed_um_s))
-        self._set_generator(machine.t_on_us, machine.t_period_us)
-        self._set_generator(command.t_on_us, command.t_period_us)
-        self._motion.command = command
+        self.plant.change_setup(self._setup.machine)
+        self._motion.command = self._reset_controller(self._setup.machine, leg.points_um)
         self.cause, self.reason = StopCause.RUNNING, None
 
     def _next_leg(self) -> StopCause:

@@ -216,8 +216,7 @@ class PulseSample:
 
 
 def sample_pulses(
-    machine: Machine, feed_um_s: float, *, seed: int = 0, pulses: int = PULSES, settle_s: float = SETTLE_S,
-    resolution: str = "fast",
+    machine: Machine, feed_um_s: float, *, seed: int = 0, pulses: int = PULSES, resolution: str = "fast"
 ) -> PulseSample:
     """Cut straight along +X from the start of a slot, and sample single pulses in steady state.
 
@@ -229,8 +228,6 @@ def sample_pulses(
     seed : int
     pulses : int
         Number of pulses, at least 1.
-    settle_s : float
-        Earlier machine time.
     resolution : {"fast", "default", "fine"}
 
     Raises
@@ -247,8 +244,8 @@ def sample_pulses(
     if not plant.window_ns:
         raise InputError("sampling pulses needs generators of a fixed period")
     traverse = Traverse(plant, make("fixed", feed_um_s=feed_um_s))
-    if traverse.run(settle_s)[-1].broken:
-        raise InputError(f"the wire broke within {settle_s:g} s at {feed_um_s:g} um/s: no pulses to see")
+    if traverse.run(SETTLE_S)[-1].broken:
+        raise InputError(f"the wire broke within {SETTLE_S:g} s at {feed_um_s:g} um/s: no pulses to see")
     return _look(plant, traverse, pulses)
 
 

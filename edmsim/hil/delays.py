@@ -35,13 +35,8 @@ class Delays(NamedTuple):
 
 
 def delay_table(
-    machine: Machine,
-    *,
-    gaps_um: Sequence[float] = GAPS_UM,
-    voltages_V: Sequence[float] = VOLTAGES_V,
-    draws: int = DRAWS,
-    seed: int = 0,
-    watch: Callable[[int, int], None] | None = None,
+    machine: Machine, *, gaps_um: Sequence[float] = GAPS_UM, voltages_V: Sequence[float] = VOLTAGES_V,
+    draws: int = DRAWS, seed: int = 0, watch: Callable[[int, int], None] | None = None,
 ) -> list[Delays]:
     """Draw delays of a set-up at gaps and voltages.
 

@@ -55,6 +55,8 @@ class Setpoints:
 
     def move_at(self, velocity_um_s: tuple[float, float], now_ns: int) -> None:
         """Move at a velocity, for at most `VELOCITY_COUNTS_S`; beyond the axes' greatest it is that."""
+        if any(map(math.isnan, velocity_um_s)):
+            raise InputError("a feed in um/s must be a number, not nan")
         most = self._max_um_s
         self._velocity_um_s = [max(-most, min(most, v)) for v in velocity_um_s]
         self._target_um = [None, None]

@@ -9,9 +9,9 @@ from __future__ import annotations
 import ctypes
 import math
 import wave
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
@@ -181,40 +181,70 @@ class SampleReader:
         return len(voltage)
 
 
-class SampleFile:
-    """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``.
+class FrameFile(ABC):
+    """A file written frame by frame; at the end, whatever it is, it takes its name, if there was a frame."""
 
-    A WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count.
-    """
-
-    def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:
-        kind = check_suffix(file, "a file of samples", ".parquet", ".wav")
-        self._sampler = Sampler(sensing, start_s * 1e6)
+    def __init__(self, file: Path) -> None:
         self._file, self._partial = file, file.with_name(file.name + ".part")
-        self._rows: list[tuple[Array, Array, Array]] = []
-        self._clipped = 0
-        self.count = 0
-        self._sound: BinaryIO | None = None
+        self._has_frames = False
         try:
-            self._writer = self._wav(sensing) if kind == ".wav" else self._parquet()
+            self._open()
         except OSError as error:
             raise InputError(f"cannot be written: {error.strerror or error}", file) from None
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the file; it takes its name whatever ended it, as what is in it is whole."""
+    def __exit__(self, *error: object) -> None:
+        """Close the file; one of that name stays as it is if there was no frame, as nothing is in the new one."""
+        self._close()
+        if self._has_frames:
+            self._partial.replace(self._file)
+        else:
+            self._partial.unlink()
+
+    def frame(self, frame: Frame) -> None:
+        """Take in a frame."""
+        self._has_frames = True
+        self._take(frame)
+
+    @abstractmethod
+    def _open(self) -> None: ...
+
+    @abstractmethod
+    def _take(self, frame: Frame) -> None: ...
+
+    @abstractmethod
+    def _close(self) -> None: ...
+
+
+class SampleFile(FrameFile):
+    """A file of samples, written frame by frame: ``.parquet`` with time, voltage, current, or ``.wav``.
+
+    A WAV file has voltage on the left channel and current on the right, 10 mV and 10 mA a count.
+    """
+
+    def __init__(self, file: Path, sensing: Sensing, start_s: float = 0.0) -> None:
+        self._kind = check_suffix(file, "a file of samples", ".parquet", ".wav")
+        self._sensing, self._sampler = sensing, Sampler(sensing, start_s * 1e6)
+        if self._kind == ".wav" and sensing.rate_Hz % 1:
+            raise InputError("a WAV file has a whole number of samples per second", file)
+        self._rows: list[tuple[Array, Array, Array]] = []
+        self._clipped = 0
+        self.count = 0
+        self._sound: BinaryIO | None = None
+        super().__init__(file)
+
+    def _open(self) -> None:
+        self._writer = self._wav() if self._kind == ".wav" else self._parquet()
+
+    def _close(self) -> None:
         self._write()
         self._writer.close()
         if self._sound is not None:
             self._sound.close()
-        self._partial.replace(self._file)
 
-    def frame(self, frame: Frame) -> None:
-        """Take in a frame."""
+    def _take(self, frame: Frame) -> None:
         self._rows.append(self._sampler.samples(frame))
         if len(self._rows) >= 256:
             self._write()
@@ -227,14 +257,12 @@ class SampleFile:
             f"{self._clipped} samples are beyond {most}, which is the most a WAV file holds" if self._clipped else ""
         )
 
-    def _wav(self, sensing: Sensing) -> Any:
-        if sensing.rate_Hz != int(sensing.rate_Hz):
-            raise InputError("a WAV file has a whole number of samples per second", self._file)
+    def _wav(self) -> Any:
         self._sound = self._partial.open("wb")
         writer = wave.open(self._sound, "wb")  # noqa: SIM115, closed by __exit__
         writer.setnchannels(2)
         writer.setsampwidth(2)
-        writer.setframerate(int(sensing.rate_Hz))
+        writer.setframerate(int(self._sensing.rate_Hz))
         return writer
 
     def _parquet(self) -> Any:
@@ -250,7 +278,7 @@ class SampleFile:
         time, voltage, current = (np.concatenate(rows) for rows in zip(*self._rows, strict=True))
         self._rows = []
         self.count += len(time)
-        if self._file.suffix.lower() == ".wav":
+        if self._kind == ".wav":
             counts = np.stack([voltage / COUNT_V, current / COUNT_A], axis=1).round()
             self._clipped += int((np.abs(counts) > _COUNTS).any(axis=1).sum())
             self._writer.writeframes(np.clip(counts, -_COUNTS, _COUNTS).astype("<i2").tobytes())

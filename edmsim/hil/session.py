@@ -12,8 +12,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from edmsim.consoles.computer_1982.devices import Interrupts
 from edmsim.consoles.servo import PseudoTerminal
@@ -21,6 +19,7 @@ from edmsim.errors import InputError
 from edmsim.files import check_suffix
 from edmsim.hil.gap import Frame
 from edmsim.hil.rig import MOST_LINE, Rig
+from edmsim.hil.samples import FrameFile
 
 # A log of ratios and positions like that of an open machine's controller, for ``edmsim calibrate``.
 
@@ -28,7 +27,7 @@ LEAST_HZ, MOST_HZ = 2.0, 100.0
 COLUMNS = ("t_s", "x_um", "y_um", "short_ratio", "open_ratio", "t_on_us", "t_period_us")
 
 
-class RatioLog:
+class RatioLog(FrameFile):
     """Writes shares of short and open pulses and the axes' positions, 2 to 100 rows per second, without time off."""
 
     def __init__(self, file: Path, rig: Rig, rate_Hz: float) -> None:
@@ -36,27 +35,18 @@ class RatioLog:
             raise InputError(f"a log of ratios has {LEAST_HZ:g} to {MOST_HZ:g} rows per second, not {rate_Hz:g}")
         check_suffix(file, "a log of ratios", ".csv")
         self._rig, self._every_s = rig, 1.0 / rate_Hz
-        self._file, self._partial = file, file.with_name(file.name + ".part")
-        try:
-            self._out = self._partial.open("w", encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"cannot be written: {error.strerror or error}", file) from None
-        self._out.write(",".join(COLUMNS) + "\n")
         self._last_s = rig.time_s
         self._counts = [0, 0, 0]
+        super().__init__(file)
 
-    def __enter__(self) -> Self:
-        return self
+    def _open(self) -> None:
+        self._out = self._partial.open("w", encoding="utf-8")
+        self._out.write(",".join(COLUMNS) + "\n")
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the file; it takes its name whatever ended it."""
+    def _close(self) -> None:
         self._out.close()
-        self._partial.replace(self._file)
 
-    def frame(self, frame: Frame) -> None:
-        """Take in a frame."""
+    def _take(self, frame: Frame) -> None:
         window = frame.window
         if frame.on:
             for k, count in enumerate((window.short, window.open, window.pulses)):

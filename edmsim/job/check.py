@@ -155,7 +155,7 @@ def _outline_text(outline: Outline) -> str:
 
 def lines_of(found: Check) -> Sequence[tuple[str, str]]:
     """Return names and texts for a terminal's table."""
-    from edmsim.recording.report import duration_text
+    from edmsim.recording.report import duration_text, mm_text
 
     origin = np.array(found.path.origin_mm)
     rows = list(_program_rows(found.program))
@@ -163,8 +163,7 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
         x, y = contour.points_um[0] / 1e3 - origin
         across, up = extent_mm(contour.nominal_mm, [number for number, _ in contour.elements])
         kind = "closed" if contour.closed else "open"
-        # 0.0 +: a hair below zero would read -0.000
-        thread = f"threaded at X {round(x, 6) + 0.0:.3f} Y {round(y, 6) + 0.0:.3f}"
+        thread = f"threaded at X {mm_text(x)} Y {mm_text(y)}"
         size = f"{kind}, {across:.3f} x {up:.3f} mm, part on the {contour.part_side}, {thread}"
         rows.append((f"contour {number}", size))
     limit = {"machine": "the machine's greatest feed", "generator": "all that the generator can remove"}

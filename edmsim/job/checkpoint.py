@@ -36,10 +36,7 @@ def see(folder: Path | None) -> None:
 def load(simulation: Simulation, folder: Path, settings: Mapping[str, Any]) -> float:
     """Take up the cut of a folder's checkpoint; returns the wall time spent so far.
 
-    Raises
-    ------
-    InputError
-        It is damaged or of another version, or it belongs to a cut with other settings.
+    Raises `InputError` if it is damaged or of another version, or belongs to a cut with other settings.
     """
     file = folder / NAME
     try:

@@ -39,7 +39,6 @@ from edmsim.job.settings import CutOptions, CutSettings, Running
 from edmsim.machine import technology as technologies
 from edmsim.machine.machine import Machine, own_mjcf_text
 from edmsim.machine.options import show
-from edmsim.machine.overrides import with_overrides
 from edmsim.machine.setting import guide_bends
 from edmsim.machine.technology import PassSetting, PassTable, Technology
 from edmsim.plant.axes.faults import parse_fault
@@ -65,7 +64,6 @@ class Passes(NamedTuple):
     setups: tuple[PassSetup, ...] = ()  # one per pass; none for a cut in one pass
     approach: PassSetup | None = None
     table: PassTable | None = None  # what the technology says
-    technology: Technology | None = None
 
 
 def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Plan) -> Passes:
@@ -80,11 +78,9 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
             return Passes(settings, path)
         technology = _technology(settings)
         table = _table(settings, technology, path.passes)
-        settings = in_force(settings, technology, table)
-        own = PassPlan(table.offsets_mm, of_program=True)
-        path = plan(program, settings, _machines(settings, technology, table), own)
         note = f"the program cuts an edge {path.passes} times: these are passes, with the settings of the technology "
-        return _made(settings, technology, table, path, (f"{note}'{technology.title}'", *table.notices))
+        table = table._replace(notices=(f"{note}'{technology.title}'", *table.notices))
+        return _in_passes(program, settings, technology, table, PassPlan(table.offsets_mm, of_program=True), plan)
     if settings.offset == "none":
         raise InputError("passes run beside an edge at their offsets: offset none leaves nothing to trim")
     technology = _technology(settings)
@@ -93,9 +89,19 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
     offsets_mm = tuple(round(mm + shift_mm, 6) for mm in table.offsets_mm)
     after_tab: Any = settings.after_tab
     pass_plan = PassPlan(offsets_mm, settings.tab_mm, settings.overlap_mm, after_tab)
+    return _in_passes(program, settings, technology, table, pass_plan, plan)
+
+
+def _in_passes(
+    program: str | Path | Program, settings: CutSettings, technology: Technology, table: PassTable,
+    passes: PassPlan, plan: _Plan,
+) -> Passes:
+    """Plan a cut in passes, each with its set-up."""
     settings = in_force(settings, technology, table)
-    path = plan(program, settings, _machines(settings, technology, table), pass_plan)
-    return _made(settings, technology, table, path, table.notices)
+    setups = tuple(setup_of(settings, one) for one in table.settings)
+    path = plan(program, settings, [one.machine for one in setups], passes)
+    path = replace(path, notices=(*path.notices, *table.notices))
+    return Passes(settings, path, setups, approach_of(setups[0].machine, table, table.settings[0]), table)
 
 
 def _by_conditions(program: str | Path | Program, settings: CutSettings, path: CutPath, plan: _Plan) -> Passes:
@@ -189,36 +195,15 @@ def _table(settings: CutSettings, technology: Technology, passes: int) -> PassTa
     return table._replace(notices=(notice, *table.notices))
 
 
-def _made(
-    settings: CutSettings, technology: Technology, table: PassTable, path: CutPath, notices: tuple[str, ...]
-) -> Passes:
-    """Make the set-ups of the passes; the first is the machine of the settings."""
-    setups = tuple(setup_of(settings, technology, one) for one in table.settings)
-    approach = approach_of(setups[0].machine, table, table.settings[0])
-    path = replace(path, notices=(*path.notices, *notices))
-    return Passes(settings, path, setups, approach, table, technology)
-
-
-def setup_of(settings: CutSettings, technology: Technology, one: PassSetting) -> PassSetup:
-    """Return the set-up of a pass, with the constants of a cut's settings; raises `InputError` as `Machine.load`."""
-    return PassSetup(_machine(settings, technology, one), from_text(one.controller()))
+def setup_of(settings: CutSettings, one: PassSetting) -> PassSetup:
+    """Return the set-up of a pass: that of a cut's settings, but for what the pass has of its own."""
+    own = {name: getattr(one, of_pass) for name, of_pass in technologies.OF_PASS.items()}
+    return PassSetup(settings.model_copy(update=own).load_machine(), from_text(one.controller()))
 
 
 def approach_of(machine: Machine, table: PassTable, rough: PassSetting) -> PassSetup:
     """Return the set-up of a lead-in: the rough pass' machine, at a share of its feed."""
     return PassSetup(machine, from_text(rough.controller(table.approach_share)))
-
-
-def _machines(settings: CutSettings, technology: Technology, table: PassTable) -> list[Machine]:
-    """Return the machine as it is set up for each pass."""
-    later = [_machine(settings, technology, one) for one in table.settings[1:]]
-    return [settings.load_machine(), *later]
-
-
-def _machine(settings: CutSettings, technology: Technology, one: PassSetting) -> Machine:
-    height_mm = settings.workpiece.greatest_mm
-    machine = technologies.machine_of(one, technology.machine, settings.material, technology.wire, height_mm)
-    return with_overrides(machine, settings.overrides) if settings.overrides else machine
 
 
 _ENDING = {
@@ -403,10 +388,7 @@ class Prepared(NamedTuple):
     approach: PassSetup | None = None
 
 
-def prepared(
-    program: str | Path, settings: CutSettings,
-    plan: Callable[[str | Path | Program, CutSettings, Sequence[Machine], PassPlan | None], CutPath] = planned,
-) -> Prepared:
+def prepared(program: str | Path, settings: CutSettings, plan: _Plan = planned) -> Prepared:
     """Read and check all inputs of a cut, without simulation."""
     found = with_passes(program, settings, plan)
     settings, path = found.settings, found.path

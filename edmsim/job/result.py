@@ -110,9 +110,9 @@ class CutResult:
         ----------
         figure : str
             ``"profile"``, the picture of ``profile.png``: part, error and process; or a figure of ``edmsim report``:
-            ``"profile-error"``, ``"error-shares"``, ``"corner"``, ``"kerf-section"``, ``"pulses"``, ``"short-open"``,
-            ``"ignition-delay"``, ``"wire-spectrum"``. The last two simulate single pulses of a straight cut with the
-            same set-up, which takes some seconds.
+            ``"profile-error"``, ``"error-shares"``, ``"corner"``, ``"kerf-section"``, ``"face"``, ``"passes"``,
+            ``"pulses"``, ``"short-open"``, ``"ignition-delay"``, ``"wire-spectrum"``. The last two simulate single
+            pulses of a straight cut with the same set-up, which takes some seconds.
 
         Returns
         -------

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import shapely
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     ModelWrapValidatorHandler,
     ValidationError,
@@ -56,7 +57,7 @@ def _words(value: object) -> object:
     return [word.strip() for word in value.split(",") if word.strip()] if isinstance(value, str) else value
 
 
-Words = Annotated[Sequence[str], BeforeValidator(_words)]
+Words = Annotated[Sequence[str], BeforeValidator(_words), AfterValidator(tuple)]
 _FILE = Flag(metavar="PATH")
 
 
@@ -211,9 +212,8 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @field_validator("planner", "mechanics", "resolution", "dialect", "taper_corners", "after_tab")
     @classmethod
-    def _check_name(cls, value: str, info: ValidationInfo) -> str:
-        checked_name(cls, str(info.field_name), value)
-        return value
+    def _check_name(cls, value: str, info: ValidationInfo) -> Any:
+        return checked_name(cls, str(info.field_name), value)
 
     @field_validator("drive")
     @classmethod
@@ -223,20 +223,15 @@ class CutSettings(SetUpOptions, MachineOption):
 
     @field_validator("axis_faults")
     @classmethod
-    def _check_axis_faults(cls, texts: Sequence[str]) -> Sequence[str]:
+    def _check_axis_faults(cls, texts: Sequence[str]) -> tuple[str, ...]:
         for text in texts:
             resolve_name("edmsim.plant.axes.faults:parse_fault")(text)
-        return texts
+        return tuple(texts)
 
     @field_validator("compensation", "offsets", "conditions", mode="before")
     @classmethod
     def _as_text(cls, file: object) -> object:
         return os.fspath(file) if isinstance(file, Path) else file
-
-    @field_validator("ignore", "layers", "axis_faults")
-    @classmethod
-    def _hold(cls, words: Sequence[str]) -> tuple[str, ...]:
-        return tuple(words)
 
     @field_validator("guide_errors_mm", mode="before")
     @classmethod

@@ -53,6 +53,9 @@ class PassSetting(Part):
     feed: Literal["adaptive", "constant"]
     open_target_share: Annotated[Number, Field(ge=0, le=1)] = 0.06  # target share of open pulses of an adaptive feed
     stop_share: Annotated[Number, Field(gt=0, le=1)] = 0.5  # share of shorts at which a constant feed stops
+    # path before an outer corner of the wire's path on which the period of a constant feed is longer, and by how much
+    corner_before_um: _Any = 0.0
+    corner_factor: Annotated[Number, Field(ge=1)] = 3.0
     feed_mm_min: _Above  # the constant feed; an adaptive one begins at half
     last_offset_um: _Above  # offset that produces the drawn size if this is the last pass
     step_um: _Any = 0.0  # decrease of the offset to the next pass
@@ -68,7 +71,10 @@ class PassSetting(Part):
         """
         feed_um_s = self.feed_mm_min / 0.06 * scale
         if self.feed == "constant" or scale != 1.0:
-            return f"trim:feed_um_s={feed_um_s:.6g},stop_share={self.stop_share:.6g}"
+            corner = f",before_um={self.corner_before_um:.6g},corner_factor={self.corner_factor:.6g}"
+            return f"trim:feed_um_s={feed_um_s:.6g},stop_share={self.stop_share:.6g}" + (
+                corner if self.corner_before_um and scale == 1.0 else ""
+            )
         return f"counts:open_target_share={self.open_target_share:.6g},start_feed_um_s={feed_um_s / 2:.6g}"
 
 

@@ -10,9 +10,9 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.geometry import Polyline, arc_lengths, left_of
+from edmsim.metrology import profile
 from edmsim.metrology.edges import contour
 from edmsim.metrology.kerf import MAX_KERF_OVER_WIRE, wall_distance_um
-from edmsim.metrology.profile import BLANK_EDGE_MM, clear_of_steps, depth_in_blank, finite_mean, slice_heights_mm
 from edmsim.plant.workpiece.kerf_field import KerfField
 from edmsim.program.outline import Side
 from edmsim.program.passes import CutPass
@@ -59,7 +59,7 @@ def wall_error(field: KerfField, cut_pass: CutPass, part_side: Side, wire_diamet
     # of a leaning wire slice by slice, at the same shares of the length of its path
     error_um, slants = np.full((field.n_slices, len(s_mm)), np.nan), cut_pass.way.slant[cut_pass.approach_moves :]
     passed_mm = arc_lengths(cut_pass.way.at_mid_height()[cut_pass.approach_moves :] * 1e-3)
-    for number, z in enumerate(slice_heights_mm(field, cut_pass.lean.height_mm).tolist()):
+    for number, z in enumerate(profile.slice_heights_mm(field, cut_pass.lean.height_mm).tolist()):
         there = _line_of(cut_pass.way.at_height(z), cut_pass)
         own_mm = s_mm / line.length * there.length
         known = _looked_at(field, there, own_mm)
@@ -76,10 +76,10 @@ def _line_of(points_um: NDArray[np.int64], cut_pass: CutPass) -> Polyline:
 def _looked_at(field: KerfField, line: Polyline, s_mm: Floats) -> NDArray[np.bool_]:
     """Say at which lengths of a pass its wall is looked at: clear of its ends, of corners and of the blank's edge."""
     marks = np.concatenate(
-        [[0.0, line.length], line.s[line.corners(15.0)], s_mm[line.bend_deg(s_mm, STEP_MM) > 10.0]]
+        [[0.0, line.length], line.s[line.corners(profile.EDGE_CORNER_DEG)], s_mm[line.bend_deg(s_mm, STEP_MM) > 10.0]]
     )
     clear = line.distance_along(s_mm, marks) >= CLEARANCE_MM
-    return clear & (depth_in_blank(field.stock, line.at(s_mm)) >= BLANK_EDGE_MM)
+    return clear & (profile.depth_in_blank(field.stock, line.at(s_mm)) >= profile.BLANK_EDGE_MM)
 
 
 def _wall_um(
@@ -89,7 +89,7 @@ def _wall_um(
     points = line.at(s_mm)
     across = left_of(line.tangent(s_mm, STEP_MM)) * (1.0 if left else -1.0)
     away_um = wall_distance_um(field, points * 1000, across, reach_um)
-    return away_um, clear_of_steps(field, points) >= BLANK_EDGE_MM
+    return away_um, profile.clear_of_steps(field, points) >= profile.BLANK_EDGE_MM
 
 
 def unknown_wall(slices_um: tuple[float, ...]) -> WallError:
@@ -98,12 +98,12 @@ def unknown_wall(slices_um: tuple[float, ...]) -> WallError:
 
 
 def _summed(s_mm: Floats, error_um: Floats) -> WallError:
-    slices = finite_mean(error_um, axis=1)
+    slices = profile.finite_mean(error_um, axis=1)
     known = error_um[np.isfinite(error_um)]
     if not len(known):
         return unknown_wall(tuple(slices.tolist()))
     heights = slices[np.isfinite(slices)]
-    along = finite_mean(error_um - slices[:, None], axis=0)
+    along = profile.finite_mean(error_um - slices[:, None], axis=0)
     ends = (heights[0] + heights[-1]) / 2
     quarter = max(len(heights) // 4, 1)
     middle = heights[quarter:-quarter] if len(heights) > 2 * quarter else heights

@@ -21,6 +21,7 @@ from edmsim.program.taper import Ruled
 Floats = NDArray[np.float64]
 
 BLANK_EDGE_MM = 0.15  # nearer than this to the blank's own side or start hole, that edge could be taken for the cut's
+EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is one of the chords of an arc (ours)
 GRAIN_UM = 12.0  # metal (or a hole in it) thinner than this is a loose grain or sliver in the kerf, no wall
 
 
@@ -95,7 +96,7 @@ def profile_error(field: KerfField, contour: WireContour) -> ProfileError:
     chosen = list(range(field.n_slices))
     middle = contour.at_mid_height()
     line = Polyline(middle.nominal_mm, contour.closed)
-    s_mm = line.stations(PROFILE_STEP_MM, line.corners(15.0))
+    s_mm = line.stations(PROFILE_STEP_MM, line.corners(EDGE_CORNER_DEG))
     if contour.lean is None:
         points = line.at(s_mm)
         error = _errors(field, contour, line, s_mm, points, chosen)
@@ -223,11 +224,11 @@ class CornerError:
     error_um: float
 
 
-def corners(contour: WireContour, profile: ProfileError, min_turn_deg: float = 15.0) -> list[CornerError]:
+def corners(contour: WireContour, profile: ProfileError) -> list[CornerError]:
     """List the corners of the nominal edge with their errors; what turns by less than a corner is part of an arc."""
     line = Polyline(contour.nominal_mm, contour.closed)
     found: list[CornerError] = []
-    for vertex in line.corners(min_turn_deg):
+    for vertex in line.corners(EDGE_CORNER_DEG):
         near = profile.mean_um[line.distance_along(profile.s_mm, line.s[[vertex]]) <= CORNER_REACH_MM]
         near = near[np.isfinite(near)]
         error = float(near[np.abs(near).argmax()]) if len(near) else float("nan")

@@ -11,14 +11,12 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.geometry import Polyline
-from edmsim.metrology.profile import CORNER_REACH_MM, ProfileError, wire_line
+from edmsim.metrology.profile import CORNER_REACH_MM, EDGE_CORNER_DEG, ProfileError, wire_line
 from edmsim.metrology.shares import SHARES
 from edmsim.program.offset import REACH_TOLERANCE_MM
 from edmsim.program.path import WireContour
 
 Floats = NDArray[np.float64]
-
-EDGE_CORNER_DEG = 15.0  # a vertex of the drawn edge that turns by less is one of the chords of an arc (ours)
 
 
 @dataclass(frozen=True)

@@ -339,9 +339,9 @@ def flow_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
 
 def wake_m_s(machine: Machine, res: Resolution) -> NDArray[np.float64]:
     """Speed of the kerf's water behind every slice: the flow's, none where the jets meet, and that of eddies."""
-    jets = _wake_jets(machine)
-    down = jets.past_m_s((np.arange(res.slices) + 0.5) / res.slices)
-    return np.hypot(down, machine.base.dielectric.turbulence.value * max(jets.lower_m_s, jets.upper_m_s))
+    wake = _wake_jets(machine)
+    down = wake.past_m_s((np.arange(res.slices) + 0.5) / res.slices)
+    return np.hypot(down, machine.base.dielectric.turbulence.value * max(wake.lower_m_s, wake.upper_m_s))
 
 
 def carried_per_us(machine: Machine, res: Resolution) -> NDArray[np.float64]:

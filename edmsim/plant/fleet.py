@@ -61,6 +61,8 @@ class Fleet:
             again = calls[lacking]
             self._fire(again)
             calls[lacking] = again
+            if not status.any():
+                return status
         if np.any((status == STEP_WRONG) | (status == STEP_EARLY)):
             raise InputError("a motor step has a wrong axis or direction, or is out of order")
         for k in np.flatnonzero(status == BROKEN):

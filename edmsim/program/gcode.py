@@ -12,9 +12,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -59,8 +60,7 @@ _LEAST_SHARE = 0.5
 with ends of its own; a contour that goes on with another offset retraces none)."""
 
 
-@dataclass(frozen=True)
-class _Section:
+class _Section(NamedTuple):
     """Moves ``first`` to ``last`` under one compensation."""
 
     first: int

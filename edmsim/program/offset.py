@@ -38,13 +38,26 @@ _MOST_MITRE = 1e3
 """Length of a tip over the offset up to which it is made before it is cut off (ours: no corner is sharper)."""
 
 
-def offset_closed(
-    edge: NDArray[np.float64], side: Side, distance_mm: float, past_mm: float | None = None
+def offset_edge(
+    edge: NDArray[np.float64], side: Side, distance_mm: float, closed: bool, past_mm: float | None = None
 ) -> NDArray[np.float64]:
-    """Return the closed path beside a closed edge (n, 2) in mm, in its direction, from beside its start."""
+    """Return the path beside an edge (n, 2) in mm, in its direction; a closed one begins beside the edge's start."""
     # it goes straight past an outer corner, `past_mm` from it at most; by default round it, on an arc
     if distance_mm == 0:
         return edge.copy()
+    path = (_ring if closed else _line)(edge, side, distance_mm, past_mm)
+    if past_mm is not None:
+        blunt = _blunted(path, edge, past_mm, closed=closed)
+        if blunt is None:
+            return offset_edge(edge, side, distance_mm, closed)
+        path = blunt
+    if closed:
+        path = _turned_to(path, edge[0] + distance_mm * normal(edge[:2], side), edge[0])
+    return np.asarray(shapely.get_coordinates(shapely.LineString(path).simplify(SIMPLIFY_MM)), np.float64)
+
+
+def _ring(edge: NDArray[np.float64], side: Side, distance_mm: float, past_mm: float | None) -> NDArray[np.float64]:
+    """Return the path beside a closed edge, which may begin anywhere."""
     counter_clockwise = signed_area(edge) > 0
     inward = counter_clockwise == (side == "left")
     grown = shapely.Polygon(edge).buffer(
@@ -58,14 +71,16 @@ def offset_closed(
         what = f"the path falls into pieces, one about X{spot.x:.3f} Y{spot.y:.3f}"
         raise InputError(too_narrow(distance_mm, what))
     ring = shapely.get_coordinates(grown)
-    if (signed_area(ring) > 0) != counter_clockwise:
-        ring = ring[::-1]
-    if past_mm is not None:
-        blunt = _blunted(ring, edge, past_mm, closed=True)
-        if blunt is None:
-            return offset_closed(edge, side, distance_mm)
-        ring = blunt
-    return _simplified(_turned_to(ring, edge[0] + distance_mm * normal(edge[:2], side), edge[0]))
+    return np.asarray(ring if (signed_area(ring) > 0) == counter_clockwise else ring[::-1], np.float64)
+
+
+def _line(edge: NDArray[np.float64], side: Side, distance_mm: float, past_mm: float | None) -> NDArray[np.float64]:
+    """Return the path beside an open edge."""
+    signed = distance_mm if side == "left" else -distance_mm
+    curve = shapely.LineString(edge).offset_curve(signed, quad_segs=QUAD_SEGMENTS, **_join(past_mm))
+    if curve.is_empty or not isinstance(curve, shapely.LineString):
+        raise InputError(too_narrow(distance_mm, "the path vanishes or falls into pieces"))
+    return np.asarray(shapely.get_coordinates(curve), np.float64)
 
 
 def _join(past_mm: float | None) -> dict[str, Any]:
@@ -108,23 +123,6 @@ def _blunted(
     return np.concatenate([*found, path[-1:]])
 
 
-def offset_open(
-    edge: NDArray[np.float64], side: Side, distance_mm: float, past_mm: float | None = None
-) -> NDArray[np.float64]:
-    """Return the path beside an open edge (n, 2) in mm, in its direction; arguments and errors as `offset_closed`."""
-    if distance_mm == 0:
-        return edge.copy()
-    signed = distance_mm if side == "left" else -distance_mm
-    curve = shapely.LineString(edge).offset_curve(signed, quad_segs=QUAD_SEGMENTS, **_join(past_mm))
-    if curve.is_empty or not isinstance(curve, shapely.LineString):
-        raise InputError(too_narrow(distance_mm, "the path vanishes or falls into pieces"))
-    path = np.asarray(shapely.get_coordinates(curve), np.float64)
-    if past_mm is not None:
-        blunt = _blunted(path, edge, past_mm, closed=False)
-        return offset_open(edge, side, distance_mm) if blunt is None else _simplified(blunt)
-    return _simplified(path)
-
-
 def nearest_chords(edge: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return for each point (k, 2) the index of the nearest chord of `edge` (n, 2), the last of equals."""
     of_point, chord = shapely.STRtree(chords_of(edge)).query_nearest(shapely.points(points))
@@ -165,10 +163,6 @@ def _turned_to(
     after = ring[:-1][passed[:-1] > at]
     before = ring[:-1][passed[:-1] < at]
     return np.concatenate([start, after, before, start])
-
-
-def _simplified(path: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(shapely.get_coordinates(shapely.LineString(path).simplify(SIMPLIFY_MM)), np.float64)
 
 
 _MOST_NAMED = 5
@@ -328,17 +322,17 @@ def offset_outline(
     program: Program, outline: Outline, offset_mm: float, notices: list[str], past_mm: float | None = None
 ) -> OffsetOutline:
     """Return an outline with its path at an offset; adds what the wire cannot reach to the notices."""
-    offset_line = offset_closed if outline.closed else offset_open
     points = outline.points_mm
     if outline.wire_side is None:
         try:
-            return OffsetOutline(outline, points, offset_line(points, outline.part_side, offset_mm), offset_mm)
+            edge = offset_edge(points, outline.part_side, offset_mm, outline.closed)
+            return OffsetOutline(outline, points, edge, offset_mm)
         except InputError:  # there is no such edge, but the wire can go as the program says
             notices.append(f"{outline.name} is cut as written; no edge lies at the offset beside it, so its profile "
                            "is measured from the wire's centre")
             return OffsetOutline(outline, points, points, 0.0)
     with of_outline(program, outline):
-        path = offset_line(points, outline.wire_side, offset_mm, past_mm)
+        path = offset_edge(points, outline.wire_side, offset_mm, outline.closed, past_mm)
         notices += check_reach(points, path, offset_mm, outline.line_numbers, outline.elements)
     return OffsetOutline(outline, path, points, offset_mm)
 

@@ -28,8 +28,7 @@ from edmsim.program.offset import (
     leaning_outline,
     nearest_chords,
     of_outline,
-    offset_closed,
-    offset_open,
+    offset_edge,
     offset_outline,
 )
 from edmsim.program.outline import Corners, Outline, Program, Taper, signed_area
@@ -212,7 +211,7 @@ class WireContour:
         """
         if self.lean is None:
             return self
-        own = self.slant[self.lead_in_moves :]
+        own = self.way.slant[self.lead_in_moves :]
         return replace(
             self, points_um=self.way.at_height(height_mm), nominal_mm=self.lean.wall.at(height_mm), lean=None,
             offset_um=self.offset_um * float(own.max(initial=1.0)),
@@ -222,16 +221,6 @@ class WireContour:
     def at_mid_height(self) -> WireContour:
         """Return the contour at half the workpiece's height, which pictures and reports use."""
         return self if self.lean is None else self.at_height(0.5 * self.lean.height_mm)
-
-    @property
-    def slant(self) -> NDArray[np.float64]:
-        """Slant length of the wall over the workpiece's height, for every move: 1 / cos of its angle."""
-        return self.way.slant
-
-    @property
-    def along_um(self) -> NDArray[np.float64]:
-        """Length of path (n,) to every point; if the wire leans, the longer of both faces, move by move."""
-        return self.way.along_um
 
     @property
     def ways_um(self) -> tuple[NDArray[np.int64], ...]:
@@ -503,9 +492,8 @@ def _as_first(program: Program, legs: list[OffsetOutline]) -> OffsetOutline:
         return last
     if last.surfaces is not None:
         return leaning_outline(program, first.outline, last.offset_mm, last.guides)
-    offset_line = offset_closed if first.outline.closed else offset_open
     assert first.outline.wire_side is not None
-    path = offset_line(first.outline.points_mm, first.outline.wire_side, last.offset_mm)
+    path = offset_edge(first.outline.points_mm, first.outline.wire_side, last.offset_mm, first.outline.closed)
     return replace(last, outline=first.outline, path=path)
 
 
@@ -549,7 +537,7 @@ def _programmed_lead(leg: OffsetOutline, hole_radius_mm: float) -> _Lead:
         points, lines, split = points[1:], lines[1:], split - 1
     if split < len(points) and outline.wire_side is not None:
         drawn = np.concatenate([points[split:], outline.points_mm[:1]])
-        tail = offset_open(drawn, outline.wire_side, leg.offset_mm)
+        tail = offset_edge(drawn, outline.wire_side, leg.offset_mm, closed=False)
         tail_lines = np.array(lines[split:])[nearest_chords(drawn, (tail[1:] + tail[:-1]) / 2)]
         points = np.concatenate([points[:split], tail[:-1]])
         lines = (*lines[:split], *tail_lines.tolist())

@@ -251,21 +251,7 @@ def settings_for(
 ) -> dict[str, dict[str, float]]:
     """Return the settings of the conditions that a program calls, by name as written there.
 
-    Parameters
-    ----------
-    called : mapping of str to int
-        Conditions, each with the line of its first call.
-    table : mapping
-        From `read_conditions`; empty without a table.
-    in_program : collection of str
-        Conditions in the program's own table.
-    source : str
-        The program, for error messages.
-
-    Raises
-    ------
-    InputError
-        If neither of the tables has a condition; names the line.
+    `called` has the line of each one's first call; raises `InputError` if neither of the tables has a condition.
     """
     known = {key_of(name) for name in in_program}
     found: dict[str, dict[str, float]] = {}

@@ -15,7 +15,7 @@ from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.geometry import arc_lengths
 from edmsim.program.outline import signed_area
 from edmsim.recording.figures import palette
-from edmsim.recording.scene import Scene
+from edmsim.recording.scene import Scene, grid_triangles
 
 # The cut face of the part as a mesh for other programs: STL or glTF, its points found slice by slice.
 
@@ -137,12 +137,10 @@ def _triangles(faces: list[Face]) -> tuple[Floats, NDArray[np.int64], Floats]:
     points, triangles, errors, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros(0)], 0
     for face in faces:
         rows, n = face.error_um.shape
-        number = count + np.arange(rows * n).reshape(rows, n)
-        a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
-        made = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
+        made = grid_triangles(rows, n)
         flat = face.points_mm.reshape(-1, 3)
         known = np.asarray(np.isfinite(flat).all(axis=1))
-        triangles.append(made[known[made - count].all(axis=1)])
+        triangles.append(count + made[known[made].all(axis=1)])
         points.append(np.where(known[:, None], flat, 0.0))
         errors.append(np.where(known, face.error_um.reshape(-1), 0.0))
         count += rows * n

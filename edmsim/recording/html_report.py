@@ -13,13 +13,10 @@ from matplotlib.figure import Figure
 
 from edmsim.cosim.straight import PulseSample
 from edmsim.files import replacing
-from edmsim.recording.figures.cut import corner_figure, error_figure, kerf_figure, shares_figure
-from edmsim.recording.figures.passes import face_figure, passes_figure
+from edmsim.recording.figures import cut, passes, pulses, wire
 from edmsim.recording.figures.profile import PROFILE_DOTS
-from edmsim.recording.figures.pulses import delay_figure, plane_figure, pulses_figure
 from edmsim.recording.figures.style import figure_png
-from edmsim.recording.figures.wire import spectrum_figure
-from edmsim.recording.report import Element, Report, duration_text, outcome_text, summary
+from edmsim.recording.report import Element, Report, duration_text, mm_text, outcome_text, summary
 from edmsim.recording.scene import Scene
 
 # All figures of one cut, with their captions: what ``report.html`` holds and ``edmsim report`` writes.
@@ -34,19 +31,19 @@ class Picture(NamedTuple):
 
 
 OF_CUT: dict[str, Callable[[Report, pa.Table, Scene], Figure]] = {
-    "profile-error": lambda report, windows, scene: error_figure(scene),
-    "error-shares": lambda report, windows, scene: shares_figure(scene),
-    "corner": lambda report, windows, scene: corner_figure(scene, windows),
-    "kerf-section": lambda report, windows, scene: kerf_figure(report),
-    "face": lambda report, windows, scene: face_figure(scene),
-    "passes": lambda report, windows, scene: passes_figure(report),
-    "pulses": lambda report, windows, scene: pulses_figure(windows),
-    "short-open": lambda report, windows, scene: plane_figure(windows),
+    "profile-error": lambda report, windows, scene: cut.error_figure(scene),
+    "error-shares": lambda report, windows, scene: cut.shares_figure(scene),
+    "corner": lambda report, windows, scene: cut.corner_figure(scene, windows),
+    "kerf-section": lambda report, windows, scene: cut.kerf_figure(report),
+    "face": lambda report, windows, scene: passes.face_figure(scene),
+    "passes": lambda report, windows, scene: passes.passes_figure(report),
+    "pulses": lambda report, windows, scene: pulses.pulses_figure(windows),
+    "short-open": lambda report, windows, scene: pulses.plane_figure(windows),
 }
 """Figures of a cut by name: functions of report, windows and scene."""
 OF_SAMPLE: dict[str, Callable[[PulseSample, pa.Table, Report], Figure]] = {
-    "ignition-delay": lambda sample, windows, report: delay_figure(sample, windows),
-    "wire-spectrum": lambda sample, windows, report: spectrum_figure([sample], report.settings["resolution"]),
+    "ignition-delay": lambda sample, windows, report: pulses.delay_figure(sample, windows),
+    "wire-spectrum": lambda sample, windows, report: wire.spectrum_figure([sample], report.settings["resolution"]),
 }
 """Figures of single pulses by name: functions of the sample, windows and report."""
 _CAPTIONS = {
@@ -93,20 +90,26 @@ def elements_table(elements: Sequence[Element]) -> str:
         shown.sort(key=lambda row: -max(abs(row.low_um or 0.0), abs(row.high_um or 0.0)))
         shown = sorted(shown[:_MOST], key=lambda row: (row.contour, row.element))
         more = f" The {_MOST} of {len(elements)} with the largest error are shown; report.json has all."
-    head = "".join(f"<th>{name}</th>" for name in _COLUMNS)
-    rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in _cells(row))}</tr>" for row in shown)
     note = f"<p>Profile error of each line and arc, without what is out of the round wire's reach.{more}</p>"
-    return f'{note}<div style="overflow-x: auto"><table><tr>{head}</tr>{rows}</table></div>'
+    return f'{note}<div style="overflow-x: auto">{_table(_COLUMNS, map(_cells, shown))}</div>'
+
+
+def _table(names: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head = "".join(f"<th>{name}</th>" for name in names)
+    lines = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table><tr>{head}</tr>{lines}</table>".replace("<td>-", "<td>−")
 
 
 def _cells(row: Element) -> list[str]:
     kind = row.kind if row.radius_mm is None else f"{row.kind} R {row.radius_mm:.3f}"
-    # 0.0 +: a hair below zero would read -0.000
-    places = [f"{round(row[f'program_{name}_mm'], 6) + 0.0:.3f}" for name in ("x", "y", "end_x", "end_y")]
-    errors = ["–" if row[name] is None else f"{row[name]:+.1f}" for name in ("mean_um", "low_um", "high_um")]
+    places = [mm_text(row[f"program_{name}_mm"]) for name in ("x", "y", "end_x", "end_y")]
+    errors = [_error(row[name]) for name in ("mean_um", "low_um", "high_um")]
     line = "–" if row.line is None else str(row.line)
-    cells = [str(row.contour), line, kind, *places, f"{row.length_mm:.3f}", *errors]
-    return [f"−{cell[1:]}" if cell.startswith("-") else cell for cell in cells]
+    return [str(row.contour), line, kind, *places, f"{row.length_mm:.3f}", *errors]
+
+
+def _error(um: float | None) -> str:
+    return "–" if um is None else f"{um:+.1f}"
 
 
 CARD_DPI = 80
@@ -247,13 +250,11 @@ def _address(png: bytes) -> str:
 
 
 def _corners(report: Report) -> str:
-    head = "<tr><th>X, mm</th><th>Y, mm</th><th>turn, °</th><th>error, µm</th></tr>"
     rows = (
-        f"<tr><td>{round(c.program_x_mm, 6) + 0.0:.3f}</td><td>{round(c.program_y_mm, 6) + 0.0:.3f}</td>"
-        f"<td>{c.turn_deg:+.0f}</td><td>{'–' if c.error_um is None else format(c.error_um, '+.1f')}</td></tr>"
+        (mm_text(c.program_x_mm), mm_text(c.program_y_mm), f"{c.turn_deg:+.0f}", _error(c.error_um))
         for c in report.corners
     )
-    return f"<table>{head}{''.join(rows)}</table>".replace("<td>-", "<td>−")
+    return _table(("X, mm", "Y, mm", "turn, °", "error, µm"), rows)
 
 
 def _settings(report: Report) -> Iterable[tuple[str, str]]:

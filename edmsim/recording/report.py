@@ -570,9 +570,12 @@ def figure_text(value: float | None, unit: str, digits: int = 1) -> str:
 
 def place_text(of: Corner | ErrorPlace) -> str:
     """Return where something is in the program."""
-    # 0.0 +: a hair below zero would read -0.000
-    x_mm, y_mm = (round(mm, 6) + 0.0 for mm in (of.program_x_mm or 0.0, of.program_y_mm or 0.0))
-    return f"X {x_mm:.3f} Y {y_mm:.3f} mm"
+    return f"X {mm_text(of.program_x_mm or 0.0)} Y {mm_text(of.program_y_mm or 0.0)} mm"
+
+
+def mm_text(mm: float) -> str:
+    """Return a coordinate to the um; a hair below zero does not read -0.000."""
+    return f"{round(mm, 6) + 0.0:.3f}"
 
 
 def render_table(report: Report) -> RenderableType:

@@ -19,6 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
 from edmsim.files import read_arrays, replacing
+from edmsim.geometry import CORNER_DEG
 from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
 from edmsim.plant.workpiece.height_steps import middle_slice
@@ -58,10 +59,10 @@ class ErrorMap:
         length = np.hypot(normal[:, 0], normal[:, 1])[:, None]
         return np.asarray(np.divide(normal, length, out=np.zeros_like(normal), where=length > 0))
 
-    def smooth(self, turn_deg: float = 20.0) -> NDArray[np.bool_]:
-        """Return for every step between neighbours (n - 1,) whether the edge turns less than `turn_deg`."""
+    def smooth(self) -> NDArray[np.bool_]:
+        """Return for every step between neighbours (n - 1,) whether the edge turns less than a corner."""
         normal = self.outward()
-        return np.asarray(np.einsum("ij,ij->i", normal[:-1], normal[1:]) > np.cos(np.radians(turn_deg)))
+        return np.asarray(np.einsum("ij,ij->i", normal[:-1], normal[1:]) > np.cos(np.radians(CORNER_DEG)))
 
     def exaggerated_mm(self, factor: float) -> NDArray[np.float64]:
         """Return the edge (n, 2) in mm, its error multiplied by `factor`; NaN out of the wire's reach."""
@@ -224,6 +225,13 @@ def polylines(geometry: BaseGeometry | Sequence[BaseGeometry]) -> Polylines:
     lines = np.concatenate([parts[~polygons], shapely.get_rings(parts[polygons])])
     thin = shapely.simplify(lines, 0.0005)
     return tuple(shapely.get_coordinates(line) for line in thin if not line.is_empty)
+
+
+def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:
+    """Return the triangles (n, 3) between the points of a grid, counted row by row."""
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
+    return np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
 
 
 def round_factor(values_um: NDArray[np.float64], shown_mm: float) -> float:

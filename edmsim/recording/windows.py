@@ -143,7 +143,7 @@ class WindowTable(ArraySnapshots, Observer):
     """Rows of a cut in progress, with `EQUALISING_COLUMNS` if the generator has such pulses; read at the end."""
 
     name: ClassVar[str] = "windows"
-    STATE = ("_rows",)
+    STATE = ("rows",)
 
     def __init__(self, equalising: bool = False) -> None:
         self._more = EQUALISING_COLUMNS if equalising else ()
@@ -175,18 +175,15 @@ class WindowTable(ArraySnapshots, Observer):
         self._blocks[-1][self._used, :] = row
         self._used += 1
 
-    def values(self) -> NDArray[np.float64]:
-        """Return a copy of all rows, columns as `append` takes them."""
+    @property
+    def rows(self) -> NDArray[np.float64]:
+        """A copy of all rows, columns as `append` takes them."""
         if not self._blocks:
             return np.empty((0, self._width))
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
 
-    @property
-    def _rows(self) -> NDArray[np.float64]:
-        return self.values()
-
-    @_rows.setter
-    def _rows(self, rows: NDArray[np.float64]) -> None:
+    @rows.setter
+    def rows(self, rows: NDArray[np.float64]) -> None:
         self._blocks = []
         for start in range(0, len(rows), _BLOCK):
             block = np.empty((_BLOCK, self._width))
@@ -196,11 +193,11 @@ class WindowTable(ArraySnapshots, Observer):
 
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """Return a copy of all columns by name."""
-        return dict(zip((*ROW_NAMES, *(column.name for column in self._more)), self.values().T, strict=True))
+        return dict(zip((*ROW_NAMES, *(column.name for column in self._more)), self.rows.T, strict=True))
 
     def ways_um(self) -> tuple[NDArray[np.float64], ...]:
         """Return commanded position, following error and wire lag, (len(self), 2) each, time in s, and path in um."""
-        values = self.values()
+        values = self.rows
         x, following, lag, time, path = map(ROW_NAMES.index, ("x_um", "following_x_um", "lag_x_um", "t_s", "path_um"))
         return *(values[:, k : k + 2] for k in (x, following, lag)), values[:, time], values[:, path]
 
@@ -208,7 +205,7 @@ class WindowTable(ArraySnapshots, Observer):
         """Return the table as `windows.parquet` holds it; the metadata of each field say ``unit`` and ``meaning``."""
         import pyarrow as pa
 
-        values = self.values()
+        values = self.rows
         error = np.full(len(values), np.nan) if error_um is None else np.asarray(error_um, np.float64)
         if error.shape != (len(values),):
             raise ValueError(f"error_um has shape {error.shape}, the table has {len(values)} windows")

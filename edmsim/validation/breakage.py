@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 from edmsim.controllers import from_text, make
 from edmsim.cosim.straight import Cut, cut_straight
-from edmsim.evaluation.stable_rate import quick_counts, shorten_pauses
+from edmsim.evaluation.stable_rate import StablePeriod, quick_counts, shorten_pauses
 from edmsim.machine.machine import Machine
 from edmsim.validation.rows import Check, Row, differences, extended, ratios
 from edmsim.validation.setups import HELD_SHARE, UNBREAKABLE, altered
@@ -69,12 +69,16 @@ def mori_rig() -> Machine:
     )
 
 
+def held_periods(machine: Machine, seed: int, open_share: float = HELD_SHARE) -> list[StablePeriod]:
+    """Shorten the pauses until the wire breaks or the cut jams, by a servo that holds a share of open pulses."""
+    servo = from_text(quick_counts(open_share))
+    return shorten_pauses(machine, seed, servo, hold_s=HOLD_S, approach_s=APPROACH_S)[0]
+
+
 def break_limit_A(machine: Machine, seed: int) -> float:
     """Largest mean current, without short-circuit pulses, that the wire held for `HOLD_S`."""
     # where the shortest pause does not break it, the largest current there was: then a lower bound of the limit
-    servo = from_text(quick_counts(HELD_SHARE))
-    held, _ = shorten_pauses(machine, seed, servo, hold_s=HOLD_S, approach_s=APPROACH_S)
-    return max((step.current_A for step in held), default=0.0)
+    return max((step.current_A for step in held_periods(machine, seed)), default=0.0)
 
 
 def limits_A(machine: Machine, seeds: Sequence[int]) -> list[float]:

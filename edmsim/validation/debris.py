@@ -129,7 +129,7 @@ def delay_in_debris(seeds: Sequence[int]) -> list[Row]:
     # craters remove metal here, as nothing else makes debris; whatever else moves or clears the water stays off
     delay = {
         speed: [
-            waited_us([window for hole in range(HOLES) for window in in_debris(speed, HOLES * seed + hole)])
+            ignition.mean_delay_us([w for hole in range(HOLES) for w in in_debris(speed, HOLES * seed + hole)])
             for seed in seeds
         ]
         for speed in SPEEDS_M_S
@@ -139,13 +139,6 @@ def delay_in_debris(seeds: Sequence[int]) -> list[Row]:
                  simulated=differences(delay[slow], delay[quick]), unit="us", note=ignition.FLOW)
         for slow, quick in pairwise(SPEEDS_M_S)
     ]
-
-
-def waited_us(windows: Sequence[PulseWindow]) -> float:
-    """Mean delay of the pulses that were no shorts, an open one counted with the whole on-time; NaN if all were."""
-    lit = sum(w.mean_delay_us * (w.spark + w.arc) for w in windows if w.spark + w.arc)
-    opened, pulses = sum(w.open for w in windows), sum(w.pulses - w.short for w in windows)
-    return (lit + ignition.THESIS_ON_US * opened) / pulses if pulses else math.nan
 
 
 def in_debris(speed_m_s: float, seed: int) -> list[PulseWindow]:

@@ -194,9 +194,10 @@ def thesis_machine(speed_m_s: float, voltage_V: float = THESIS_V, height_mm: flo
 
 
 def mean_delay_us(windows: Sequence[PulseWindow]) -> float:
-    """Mean delay of the pulses, an open one counted with the whole on-time."""
+    """Mean delay of the pulses that were no shorts, an open one counted with the whole on-time; NaN if all were."""
     lit = sum(w.mean_delay_us * (w.spark + w.arc) for w in windows if w.spark + w.arc)
-    return (lit + THESIS_ON_US * sum(w.open for w in windows)) / sum(w.pulses for w in windows)
+    opened, pulses = sum(w.open for w in windows), sum(w.pulses - w.short for w in windows)
+    return (lit + THESIS_ON_US * opened) / pulses if pulses else math.nan
 
 
 def check_figure_2_9(seeds: Sequence[int]) -> list[Row]:

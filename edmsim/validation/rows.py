@@ -55,11 +55,9 @@ class Row:
         return replace(self, kind="context", reason=reason)
 
     @classmethod
-    def report(
-        cls, topic: str, name: str, reason: str, *, simulated: Simulated, uncertainty: float = 0.0, unit: str = ""
-    ) -> Row:
+    def report(cls, topic: str, name: str, reason: str, *, simulated: Simulated, unit: str = "") -> Row:
         """Return a simulated figure without a published one, as context; `reason` says why there is none."""
-        mean, half = _central(simulated, uncertainty)
+        mean, half = _central(simulated)
         return cls(
             topic, name, "", "nothing found in print", mean, half, unit, "none asked for", True, kind="context",
             reason=reason,
@@ -124,7 +122,7 @@ def mean_and_interval(values: Sequence[float] | NDArray[np.float64]) -> tuple[fl
     return float(data.mean()), float(student.ppf(0.5 + LEVEL / 2, n - 1) * data.std(ddof=1) / math.sqrt(n))
 
 
-def _central(simulated: Simulated, uncertainty: float) -> tuple[float, float]:
+def _central(simulated: Simulated, uncertainty: float = 0.0) -> tuple[float, float]:
     if isinstance(simulated, float | int):
         return float(simulated), float(uncertainty)
     return mean_and_interval(simulated)

@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from edmsim.controllers import from_text
 from edmsim.cosim.straight import Cut, Traverse, begin, cut_straight
-from edmsim.evaluation.stable_rate import JAMMED_SHARE, quick_counts, shorten_pauses
+from edmsim.evaluation.stable_rate import JAMMED_SHARE
 from edmsim.machine.machine import Machine
 from edmsim.plant.window import PlantError
-from edmsim.validation.breakage import APPROACH_S, HOLD_S, MIDDLE_MM, rough_rig, sato_rig
+from edmsim.validation.breakage import MIDDLE_MM, held_periods, rough_rig, sato_rig
 from edmsim.validation.rows import Check, Row, differences
 from edmsim.validation.setups import HELD_SHARE, PRACTICE, UNBREAKABLE, altered, capacity_um_s, feed_within, servo_cut
 
@@ -135,8 +134,7 @@ def _hottest_K(cut: Cut) -> float:
 
 def _limit_mm2_min(open_share: float, seed: int) -> float:
     """Highest cutting rate of a servo whose pauses are shortened until the wire breaks or the cut jams."""
-    servo = from_text(quick_counts(open_share))
-    held, _ = shorten_pauses(sato_rig(MIDDLE_MM), seed, servo, hold_s=HOLD_S, approach_s=APPROACH_S)
+    held = held_periods(sato_rig(MIDDLE_MM), seed, open_share)
     return max((step.rate_mm2_min for step in held), default=0.0)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +27,17 @@ FREQUENCIES_HZ = ((40.0, 1935.0), (80.0, 968.0), (150.0, 516.0))
 """First frequency of 0.25 mm brass of 8500 kg/m3 at 10 N, over the distance of the guides in mm."""
 
 
+def _worst_rows(
+    table: str, at: str, over: str, value: str, simulate: Callable[[float, float], float]
+) -> Iterator[tuple[float, int, float, float, str]]:
+    """Yield every `at` of a published table, its number of rows, and published, simulated and `over` of the worst."""
+    rows = models.published(table)
+    for place in sorted({float(row[at]) for row in rows}):
+        there = [row for row in rows if float(row[at]) == place]
+        compared = ((float(row[value]), simulate(place, float(row[over])), row[over]) for row in there)
+        yield place, len(there), *worst(compared)
+
+
 def static_lag_um(height_mm: float, tension: float) -> float:
     """Deflection at mid-height under 1 N/m over the workpiece, of the modes and slices of the pulse loop."""
     machine = Machine.load(height_mm=height_mm, tension=tension)
@@ -38,19 +49,12 @@ def static_lag_um(height_mm: float, tension: float) -> float:
 
 def check_static_lag(seeds: Sequence[int]) -> list[Row]:
     """All 25 rows of the table; the worst tension of every height is shown."""
-    table = models.published("analytic_static_wire_lag")
-    rows = []
-    for height in sorted({float(row["h_mm"]) for row in table}):
-        compared = [
-            (float(row["ymax_um_per_N_per_m"]), static_lag_um(height, float(row["T_N"])), f"{row['T_N']} N")
-            for row in table if float(row["h_mm"]) == height
-        ]
-        published, simulated, tension = worst(compared)
-        rows.append(Row.value(
-            "wire", f"static lag at 1 N/m, {height:g} mm high (worst of {len(compared)} tensions: {tension})",
-            STRING, published=published, simulated=simulated, within=0.01, unit="um",
-        ))
-    return rows
+    of_heights = _worst_rows("analytic_static_wire_lag", "h_mm", "T_N", "ymax_um_per_N_per_m", static_lag_um)
+    return [
+        Row.value("wire", f"static lag at 1 N/m, {height:g} mm high (worst of {count} tensions: {tension} N)", STRING,
+                  published=published, simulated=simulated, within=0.01, unit="um")
+        for height, count, published, simulated, tension in of_heights
+    ]
 
 
 def frequencies_Hz(guide_distance_mm: float) -> list[float]:
@@ -79,7 +83,7 @@ def check_frequencies(seeds: Sequence[int]) -> list[Row]:
     return rows
 
 
-def pull_N_m(voltage_V: float, gap_um: float) -> float:
+def pull_N_m(gap_um: float, voltage_V: float) -> float:
     """Pull per metre on the default wire before a flat wall, summed over rays as the pulse loop does."""
     machine, res = Machine.load(), resolution("default")
     radius = machine.wire_diameter_um / 2
@@ -96,19 +100,12 @@ def pull_N_m(voltage_V: float, gap_um: float) -> float:
 
 def check_electrostatic_pull(seeds: Sequence[int]) -> list[Row]:
     """All 25 rows of the table; the worst voltage at every gap is shown."""
-    table = models.published("analytic_electrostatic_force")
-    rows = []
-    for gap in sorted({float(row["gap_um"]) for row in table}):
-        compared = [
-            (float(row["force_N_per_m"]), pull_N_m(float(row["V"]), gap), f"{row['V']} V")
-            for row in table if float(row["gap_um"]) == gap
-        ]
-        published, simulated, voltage = worst(compared)
-        rows.append(Row.value(
-            "wire", f"electrostatic pull at {gap:g} um (worst of {len(compared)} voltages: {voltage})", CYLINDER,
-            published=published, simulated=simulated, within=0.02, unit="N/m",
-        ))
-    return rows
+    of_gaps = _worst_rows("analytic_electrostatic_force", "gap_um", "V", "force_N_per_m", pull_N_m)
+    return [
+        Row.value("wire", f"electrostatic pull at {gap:g} um (worst of {count} voltages: {voltage} V)", CYLINDER,
+                  published=published, simulated=simulated, within=0.02, unit="N/m")
+        for gap, count, published, simulated, voltage in of_gaps
+    ]
 
 
 CHECKS: tuple[Check, ...] = (check_static_lag, check_frequencies, check_electrostatic_pull)

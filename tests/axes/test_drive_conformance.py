@@ -1,7 +1,5 @@
 """Every drive by name passes `check_drive`, which refuses what a plant could not work with."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

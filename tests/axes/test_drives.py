@@ -1,7 +1,5 @@
 """Drives with a loop in a running plant: position, sampling instants, snapshots, faults, and four axes."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import subprocess

@@ -1,7 +1,5 @@
 """Errors of screws and ways in the plant: the wire is where the table truly is, whatever moves it."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

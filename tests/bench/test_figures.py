@@ -1,7 +1,5 @@
 """The benchmark's figures are there, positive and of the same run."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from pathlib import Path

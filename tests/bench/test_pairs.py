@@ -1,7 +1,5 @@
 """`edmsim bench --against`: two revisions by turns, each in processes of its own, and nothing left behind."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

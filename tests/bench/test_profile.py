@@ -1,7 +1,5 @@
 """`edmsim bench --profile`: shares of a pulse's time. What marks do is tested in `plant/test_marks.py`."""
 
-from __future__ import annotations
-
 import inspect
 import itertools
 import json

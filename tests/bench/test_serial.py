@@ -1,7 +1,5 @@
 """``edmsim bench --serial``."""
 
-from __future__ import annotations
-
 import pytest
 
 from edmsim.bench import serial

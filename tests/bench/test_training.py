@@ -1,7 +1,5 @@
 """``edmsim bench --training``."""
 
-from __future__ import annotations
-
 import importlib.util
 
 import pytest

@@ -4,8 +4,6 @@ Each reader has its share of the inputs and a process of its own; one that dies 
 input follows. ``--only N`` reads input N of a reader again, and shows what happens. Counts go to ``campaign.json``.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import logging

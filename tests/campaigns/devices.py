@@ -1,7 +1,5 @@
 """What a machine's devices read: programs of QCL, tapes, lines of terminals, calls of the object interface."""
 
-from __future__ import annotations
-
 import math
 import random
 import struct

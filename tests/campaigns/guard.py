@@ -1,8 +1,6 @@
 """What no input may bring about: an end of the interpreter, an error that is none of ours, a hang, a file elsewhere,
 something unpickled, another program begun, a socket that others reach."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

@@ -4,8 +4,6 @@ What stands behind the reader goes to atheris. What it finds is written by it in
 is wrong by the same rules as in the campaign (`tests.campaigns.guard`). Needs ``pip install atheris``.
 """
 
-from __future__ import annotations
-
 import logging
 import sys
 import tempfile

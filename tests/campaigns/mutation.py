@@ -1,7 +1,5 @@
 """Bad inputs made of good ones: the n-th input of a reader follows from seed, reader and n alone."""
 
-from __future__ import annotations
-
 import io
 import random
 import re

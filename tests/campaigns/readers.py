@@ -1,7 +1,5 @@
 """Every reader of edmsim: what reads an input, good inputs to begin from, and words of its language."""
 
-from __future__ import annotations
-
 import io
 import math
 import struct

@@ -1,7 +1,5 @@
 """A short form of the campaign: some inputs for every reader, found by hypothesis and by the campaign's own seeds."""
 
-from __future__ import annotations
-
 import faulthandler
 import os
 import pickle

@@ -1,7 +1,5 @@
 """What the campaign found, each as small as it could be made; every one of them failed before it was mended."""
 
-from __future__ import annotations
-
 import gc
 import io
 import json

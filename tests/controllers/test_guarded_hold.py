@@ -1,7 +1,5 @@
 """A law that relieves the wire after bursts of discharges in one place: when, for how long, and what it costs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -101,12 +99,12 @@ def test_the_guard_settles_where_there_are_as_many_bursts_as_its_parameter_says(
 
 
 def test_pulses_that_all_ignite_after_a_short_reach_no_more_flux_than_the_restart_allows():
-    cut = Cut(restart_share=0.8, reliefs_per_s=0.0, limit_share=0.1, limit_spread=0.1)
+    cut = Cut(restart_share=0.7, reliefs_per_s=0.0, limit_share=0.1, limit_spread=0.1)
     usual = cut.windows(600, (25,) * 5)[-1]  # half of the pulses are open
     assert cut.rule.hold > 0.0
     restarted = cut.windows(3, (0,) * 5, short=255)[-1]
     assert usual.t_period_us is not None
     full = cut.rule.ignition_s * 1e6 / (restarted.t_period_us or 0.0)
-    assert full <= cut.rule.hold / 0.8 * 1.001
-    assert restarted.t_period_us > 1.3 * usual.t_period_us
+    assert full <= cut.rule.hold / 0.7 * 1.001
+    assert restarted.t_period_us > 1.2 * usual.t_period_us
     assert cut.windows(100, (25,) * 5)[-1].t_period_us == pytest.approx(usual.t_period_us, rel=0.1)

@@ -1,7 +1,5 @@
 """The input routines of 1982: LINE with its corrections, NORMAL, GNUMCI, GETNUM, GNUMHX and SKIP."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st

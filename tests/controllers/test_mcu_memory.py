@@ -1,7 +1,5 @@
 """What lies in the 8 K of RAM, INIT's copy into it, tapes, and the 8085 that runs machine code from it."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Feed controllers that a user writes: from a file or as an object, checked, cut with, compared."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

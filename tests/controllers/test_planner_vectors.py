@@ -4,8 +4,6 @@ The digests were recorded while a second implementation in plain Python, which c
 same steps. ``python -m tests.controllers.test_planner_vectors`` prints those of the planners as they are.
 """
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

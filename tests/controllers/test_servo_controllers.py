@@ -1,7 +1,5 @@
 """The servos: which way they answer, how they leave a short, and what they do with a window that tells nothing."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Servos with settings of their own at corners; laws that set the period by the wire's heat."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 
@@ -53,6 +51,17 @@ def test_a_corner_is_rounded_on_the_inside_by_what_the_wire_is_ahead(machine, si
     offsets = [controller.update(window(START_UM + path_um)).offset_um for path_um in (299.0, 300.0, 400.0, 600.0)]
     expected = [0.0, *(side * ahead * math.exp(-behind / 100.0) for behind in (0.0, 100.0, 300.0))]
     assert offsets == pytest.approx([-3.0 + lateral_um for lateral_um in expected])
+
+
+@pytest.mark.parametrize(("side", "outer"), [("left", True), ("right", False), (None, False)])
+def test_a_trim_lengthens_its_period_before_outer_corners_only(machine, side, outer):
+    trim = make("trim", feed_um_s=20.0, before_um=60.0, corner_factor=3.0)
+    tell(trim, machine, LEFT, START_UM, side)  # it turns left: to the part on the left, away from one on the right
+    assert trim.reset(33.0).t_period_us is None
+    commands = [trim.update(window(START_UM + path_um)) for path_um in (230.0, 241.0, 300.0, 301.0, 320.0)]
+    slow = 3.0 * machine.t_period_us
+    expected = [None, slow, slow, machine.t_period_us, None] if outer else [None] * 5
+    assert [command.t_period_us for command in commands] == expected
 
 
 def test_pauses_are_longer_near_corners(machine):

@@ -6,42 +6,33 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.controllers.mcu.firmware.timers import (
-    MAX_FEED_UM_S,
-    OVERFLOW,
-    STEP_PHASE,
-    TickClock,
-    reload_count,
-    run_phase,
-    ticks_to_overflow,
-    timer_clock_hz,
-)
+from edmsim.controllers.mcu.firmware import timers
 from edmsim.errors import InputError
 
 
 def test_clock_follows_from_the_speed_unit():  # T-74, T-75, T-A1
-    assert timer_clock_hz(262.5) == Fraction(43_008, 5)
-    assert float(timer_clock_hz(252.6)) == pytest.approx(8277.1968)
-    assert pytest.approx(2000.25 / 60) == MAX_FEED_UM_S
+    assert timers.timer_clock_hz(262.5) == Fraction(43_008, 5)
+    assert float(timers.timer_clock_hz(252.6)) == pytest.approx(8277.1968)
+    assert pytest.approx(2000.25 / 60) == timers.MAX_FEED_UM_S
 
 
 @pytest.mark.parametrize("unit", [0.0, -262.5, float("nan")])
 def test_a_speed_unit_that_cannot_be_used_is_refused(unit):
     with pytest.raises(InputError, match="speed unit must be above 0 nm/s"):
-        timer_clock_hz(unit)
+        timers.timer_clock_hz(unit)
 
 
 def test_reload_counts():  # T-76
     rows = {1: 65_536, 2: 32_768, 3: 21_845, 10: 6_553, 64: 1_024, 127: 516}
-    assert {v: reload_count(v) for v in rows} == rows
-    worst = max(1 - reload_count(v) * v / 65_536 for v in range(1, 128))
+    assert {v: timers.reload_count(v) for v in rows} == rows
+    worst = max(1 - timers.reload_count(v) * v / 65_536 for v in range(1, 128))
     assert 100 * worst == pytest.approx(0.171, abs=0.001)
-    assert reload_count(127) / timer_clock_hz(262.5) * 1000 == pytest.approx(59.989, abs=5e-4)
+    assert timers.reload_count(127) / timers.timer_clock_hz(262.5) * 1000 == pytest.approx(59.989, abs=5e-4)
 
 
 @given(st.integers(0, 10**15), st.sampled_from([262.5, 252.6]))
 def test_ticks_are_counted_exactly(time_ns, unit):  # T-74
-    clock = TickClock(unit)
+    clock = timers.TickClock(unit)
     tick = clock.before(time_ns)
     assert clock.time_ns(tick) < time_ns <= clock.time_ns(tick + 1)
     exact = Fraction(tick) / clock.hertz * 1_000_000_000
@@ -56,22 +47,22 @@ def test_phase_accumulator_is_a_tick_by_tick_sum(runs):  # T-74
     for rate, ticks in runs:
         for _ in range(ticks):
             commanded += rate
-            if abs(commanded - counted * STEP_PHASE) > OVERFLOW:
+            if abs(commanded - counted * timers.STEP_PHASE) > timers.OVERFLOW:
                 counted += 1 if rate > 0 else -1
         while ticks:
-            due = min(ticks_to_overflow(phase, rate), ticks)
-            phase, step = run_phase(phase, rate, due)
+            due = min(timers.ticks_to_overflow(phase, rate), ticks)
+            phase, step = timers.run_phase(phase, rate, due)
             position += step
             ticks -= due
         assert position == counted
-        assert position * STEP_PHASE + phase == commanded
+        assert position * timers.STEP_PHASE + phase == commanded
 
 
 @pytest.mark.parametrize(("step_um", "hertz"), [(2, Fraction(43_008, 5)), (5, Fraction(86_016, 25)), (2.5, 6881.28)])
 def test_a_unit_is_one_step_per_65536_ticks_whatever_the_step(step_um, hertz):  # T-74
-    assert float(timer_clock_hz(262.5, step_um)) == pytest.approx(float(hertz))
+    assert float(timers.timer_clock_hz(262.5, step_um)) == pytest.approx(float(hertz))
 
 
 def test_a_speed_unit_beyond_the_arithmetic_is_refused():
     with pytest.raises(InputError, match="choose a rounder one"):
-        timer_clock_hz(999_999_999.123)
+        timers.timer_clock_hz(999_999_999.123)

@@ -1,7 +1,5 @@
 """Reads what the pages of the documentation show: blocks of code, commands, and code between backticks."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

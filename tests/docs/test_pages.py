@@ -5,8 +5,6 @@ comment with a file's name are written to that file; an ``output`` block is what
 are shortened by `commands.SHORT`. What is not run must be named here, with the reason.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

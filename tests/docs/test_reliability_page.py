@@ -1,7 +1,5 @@
 """What docs/reliability.md names: every test there is one, and every fault has its test or says that it has none."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

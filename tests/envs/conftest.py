@@ -1,7 +1,5 @@
 """Environments for tests: coarse, thin, and made by their names."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Every argument of the registered environments can be written as JSON, and comes back as the same environment."""
 
-from __future__ import annotations
-
 import json
 from importlib import resources
 

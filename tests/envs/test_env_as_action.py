@@ -1,7 +1,5 @@
 """What a controller commands, as an action: the environment that is given it runs what was commanded."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What an id says: distribution, time, reward; and what else of a task is an argument."""
 
-from __future__ import annotations
-
 import gc
 from importlib.util import find_spec
 

@@ -1,7 +1,5 @@
 """The pages of the environments, made of what the code declares, are their classes' docstrings."""
 
-from __future__ import annotations
-
 import inspect
 import pydoc
 import re

@@ -1,7 +1,5 @@
 """MaxRate: what its id says, where its discharges are, and what a lost wire costs."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

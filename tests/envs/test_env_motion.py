@@ -1,7 +1,5 @@
 """Steps along a path: exact, in order, back the way they came."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

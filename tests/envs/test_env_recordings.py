@@ -1,7 +1,5 @@
 """Episodes as recordings: the same episode, its wire and gap as of a cut, and what steps commanded and earned."""
 
-from __future__ import annotations
-
 import copy
 from types import SimpleNamespace
 

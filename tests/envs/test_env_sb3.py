@@ -1,7 +1,5 @@
 """The adapter for stable-baselines3."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import gymnasium as gym

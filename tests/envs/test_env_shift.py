@@ -1,7 +1,5 @@
 """Shifts: by the clock, a test cut first, water that drifts; and heat laws that find out what a wire bears."""
 
-from __future__ import annotations
-
 import math
 import pickle
 

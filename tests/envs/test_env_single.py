@@ -1,7 +1,5 @@
 """The single environments: Gymnasium's contract, seeding, endings, errors, copies."""
 
-from __future__ import annotations
-
 import importlib.util
 import pickle
 import re

@@ -1,7 +1,5 @@
 """Episodes for a controller, bit for bit as the environment's; the table, terms of the reward, and planners."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

@@ -1,7 +1,5 @@
 """ThinWire: what is remembered of the wires, and laws that go on after a break."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Trim: the wall as it is measured, the effect of a pass, and what is refused."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

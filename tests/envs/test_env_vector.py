@@ -1,7 +1,5 @@
 """The native vector environment: its environment i is the single one with seed s + i, in all autoreset modes."""
 
-from __future__ import annotations
-
 import pickle
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """Environments that users register: their own family of cuts, or one of ours with other arguments."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from collections.abc import Iterator, Sequence

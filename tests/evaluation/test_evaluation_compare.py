@@ -18,18 +18,7 @@ from edmsim.envs.part_task import Part
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.reward import Weights
 from edmsim.errors import InputError
-from edmsim.evaluation.compare import (
-    FIGURES,
-    Comparison,
-    Figure,
-    env_ids,
-    evaluate,
-    figures_of,
-    interquartile_mean,
-    ratio,
-    scores,
-    usual,
-)
+from edmsim.evaluation import compare
 from edmsim.evaluation.episode import HELD_BACK, Episode, Result
 from edmsim.evaluation.lines import ORACLE_GAPS_UM, lines_of
 from edmsim.evaluation.table import as_json, render, shown
@@ -41,8 +30,8 @@ GAP_FEED, CORNER, CONTOUR = "edmsim/GapFeed-v2", "edmsim/Corner-v2", "edmsim/Con
 
 
 @pytest.fixture(scope="module")
-def compared(short_episodes: None) -> Comparison:
-    return evaluate(GAP_FEED, ["fixed", "voltage"], 3, resolution="fast")
+def compared(short_episodes: None) -> compare.Comparison:
+    return compare.evaluate(GAP_FEED, ["fixed", "voltage"], 3, resolution="fast")
 
 
 def result(rate=10.0, outcome="finished", length=1.0, error=math.nan, reward=100.0, time_s=60.0) -> Result:
@@ -54,26 +43,26 @@ def result(rate=10.0, outcome="finished", length=1.0, error=math.nan, reward=100
 
 def test_policies_are_trained_on_what_controllers_are_compared_on() -> None:
     """An id says it all; a training only keeps a machine for some episodes, where the task lets it."""
-    for env_id in env_ids():
+    for env_id in compare.env_ids():
         keeps = {"machine_episodes"} & {argument.name for argument in fields(arguments_with(env_id))}
         for algo in ("ppo", "sac"):
             assert set(hyperparameters.load(env_id, algo).environment) == keeps
 
 
 def test_an_environment_may_have_laws_and_a_scale_of_its_own() -> None:
-    assert usual("edmsim/MaxRate-v1")[:4] == ["fixed-period", "sato", "heat-flux", "heat-oracle"]
+    assert compare.usual("edmsim/MaxRate-v1")[:4] == ["fixed-period", "sato", "heat-flux", "heat-oracle"]
     lines = lines_of("edmsim/MaxRate-v1")
     assert (lines.blind, lines.reference) == ("fixed-period", "heat-oracle")
     assert (lines_of(GAP_FEED).blind, lines_of(GAP_FEED).reference) == ("fixed", "oracle")
-    assert not {"fixed-period", "heat-oracle"} & set(usual(GAP_FEED))
+    assert not {"fixed-period", "heat-oracle"} & set(compare.usual(GAP_FEED))
 
 
 @pytest.mark.slow
-def test_the_same_comparison_again_is_the_same(compared: Comparison) -> None:
-    assert as_json([evaluate(GAP_FEED, ["fixed", "voltage"], 3, resolution="fast")]) == as_json([compared])
+def test_the_same_comparison_again_is_the_same(compared: compare.Comparison) -> None:
+    assert as_json([compare.evaluate(GAP_FEED, ["fixed", "voltage"], 3, resolution="fast")]) == as_json([compared])
 
 
-def test_every_controller_meets_the_held_back_machines(compared: Comparison) -> None:
+def test_every_controller_meets_the_held_back_machines(compared: compare.Comparison) -> None:
     assert compared.seeds == tuple(HELD_BACK + k for k in range(3))
     assert list(compared.results) == ["fixed", "voltage", "oracle"]
     for results in compared.results.values():
@@ -81,7 +70,7 @@ def test_every_controller_meets_the_held_back_machines(compared: Comparison) -> 
 
 
 def test_every_controller_of_a_task_s_lines_can_be_made() -> None:
-    for env_id in env_ids():
+    for env_id in compare.env_ids():
         lines = lines_of(env_id)
         named = (lines.blind, *lines.rehearsed, *lines.compared)
         if isinstance(arguments_with(env_id), Part):
@@ -90,7 +79,7 @@ def test_every_controller_of_a_task_s_lines_can_be_made() -> None:
             assert [from_text(name).name for name in named] == [name.partition(":")[0] for name in named]
 
 
-def test_the_oracle_is_the_bound_of_its_own_gaps(compared: Comparison) -> None:
+def test_the_oracle_is_the_bound_of_its_own_gaps(compared: compare.Comparison) -> None:
     seed = compared.seeds[0]
     laws = [make("oracle", gap_target_um=gap) for gap in ORACLE_GAPS_UM[::3]]
     own = [started(GAP_FEED, law, seed).run().total_return for law in laws]
@@ -128,7 +117,7 @@ def test_an_episode_can_be_watched_window_by_window() -> None:
     assert watched.last.observation.time_s == pytest.approx(5 * 255e-4)
 
 
-def test_straight_cuts_have_no_path_error_corners_and_contours_have(compared: Comparison) -> None:
+def test_straight_cuts_have_no_path_error_corners_and_contours_have(compared: compare.Comparison) -> None:
     assert math.isnan(compared.results["voltage"][0].error_um)
     assert math.isnan(compared.figures["voltage"]["error_um"].value)
     corner = started(CORNER, make("fixed", feed_um_s=12.0), 3, leg_mm=0.04).run()
@@ -145,10 +134,10 @@ def test_the_edge_of_a_contour_is_measured() -> None:
 
 @pytest.mark.slow
 def test_a_policy_is_compared_like_any_other() -> None:
-    compared = evaluate(GAP_FEED, ["policy:GapFeed-ppo", "counts"], 2)
+    compared = compare.evaluate(GAP_FEED, ["policy:GapFeed-ppo", "counts"], 2)
     assert list(compared.results) == ["policy:GapFeed-ppo", "counts", "fixed", "oracle"]
-    assert "policy:GapFeed-ppo" in usual(GAP_FEED)
-    assert "policy:GapFeed-ppo" not in usual(CORNER)
+    assert "policy:GapFeed-ppo" in compare.usual(GAP_FEED)
+    assert "policy:GapFeed-ppo" not in compare.usual(CORNER)
 
 
 def test_a_jammed_wire_ends_the_cut_and_costs_threading() -> None:
@@ -177,47 +166,47 @@ def test_giving_up_costs_as_much_as_the_limit_it_avoids() -> None:
 
 def test_a_rate_of_few_cuts_of_which_some_have_no_length_has_no_interval() -> None:
     some, many = np.array([1.0, 0.0]), np.append(np.ones(11), 0.0)
-    assert np.isnan([ratio(some, some).low, ratio(some, some).high]).all()
-    assert (ratio(many, many).value, ratio(many, many).low) == (1.0, 1.0)
+    assert np.isnan([compare.ratio(some, some).low, compare.ratio(some, some).high]).all()
+    assert (compare.ratio(many, many).value, compare.ratio(many, many).low) == (1.0, 1.0)
 
 
 def test_losses_are_per_metre_of_all_cuts() -> None:
     results = [result(length=1.0), result(outcome="wire break", length=0.5), result(outcome="jammed", length=0.5)]
-    figures = figures_of(results, [result(20.0)] * 3, [result(5.0)] * 3)
+    figures = compare.figures_of(results, [result(20.0)] * 3, [result(5.0)] * 3)
     assert figures["breaks_per_m"].value == pytest.approx(1 / 0.002)
     assert figures["jams_per_m"].value == pytest.approx(1 / 0.002)
     assert figures["oracle_share"].value == pytest.approx(0.5)
-    assert set(figures) == set(FIGURES)
+    assert set(figures) == set(compare.FIGURES)
 
 
 def test_no_loss_in_a_short_length_excludes_little() -> None:
-    figures = figures_of([result(length=0.5)] * 2, [result()] * 2, [result()] * 2)
-    assert figures["breaks_per_m"] == Figure(0.0, 0.0, pytest.approx(-math.log(0.05) / 0.001))
+    figures = compare.figures_of([result(length=0.5)] * 2, [result()] * 2, [result()] * 2)
+    assert figures["breaks_per_m"] == compare.Figure(0.0, 0.0, pytest.approx(-math.log(0.05) / 0.001))
 
 
 def test_bootstrap_intervals_have_the_width_of_theory() -> None:
     values = np.random.default_rng(1).normal(10.0, 2.0, 400)
-    figure = ratio(values, np.ones(400))
+    figure = compare.ratio(values, np.ones(400))
     assert figure.value == pytest.approx(values.mean())
     assert figure.high - figure.low == pytest.approx(2 * 1.96 * values.std() / 20, rel=0.1)
-    assert ratio(np.full(5, 3.0), np.ones(5)) == Figure(3.0, 3.0, 3.0)
-    assert math.isnan(ratio(np.array([]), np.array([])).value)
+    assert compare.ratio(np.full(5, 3.0), np.ones(5)) == compare.Figure(3.0, 3.0, 3.0)
+    assert math.isnan(compare.ratio(np.array([]), np.array([])).value)
 
 
 def test_a_score_is_what_was_rewarded_between_the_blind_and_the_reference_machine_by_machine() -> None:
     blind, oracle = ([result(reward=value) for value in values] for values in ((0, 0, 100, 50), (100, 200, 300, 40)))
     made = [result(reward=value) for value in (50, 200, 0, 45)]
-    assert scores(made, oracle, blind).tolist() == [0.5, 1.0, -0.5]  # the fourth machine tells nothing
-    assert interquartile_mean(np.array([-90.0, 0.2, 0.4, 0.6, 0.8, 5.0])).value == pytest.approx(0.5)
-    assert figures_of(made, oracle, blind)["score"].value == pytest.approx(1 / 3)
+    assert compare.scores(made, oracle, blind).tolist() == [0.5, 1.0, -0.5]  # the fourth machine tells nothing
+    assert compare.interquartile_mean(np.array([-90.0, 0.2, 0.4, 0.6, 0.8, 5.0])).value == pytest.approx(0.5)
+    assert compare.figures_of(made, oracle, blind)["score"].value == pytest.approx(1 / 3)
 
 
 def test_figures_are_shown_with_their_intervals() -> None:
-    assert shown("rate_mm2_min", Figure(12.34, 10.0, 123.4)) == "12.3 (10.0 to 123)"
-    assert shown("short_share", Figure(0.125, 0.1, 0.2)) == "12.5 % (10.0 to 20.0)"
-    assert shown("error_um", Figure(math.nan, math.nan, math.nan)) == ""
-    assert shown("breaks_per_m", Figure(0.0, 0.0, 419.0)) == "none (at most 419)"
-    assert shown("breaks_per_m", Figure(153.0, 0.0, 536.0)) == "153 (0.0 to 536)"
+    assert shown("rate_mm2_min", compare.Figure(12.34, 10.0, 123.4)) == "12.3 (10.0 to 123)"
+    assert shown("short_share", compare.Figure(0.125, 0.1, 0.2)) == "12.5 % (10.0 to 20.0)"
+    assert shown("error_um", compare.Figure(math.nan, math.nan, math.nan)) == ""
+    assert shown("breaks_per_m", compare.Figure(0.0, 0.0, 419.0)) == "none (at most 419)"
+    assert shown("breaks_per_m", compare.Figure(153.0, 0.0, 536.0)) == "153 (0.0 to 536)"
 
 
 def test_the_table_fits_a_terminal_of_eighty_columns_and_says_what_it_means() -> None:
@@ -227,8 +216,8 @@ def test_the_table_fits_a_terminal_of_eighty_columns_and_says_what_it_means() ->
         "oracle": [result(reward=100.0, error=1.0)] * 12, "fixed": [result(reward=0.0)] * 12,
         "adaptive-off-time": [result(reward=50.0), *[result(reward=60.0, outcome="wire break")] * 11],
     }
-    figures = {name: figures_of(cuts, made["oracle"], made["fixed"]) for name, cuts in made.items()}
-    comparison = Comparison(CONTOUR, "fast", tuple(range(12)), made, figures)
+    figures = {name: compare.figures_of(cuts, made["oracle"], made["fixed"]) for name, cuts in made.items()}
+    comparison = compare.Comparison(CONTOUR, "fast", tuple(range(12)), made, figures)
     texts = []
     for width in (80, 200):
         console = Console(width=width)
@@ -259,7 +248,7 @@ def test_the_table_fits_a_terminal_of_eighty_columns_and_says_what_it_means() ->
 )
 def test_what_cannot_be_compared_is_refused(env_id, controllers, seeds, resolution, words) -> None:
     with pytest.raises(InputError) as refused:
-        evaluate(env_id, controllers, seeds, resolution=resolution)
+        compare.evaluate(env_id, controllers, seeds, resolution=resolution)
     assert words in str(refused.value)
 
 

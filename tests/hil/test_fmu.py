@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import zipfile
 from collections.abc import Iterator
@@ -122,6 +123,8 @@ def test_a_step_of_another_length_and_a_setting_that_cannot_be_are_errors(file):
         fmu.set("t_on_us", 500.0)
         with pytest.raises(fmpy.fmi1.FMICallException):
             fmu.step(1.0)
+    with instance(file) as fmu, pytest.raises(fmpy.fmi1.FMICallException):
+        fmu.step(math.nan)
 
 
 def test_the_description_says_what_it_needs_and_can(file):

@@ -182,7 +182,7 @@ def test_what_cannot_be_measured_is_refused(tmp_path, sensing, said):
 
 
 def test_a_file_of_another_kind_or_in_no_folder_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"\.parquet or \.wav"):
+    with pytest.raises(InputError, match=r"\.parquet \.wav"):
         SampleFile(tmp_path / "gap.csv", Sensing())
     with pytest.raises(InputError, match="cannot be written"):
         SampleFile(tmp_path / "none" / "gap.wav", Sensing())
@@ -233,19 +233,25 @@ def test_a_table_of_delays(tmp_path, monkeypatch):
     [
         ((), "give --serial BOARD"), (("--serial", "uhu"), "there is no board 'uhu'"),
         (("--serial", "spark", "--speed", "0"), "--speed is above 0"),
-        (("--samples", "a.csv"), "written as .parquet or .wav"),
+        (("--samples", "a.csv"), "written as .parquet .wav"),
         (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--fmu", "gap.cir"), "written as .fmu"),
         (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
         (("--samples", "a.wav", "--gap", "0"), "the gap is"),
-        (("--log", "a.csv", "--generator", "steam"), "steam"),
+        (("--log", "a.csv", "--generator", "steam"), "steam"), (("--delays", "a.txt"), "delays is written as .csv"),
+        (("--samples", "a.wav", "--log", "b.csv", "--log-rate", "nan"), "2 to 100 rows"),
+        (("--samples", "a.wav", "--log", "b.csv", "--seconds", "nan"), "--seconds is above 0, not nan"),
+        (("--samples", "a.wav", "--log", "b.csv", "--feed", "nan"), "a feed in um/s must be a number, not nan"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused_in_one_line_and_leaves_nothing(tmp_path, monkeypatch, capfd, words, said):
+@pytest.mark.parametrize("old", [{}, {"a.wav": "samples of the last run", "b.csv": "its log"}])
+def test_what_cannot_be_is_refused_in_one_line_and_loses_nothing(tmp_path, monkeypatch, capfd, words, said, old):
     monkeypatch.chdir(tmp_path)
+    for name, text in old.items():
+        Path(name).write_text(text)
     assert run(monkeypatch, "gap", *words) == 2
     err = capfd.readouterr().err
     assert said in err
-    assert not [file for file in Path().rglob("*") if file.is_file()]
+    assert {str(file): file.read_text() for file in Path().rglob("*") if file.is_file()} == old
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """The example that adapts to a machine: it records, fits, and shows what its policy expects on a new machine."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

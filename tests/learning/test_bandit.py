@@ -1,7 +1,5 @@
 """A policy that chooses settings of a law: it finds the best one, uses what it learned before, and goes on."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

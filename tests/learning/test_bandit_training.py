@@ -1,7 +1,5 @@
 """Training of a bandit: it finds what machines have in common, can be resumed, and its policy cuts."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

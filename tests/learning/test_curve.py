@@ -1,7 +1,5 @@
 """Learning curves in words."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Data sets: what a controller did, as Minari keeps it, whole after an interruption."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

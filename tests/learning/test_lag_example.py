@@ -1,7 +1,5 @@
 """The example that finds out how far a wire lags: its schedule, its student, its recordings and its policy."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A learner of one's own leaves as a policy file that does what it does, and a learner begins with a policy file."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from functools import partial

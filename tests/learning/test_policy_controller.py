@@ -1,7 +1,5 @@
 """A policy as a controller does what it would do in its environment; files that cannot be used are refused."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """What was learned since a start is accepted only where other machines do not earn less by it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Training, in a short form, and what it leaves."""
 
-from __future__ import annotations
-
 import importlib.util
 import subprocess
 import sys

@@ -73,7 +73,11 @@ def test_every_setting_of_every_file_runs() -> None:
         for at in found.heights:
             for one in at.passes:
                 machine_of(one, found.machine, found.material, found.wire, at.height_mm).check()
-                assert one.controller().partition(":")[0] in ("counts", "trim")
+                law, _, parameters = one.controller().partition(":")
+                assert law == ("trim" if one.feed == "constant" else "counts")
+                # a lead-in has no corners
+                assert ("before_um=200," in parameters) == (law == "trim")
+                assert "before_um" not in one.controller(scale=0.25)
 
 
 def test_what_it_has_no_settings_for_is_refused_with_what_to_do() -> None:

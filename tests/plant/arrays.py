@@ -1,7 +1,5 @@
 """Arrays of a plant at rest, of a model alone."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

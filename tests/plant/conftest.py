@@ -1,7 +1,5 @@
 """Set-ups shared by the tests of the plant: quiet physics, a hole of known gap, a motor at fixed speed."""
 
-from __future__ import annotations
-
 import pytest
 
 import edmsim

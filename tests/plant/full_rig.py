@@ -1,7 +1,5 @@
 """Wire and table alone under MuJoCo, moved over many pulses."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numba

@@ -1,7 +1,5 @@
 """Ignition: the delay law against its published table, and the pulse loop's use of it."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """The push of a confined bubble: the law of the loop and its limits, the slit's equations behind it."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The kerf field as the wire sees and cuts it: edges at any angle, craters exact to the part."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

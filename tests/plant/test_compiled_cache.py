@@ -1,7 +1,5 @@
 """The cache of compiled code: damaged files are made anew, and it needs neither a home nor a shared folder."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import runpy

@@ -1,7 +1,5 @@
 """Gas on the wire's front: its closed forms, what it shields, and that its energy is there."""
 
-from __future__ import annotations
-
 import math
 
 import numba

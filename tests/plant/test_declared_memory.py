@@ -1,7 +1,5 @@
 """Arrays of the loop are declared once; memory refuses what is not as declared."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Same seed, same set-up, same motion: same bits; and nothing of one run reaches another."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import subprocess

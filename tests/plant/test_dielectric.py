@@ -1,7 +1,5 @@
 """Debris and flushing: what the water carries off, and when debris bridges the gap."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What comes out of the pulse loop and is put in nowhere: gaps, kerf, shapes, shorts, lag, corners, rupture."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

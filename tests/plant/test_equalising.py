@@ -1,7 +1,5 @@
 """Equalising pulses at the gap: what they hold at 0 V, where they cannot, what they take, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

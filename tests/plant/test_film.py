@@ -1,7 +1,5 @@
 """The film of water between wire and metal: its closed forms, and the motion they allow in a plant."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

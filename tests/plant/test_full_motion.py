@@ -1,7 +1,5 @@
 """The full model under MuJoCo: against closed forms, and against the modal plant."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The pulse generator: settings it refuses, and what its three modes do in the gap."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

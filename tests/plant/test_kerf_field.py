@@ -1,7 +1,5 @@
 """The kerf field as a store: what it counts, what it remembers, and that tiles do not show from outside."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

@@ -1,7 +1,5 @@
 """Marks in a compiled program: while it runs, a number says which of its parts it is in."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """One mode of the wire in the mean film: its motion over a pulse against its exact propagator."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm

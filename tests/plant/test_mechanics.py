@@ -357,3 +357,18 @@ def test_import_leaves_mujoco_alone() -> None:
     code = "import sys, edmsim.plant.mechanics.model; print('mujoco' in sys.modules, 'scipy.linalg' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]
+
+
+@pytest.mark.slow
+def test_a_plant_loads_neither_scipy_linalg_nor_asyncio() -> None:
+    """Both would make every start longer; scipy.linalg, loaded afterwards, shares the routine."""
+    code = """
+import sys, edmsim
+from edmsim.plant.mechanics.modes import _dsygvd
+edmsim.Plant(edmsim.Machine.load(), resolution="fast").advance()
+print('scipy.linalg' in sys.modules, 'asyncio' in sys.modules)
+from scipy.linalg.lapack import dsygvd
+print(dsygvd is _dsygvd())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False", "True"]

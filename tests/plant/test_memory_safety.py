@@ -1,7 +1,5 @@
 """No constant and no snapshot makes compiled code write outside its arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

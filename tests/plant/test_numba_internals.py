@@ -1,9 +1,9 @@
 """What edmsim uses of numba beyond its documented interface, by name: a release that changes it fails here."""
 
-from __future__ import annotations
-
 import inspect
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,15 +19,19 @@ from numba.core import (
     compiler_lock,
     datamodel,
     dispatcher,
+    postproc,
     registry,
     sigutils,
+    targetconfig,
+    transforms,
 )  # fmt: skip
+from numba.core.annotations import type_annotations
 from numba.core.typing import templates
-from numba.np import arrayobj
+from numba.np import arrayobj, linalg
 
 import edmsim
 from edmsim.compiled import cache
-from edmsim.compiled.jit import exactly_compiled
+from edmsim.compiled.jit import compiled, exactly_compiled
 from edmsim.compiled.numba_internals import address_of, call_returning
 
 USED = [
@@ -50,6 +54,10 @@ USED = [
     (cgutils, "get_or_insert_function"), (datamodel, "PrimitiveModel"), (datamodel, "StructModel"),
     (templates, "AttributeTemplate"), (templates.AttributeTemplate, "generic_resolve"),
     (arrayobj, "populate_array"), (types, "unliteral"), (types.Function, "get_call_type"),
+    (linalg, "ensure_blas"), (compiler.Flags, "no_cpython_wrapper"), (targetconfig.TargetConfig, "values"),
+    (targetconfig.TargetConfig, "options"), (postproc.PostProcessor, "run"), (postproc, "VariableLifetime"),
+    (transforms, "canonicalize_cfg"), (type_annotations, "TypeAnnotation"),
+    (registry.CPUDispatcher, "enable_caching"),
 ]  # fmt: skip
 
 
@@ -99,6 +107,27 @@ def test_a_part_of_compiled_code_gets_machine_code_when_python_calls_it(
     assert whole(2.0) == 2.0 / 3 + 1.0
 
 
+def test_python_calls_what_a_part_calls_and_is_compiled_with_liberties(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache, "folder", tmp_path)
+    third = compiled(_thirds)
+
+    @exactly_compiled
+    def part(x: float) -> float:
+        return third(x)
+
+    @exactly_compiled
+    def whole(x: float) -> float:
+        return part(x) + 1.0
+
+    assert whole(3.0) == pytest.approx(2.0)
+    assert third(6.0) == pytest.approx(2.0)
+    again: Any = compiled(_thirds)  # as another process finds it
+    assert again(9.0) == pytest.approx(3.0)
+    assert sum(again.stats.cache_hits.values()) == 1
+
+
 def test_compiled_code_calls_a_function_at_its_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "folder", tmp_path)
     part, third = exactly_compiled(_thirds), call_returning(types.float64)
@@ -141,3 +170,11 @@ def test_no_other_file_uses_them() -> None:
         for file in folder.rglob("*.py") if private.search(file.read_text(encoding="utf-8"))
     }
     assert found == {"compiled/numba_internals.py"}
+
+
+def test_a_process_keeps_the_objects_that_it_froze_itself() -> None:
+    """`gc.unfreeze` would bring them back to the collector."""
+    code = "from edmsim.compiled.start import garbage_left; import gc; gc.freeze()\nwith garbage_left(): pass\n"
+    code += "print(gc.get_freeze_count() > 0)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True"]

@@ -1,7 +1,5 @@
 """A user's own machine: the MJCF beside its TOML file is read, checked, and noticed when changed."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Heights that are not whole numbers of slices: the topmost slice stands for what is over or lacking."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

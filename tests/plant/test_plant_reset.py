@@ -1,7 +1,5 @@
 """A plant after `reset` is the plant it was when it was made, and its defaults are its own machine's."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import edmsim

@@ -1,7 +1,5 @@
 """The plant from outside: what a window of 255 pulses shows as the wire is fed, forced, withdrawn or stepped."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The pulses of a window, noted one by one: they add up to the window, and noting them changes nothing."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

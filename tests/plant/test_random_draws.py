@@ -1,7 +1,5 @@
 """Counter-based draws: uniform, and unrelated between counts and keys."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The arc of rays that faces metal: it has every ray that meets metal once, wherever it begins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """The same cut by modes and by MuJoCo: what a controller sees of it must not depend on the integrator."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

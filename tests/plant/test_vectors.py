@@ -1,7 +1,5 @@
 """Vectors of the pulse loop and its elementary functions, against those of numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Loads and heat of the wire: published electrostatic force, closed forms of the heat balance, breakage."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

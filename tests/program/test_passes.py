@@ -122,6 +122,10 @@ def test_a_dwell_is_waited_for_in_every_pass_that_comes_by(tmp_path: Path, tab_m
     assert [leg.dwell_s for leg in legs if leg.dwell_s] == [2.5] * len(profile)
     for before, leg in pairwise(legs):
         np.testing.assert_array_equal(before.points_um[-1], leg.points_um[0])
+    # a pass that runs against the contour's direction has the part on its other side
+    other = {"left": "right", "right": "left"}
+    for leg in legs:
+        assert leg.part_side == (other[contour.part_side] if leg.cut_pass.reversed else contour.part_side)
 
 
 def test_dwells_of_a_program_stay_in_its_passes(tmp_path: Path) -> None:

@@ -263,7 +263,7 @@ def test_a_wire_without_a_way_to_its_contour_is_threaded_upright():
     contour = path.contours[0]
     assert contour.lean.upper_um[0].tolist() == [0, 0]
     assert contour.lead_in_moves == 1
-    assert contour.along_um[1] == pytest.approx(10_000 * math.tan(math.radians(5.0)), abs=2.0)
+    assert contour.way.along_um[1] == pytest.approx(10_000 * math.tan(math.radians(5.0)), abs=2.0)
 
 
 def test_an_inner_radius_smaller_than_the_wire_is_refused():

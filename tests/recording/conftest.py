@@ -171,8 +171,8 @@ def cut() -> SimpleNamespace:
     return SimpleNamespace(
         table=table,
         windows=arrow,
-        frames=frames(table.values()),
-        closeups=closeups(table.values()),
+        frames=frames(table.rows),
+        closeups=closeups(table.rows),
         machine=Machine.load(height_mm=20.0),
         scene=scene,
         totals=totals,

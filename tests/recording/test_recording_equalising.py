@@ -57,7 +57,7 @@ def test_the_table_has_what_is_left_and_what_it_takes_and_a_plain_one_does_not(e
         np.testing.assert_array_equal(column(read, name), column(table, name))
     resumed = WindowTable(equalising=True)
     resumed.restore(equalised.store.windows.snapshot())
-    np.testing.assert_array_equal(resumed.values(), equalised.store.windows.values())
+    np.testing.assert_array_equal(resumed.rows, equalised.store.windows.rows)
 
 
 # T-86

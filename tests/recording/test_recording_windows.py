@@ -63,7 +63,7 @@ def test_every_column_says_its_unit_and_meaning(cut: SimpleNamespace) -> None:
 def test_rows_come_back_as_appended(n: int) -> None:
     table = filled(n)
     assert len(table) == n
-    rows = table.values()
+    rows = table.rows
     assert rows.shape == (n, len(ROW_NAMES))
     np.testing.assert_array_equal(rows[:, 3], [i % 200 + 3 / 32 for i in range(n)])
 
@@ -73,7 +73,7 @@ def test_counts_are_integers_and_values_are_exact(cut: SimpleNamespace) -> None:
         assert cut.windows.schema.field(name).type == pa.int16()
     counts = sum(column(cut.windows, name) for name in ("short", "open", "spark", "arc"))
     np.testing.assert_array_equal(counts, 255)
-    np.testing.assert_array_equal(column(cut.windows, "gap_um"), cut.table.values()[:, NAMES.index("gap_um")])
+    np.testing.assert_array_equal(column(cut.windows, "gap_um"), cut.table.rows[:, NAMES.index("gap_um")])
 
 
 def test_error_is_unknown_until_the_cut_is_measured() -> None:
@@ -92,13 +92,13 @@ def test_a_row_of_the_wrong_length_is_refused() -> None:
 
 @pytest.mark.parametrize("before", [0, 1, 4096, 5000])
 def test_resuming_continues_the_same_table(before: int) -> None:
-    whole, first = filled(6000).values(), filled(before)
+    whole, first = filled(6000).rows, filled(before)
     resumed = WindowTable()
     resumed.append([0.0] * len(ROW_NAMES))
     resumed.restore(first.snapshot())
     for row in whole[before:]:
         resumed.append(row)
-    np.testing.assert_array_equal(resumed.values(), whole)
+    np.testing.assert_array_equal(resumed.rows, whole)
 
 
 def test_a_snapshot_does_not_follow_the_table() -> None:

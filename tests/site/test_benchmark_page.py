@@ -1,7 +1,5 @@
 """docs/benchmark.md: what each controller scores, under the command that found it."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable

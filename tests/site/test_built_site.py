@@ -1,7 +1,5 @@
 """The documentation as a reader gets it: built without a warning, and nothing in it leads nowhere."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The tables of what a cut does when a drive fails: every way is in its page, and does what the page says."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType

@@ -1,7 +1,5 @@
 """Figures that several pages give are one figure."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Links of the pages as they are read in the repository: files and headings are there."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

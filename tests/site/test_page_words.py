@@ -1,7 +1,5 @@
 """Pages are plain English, and no line of theirs vanishes from the site."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

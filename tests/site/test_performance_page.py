@@ -1,7 +1,5 @@
 """docs/performance.md: its tables are those that its script writes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType

@@ -1,7 +1,5 @@
 """`make pictures`: the pages it takes pictures of are there, and what it lacks is said in one line."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

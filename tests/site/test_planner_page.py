@@ -1,7 +1,5 @@
 """docs/planners.md: every planner and speed, written by the code as it is; and the errors it tells are errors."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -4,8 +4,6 @@ The parts are ``open``, ``vectors``, ``kills``, ``hour``, ``steps`` and ``sweep`
 last by default, one after the other.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import platform

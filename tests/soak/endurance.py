@@ -1,7 +1,5 @@
 """Long runs: an hour of a machine, a million steps of environments; memory beside what the cut itself needs."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

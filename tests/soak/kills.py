@@ -1,7 +1,5 @@
 """A short cut that is killed (SIGKILL) at random moments and resumed, until it is finished."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

@@ -1,7 +1,5 @@
 """A sweep of short cuts on two Ray nodes: a node is lost, then the driver is killed; the same command finishes it."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

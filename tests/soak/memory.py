@@ -1,7 +1,5 @@
 """How much memory a process holds, and whether that grows."""
 
-from __future__ import annotations
-
 import gc
 import os
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The short form of the soak, and of what it measures with."""
 
-from __future__ import annotations
-
 import gc
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Environments in processes of their own, and what they leave behind when they are closed."""
 
-from __future__ import annotations
-
 import gc
 import multiprocessing
 import os

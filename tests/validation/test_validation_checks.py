@@ -136,10 +136,10 @@ def test_shorts_have_no_delay_and_an_open_pulse_has_the_on_time():
     assert window.short == 0
     pulses = window.spark + window.arc
     mean = (pulses * window.mean_delay_us + ignition.THESIS_ON_US * window.open) / (pulses + window.open)
-    assert debris.waited_us([window]) == pytest.approx(mean)
-    assert debris.waited_us([window._replace(short=45)]) == pytest.approx(mean)
+    assert ignition.mean_delay_us([window]) == pytest.approx(mean)
+    assert ignition.mean_delay_us([window._replace(short=45)]) == pytest.approx(mean)
     nothing = window._replace(short=255, open=0, spark=0, arc=0, mean_delay_us=math.nan)
-    assert math.isnan(debris.waited_us([nothing]))
+    assert math.isnan(ignition.mean_delay_us([nothing]))
 
 
 def test_the_jets_flush_out_half_of_a_thin_loading_and_less_of_a_thick_one():

@@ -116,24 +116,12 @@ class Operation:
         way = "NOT INITIALISED" if computer.state == OFF else rig.way
         return Status(
             state=f"EMERGENCY: {rig.cause}" if rig.in_emergency else way,
-            position=computer.position,
-            unit=rig.unit_name,
-            speed=computer.speed,
-            running=computer.signed(at.CUTVEL),
-            short=computer.word(at.SHORTS),
-            open=computer.word(at.OPENS),
-            counted=computer.word(at.COUNTED),
-            windows=rig.windows,
-            missed=rig.board.counters.missed,
-            t_i=t_i,
-            t_p=t_p,
-            t_i_us=t_i_us,
-            t_p_us=t_p_us,
-            generator_on=rig.board.generator_on,
-            voltage_V=voltage,
-            current_A=current,
-            time_s=rig.time_ns * 1e-9,
-            move=rig.move,
+            position=computer.position, unit=rig.unit_name, move=rig.move, time_s=rig.time_ns * 1e-9,
+            speed=computer.speed, running=computer.signed(at.CUTVEL),
+            short=computer.word(at.SHORTS), open=computer.word(at.OPENS), counted=computer.word(at.COUNTED),
+            windows=rig.windows, missed=rig.board.counters.missed,
+            t_i=t_i, t_p=t_p, t_i_us=t_i_us, t_p_us=t_p_us,
+            generator_on=rig.board.generator_on, voltage_V=voltage, current_A=current,
         )
 
     def advance(self) -> list[str]:

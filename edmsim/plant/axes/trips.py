@@ -45,8 +45,8 @@ def _off_um(row: Any) -> float:
 
 
 def _own_words(drives: Drives, k: int) -> str:
-    tells = getattr(drives.by_axis[AXIS_NAMES[k]], "why_stopped", None)
-    return str(tells()) if tells is not None else ""
+    explain = getattr(drives.by_axis[AXIS_NAMES[k]], "why_stopped", None)
+    return str(explain()) if explain is not None else ""
 
 
 def _line_low(drives: Drives, k: int) -> str:

@@ -121,7 +121,7 @@ def machine_spec(wire: WireSetup, model_file: str = MODEL_FILE, n_nodes: int | N
     if n_nodes is not None:
         _thin_out(spec, n_nodes)
     nodes = [body for body in spec.bodies if body.name.startswith("wire_")]
-    _string_wire(wire, nodes, [tendon for tendon in spec.tendons if tendon.name.startswith("segment_")])
+    _fit_wire(wire, nodes, [tendon for tendon in spec.tendons if tendon.name.startswith("segment_")])
     spec.body("upper_arm").pos = [0.0, 0.0, wire.guide_distance_m]
     _draw_workpiece(spec, wire.guide_distance_m)
     spec.option.timestep = wire.guide_distance_m / (len(nodes) + 1) / (2 * wire.wave_speed)
@@ -140,7 +140,7 @@ def _thin_out(spec: mujoco.MjSpec, n_nodes: int) -> None:
     last.wrap_site("upper_guide")
 
 
-def _string_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None:
+def _fit_wire(wire: WireSetup, nodes: list[Any], segments: list[Any]) -> None:
     """Give the chain's nodes and segments the wire's mass, damping and tension."""
     spacing = wire.guide_distance_m / (len(nodes) + 1)
     heights = np.asarray(spacing * np.arange(1, len(nodes) + 1), np.float64)

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import functools
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from importlib.machinery import PathFinder
+from importlib.util import find_spec, module_from_spec
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,13 +103,31 @@ def check_independent(linear: Linear, blocks: list[list[int]]) -> None:
             )
 
 
+@functools.cache
+def _dsygvd() -> Callable[[Array, Array], tuple[Array, Array, int]]:
+    """Return what scipy.linalg.eigh calls, without its checks, as draws need it often.
+
+    Its module is loaded without the package around it, whose arrays of other libraries take a tenth of a second.
+    """
+    name = "scipy.linalg._flapack"
+    lapack: Any = sys.modules.get(name)
+    if lapack is None:
+        package = find_spec("scipy.linalg")
+        spec = PathFinder.find_spec(name, package.submodule_search_locations if package else None)
+        if spec is None or spec.loader is None:  # another scipy has it elsewhere
+            from scipy.linalg import lapack as public
+
+            return public.dsygvd
+        lapack = module_from_spec(spec)
+        spec.loader.exec_module(lapack)
+    return lapack.dsygvd  # type: ignore[no-any-return]
+
+
 def block_modes(linear: Linear, block: list[int]) -> Modes:
     """Return the modes of a block: ``K phi = omega^2 M phi``, each mode's first coordinate positive."""
-    from scipy.linalg.lapack import dsygvd  # what scipy.linalg.eigh calls, without its checks: draws need it often
-
     inside = np.ix_(block, block)
     mass, damping, stiffness = linear.mass[inside], linear.damping[inside], linear.stiffness[inside]
-    squares, shape, failed = dsygvd((stiffness + stiffness.T) / 2, mass)
+    squares, shape, failed = _dsygvd()((stiffness + stiffness.T) / 2, mass)
     if failed:
         raise InputError("the machine at rest has no modes: its mass is not positive")
     if squares[0] <= 0:

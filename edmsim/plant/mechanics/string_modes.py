@@ -46,8 +46,8 @@ def string_modes(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m
     mass[nodes, nodes] += np.tile(new.mass_kg - known.nodes.mass_kg, 2)
     damping[nodes, nodes] += np.tile(new.damping_N_s_m - known.nodes.damping_N_s_m, 2)
     stiffness[np.ix_(nodes, nodes)] *= new.segment_N_m / known.nodes.segment_N_m
-    string_linear = Linear(mass, damping, stiffness, linear.input)
-    return reduced(string_linear, known.blocks, new.heights_m, wire.guide_distance_m, n_modes, slice_heights_m)
+    fitted = Linear(mass, damping, stiffness, linear.input)
+    return reduced(fitted, known.blocks, new.heights_m, wire.guide_distance_m, n_modes, slice_heights_m)
 
 
 def modes_with(wire: WireSetup, model_file: str, n_modes: int, slice_heights_m: tuple[float, ...]) -> ModalModel:
@@ -87,7 +87,7 @@ class _Reference(NamedTuple):
     nodes: _Nodes
 
 
-def _string_nodes(wire: WireSetup, heights_m: Array, spacing_m: float) -> _Nodes:
+def _nodes_at(wire: WireSetup, heights_m: Array, spacing_m: float) -> _Nodes:
     mass_kg = node_mass_kg(wire, heights_m, spacing_m)
     return _Nodes(heights_m, mass_kg, node_damping_N_s_m(wire, mass_kg), wire.tension / spacing_m)
 
@@ -96,7 +96,7 @@ def _nodes_of(wire: WireSetup, known: _Reference) -> _Nodes:
     """Return the nodes of another wire, of which there are as many."""
     count = len(known.blocks[0])
     spacing_m = wire.guide_distance_m / (count + 1)
-    return _string_nodes(wire, np.asarray(spacing_m * np.arange(1, count + 1), np.float64), spacing_m)
+    return _nodes_at(wire, np.asarray(spacing_m * np.arange(1, count + 1), np.float64), spacing_m)
 
 
 @functools.lru_cache(maxsize=16)
@@ -128,5 +128,5 @@ def _read_machine(model_file: str) -> _Reference:
     across = Linear(linear.mass[inside], linear.damping[inside], linear.stiffness[inside], linear.input[blocks[0]])
     if np.abs(across.stiffness[1:-1].sum(axis=1)).max() > _ANCHORED * across.stiffness.max():
         raise InputError("the wire's nodes are held by more than the segments between them", model_file)
-    nodes = _string_nodes(wire, heights_m, guide_distance_m / (len(heights_m) + 1))
+    nodes = _nodes_at(wire, heights_m, guide_distance_m / (len(heights_m) + 1))
     return _Reference(linear, blocks, across, nodes)

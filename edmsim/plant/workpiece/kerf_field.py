@@ -175,8 +175,9 @@ class KerfField:
             grown = np.empty((self.count * 3 // 2 + 1, *self.tiles.shape[1:]), np.uint16)
             grown[: self.count] = self.tiles
             self.tiles = grown
-        self.tiles[self.count] = self.stock_tile(tx, ty)
-        self._stock_parts += int(self.tiles[self.count].sum(dtype=np.int64))
+        parts = self._stock_tile(tx, ty)
+        self.tiles[self.count] = parts
+        self._stock_parts += int(parts.sum(dtype=np.int64)) * (self.n_slices if parts.ndim == 2 else 1)
         if self.relief is not None:
             self._add_levels(self.relief, tx, ty)
         self.index[tx, ty] = self.count
@@ -193,19 +194,22 @@ class KerfField:
 
     def stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
         """Parts of metal in a tile before the cut: (n_slices, TILE, TILE), not to be written to."""
+        return np.broadcast_to(self._stock_tile(tx, ty), (self.n_slices, TILE, TILE))
+
+    def _stock_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
+        """Parts of metal in a tile before the cut, (TILE, TILE) where all slices have the same."""
         parts = self._blank_tile(tx, ty)
         gone = self._gone_in(tx, ty, self.gone)
         return parts if gone is None else np.where(gone, np.uint16(0), parts)
 
     def _blank_tile(self, tx: int, ty: int) -> NDArray[np.uint16]:
-        """Parts of metal in a tile of the blank: (n_slices, TILE, TILE)."""
-        x, y = _centres_um(tx, ty, self.cell_um)
-        metal = None if self.relief is None else self.relief.metal(x, y, self.cell_um)
-        if metal is None:
-            parts = _even_parts(self._even, tx, ty, self.cell_um)
-        else:
-            parts = _in_parts(self.stock.fraction(x, y, self.cell_um) * metal)
-        return np.broadcast_to(parts, (self.n_slices, TILE, TILE))
+        """Parts of metal in a tile of the blank, (TILE, TILE) where all slices have the same."""
+        if self.relief is not None:
+            x, y = _centres_um(tx, ty, self.cell_um)
+            metal = self.relief.metal(x, y, self.cell_um)
+            if metal is not None:
+                return _in_parts(self.stock.fraction(x, y, self.cell_um) * metal)
+        return _even_parts(self._even, tx, ty, self.cell_um)
 
     def _gone_in(self, tx: int, ty: int, pieces: tuple[shapely.Polygon, ...]) -> NDArray[np.bool_] | None:
         """Say which cells (TILE, TILE) of a tile have their middles in some pieces; None if no piece is near."""

@@ -17,7 +17,7 @@ from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
 from edmsim.recording.figures import palette, style
 from edmsim.recording.figures.profile import draw_errors, label_corners
-from edmsim.recording.report import Report
+from edmsim.recording.report import Report, mm_text
 from edmsim.recording.scene import ErrorMap, Scene
 from edmsim.recording.windows import column
 
@@ -28,18 +28,7 @@ _SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may
 
 
 def shares_figure(scene: Scene) -> Figure:
-    """Draw the profile error and its shares over the distance along the nominal edges.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of a cut: ``result.scene``.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide, with an Agg canvas: a panel for the error and each share, all on one scale.
-    """
+    """Draw the profile error and its shares over the distance along the nominal edges, a panel each, on one scale."""
     figure = style.column_figure(5.6, top_in=0.25, left_in=0.52)
     split = [edge for edge in scene.maps if edge.shares_um is not None and np.isfinite(edge.error_um).any()]
     if not split:
@@ -83,18 +72,7 @@ LABELLED = 6  # corners whose error is written beside them: the worst ones
 
 
 def error_figure(scene: Scene) -> Figure:
-    """Draw the profile error along the nominal edge, exaggerated, with colours for sign and size.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of a cut: ``result.scene``.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide, with an Agg canvas.
-    """
+    """Draw the profile error along the nominal edge, exaggerated, with colours for sign and size."""
     if not len(scene.known_errors()):
         return style.nothing_to_show(style.column_figure(2.0), "no profile error: no edge of the part was measured")
     scene = scene.in_program()
@@ -124,19 +102,12 @@ def error_figure(scene: Scene) -> Figure:
 def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) -> Figure:
     """Draw one corner: above, metal and paths to scale; below, the deviations along the corner.
 
+    The wire's path is that of its middle between the faces, averaged over windows.
+
     Parameters
     ----------
-    scene : Scene
-        Of a cut: ``result.scene``.
-    windows : pyarrow.Table
-        The cut's table of windows.
     corner : int, optional
         Index in ``scene.corners``; by default that of the largest error.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide. The wire's path is that of its middle between the faces, averaged over windows.
 
     Raises
     ------
@@ -151,10 +122,10 @@ def corner_figure(scene: Scene, windows: pa.Table, corner: int | None = None) ->
     place = np.array([chosen.x_mm, chosen.y_mm])
     _draw_detail(detail, scene, windows, place)
     _draw_deviation(below, scene, windows, place)
-    x, y = np.round(place - (scene.origin_mm or (0.0, 0.0)), 6) + 0.0  # not -0.000
+    x, y = map(mm_text, (place - (scene.origin_mm or (0.0, 0.0))).tolist())
     error = "not measured" if np.isnan(chosen.error_um) else f"{chosen.error_um:+.1f} µm".replace("-", "−")
     detail.set_title(
-        f"corner at X {x:.3f} Y {y:.3f} mm, {chosen.turn_deg:+.0f}°: {error}".replace("-", "−"),
+        f"corner at X {x} Y {y} mm, {chosen.turn_deg:+.0f}°: {error}".replace("-", "−"),
         fontsize=style.LABEL_PT, color=palette.INK, loc="left", pad=28,
     )  # fmt: skip
     return figure
@@ -251,16 +222,8 @@ def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Array, s: Array, place_mm:
 def kerf_figure(report: Report) -> Figure:
     """Draw the kerf's cross-section over the workpiece's height, averaged along the cut.
 
-    Parameters
-    ----------
-    report : Report
-        Of a cut.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide. The band covers nine tenths of the measured places. The gap between wire and walls is
-        enlarged, and the wire left out.
+    The band covers nine tenths of the measured places. The gap between wire and walls is enlarged, and the wire left
+    out.
     """
     figure = style.column_figure(2.9, top_in=0.36)
     slices = report.kerf_section

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from edmsim.geometry import arc_lengths
 from edmsim.recording.figures import style
-from edmsim.recording.figures.palette import BLUE, ERROR_STOPS, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
+from edmsim.recording.figures.palette import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.recording.report import Report
 from edmsim.recording.scene import Scene
 
@@ -23,18 +23,7 @@ def pass_colour(number: int) -> str:
 
 
 def passes_figure(report: Report) -> Figure:
-    """Draw the result of each pass: wall over the height, time, stock and roughness.
-
-    Parameters
-    ----------
-    report : Report
-        Of a cut in passes.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide, with an Agg canvas.
-    """
+    """Draw the result of each pass of a cut in passes: wall over the height, time, stock and roughness."""
     rows = [row for row in report.passes if row.piece == "profile" and row.left_um is not None]
     if not rows:
         none = "no passes: the cut was made in one, or none was finished"
@@ -66,18 +55,7 @@ def passes_figure(report: Report) -> Figure:
 
 
 def face_figure(scene: Scene) -> Figure:
-    """Draw the cut face unrolled: the profile error over distance along the edge and height.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of a cut: ``result.scene``.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide, with an Agg canvas: a panel per contour, at most four.
-    """
+    """Draw the cut face unrolled, at most four contours: profile error over distance along the edge and height."""
     faces = [edge for edge in scene.maps if edge.face_um is not None and np.isfinite(edge.face_um).any()]
     if not faces:
         return style.nothing_to_show(style.column_figure(2.0), "no face: no edge of the part was measured")
@@ -87,7 +65,6 @@ def face_figure(scene: Scene) -> Figure:
         [np.abs(edge.face_um[np.isfinite(edge.face_um)]) for edge in shown if edge.face_um is not None]
     )
     limit = max(float(np.percentile(known, 97)), 0.1)
-    colours = LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
     panels = np.atleast_1d(figure.subplots(len(shown), 1, gridspec_kw={"hspace": 0.35}))
     for axes, edge in zip(panels, shown, strict=True):
         assert edge.face_um is not None
@@ -97,7 +74,8 @@ def face_figure(scene: Scene) -> Figure:
             np.concatenate([way, way[-1:] + max(way[-1] - way[-2], 1e-3)]) if len(way) > 1 else np.array([0.0, 1.0])
         )
         axes.pcolormesh(
-            ends, heights, edge.face_um, cmap=colours, norm=Normalize(-limit, limit), rasterized=True, shading="flat"
+            ends, heights, edge.face_um, cmap=style.ERROR_COLOURS, norm=Normalize(-limit, limit), rasterized=True,
+            shading="flat",
         )
         style.dress(axes, "", "height, mm")
         axes.grid(visible=False)

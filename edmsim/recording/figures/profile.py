@@ -11,7 +11,7 @@ import pyarrow as pa
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from edmsim.metrology.edges import filled
 from edmsim.metrology.profile import CornerError
 from edmsim.recording.figures import palette
-from edmsim.recording.figures.style import NotebookFigure, figure_png, fill, quiet
+from edmsim.recording.figures.style import ERROR_COLOURS, NotebookFigure, figure_png, fill, quiet
 from edmsim.recording.report import Report, duration_text, rate_text
 from edmsim.recording.scene import Scene, round_number
 from edmsim.recording.windows import column, lag_along_um, pause_rows, stretches
@@ -267,8 +267,7 @@ def draw_errors(
 ) -> LineCollection | None:
     """Draw the profile error away from the edge, by a factor and in colours; returns the last lines, if any."""
     limit = scene.error_limit_um()
-    norm, colours = Normalize(-limit, limit), LinearSegmentedColormap.from_list("profile error", palette.ERROR_STOPS)
-    style: dict[str, Any] = {"cmap": colours, "norm": norm}
+    style: dict[str, Any] = {"cmap": ERROR_COLOURS, "norm": Normalize(-limit, limit)}
     lines = None
     for edge in scene.maps:
         shown = edge.exaggerated_mm(factor)
@@ -395,24 +394,7 @@ REASON_LETTERS = 130  # letters of a line in which it is said why a cut stopped
 
 
 def profile_figure(scene: Scene, windows: pa.Table, report: Report, title: str) -> Figure:
-    """Draw the cut.
-
-    Parameters
-    ----------
-    scene : Scene
-        Drawing, cut edges, error, corners.
-    windows : pyarrow.Table
-        The table of windows.
-    report : Report
-        For the heading.
-    title : str
-        Usually the program's name.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With an Agg canvas; matplotlib's global state does not change.
-    """
+    """Draw a cut: part, kerf and error from above, and the process over machine time, under a title."""
     inches = (PROFILE_DOTS[0] / PROFILE_DPI, PROFILE_DOTS[1] / PROFILE_DPI)
     figure = NotebookFigure(figsize=inches, dpi=PROFILE_DPI, facecolor="white")
     outer = figure.add_gridspec(

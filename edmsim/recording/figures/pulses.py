@@ -25,18 +25,7 @@ LEAST_TAIL = 20  # breakdowns needed in the tail for a line through it (ours: it
 
 
 def pulses_figure(windows: pa.Table) -> Figure:
-    """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed.
-
-    Parameters
-    ----------
-    windows : pyarrow.Table
-        The cut's table of windows.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide, with an Agg canvas.
-    """
+    """Draw the pulses over machine time: classes, voltage and current, ignition delay, gas, feed."""
     figure = column_figure(5.1, top_in=0.25, right_in=0.42)
     if windows.num_rows == 0:
         return nothing_to_show(figure, "no pulses: the cut has no window")
@@ -82,15 +71,7 @@ def _draw_band(
 def plane_figure(windows: pa.Table) -> Figure:
     """Draw the windows' shares of short and open pulses, and their course over time.
 
-    Parameters
-    ----------
-    windows : pyarrow.Table
-        The cut's table of windows.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide. Dots are windows; the line is their mean over equal spans of time.
+    Dots are windows; the line is their mean over equal spans of time.
     """
     figure = column_figure(3.3, top_in=0.49)
     if windows.num_rows == 0:
@@ -124,18 +105,8 @@ def plane_figure(windows: pa.Table) -> Figure:
 def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure:
     """Draw the distribution of ignition delays: histogram above, survival on a logarithmic scale below.
 
-    Parameters
-    ----------
-    sample : PulseSample
-        Single pulses: `edmsim.cosim.straight`.
-    windows : pyarrow.Table, optional
-        A cut's table of windows; adds their mean delays.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column wide. Survival is the share of pulses, without shorts, that have not ignited yet (Laue's plot);
-        an exponential delay is a straight line.
+    Survival is the share of pulses, without shorts, that have not ignited yet (Laue's plot); an exponential delay is
+    a straight line. With a cut's windows, the histogram has their mean delays as well.
     """
     figure = column_figure(3.9, top_in=0.25)
     delay = sample.delay_us[np.isfinite(sample.delay_us)]

@@ -10,16 +10,18 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from edmsim.files import check_suffix, make_writable, replacing
-from edmsim.recording.figures.palette import GRID, INK, LINE, MUTED
+from edmsim.recording.figures.palette import ERROR_STOPS, GRID, INK, LINE, MUTED
 
 FORMATS = ("pdf", "svg", "png")  # kinds of files that figures are written as
 WIDTH_IN = 3.5  # width of one column of a journal (89 mm)
 DPI = 200
+ERROR_COLOURS = LinearSegmentedColormap.from_list("profile error", ERROR_STOPS)
 LABEL_PT, TICK_PT, TITLE_PT = 7.5, 7.0, 8.5
 
 

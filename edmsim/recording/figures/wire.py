@@ -112,13 +112,11 @@ def _draw_modes(axes: Axes, sample: PulseSample, sampling_hz: float, resolution:
 
 def _modes_over_tension(machine: Machine, resolution: str) -> tuple[Array, Array]:
     """Return tensions in N up to what the wire holds, and the modes' frequencies there, (tensions, modes) in Hz."""
-    from scipy.interpolate import make_interp_spline
-
     known = np.linspace(0.25, min(1.75, 0.99 * machine.breaking_force / machine.tension), TENSIONS) * machine.tension
     frequency = np.array([wire_frequencies_hz(machine.with_(tension=float(n)), resolution) for n in known])
     tension = np.linspace(known[0], known[-1], 200)
     # a string's frequency squared is proportional to its tension: lines between the squares are next to exact
-    return tension, np.sqrt(make_interp_spline(known, frequency**2, k=1)(tension))
+    return tension, np.sqrt(np.stack([np.interp(tension, known, squares) for squares in (frequency**2).T], axis=1))
 
 
 def _draw_waterfall(axes: Axes, samples: Sequence[PulseSample]) -> None:

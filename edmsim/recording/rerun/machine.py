@@ -23,7 +23,7 @@ from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.stream import at_height, indexes, log_lines, log_points, on_screen
-from edmsim.recording.scene import PassFace, Scene
+from edmsim.recording.scene import PassFace, Scene, grid_triangles
 from edmsim.recording.stores import Frames
 from edmsim.recording.windows import jump_rows, stretches
 
@@ -296,15 +296,23 @@ def log_workpiece(
     recording.log("world/table/workpiece", rr.Mesh3D.from_fields(albedo_factor=STEEL), static=True)
     t_s, path_um = (values[growth.rows] if len(values) else np.zeros(1) for values in (t_s, path_um))
     t_s = np.where(np.arange(len(t_s)) == 0, 0.0, t_s)
-    solids = growth.solids
+    _send_meshes(recording, "world/table/workpiece", indexes(t_s, path_um), growth.solids)
+
+
+def _send_meshes(
+    recording: rr.RecordingStream, entity: str, when: list[rr.TimeColumn], meshes: Sequence[Mesh],
+    colours: Sequence[NDArray[np.uint8]] | None = None,
+) -> None:
+    """Log one mesh after the other, perhaps with colours for every vertex."""
     per_vertex = rr.Mesh3D.columns(
-        vertex_positions=np.concatenate([s.positions for s in solids]),
-        vertex_normals=np.concatenate([s.normals for s in solids]),
-    ).partition([len(s.positions) for s in solids])
-    faces = rr.Mesh3D.columns(triangle_indices=np.concatenate([s.triangles for s in solids])).partition(
-        [len(s.triangles) for s in solids]
+        vertex_positions=np.concatenate([mesh.positions for mesh in meshes]),
+        vertex_normals=np.concatenate([mesh.normals for mesh in meshes]),
+        vertex_colors=None if colours is None else np.concatenate(colours),
+    ).partition([len(mesh.positions) for mesh in meshes])
+    faces = rr.Mesh3D.columns(triangle_indices=np.concatenate([mesh.triangles for mesh in meshes])).partition(
+        [len(mesh.triangles) for mesh in meshes]
     )
-    recording.send_columns("world/table/workpiece", indexes(t_s, path_um), [*per_vertex, *faces])
+    recording.send_columns(entity, when, [*per_vertex, *faces])
 
 
 def log_drawing(recording: rr.RecordingStream, scene: Scene) -> None:
@@ -348,17 +356,8 @@ def log_faces(recording: rr.RecordingStream, scene: Scene) -> None:
         meshes = [face_mesh(scene, face) for face in faces]
         limit_um = scene.error_limit_um()
         colours = [palette.error_rgb(off_um, limit_um) for _, off_um in meshes]
-        name = f"world/table/face/{contour}"
-        per_vertex = rr.Mesh3D.columns(
-            vertex_positions=np.concatenate([mesh.positions for mesh, _ in meshes]),
-            vertex_normals=np.concatenate([mesh.normals for mesh, _ in meshes]),
-            vertex_colors=np.concatenate(colours),
-        ).partition([len(mesh.positions) for mesh, _ in meshes])
-        triangles = rr.Mesh3D.columns(
-            triangle_indices=np.concatenate([mesh.triangles for mesh, _ in meshes])
-        ).partition([len(mesh.triangles) for mesh, _ in meshes])
-        times = np.array([face.time_s for face in faces]), np.array([face.path_um for face in faces])
-        recording.send_columns(name, indexes(*times), [*per_vertex, *triangles])
+        when = indexes(np.array([face.time_s for face in faces]), np.array([face.path_um for face in faces]))
+        _send_meshes(recording, f"world/table/face/{contour}", when, [mesh for mesh, _ in meshes], colours)
 
 
 def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, NDArray[np.float64]]:
@@ -381,9 +380,7 @@ def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, NDArray[np.float64]]:
         places = np.stack([np.interp(at, passed, column) for column in wall.T], axis=1)
         off_mm = outward * (off_um * 1e-3 + FACE_OFF_MM)[:, None]
         rows.append(np.column_stack([places + off_mm, np.full(len(places), z_mm)]))
-    number = np.arange(error.size).reshape(error.shape)
-    a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
-    triangles = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
+    triangles = grid_triangles(*error.shape)
     triangles = triangles[known.reshape(-1)[triangles].all(axis=1)]
     normals = np.tile(np.column_stack([outward, np.zeros(len(outward))]), (len(heights), 1))
     mean_um = float(error[known].mean()) if known.any() else 0.0

@@ -181,6 +181,19 @@ _MEMORY = "500MB"
 """What a viewer keeps before it forgets the oldest (ours): hours of a drive's curves, a hundred episodes."""
 
 
+def _started(*options: str) -> subprocess.Popen[bytes]:
+    """Start a viewer in a process of its own, silent, and bound to this machine."""
+    return subprocess.Popen(
+        [*RERUN, "--bind", HERE, *options], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGTERM)  # the viewer is a child of the interpreter started here
+
+
 class LiveViewer:
     """A viewer in a process of its own, which takes what is drawn from this machine only."""
 
@@ -189,10 +202,7 @@ class LiveViewer:
         self.source = f"rerun+http://{HERE}:{port}/proxy"
         self._window = has_screen(os.environ, sys.platform)
         web = [] if self._window else ["--serve-web", "--web-viewer-port", str(web_port)]
-        self._process = subprocess.Popen(
-            [*RERUN, "--bind", HERE, "--port", str(port), "--memory-limit", _MEMORY, *web],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
+        self._process = _started("--port", str(port), "--memory-limit", _MEMORY, *web)
         address = web_address(web_port, port)
         self.notice = (
             f"{what} opens in a window" if self._window
@@ -211,8 +221,8 @@ class LiveViewer:
 
     def close(self) -> None:
         """Leave a window to its user; a page ends with what it shows."""
-        if not self._window and self._process.poll() is None:
-            os.killpg(self._process.pid, signal.SIGTERM)  # the viewer is a child of the interpreter started here
+        if not self._window:
+            _end(self._process)
 
     def show(self, recording: Path) -> None:
         """Open a recording that is whole, beside those it shows."""
@@ -282,13 +292,11 @@ def _picture(client: ViewerClient) -> bytes:
 def _headless(recording: Path) -> Iterator[ViewerClient]:
     """Run the viewer without a window, bound to this machine, and give a client of it."""
     port = free_port(0)
-    command = [*RERUN, str(recording.resolve()), "--headless", "--bind", HERE, "--port", str(port)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    process = _started(str(recording.resolve()), "--headless", "--port", str(port))
     try:
         yield _connected(process, ViewerClient, f"rerun+http://{HERE}:{port}/proxy")
     finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGTERM)  # the viewer is a child of the interpreter started here
+        _end(process)
         process.wait()
 
 

@@ -19,7 +19,7 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import wire_setup
 from edmsim.plant.mechanics.model import build_model
 from edmsim.recording.figures import palette
-from edmsim.recording.report import PassFigures, Report, duration_text, outcome_text, rate_text
+from edmsim.recording.report import PassFigures, Report, duration_text, mm_text, outcome_text, rate_text
 from edmsim.recording.rerun import gap as log_gap
 from edmsim.recording.rerun import machine as log_machine
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, Series, Steps, blueprint, sizes_of
@@ -64,8 +64,8 @@ def events(windows: pa.Table, scene: Scene, report: Report) -> list[Event]:
 
 
 def _at(place_um: NDArray[np.float64]) -> str:
-    x_mm, y_mm = np.round(place_um * 1e-3, 6) + 0.0  # not -0.000
-    return f"X {x_mm:.3f} Y {y_mm:.3f} mm"
+    x_um, y_um = place_um.tolist()
+    return f"X {mm_text(x_um * 1e-3)} Y {mm_text(y_um * 1e-3)} mm"
 
 
 def _thinned(found: list[Event]) -> list[Event]:

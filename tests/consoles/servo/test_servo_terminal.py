@@ -200,8 +200,11 @@ def test_a_scope_s_file_that_cannot_be_written_is_refused(tmp_path: Path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError):
         Scope(False, tmp_path / "file" / "scope.rrd")
-    with pytest.raises(InputError, match="is to be a file"):
+    with pytest.raises(InputError, match=r"a recording of the scope is written as \.rrd"):
         Scope(False, tmp_path)
+    (tmp_path / "folder.rrd").mkdir()
+    with pytest.raises(InputError, match="is a folder; a recording of the scope is a file"):
+        Scope(False, tmp_path / "folder.rrd")
 
 
 @pytest.mark.slow

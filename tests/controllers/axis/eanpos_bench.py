@@ -3,8 +3,6 @@
 Its standard set is 100000 Um/min (1666.667 Um/s) at 10 V, 0.25 Um an edge, 4 ms, ramps of 1 s.
 """
 
-from __future__ import annotations
-
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.eanpos import Eanpos

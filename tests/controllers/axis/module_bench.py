@@ -1,7 +1,5 @@
 """A servo module on the bench, as its tests set it up."""
 
-from __future__ import annotations
-
 import re
 
 from edmsim.axis_bench import AxisBench
@@ -13,9 +11,11 @@ NO_TRIP = 40_000
 """An error limit above 32767."""
 
 
-def on_bench(axis="table", changes=None, **stored):
+def on_bench(axis="table", changes=None, law=None, extensions=None, **stored):
     """A module on an axis, powered up, its parameters by field in the EEPROM, and its message read."""
-    bench = AxisBench({"x": ServoModule(axis_row(axis, **(changes or {})), stored)})
+    drive = ServoModule(axis_row(axis, **(changes or {})), stored, law=law or {})
+    drive.extensions.update(extensions or {})
+    bench = AxisBench({"x": drive})
     bench.run(0.02)
     bench.received("x")
     return bench

@@ -1,7 +1,5 @@
 """What a drive does beyond its manual, on the bench: off unless it is asked for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

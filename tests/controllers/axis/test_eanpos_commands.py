@@ -1,7 +1,5 @@
 """The EANPOS' 22 commands: conditions, order of priority, warnings, and what each does to the axis."""
 
-from __future__ import annotations
-
 import pytest
 
 from edmsim.controllers.axis.eanpos.registers import COMMANDS

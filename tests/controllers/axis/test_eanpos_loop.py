@@ -1,7 +1,5 @@
 """The EANPOS' output on drives that are not ideal: feed-forward, PID, converter, following error; then its homing."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

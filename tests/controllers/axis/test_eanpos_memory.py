@@ -1,7 +1,5 @@
 """The EANPOS' parameters: the manual's table, limits and conditions of writes, and what outlasts the power."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The EANPOS' ramps: times and ways of the worked examples, reductions, stops, and changes in motion."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The servo module's loop on a held rotor (output, clamp, antidither, integral, rate), its motion and memory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -45,10 +43,7 @@ def test_the_clamp_holds_behind_the_offset():  # M-40, M-23
 
 @pytest.mark.parametrize(("scale", "output"), [(256, 12), (128, 24)])
 def test_gains_are_in_256ths_of_a_duty_count_unless_the_law_says_otherwise(scale, output):  # M-A9
-    bench = AxisBench({"x": ServoModule(axis_row("table"), {"proportional_gain": 384}, law={"gain_scale": scale})})
-    bench.run(0.02)
-    bench.received("x")
-    locked(bench, 8)
+    bench = locked(on_bench(law={"gain_scale": scale}, proportional_gain=384), 8)
     bench.run(0.01)
     assert get(bench, "GO") == output
 
@@ -133,12 +128,7 @@ def test_the_limit_itself_does_not_trip_and_one_count_more_does(limit):  # M-9
 
 
 def _duty_against(gain, error, saturating):
-    stored = {"proportional_gain": gain, "derivative_gain": 0, "error_limit": NO_TRIP}
-    drive = ServoModule(axis_row("table"), stored)
-    drive.extensions["saturating_arithmetic"] = saturating
-    bench = AxisBench({"x": drive})
-    bench.run(0.02)
-    bench.received("x")
+    bench = on_bench(extensions={"saturating_arithmetic": saturating}, proportional_gain=gain, **P_ONLY)
     locked(bench, error)
     bench.run(0.01)
     return get(bench, "GD"), status(bench)
@@ -417,19 +407,10 @@ def test_a_trip_limit_of_two_degrees_is_22_counts_of_4000():  # M-59
     assert status(bench) >= {0, 1}
 
 
-def bench_with(stored, **extensions):
-    drive = ServoModule(axis_row("table"), {"error_limit": NO_TRIP, **stored})
-    drive.extensions.update(extensions)
-    bench = AxisBench({"x": drive})
-    bench.run(0.02)
-    bench.received("x")
-    return bench
-
-
 def test_the_third_feed_forward_acts_on_the_change_of_acceleration():
     outputs = []
     for gain in (0, 256):
-        bench = bench_with({"proportional_gain": 0, "derivative_gain": 0}, jerk_feed_forward=gain)
+        bench = on_bench(extensions={"jerk_feed_forward": gain}, proportional_gain=0, **P_ONLY)
         bench.hold("x", True)
         bench.trace = True
         bench.step_times("x", [30_000_000], 1)
@@ -443,8 +424,8 @@ def test_the_third_feed_forward_acts_on_the_change_of_acceleration():
 def test_the_filtered_command_makes_the_feed_forward_smoother():
     rough = []
     for smoothing in (0, 4):
-        gains = {"proportional_gain": 0, "derivative_gain": 0, "step_multiplier": 9}
-        bench = bench_with(gains, velocity_feed_forward=2600, command_filter=smoothing)
+        settings = {"velocity_feed_forward": 2600, "command_filter": smoothing}
+        bench = on_bench(extensions=settings, proportional_gain=0, step_multiplier=9, **P_ONLY)
         bench.hold("x", True)
         stepped(bench, 1000, 1100.0, 20_000.0, run_s=0.3)
         bench.trace = True
@@ -454,7 +435,7 @@ def test_the_filtered_command_makes_the_feed_forward_smoother():
 
 
 def test_parameters_are_set_by_name_and_shown_by_letter():
-    bench = bench_with({})
+    bench = on_bench()
     bench.drive("x").parameters["proportional_gain"] = 900
     bench.drive("x").parameters["output_offset"] = -3
     assert say(bench, "P") == "(P) - Kp: 900"

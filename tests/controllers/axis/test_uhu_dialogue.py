@@ -1,7 +1,5 @@
 """The UHU's terminal on the bench, to the character: rows U-7 to U-13, its banks, and garbage on the line."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest

@@ -1,7 +1,5 @@
 """What shuts a UHU off on the bench, what it shows then, and what brings it back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

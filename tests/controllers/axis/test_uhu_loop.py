@@ -1,7 +1,5 @@
 """The UHU's recalculation on the bench: interval, gains, limits, steps, its letters, and how it is tuned."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

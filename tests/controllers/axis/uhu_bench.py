@@ -1,7 +1,5 @@
 """A UHU on the bench, for the tests of its rows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """QCL texts that cannot be read, expressions, statements, and what a program does at run time."""
 
-from __future__ import annotations
-
 import pytest
 
 from edmsim.controllers.qcl import Control, QclError, read_configuration, read_program

@@ -1,7 +1,5 @@
 """The manual's application example runs: its misprints are found, and each of its lines does what it should."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,0 +1,91 @@
+"""How wires broke in shifts of training machines: how long they were dry before, and what had been unusual then.
+
+python docs/make/wire_breaks.py adaptive-hold      # writes the table of tasks/max-rate-shift.md
+
+The plant shows the temperature of the hottest place. It is dry if that is above the boiling point by the superheat at
+which steam covers the wire. What was unusual are the ignitions in a fifth of the height, over their mean of a second,
+in the window in which that began or the one before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from sections import write_sections
+
+from edmsim.controllers import from_text
+from edmsim.controllers.feed.law import shorted
+from edmsim.controllers.feed.periods import BOILING_K
+from edmsim.envs.episode import Task
+from edmsim.evaluation.episode import Episode
+
+PAGE = Path(__file__).parents[1] / "tasks" / "max-rate-shift.md"
+ENV_ID, LAW = "edmsim/MaxRateShift-v0", "adaptive-hold"
+SEEDS, SECONDS = (22_002, 22_003, 22_004), 600.0
+USUAL_S = 1.0  # time constant of the usual ignitions in each fifth
+SHORT_S = 0.05  # time in which a short counts as just cleared
+
+
+class Break(NamedTuple):
+    """A lost wire."""
+
+    seed: int
+    time_s: float
+    dry_s: float  # before it broke
+    burst: float  # most ignitions of a fifth over the usual ones when it dried
+    after_short: bool
+
+
+def breaks(seed: int, name: str, seconds: float) -> Iterator[Break]:
+    """Cut on a machine, and yield how each wire broke."""
+    task = Task(ENV_ID, episode_s=seconds)
+    episode = Episode(task, from_text(name), seed, name)
+    dry_K = BOILING_K + task.scenario.machine.base.cooling.superheat_K.value
+    usual, now = np.zeros(5), np.zeros(5)
+    lost, since, cleared_s, burst, after_short, outcome = 0, None, math.inf, 0.0, False, None
+    while outcome is None:
+        outcome = episode.step()
+        assert episode.last is not None
+        window, truth = episode.last.observation, episode.last.truth
+        if task.wires_lost > lost:
+            lost = task.wires_lost
+            dry_s = 0.0 if since is None else window.time_s - since
+            yield Break(seed, window.time_s, dry_s, burst, after_short)
+            since = None
+            continue
+        before, now = now, np.array(window.fifths) / window.duration_s
+        cleared_s = 0.0 if shorted(window) else cleared_s + window.duration_s
+        if truth.wire_temperature_K < dry_K:
+            since = None
+        elif since is None:
+            since = window.time_s - window.duration_s
+            burst = float((np.maximum(now, before) / np.maximum(usual, usual.max() / 5)).max())
+            after_short = cleared_s < SHORT_S
+        if not shorted(window):
+            usual -= math.expm1(-window.duration_s / USUAL_S) * (now - usual)
+
+
+def main() -> None:
+    """Print every break, and write the table of the reference."""
+    parser = argparse.ArgumentParser(description="Show how wires broke in shifts of training machines.")
+    parser.add_argument("controller", nargs="?", default=LAW)
+    parser.add_argument("--seconds", type=float, default=SECONDS)
+    arguments = parser.parse_args()
+    rows = ["| machine | broke after, s | dry for, ms | ignitions over the usual | a short had cleared |"]
+    rows += ["|---" * 5 + "|"]
+    for seed in SEEDS:
+        for one in breaks(seed, arguments.controller, arguments.seconds):
+            short = "yes" if one.after_short else "no"
+            rows.append(f"| {seed} | {one.time_s:.0f} | {1e3 * one.dry_s:.0f} | {one.burst:.2f} | {short} |")
+            print(rows[-1], flush=True)
+    if arguments.controller == LAW:
+        write_sections(PAGE, {"wire-breaks": "\n".join(rows)})
+
+
+if __name__ == "__main__":
+    main()
