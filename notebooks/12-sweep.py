@@ -23,7 +23,7 @@
 # others. The results are read back as a table, like those of `edmsim sweep`.
 
 # %% tags=["parameters"]
-samples = 16  # points, a power of 2
+samples = 32  # points, a power of 2
 seconds = None  # machine time after which a cut stops; None cuts the whole punch
 
 # %%
@@ -70,7 +70,7 @@ print(sweep(specification, folder / "results").made, "runs made")
 # A bar is the share of a result's variance caused by a setting: dark alone (first-order index), pale with its
 # interactions (total index). The result rises with settings of blue bars, and falls with those of red bars. The
 # shares come from a polynomial that is fitted to the points; its error at points left out of the fit is the
-# unexplained share. With 16 points only strong effects are found.
+# unexplained share. With 32 points only strong effects are found.
 
 # %%
 found = sensitivities(table)
