@@ -34,4 +34,4 @@ def test_a_page_is_markdown(tmp_path):
 
     found = CliRunner().invoke(app, ["evaluate", "edmsim/GapFeed-v2", "--page", str(tmp_path / "page.html")])
     assert isinstance(found.exception, InputError)
-    assert "name it .md" in str(found.exception)
+    assert "written as .md" in str(found.exception)
