@@ -22,9 +22,6 @@ REASONS = {
     ("passes", "accuracy"):
         "The model lacks the main errors of a shop's cut: machine, temperature and stress in the metal. So it is "
         "more accurate than the trade page, with one pass and two by ten times.",
-    ("passes", "outer-corners"):
-        "The third pass removes 45 um. At a constant feed its pulses find little metal at a corner except the tip, "
-        "and round it, on any path. After two and after four passes a sixth of the rough cut's error remains.",
     ("passes", "one-pass-of-a-tall-part"):
         "The model's cutting rate still rises at 76 mm, where that of shops falls already.",
     ("ignition", "two-regimes"):
