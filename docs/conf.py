@@ -214,9 +214,10 @@ def list_fields(_: Sphinx, __: str, ___: str, subject: object, ____: object, lin
     if not (is_record or (isinstance(subject, type) and issubclass(subject, BaseModel))) or "Attributes" in lines:
         return
     fields = [field for field in declared_fields(subject) if not field.is_state]
-    if any(field.meaning for field in fields):
-        lines += ["", "Attributes", "----------"]
-    for names, kind, meaning, _ in fields if any(field.meaning for field in fields) else []:
+    if not any(field.meaning for field in fields):
+        return
+    lines += ["", "Attributes", "----------"]
+    for names, kind, meaning, _ in fields:
         kind = re.sub(r"^Annotated\[(.*), \w+(?:\(.*\))?\]$", r"\1", kind)
         lines += [f"{', '.join(names)} : {kind}", *([f"    {meaning.rstrip('.')}."] if meaning else [])]
     lines += [""]

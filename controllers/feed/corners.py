@@ -21,6 +21,13 @@ from edmsim.machine.machine import Machine
 Floats = NDArray[np.float64]
 
 
+def _corners(points_um: NDArray[Any], start_um: float) -> tuple[Floats, Floats]:
+    """Return the length of path at a leg's corners, and how far it turns there, to the left."""
+    line = Polyline(points_um * 1e-3, closed=False)
+    corners = line.corners(CORNER_DEG)
+    return line.s[corners] * 1e3 + start_um, line.turn_deg[corners]
+
+
 @dataclass
 class Corners(CornerRule):
     """A longer period near corners, and an offset after them."""
@@ -47,10 +54,8 @@ class Corners(CornerRule):
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Take in where the leg has corners, and how far the wire is bent."""
-        line = Polyline(points_um * 1e-3, closed=False)
-        corners = line.corners(CORNER_DEG)
-        self._corners_um = line.s[corners] * 1e3 + start_um
-        self._turns_rad = np.radians(line.turn_deg[corners])
+        self._corners_um, turns_deg = _corners(points_um, start_um)
+        self._turns_rad = np.radians(turns_deg)
         self._lead_um = lead_um(machine, self.pull_N_m)
         slack = math.sqrt(lead_um(machine, 1.0) / self.slack_um) if self.slack_um else 1.0
         self._at_corner = max(self.corner_factor * slack, 1.0)
@@ -85,10 +90,9 @@ class OuterCorners(CornerRule):
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Find where the leg turns to the part."""
-        line = Polyline(points_um * 1e-3, closed=False)
-        corners = line.corners(CORNER_DEG)
-        outer = (line.turn_deg[corners] > 0) == (self.part_side == "left")
-        self._corners_um = line.s[corners][outer & (self.part_side is not None)] * 1e3 + start_um
+        corners_um, turns_deg = _corners(points_um, start_um)
+        towards = {"left": turns_deg > 0, "right": turns_deg < 0, None: np.zeros(len(turns_deg), bool)}
+        self._corners_um = corners_um[towards[self.part_side]]
         self.start_um = start_um
 
     def slowing(self, path_um: float) -> float:

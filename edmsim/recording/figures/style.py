@@ -44,7 +44,7 @@ def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> byt
 
 
 def check_figure(file: pathlib.Path) -> str:
-    """Return what kind of file a figure is to be, one of `FORMATS`; raises `InputError` if it is none of them."""
+    """Return what kind of file a figure is to be, one of `FORMATS`; raises `InputError` for another."""
     return check_suffix(file, "a figure", *(f".{kind}" for kind in FORMATS)).removeprefix(".")
 
 
