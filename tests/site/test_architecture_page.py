@@ -1,4 +1,4 @@
-"""docs/architecture.md: it is read in ten minutes, and its files, names and the order of its rooms are those of the code."""
+"""docs/architecture.md: read in ten minutes; its files, names and order of rooms are those of the code."""
 
 import ast
 import re
