@@ -197,7 +197,7 @@ class Task:
         feed_um_s, offset_um = finite("feed_um_s", feed_um_s), finite("offset_um", offset_um)
         t_on_us = None if t_on_us is None else finite("t_on_us", t_on_us)
         t_period_us = None if t_period_us is None else finite("t_period_us", t_period_us)
-        sub_envs.refused[0] = None
+        sub_envs.refused[0] = ""
         if t_on_us is not None or t_period_us is not None:
             now = sub_envs.fleet.plants[0].machine
             on, period = (old if new is None else new
@@ -213,9 +213,9 @@ class Task:
         window = plant.window()
         row = sub_envs.rows[0]
         self._account.begin()
-        self._account.add(_ONLY, sub_envs.rows, sub_envs.counted_um, sub_envs.fleet.windows)
+        self._account.add(_ONLY, sub_envs.rows, sub_envs.near, sub_envs.fleet.windows)
         return StepResult(
             sub_envs.observation(0), window, float(row["progress_um"]), float(row["area_mm2"]),
-            float(row["error_um"]), bool(sub_envs.near[0]), StopCause(row["cause"]), sub_envs.refused[0],
+            float(row["error_um"]), bool(sub_envs.near[0]), StopCause(row["cause"]), sub_envs.refused[0] or None,
             float(self._account.total[0]), float(self._account.cost[0]), bool(sub_envs.out_of_time[0]),
         )

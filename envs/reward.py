@@ -108,23 +108,23 @@ class StepRewards:
         self._numbers[:] = 0.0
 
     def add(
-        self, indices: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64],
-        windows: NDArray[np.void],
+        self, indices: NDArray[np.int64], rows: NDArray[np.void], near: NDArray[np.bool_], windows: NDArray[np.void]
     ) -> None:
-        """Add a window of some sub-environments (m,), with the path errors (n,) that count."""
-        _add(indices, rows, error_um, windows, self._weights, self._rows)
+        """Add a window of some sub-environments (m,); `near` (n,) says where path errors count."""
+        _add(indices, rows, near, windows, self._weights, self._rows)
 
 
 @exactly_compiled
 def _add(
-    indices: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64], windows: NDArray[np.void],
+    indices: NDArray[np.int64], rows: NDArray[np.void], near: NDArray[np.bool_], windows: NDArray[np.void],
     weights: NDArray[np.void], accounts: NDArray[np.void],
 ) -> None:
     """Add a window's terms, their sum, its cost and its area."""
     weight = weights[0]
     for j in range(indices.shape[0]):
         i = indices[j]
-        row, window, account, error = rows[i], windows[i], accounts[i], error_um[i]
+        row, window, account = rows[i], windows[i], accounts[i]
+        error = row.error_um if near[i] else 0.0
         counts, cause, energy_mJ, spent_ns = window.counts, row.cause, row.energy_mJ, window.duration_ns
         shorts, opens = counts[SHORT], counts[OPEN]
         pulses = opens + counts[SPARK] + counts[ARC] + shorts
