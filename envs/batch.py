@@ -14,7 +14,8 @@ from edmsim.envs import servo
 from edmsim.envs.knobs import least_setting_us
 from edmsim.envs.observation_builder import ObservationBuilder
 from edmsim.envs.path_follower import RUNNING
-from edmsim.envs.reward import TERMS, StepRewards
+from edmsim.envs.reward import StepRewards
+from edmsim.envs.step_info import STEP_INFO, fill
 from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.machine.machine import Machine
@@ -53,7 +54,6 @@ class Batch:
         self._feed_um_s = np.zeros(count)
         self._episodes = np.zeros(count, np.int64)
         self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
-        self._terms = [TERMS.index(name) for name in family.objectives]
         self.account = self._fresh_account()  # rewards, their terms and costs of the last step
 
     def _fresh_account(self) -> StepRewards:
@@ -123,7 +123,8 @@ class Batch:
             self._window(left)
             left = self._waiting(left)
         self.builder.end_step(active)
-        return self.account.terms[self._terms].T.copy() if self._terms else self.account.total.copy()
+        account, objectives = self.account, self.family.objectives
+        return np.stack([account.terms[name] for name in objectives], axis=1) if objectives else account.total.copy()
 
     def _command(self, active: Ints, clamped: Floats) -> None:
         """Turn the knobs, and set the offsets, and the feed or the servos' targets."""
@@ -179,34 +180,15 @@ class Batch:
     def infos(self) -> dict[str, Any]:
         """Return what `info` tells at every step, in fresh arrays (n,); much of it no real machine knows.
 
-        Counts, area and terms of the reward are of the step, gap, temperature, debris and error of its last window;
-        ``gap_um`` is -1 where nothing ignited, as checkers take no NaN for another. Texts say why the episode ended
-        and what the generator refused, and are empty where nothing did.
+        Numbers are those of `STEP_INFO`. Texts say why the episode ended and what the generator refused, and are
+        empty where nothing did.
         """
-        sub_envs, rows, shown = self.sub_envs, self.sub_envs.rows, self.builder.sums
-        states, windows = sub_envs.fleet.states, sub_envs.fleet.windows
-        ignitions = windows["ignitions"]
+        sub_envs, fleet = self.sub_envs, self.sub_envs.fleet
+        step: NDArray[np.void] = np.empty(sub_envs.count, STEP_INFO)
+        fill(sub_envs.rows, fleet.states, fleet.windows, self.builder.sums, self.account.rows, step)
         return {
-            "time_s": states["time_ns"] * 1e-9,
-            "dt_s": rows["step_ns"] * 1e-9,
-            "path_um": sub_envs.path_um,
-            "feed_um_s": rows["feed_um_s"].copy(),
-            "offset_um": rows["offset_um"].copy(),
-            "t_on_us": rows["setting_us"][:, 0].copy(),
-            "t_period_us": rows["setting_us"][:, 1].copy(),
-            "energy_mJ": rows["energy_mJ"].copy(),
-            "short": shown["short"].copy(),
-            "open": shown["open"].copy(),
-            "spark": shown["ignited"] - shown["arc"],
-            "arc": shown["arc"].copy(),
-            "gap_um": np.where(ignitions > 0, windows["gap_um"] / np.maximum(ignitions, 1), -1.0),
-            "wire_temperature_K": windows["temperature_max_K"].copy(),
-            "debris": windows["debris"].copy(),
-            "error_um": rows["error_um"].copy(),
-            "area_mm2": self.account.area_mm2.copy(),
-            "wires_lost": rows["wires_lost"].copy(),
-            "cost": self.account.cost.copy(),
-            "reward_terms": dict(zip(TERMS, self.account.terms.copy(), strict=True)),
-            "cause": _CAUSES[rows["cause"]],
+            **{name: step[name] for name in STEP_INFO.names or ()},
+            "reward_terms": self.account.terms,
+            "cause": _CAUSES[sub_envs.rows["cause"]],
             "refused": sub_envs.refused.copy(),
         }

@@ -598,10 +598,10 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
             raise ResetNeeded("not every environment has begun an episode: call reset() before step()")
         actions = checked_actions(actions, self._action_shape)
         running = ~self._ended
-        active = np.flatnonzero(running)
-        resets = len(active) < self.num_envs
-        if resets and self.autoreset_mode is AutoresetMode.DISABLED:
-            ended = np.flatnonzero(self._ended).tolist()
+        active = running.nonzero()[0]
+        others = ~running if len(active) < self.num_envs else None
+        if others is not None and self.autoreset_mode is AutoresetMode.DISABLED:
+            ended = np.flatnonzero(others).tolist()
             raise ResetNeeded(f"sub-environments {ended} have ended: reset them with options['reset_mask']")
         reward = self._batch.step(active, actions)
         terminated = self._batch.ended & running
@@ -609,12 +609,12 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
         if self.max_episode_steps is not None:
             self._elapsed[active] += 1
             truncated[active] |= self._elapsed[active] >= self.max_episode_steps
-        infos = _masked(self._batch.infos(), running, ~running if resets else None)
+        infos = _masked(self._batch.infos(), running, others)
         self._ended = terminated | truncated
         if self.watch is not None:
             self.watch(actions, infos, self._ended)
-        if resets:
-            infos.update(self._begin(~running))  # the names of resets' infos are other than those of steps
+        if others is not None:
+            infos.update(self._begin(others))  # the names of resets' infos are other than those of steps
         elif self._ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             infos = self._begin_at_once(infos, self._ended.copy())
         if self.render_mode == "human":

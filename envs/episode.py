@@ -12,7 +12,7 @@ from edmsim.controllers import WindowObservation
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_options
 from edmsim.envs.registry import make_family
-from edmsim.envs.reward import TERMS, StepRewards
+from edmsim.envs.reward import StepRewards
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import Family
@@ -162,7 +162,7 @@ class Task:
     @property
     def reward_terms(self) -> dict[str, float]:
         """Terms of the last window's reward by name."""
-        return dict(zip(TERMS, self._account.terms[:, 0].tolist(), strict=True))
+        return {name: float(values[0]) for name, values in self._account.terms.items()}
 
     def recorder(self) -> EpisodeRecorder:
         """Return a recorder of the episode that has just begun; actions are the commands."""

@@ -83,7 +83,6 @@ class SubEnvs:
         self._lengths: Ints = np.zeros((count, 2), np.int64)
         self._height_from: Floats = np.full((count, 1), np.inf)
         self._heights: Floats = np.zeros((count, 1))
-        self._steps: Ints = np.zeros((count, 8, 3), np.int64)
 
     def _plant(self, machine: Machine, seed: int, **more: Any) -> Plant:
         return Plant(machine, seed, resolution=self.family.resolution, mechanics=self.family.mechanics, **more)
@@ -191,13 +190,13 @@ class SubEnvs:
         feeds = feeds_um_s, kind.max_feed_um_s, kind.speed_unit_nm_s, kind.counts
         code, path = addresses(), (self._points, self._along, self._lengths)
         planners = code.advance, self.planners, self._other_planner
-        most, sideways = plan(indices, rows, *feeds, *planners, *path, fleet.states, self._steps)
-        if most + 2 > self._steps.shape[1]:
-            self._steps = np.zeros((self.count, most + 2, 3), np.int64)
-            plan(indices, rows, *feeds, *planners, *path, fleet.states, self._steps)
+        most, sideways = plan(indices, rows, *feeds, *planners, *path, fleet.states, fleet.steps)
+        if most + 2 > fleet.steps.shape[1]:
+            fleet.make_room(most + 2)
+            plan(indices, rows, *feeds, *planners, *path, fleet.states, fleet.steps)
         if sideways:
-            lead_sideways(indices, rows, self.planners, self._points, self._along, fleet.states, self._steps)
-        failed = fleet.advance(indices, self._steps, rows["steps"])
+            lead_sideways(indices, rows, self.planners, self._points, self._along, fleet.states, fleet.steps)
+        failed = fleet.advance(indices, rows["steps"])
         due = follow(
             indices, rows, *code, self.planners, *path, self._height_from, self._heights, fleet.states, fleet.windows,
             _NO_STEPS,

@@ -32,6 +32,7 @@ class Fleet:
         self.windows: NDArray[np.void] = np.zeros(len(plants), WINDOW)  # (n,) `WINDOW`: every plant's last
         self._calls = np.zeros((len(plants), CALL), np.int64)
         self._calls[:, 3] = WINDOW_PULSES
+        self.make_room(8)  # motor steps of most windows
         for i, plant in enumerate(plants):
             self.replace(i, plant)
         self._pool: ThreadPoolExecutor | None = None
@@ -42,12 +43,15 @@ class Fleet:
         plant.move_rows(self.states[i : i + 1], self.windows[i : i + 1])
         self._calls[i, 0] = plant.address
 
-    def advance(
-        self, indices: NDArray[np.int64], steps: NDArray[np.int64], counts: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
-        """Fire 255 pulses in plants (m,), with `counts` (n,) `steps` (n, most, 3); returns those that ended badly."""
+    def make_room(self, most: int) -> None:
+        """Make room for more motor steps per window; those there were are forgotten."""
+        # (n, most, 3): time, axis and direction of the steps of every plant's next window
+        self.steps: NDArray[np.int64] = np.zeros((len(self.plants), most, 3), np.int64)
+        self._calls[:, 1] = self.steps.ctypes.data + np.arange(len(self.plants)) * self.steps.strides[0]
+
+    def advance(self, indices: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Fire 255 pulses in plants (m,), with the first `counts` (n,) of `steps`; returns those that ended badly."""
         calls = self._calls[indices]
-        calls[:, 1] = steps.ctypes.data + indices * steps.strides[0]
         calls[:, 2] = counts[indices]
         self._fire(calls)
         status = calls[:, 4]
@@ -60,6 +64,8 @@ class Fleet:
             again = calls[lacking]
             self._fire(again)
             calls[lacking] = again
+            if not status.any():
+                return indices[:0]
         if np.any((status == STEP_WRONG) | (status == STEP_EARLY)):
             raise InputError("a motor step has a wrong axis or direction, or is out of order")
         for k in np.flatnonzero(status == BROKEN):
