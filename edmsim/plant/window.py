@@ -13,7 +13,8 @@ from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.errors import EdmsimError, InputError
 from edmsim.plant.kernel.state import BROKEN, INSIDE, NOT_FINITE, OUTSIDE, WINDOW
 
-_KINDS = [WINDOW[name] for name in WINDOW.names or ()]
+_NAMES = tuple(name for name in WINDOW.names or () if name != "free")
+_KINDS = [WINDOW[name] for name in _NAMES]
 _NAN = math.nan
 _FORMAT = struct.Struct("=" + "".join(f"{math.prod(of.shape)}{'q' if of.base.kind == 'i' else 'd'}" for of in _KINDS))
 """`state.WINDOW` as plain numbers."""
@@ -23,8 +24,8 @@ _READ = (
     "broken", "fifths",
 )  # fmt: skip
 """Order in which `read_window` takes them: with names instead, a window would take 1 % longer."""
-if WINDOW.names != _READ:
-    raise TypeError(f"read_window reads {_READ}, and WINDOW has {WINDOW.names}")
+if _NAMES != _READ:
+    raise TypeError(f"read_window reads {_READ}, and WINDOW has {_NAMES}")
 
 
 class PulseWindow(NamedTuple):

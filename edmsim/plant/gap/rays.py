@@ -43,10 +43,21 @@ def places(rays: int) -> int:
     return filled(rays, GAPS)
 
 
+_ABREAST, _EACH, _OTHERS = np.uint64(ABREAST), np.uint64(EACH), np.uint64(GAPS - EACH)
+"""Unsigned: divisions by them cost half."""
+
+
+@compiled
+def five_of(s: int) -> int:
+    """Five that a slice belongs to."""
+    return int(np.uint64(s) // _ABREAST)
+
+
 @compiled
 def lane_abreast(s: int, place: int) -> int:
     """Lane in its five of a slice's ray at a place."""
-    return place // EACH * GAPS + s % ABREAST * EACH + place % EACH
+    block = np.uint64(place) // _EACH
+    return int(np.uint64(place) + block * _OTHERS + np.uint64(s) % _ABREAST * _EACH)
 
 
 @compiled

@@ -30,6 +30,12 @@ _LINE = 64  # bytes of a line of the processor's cache
 _Group = TypeVar("_Group", bound=NamedTuple)
 
 
+def on_lines(*fields: tuple[Any, ...]) -> np.dtype[np.void]:
+    """Return a record filled up to whole lines of the cache, so that threads do not write to the same one."""
+    free = -np.dtype(list(fields)).itemsize % _LINE
+    return np.dtype([*fields, ("free", "u1", (free,))] if free else list(fields))
+
+
 class ArraySizes(NamedTuple):
     """Lengths that shapes name: ``modes`` counts modes or nodes of the wire, filled up to whole vectors."""
 

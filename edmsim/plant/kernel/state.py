@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import AXIS, DRIVE, MOTOR, N_AXES
 from edmsim.plant.axes.ways import WAY
-from edmsim.plant.kernel.declare import CHANGING, WALL, Stored
+from edmsim.plant.kernel.declare import CHANGING, WALL, Stored, on_lines
 
 Array = NDArray[np.float64]
 
@@ -22,60 +22,56 @@ OPEN, SPARK, ARC, SHORT = 0, 1, 2, 3
 ISO_PULSE, ISO_ENERGETIC, IGNITION_PULSE = 0, 1, 2
 """Modes of the pulse generator."""
 
-STATE = np.dtype(
-    [
-        ("time_ns", "i8"),
-        ("pulses", "i8"),  # fired so far
-        ("key", "u8"),  # of the random draws
-        ("draws", "u8"),  # how many there were
-        ("commanded_um", "f8", N_AXES),  # setpoints: the steps of the axes added up
-        ("axis_um", "f8", N_AXES),  # where the axes truly are, less the ringing of those under a stepper
-        ("indicated_um", "f8", 2),  # where x and y would be without the errors of screws and ways
-        ("slack_um", "f8", 2),  # by which that is behind a stepper's setpoint, in its nut
-        ("since_discharge_us", "f8"),
-        ("last_slice", "i8"),  # of the last discharge
-        ("last_ray", "i8"),
-        ("spot", "f8"),  # heat of the last hot spot
-        ("chain_J", "f8"),  # heat that the last discharge and the arcs before it brought into one place of the wire
-        ("chain_us", "f8"),  # over this time
-        ("heat_wait_us", "f8"),  # time since heat and debris travelled last
-        ("wear_wait_um3", "f8"),  # removed since the wire's wear was worked out last
-        ("worn_share", "f8"),
-        ("broken", "i8"),  # 1 if the wire broke, `BARE` without a wire
-        ("broken_slice", "i8"),
-        ("crater_um3", "f8"),  # sum of the craters drawn
-        ("missed_um3", "f8"),  # what of them found no metal
-        ("deflection_um", "f8", 2),  # mean of the last window
-        ("tiled_um", "f8", N_AXES),  # places (x, y) of lower and upper guide around which the field has tiles
-        ("traced_um", "f8", N_AXES),  # the axes' places when the rays were last traced
-        ("traced_pulses", "i8"),  # pulses fired by then
-        ("carved_pulses", "i8"),  # pulses whose craters are carved
-        ("traces", "i8"),  # how often rays were traced with this wire
-        ("film_kg_um2_s", "f8"),  # the films' resistance over the pull then
-    ]
+STATE = on_lines(
+    ("time_ns", "i8"),
+    ("pulses", "i8"),  # fired so far
+    ("key", "u8"),  # of the random draws
+    ("draws", "u8"),  # how many there were
+    ("commanded_um", "f8", N_AXES),  # setpoints: the steps of the axes added up
+    ("axis_um", "f8", N_AXES),  # where the axes truly are, less the ringing of those under a stepper
+    ("indicated_um", "f8", 2),  # where x and y would be without the errors of screws and ways
+    ("slack_um", "f8", 2),  # by which that is behind a stepper's setpoint, in its nut
+    ("since_discharge_us", "f8"),
+    ("last_slice", "i8"),  # of the last discharge
+    ("last_ray", "i8"),
+    ("spot", "f8"),  # heat of the last hot spot
+    ("chain_J", "f8"),  # heat that the last discharge and the arcs before it brought into one place of the wire
+    ("chain_us", "f8"),  # over this time
+    ("heat_wait_us", "f8"),  # time since heat and debris travelled last
+    ("wear_wait_um3", "f8"),  # removed since the wire's wear was worked out last
+    ("worn_share", "f8"),
+    ("broken", "i8"),  # 1 if the wire broke, `BARE` without a wire
+    ("broken_slice", "i8"),
+    ("crater_um3", "f8"),  # sum of the craters drawn
+    ("missed_um3", "f8"),  # what of them found no metal
+    ("deflection_um", "f8", 2),  # mean of the last window
+    ("tiled_um", "f8", N_AXES),  # places (x, y) of lower and upper guide around which the field has tiles
+    ("traced_um", "f8", N_AXES),  # the axes' places when the rays were last traced
+    ("traced_pulses", "i8"),  # pulses fired by then
+    ("carved_pulses", "i8"),  # pulses whose craters are carved
+    ("traces", "i8"),  # how often rays were traced with this wire
+    ("film_kg_um2_s", "f8"),  # the films' resistance over the pull then
 )
 """Numbers of a plant that change from pulse to pulse."""
 
-WINDOW = np.dtype(
-    [
-        ("start_ns", "i8"),
-        ("duration_ns", "i8"),
-        ("counts", "i8", 4),  # by class of pulse
-        ("voltage_us", "f8"),  # gap voltage over time, V us
-        ("charge_A_us", "f8"),
-        ("energy_J", "f8"),
-        ("delay_us", "f8"),  # of all ignitions
-        ("ignitions", "i8"),
-        ("gap_um", "f8"),
-        ("crater_um3", "f8"),
-        ("deflection_um", "f8", 2),
-        ("deflection2_um2", "f8", 2),  # of its square
-        ("temperature_max_K", "f8"),
-        ("debris", "f8"),  # mean over the slices at the window's end
-        ("coverage", "f8"),  # the same
-        ("broken", "i8"),
-        ("fifths", "i8", 5),  # ignitions by where the currents of both contacts put them (`discharge.locate`)
-    ]
+WINDOW = on_lines(
+    ("start_ns", "i8"),
+    ("duration_ns", "i8"),
+    ("counts", "i8", 4),  # by class of pulse
+    ("voltage_us", "f8"),  # gap voltage over time, V us
+    ("charge_A_us", "f8"),
+    ("energy_J", "f8"),
+    ("delay_us", "f8"),  # of all ignitions
+    ("ignitions", "i8"),
+    ("gap_um", "f8"),
+    ("crater_um3", "f8"),
+    ("deflection_um", "f8", 2),
+    ("deflection2_um2", "f8", 2),  # of its square
+    ("temperature_max_K", "f8"),
+    ("debris", "f8"),  # mean over the slices at the window's end
+    ("coverage", "f8"),  # the same
+    ("broken", "i8"),
+    ("fifths", "i8", 5),  # ignitions by where the currents of both contacts put them (`discharge.locate`)
 )
 """Sums over one window of pulses."""
 
