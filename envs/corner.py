@@ -41,6 +41,7 @@ class Corner(Family):
     height_mm: Range | None = (20.0, 60.0)
     tension: Range | None = (6.0, 12.0)
     action: Literal["change", "speed", "servo"] = "servo"
+    # a duty factor, as the standard setting is at the supply's limit: it would refuse half of all pairs with a period
     knobs: Sequence[str] = ("on_time", "duty_factor")
     offset_um: float | None = 24.0
     decision_s: float | None = 0.25

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.compiled.random import normal, uniform
+from edmsim.compiled.random import normal
 from edmsim.envs.arguments import within
 from edmsim.machine.setting import wire_speed_m_s
 from edmsim.numeric import keep_plain, whole_from
@@ -285,7 +285,7 @@ def show(
         noise_share, step = scale.noise_share, scale.step
         for k in range(_VOLTAGE, _DELAY + 1):
             if noise_share > 0.0:
-                values[k] += noise_share * normal(uniform(scale.key, scale.draws))
+                values[k] += noise_share * normal(scale.key, scale.draws)
                 scale.draws += np.uint64(1)
             if step > 0.0:
                 values[k] = np.rint(values[k] / step) * step

@@ -153,7 +153,7 @@ def test_a_leaning_wire_trims_its_wall_at_every_height(trimmed):
     rough, trim = cut.passes.records
     assert (rough.number, trim.number, trim.reversed) == (1, 2, True)
     assert rough.wall.mean_um - trim.wall.mean_um == pytest.approx(1e3 * (OFFSETS_MM[0] - OFFSETS_MM[1]), abs=8.0)
-    assert np.ptp(trim.wall.slices_um) < 4.0  # as straight as the rulings
+    assert np.ptp(trim.wall.slices_um) < cut.plant.resolution.cell_um  # as straight as the rulings
     heights_um = slice_heights_mm(cut.plant.field, HEIGHT_MM) * 1e3
     part = walls_um(cut)[:, 1]
     assert np.polyfit(heights_um, part, 1)[0] == pytest.approx(TAN, abs=2e-3)

@@ -24,6 +24,7 @@ NAMES = {
     "pulses_per_s_fine": "pulses at `fine`",
     "mujoco_pulses_per_s": "pulses with MuJoCo, at its usual rate",
     "vector_env_steps_per_s_fast": "windows of 64 environments at `fast`, one thread",
+    "vector_env_steps_per_s_fast_threads": "the same by the clock, with a thread for each processor",
     "drawn_resets_per_s": "resets that draw a machine, at `fast`",
 }
 """Figures of `bench.subject`, and what the page calls them."""

@@ -1,7 +1,7 @@
 """Two revisions timed in pairs: ``edmsim bench --against``.
 
 A computer is not equally fast all the time, and others use it too. So both revisions are timed by turns, by processor
-time, and the ratio is reported.
+time (but for several threads, which the clock times), and the ratio is reported.
 """
 
 from __future__ import annotations

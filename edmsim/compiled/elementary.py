@@ -2,7 +2,7 @@
 
 A call of the mathematical library costs the loop more than its arithmetic: whatever stands in registers goes to
 memory and back. These few lines are compiled into the loop instead: the series of the inverse hyperbolic tangent and
-of the exponential, and Halley's iteration for the cube root, as exact as a simulated spark needs.
+of the exponential, and a root to 3 % with the series of what it lacks, as exact as a simulated spark needs.
 """
 
 from __future__ import annotations
@@ -18,8 +18,11 @@ _ROOT_HALF_BITS = np.int64(0x3FE6A09E667F3BCD)
 _MANTISSA_BITS = np.int64(52)
 _BIAS = np.int64(1023)
 _LN2 = math.log(2.0)
-_CUBE_ROOT_BITS = np.uint64(0x2A9F789300000000)
-"""What a third of the bits of x lacks of the bits of its cube root, the error evened out (value: fdlibm, cbrt)."""
+_ROOT_BITS = np.int64(0x553F0A3D00000000)
+"""What the bits of one over a cube root and a third of the bits of its cube add up to, to 4 % (ours: the error evened
+out)."""
+_ROOT_SERIES = 1.000000003, -0.3333331512, 0.22221701661, -0.17292879058, 0.14550243471, -0.11699287641
+"""Coefficients of ``(1 + u)^(-1/3)`` from -0.090 to 0.1205, to 5e-9 (ours: the least greatest relative error)."""
 
 
 @compiled
@@ -56,10 +59,17 @@ def power(x: float, exponent: float) -> float:
 
 
 @compiled
+def inverse_cube_root(x: float) -> float:
+    """One over the cube root of a positive number that is no smaller than 1e-100."""
+    root = np.int64(_ROOT_BITS - np.int64(np.float64(x).view(np.uint64) // np.uint64(3))).view(np.float64)
+    u = x * root * root * root - 1.0
+    u2 = u * u
+    low = (_ROOT_SERIES[0] + u * _ROOT_SERIES[1]) + u2 * (_ROOT_SERIES[2] + u * _ROOT_SERIES[3])
+    return float(root * (low + u2 * u2 * (_ROOT_SERIES[4] + u * _ROOT_SERIES[5])))
+
+
+@compiled
 def cube_root(x: float) -> float:
     """Cube root of a positive number that is no smaller than 1e-100."""
-    root = np.uint64(np.float64(x).view(np.uint64) // np.uint64(3) + _CUBE_ROOT_BITS).view(np.float64)
-    for _ in range(2):
-        cube = root * root * root
-        root *= (cube + 2.0 * x) / (2.0 * cube + x)
-    return float(root)
+    inverse = inverse_cube_root(x)
+    return x * inverse * inverse

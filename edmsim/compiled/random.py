@@ -7,13 +7,15 @@ Draw ``n`` under a key is the splitmix64 output function (Steele, Lea, Flood, OO
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numba import types
+from numba.extending import intrinsic
 
-from edmsim.compiled.jit import compiled, compiled_apart
+from edmsim.compiled.jit import compiled
 
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
-_TAIL = 0.02425
 
 
 @compiled
@@ -31,32 +33,30 @@ def uniform(key: np.uint64, count: np.uint64) -> float:
     return (np.float64(bits) + 0.5) * 1.1102230246251565e-16
 
 
+def _counting(_typing: Any, bits: Any) -> Any:
+    """How many bits of a whole number are set."""
+    return types.int64(bits), lambda _context, builder, _signature, arguments: builder.ctpop(arguments[0])
+
+
+_heads: Any = intrinsic(_counting)
+
+
+_COINS = 48
+_PART_BITS = np.uint64(64 - _COINS)
+_PART_MASK = np.uint64(2 ** (64 - _COINS) - 1)
+_SD = math.sqrt(_COINS / 4 + 1 / 12)
+
+
 @compiled
-def normal(u: float) -> float:
-    """Standard normal quantile of a share `u` (0 to 1): makes a normal draw of a uniform one.
+def normal(key: np.uint64, count: np.uint64) -> float:
+    """Draw number `count` under `key`: standard normal, within 0.002 of the normal distribution's shares.
 
-    Rational approximations of P. J. Acklam (2003), relative error below 1.2e-9: a quarter of the time of Box and
-    Muller's logarithm, root, sine and cosine.
+    The number of heads of 48 coins, and a uniform share of one more: no logarithm, root or division, and nothing that
+    the processor would have to foresee. Mean and variance are exact, and no draw lies beyond 7.1.
     """
-    if u < _TAIL:
-        return _tail_quantile(u)
-    if u > 1.0 - _TAIL:
-        return -_tail_quantile(1.0 - u)
-    q = u - 0.5
-    r = q * q
-    over = -39.69683028665376 * r + 220.9460984245205
-    over = ((over * r - 275.9285104469687) * r + 138.3577518672690) * r - 30.66479806614716
-    under = -54.47609879822406 * r + 161.5858368580409
-    under = ((under * r - 155.6989798598866) * r + 66.80131188771972) * r - 13.28068155288572
-    return q * (over * r + 2.506628277459239) / (under * r + 1.0)
-
-
-@compiled_apart
-def _tail_quantile(u: float) -> float:
-    q = math.sqrt(-2.0 * math.log(u))
-    over = ((-7.784894002430293e-3 * q - 0.3223964580411365) * q - 2.400758277161838) * q - 2.549732539343734
-    under = ((7.784695709041462e-3 * q + 0.3224671290700398) * q + 2.445134137142996) * q + 3.754408661907416
-    return ((over * q + 4.374664141464968) * q + 2.938163982698783) / (under * q + 1.0)
+    bits = mix(key + count * GAMMA)
+    part = np.float64(np.int64(bits & _PART_MASK)) + 0.5
+    return (np.float64(_heads(bits >> _PART_BITS)) + part / 2.0 ** (64 - _COINS) - (_COINS + 1) / 2) / _SD
 
 
 def key_of(seed: int) -> np.uint64:

@@ -23,12 +23,26 @@ from edmsim.compiled.numba_internals import cgutils, datamodel
 
 GAPS, COORDINATES = 16, 4
 """Numbers of a vector of float32, and of float64."""
+ABREAST, EACH = 5, 3
+"""Slices whose gaps share a vector of float32, and lanes of each; the last lane belongs to none."""
 
 
 @compiled
 def filled(count: int, lanes: int = COORDINATES) -> int:
     """Round `count` up to a multiple of `lanes`, the numbers of a vector: of float64 by default."""
     return (count + lanes - 1) // lanes * lanes
+
+
+@compiled
+def fives(slices: int) -> int:
+    """Number of fives that hold some slices."""
+    return (slices + ABREAST - 1) // ABREAST
+
+
+@compiled
+def lanes_abreast(rays: int) -> int:
+    """Lanes of a five of slices with a number of rays each: whole vectors."""
+    return (rays + EACH - 1) // EACH * GAPS
 
 
 def _operation(generator: Callable[..., Any]) -> Callable[..., Any]:
@@ -124,19 +138,6 @@ def _kind_of(a: Any, b: Any) -> Any:
     return None
 
 
-@_operation
-def twice(_typing: Any, low: Any, high: Any) -> Any:
-    """Vector of float64 with a number in its lower half and another in its upper."""
-    kind = _VECTORS[types.float64]
-
-    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        low, high = (_spread(context, builder, value, types.float64, kind) for value in arguments)
-        half = kind.count // 2
-        return _shuffled(builder, low, high, [k if k < half else kind.count + k for k in range(kind.count)])
-
-    return kind(types.float64, types.float64), generate
-
-
 def _lane_by_lane(combine: Callable[[Any, Any, Any], Any]) -> Callable[..., Any]:
     """Operation on two vectors, or a vector and a number, from what it builds of the two (builder, left, right)."""
 
@@ -177,6 +178,10 @@ highest = _lane_by_lane(
     lambda builder, left, right: builder.select(builder.fcmp_ordered(">", left, right), left, right)
 )
 """The greater of two vectors, or of a vector and a number, lane by lane."""
+lowest = _lane_by_lane(
+    lambda builder, left, right: builder.select(builder.fcmp_ordered("<", left, right), left, right)
+)
+"""The smaller of the two."""
 
 _HALVES = (0.99992264, -0.69098249, 0.22997734, -0.03895358)
 """Coefficients of ``2^-x`` from 0 to 1, to 8e-5 (ours: least squares of the relative error at Chebyshev's nodes)."""
@@ -225,35 +230,68 @@ def _shuffled(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
     return builder.shuffle_vector(a, b, mask)
 
 
-def _sum(builder: Any, vector: Any, other: Any, lanes: list[int]) -> Any:
-    """Sum of some lanes of two vectors, the first half of a list, and of others, the second."""
-    half = len(lanes) // 2
-    low, high = (_shuffled(builder, vector, other, part) for part in (lanes[:half], lanes[half:]))
-    return builder.fadd(low, high, flags=tuple(sorted(FAST)))
+@_operation
+def abreast(_typing: Any, four: Any, fifth: Any) -> Any:
+    """Vector of float32 with the number of each of five slices in its lanes, from those of four and of the fifth."""
+    kind = _VECTORS[types.float32]
 
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        numbers = _shuffled(builder, arguments[0], arguments[0], [*range(COORDINATES)] * 2)
+        numbers = builder.insert_element(numbers, arguments[1], ir.Constant(ir.IntType(32), ABREAST - 1))
+        single = builder.fptrunc(numbers, ir.VectorType(ir.FloatType(), 2 * COORDINATES))
+        return _shuffled(builder, single, single, [min(k // EACH, ABREAST - 1) for k in range(kind.count)])
 
-def _folded(builder: Any, vector: Any) -> Any:
-    """Sum of a vector's lower and upper half."""
-    return _sum(builder, vector, vector, list(range(vector.type.count)))
+    return kind(four, fifth), generate
 
 
 @_operation
-def totals(_typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Sums of four vectors of float32, as a vector of float64: all four are added up together."""
+def counted(_typing: Any, first: Any) -> Any:
+    """Vector of float64 that counts up from a number by one."""
     kind = _VECTORS[types.float64]
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        vectors = list(arguments)
-        while vectors[0].type.count > 8:
-            vectors = [_folded(builder, vector) for vector in vectors]
-        # of eight lanes, each four on their own: a shuffle across the fourth takes longer
-        first, second = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
-        ab, cd = (_sum(builder, one, other, first + second) for one, other in (vectors[:2], vectors[2:]))
-        first, second = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
-        abcd = _sum(builder, ab, cd, first + second)
-        return builder.fpext(_folded(builder, abcd), _llvm(context, kind))
+        steps = ir.Constant(_llvm(context, kind), [float(k) for k in range(kind.count)])
+        return builder.fadd(_spread(context, builder, arguments[0], first, kind), steps)
 
-    return kind(a, b, c, d), generate
+    return kind(first), generate
+
+
+def _rows(builder: Any, vectors: Any) -> list[Any]:
+    """Sums of four vectors over the lanes of each slice, as a vector of float64 for each slice."""
+    flags, sums = tuple(sorted(FAST)), []
+    for vector in vectors:
+        first, second, third = (
+            _shuffled(builder, vector, vector, [min(EACH * k + lane, GAPS - 1) for k in range(GAPS // 2)])
+            for lane in range(EACH)
+        )
+        sums.append(builder.fadd(builder.fadd(first, second, flags=flags), third, flags=flags))
+    ab, cd = (_shuffled(builder, low, high, list(range(GAPS))) for low, high in (sums[:2], sums[2:]))
+    half = GAPS // 2
+    rows = [_shuffled(builder, ab, cd, [k, half + k, GAPS + k, GAPS + half + k]) for k in range(ABREAST)]
+    return [builder.fpext(row, ir.VectorType(ir.DoubleType(), COORDINATES)) for row in rows]
+
+
+@_operation
+def store_sums(_typing: Any, sums: Any, first: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Write the sums of four vectors of float32 over each slice's lanes to its row of `sums` (slices, 4).
+
+    Returns the sum of the rows. Slices that the array does not have are left out.
+    """
+    kind = _VECTORS[types.float64]
+
+    def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        view = context.make_array(sums)(context, builder, arguments[0])
+        slices = builder.extract_value(view.shape, 0)
+        at, everything = context.cast(builder, arguments[1], first, types.intp), None
+        for k, row in enumerate(_rows(builder, arguments[2:])):
+            slice_ = builder.add(at, ir.Constant(at.type, k))
+            with builder.if_then(builder.icmp_signed("<", slice_, slices), likely=True):
+                place = cgutils.get_item_pointer(context, builder, sums, view, [slice_, ir.Constant(at.type, 0)])
+                builder.store(row, builder.bitcast(place, row.type.as_pointer()), align=8)
+            everything = row if everything is None else builder.fadd(everything, row, flags=tuple(sorted(FAST)))
+        return everything
+
+    return kind(sums, first, a, b, c, d), generate
 
 
 @_operation

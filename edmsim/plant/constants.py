@@ -21,11 +21,12 @@ from edmsim.machine.setting import (
 )
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
-from edmsim.plant.gap.coverage import AMBIENT_PA, GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
+from edmsim.plant.gap.coverage import GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
 from edmsim.plant.gap.debris import Jets, jets, kerf_jets
 from edmsim.plant.gap.generator import crater_um3, timing
 from edmsim.plant.gap.nozzle import face_Pa
 from edmsim.plant.gap.water import (
+    AMBIENT_PA,
     BOILING_K,
     DENSITY_KG_M3,
     permittivity_ratio,
@@ -147,7 +148,7 @@ def constants(machine: Machine, res: Resolution) -> Constants:
         bridge_ceiling=gap.bridge_ceiling.value,
         bridge_steepness=gap.bridge_steepness.value,
         crater_cv=spark.crater_cv.value,
-        crater_flatness=spark.crater_flatness.value,
+        crater_cube=6.0 / (math.pi * spark.crater_flatness.value),
         short_removal_share=spark.short_removal_share.value,
         short_push_share=spark.short_push_share.value,
         shielding=gas.shielding.value,

@@ -20,7 +20,7 @@ from edmsim.plant.axes.trips import reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.bare import pass_window
 from edmsim.plant.gap.equalising import OppositePulses, opposite_pulses
-from edmsim.plant.gap.rays import Rays
+from edmsim.plant.gap.rays import Rays, lay_abreast
 from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
 from edmsim.plant.kernel.state import (
@@ -679,11 +679,13 @@ class Plant:
 
     def coverage(self) -> NDArray[np.float64]:
         """Share of the wire's front that gas covers now, (slices,) from the lowest: 0 to 1."""
-        return self._arrays.covered[: len(self._arrays.debris)].copy()
+        return self._arrays.covered[: len(self._arrays.shape)].copy()
 
     def rays(self) -> Rays:
         """Every slice's rays as the loop sees them: as they were traced, less what craters took since."""
-        return Rays(*(getattr(self._arrays, name).copy() for name in Rays._fields))
+        rays = Rays(*(getattr(self._arrays, name).copy() for name in Rays._fields))
+        lay_abreast(rays)
+        return rays
 
     @property
     def timing(self) -> Timing:

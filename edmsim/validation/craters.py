@@ -62,13 +62,14 @@ def published() -> list[Measured]:
 
 def check_shape(seeds: Sequence[int]) -> list[Row]:
     """Diameter and depth that the loop gives a crater of the measured volume; nothing is drawn."""
-    numbers = constants(Machine.load(), resolution("default"))
+    machine = Machine.load()
+    numbers, flatness = constants(machine, resolution("default")), machine.base.discharge.crater_flatness.value
     rows = []
     for crater in published():
         diameter = crater_diameter(crater.volume, numbers)
         for name, measured, ours, within in (
             ("diameter", crater.diameter, diameter, 0.10),
-            ("depth", crater.depth, numbers.crater_flatness * diameter, 0.20),
+            ("depth", crater.depth, flatness * diameter, 0.20),
         ):
             rows.append(Row.value(
                 "crater", f"{name} of a crater of {crater.volume:.0f} um3 ({crater.current_A:g} A)",

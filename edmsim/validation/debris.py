@@ -188,7 +188,7 @@ def counted(gap_um: float, share: float, seed: int) -> float:
     machine, gap = loaded_machine(), Machine.load().base.gap
     plant = in_a_hole(machine, ignition.hole_gap_um(machine, gap_um, seed), seed)
     state = plant.snapshot()
-    state["debris"][:] = share
+    state["debris"][: plant.resolution.slices] = share
     plant.restore(state)
     windows = [plant.advance() for _ in range(LOADED_WINDOWS)]
     none = max(sum(w.open for w in windows), 1)  # where every pulse finds one, there is at least that number

@@ -136,13 +136,13 @@ def flushed_share(loading: float) -> float:
     plant = in_a_hole(set_up.with_(t_on_us=FLUSHED_ON_US, t_period_us=FLUSHED_PERIOD_US), FLUSHED_GAP_UM, 1)
     plant.switch_generator(False)
     state = plant.snapshot()
-    state["debris"][:] = loading
+    state["debris"][: plant.resolution.slices] = loading
     plant.restore(state)
     jet_m_s = flushing(set_up).lower_m_s
     until_ns = plant.time_ns + HALF * DEBRIS_HEIGHT_MM / 2 * 1e-3 / jet_m_s * 1e9
     while plant.time_ns < until_ns:
         plant.advance()
-    return 1.0 - float(plant.snapshot()["debris"].mean()) / loading
+    return 1.0 - float(plant.snapshot()["debris"][: plant.resolution.slices].mean()) / loading
 
 
 def drum_um(cut: Cut) -> float:

@@ -38,7 +38,7 @@ def bridged_share(gap_um: float, debris: float, seed: int) -> float:
     plant = in_a_hole(altered(Machine.load(height_mm=5.0), stagnant), gap_um, seed)
     plant.advance()
     state = plant.snapshot()
-    state["debris"][:] = debris
+    state["debris"][: plant.resolution.slices] = debris
     plant.restore(state)
     windows = [plant.advance() for _ in range(4)]
     return sum(w.short for w in windows) / sum(w.pulses for w in windows)

@@ -141,7 +141,7 @@ def test_the_program_measures_this_checkout(monkeypatch: pytest.MonkeyPatch, cap
     rates = json.loads(capsys.readouterr().out)
     assert list(rates) == [
         "pulses_per_s_fast", "pulses_per_s_default", "pulses_per_s_fine", "mujoco_pulses_per_s",
-        "vector_env_steps_per_s_fast", "drawn_resets_per_s",
+        "vector_env_steps_per_s_fast", "vector_env_steps_per_s_fast_threads", "drawn_resets_per_s",
     ]  # fmt: skip
     assert all(rate > 0 for rate in rates.values())
     monkeypatch.setattr("sys.argv", ["subject.py", "/nowhere", *pairs.COMPILING])

@@ -110,7 +110,7 @@ def test_a_residual_policy_adds_to_its_law_in_a_cut_what_it_added_in_training(sh
 @pytest.mark.slow
 def test_an_imitation_does_what_its_teacher_does(short_training, tmp_path):
     teacher = "set-point:open_target_share=0.05,on_factor=0.5,period_factor=0.8,offset_um=6"
-    _, policy = exported(tmp_path, "edmsim/Corner-v2", "imitation", steps=1024, n_steps=64, teacher=teacher)
+    _, policy = exported(tmp_path, "edmsim/Corner-v2", "imitation", steps=3072, n_steps=64, teacher=teacher)
     task, controller = Task("Corner"), PolicyController(policy)
     task.reset(5)
     tell(controller, task.machine, task.scenario.legs_um[0], 0.0)

@@ -233,7 +233,7 @@ def loaded(in_a_hole, machine, gap_um, debris, mean_um, **constants):
     size = {"base.gap.particle_share": mean_um / crater_um3 ** (1 / 3)}
     plant = in_a_hole(stagnant, gap_um, **(SPARSE | size | constants))
     state = plant.snapshot()
-    state["debris"][:] = debris
+    state["debris"][: plant.resolution.slices] = debris
     plant.restore(state)
     return plant
 
@@ -375,7 +375,7 @@ def test_a_short_leaves_the_clock_of_the_ions_alone(in_a_hole, machine):
     quiet = plant.snapshot()["state"]["since_discharge_us"][0]
     assert quiet == pytest.approx(100.0 - 30.0)
     state = plant.snapshot()
-    state["debris"][:] = 1.0  # bridges the gap for sure
+    state["debris"][: plant.resolution.slices] = 1.0  # bridges the gap for sure
     plant.restore(state)
     for n in (1, 2, 3):
         assert plant.advance_pulse().short == 1

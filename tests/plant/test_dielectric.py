@@ -285,7 +285,7 @@ def test_a_loaded_slot_flows_more_slowly(in_a_hole, machine):
     for debris in (1e-6, 0.2):
         plant = in_a_hole(machine, 200.0)
         state = plant.snapshot()
-        state["debris"][:] = debris
+        state["debris"][: plant.resolution.slices] = debris
         plant.restore(state)
         while (left := plant.snapshot()["debris"][0]) == debris:
             plant.advance_pulse()
@@ -302,7 +302,7 @@ def test_the_operator_s_nozzles_decide_on_flow_and_debris(machine, altered, driv
     for lower, upper in ((3e4, 3e4), (0.0, 3e4), (3e4, 0.0)):
         plant = edmsim.Plant(unpumped.with_(flushing_lower_Pa=lower, flushing_upper_Pa=upper), 1, resolution="fast")
         means[lower, upper] = np.mean([w.debris for w in drive(plant, 20.0, 4.0)[40:]])
-        at_ends[lower, upper] = plant.snapshot()["debris"][[0, -1]]
+        at_ends[lower, upper] = plant.snapshot()["debris"][[0, res.slices - 1]]
     assert min(means[0.0, 3e4], means[3e4, 0.0]) > 1.5 * means[3e4, 3e4]
     assert at_ends[0.0, 3e4][0] > 2 * at_ends[0.0, 3e4][1]
     assert at_ends[3e4, 0.0][1] > 2 * at_ends[3e4, 0.0][0]
@@ -332,7 +332,7 @@ def test_bubbles_that_pump_leave_less_debris(machine, altered, drive):
 def test_a_gap_full_of_debris_shorts_until_it_is_flushed(in_a_hole, machine):
     plant = in_a_hole(machine, 30.0)
     state = plant.snapshot()
-    state["debris"][:] = 1.0
+    state["debris"][: plant.resolution.slices] = 1.0
     plant.restore(state)
     windows = [plant.advance() for _ in range(60)]
     assert windows[0].short > 20

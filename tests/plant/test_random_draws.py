@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import special, stats
+from scipy import stats
 
 from edmsim.compiled.random import key_of, normal, uniform
 
@@ -49,7 +49,17 @@ def test_splitmix64_vectors():
             assert uniform(np.uint64(key), np.uint64(n)) == expected
 
 
-def test_normal_quantiles_are_those_of_scipy():
-    shares = np.concatenate([np.geomspace(1e-16, 0.5, 4_001), 1.0 - np.geomspace(1e-12, 0.5, 4_001)])
-    found = np.array([normal(share) for share in shares])
-    np.testing.assert_allclose(found, special.ndtri(shares), rtol=2e-9, atol=2e-9)
+@pytest.mark.parametrize("seed", [0, 7])
+def test_normal_draws_are_those_of_a_normal_distribution(seed):
+    key, n = key_of(seed), 40_000
+    z = np.array([normal(key, np.uint64(k)) for k in range(n)])
+    assert abs(z.mean()) < 4 / math.sqrt(n)
+    assert z.var() == pytest.approx(1.0, abs=4 * math.sqrt(2 / n))
+    assert stats.kurtosis(z) == pytest.approx(0.0, abs=0.15)
+    assert stats.kstest(z, "norm").statistic < 0.002 + 1.63 / math.sqrt(n)
+    assert abs(np.corrcoef(z[:-1], z[1:])[0, 1]) < 4 / math.sqrt(n)
+
+
+@given(WORDS, WORDS)
+def test_no_normal_draw_lies_far_out(key, count):
+    assert abs(normal(np.uint64(key), np.uint64(count))) < 7.1

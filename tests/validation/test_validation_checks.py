@@ -156,7 +156,7 @@ def test_a_loaded_hole_has_the_debris_of_the_default_cut_and_keeps_it():
     assert size_um == pytest.approx(debris.mean_size_um(altered(Machine.load(), {"generator.open_voltage_V": 80.0})))
     plant = in_a_hole(machine, 20.0, 1)
     state = plant.snapshot()
-    state["debris"][:] = 1e-3
+    state["debris"][: plant.resolution.slices] = 1e-3
     plant.restore(state)
     window = plant.advance()
     assert window.spark > 100

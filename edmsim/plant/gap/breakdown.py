@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.elementary import logarithm, power
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.vectors import (
+    ABREAST,
     GAPS,
     element,
     highest,
@@ -40,10 +41,8 @@ from edmsim.compiled.vectors import (
     power_of_half,
     running,
     spread,
-    store,
+    store_sums,
     total,
-    totals,
-    twice,
 )
 from edmsim.plant.gap.rays import Rays, arc, gaps_of, narrowest
 
@@ -126,34 +125,37 @@ def _particle_weights(gap: Any, held: Any, law: BlockLaw) -> Any:
 
 
 @compiled
-def sum_slice(
-    rays: Rays, s: int, sx: np.float32, sy: np.float32, law: BlockLaw, gain: float, pull: float, debris: float,
+def sum_five(
+    rays: Rays, five: int, sx: Any, sy: Any, law: BlockLaw, gain: Any, pull: Any, debris: Any,
     sums: NDArray[np.float64], near: Any,
 ) -> Any:
-    """Sum the rays of a slice as `slice_sums` does; returns no less than the greatest primed weights and `near`."""
+    """Sum the rays of five slices as `slice_sums` does, by vectors abreast of what it takes for each of them.
+
+    Returns the sum over the slices, and no less than the greatest primed weights and `near`.
+    """
     one = np.float32(1.0)
     rate = primed = particles = pull_x = pull_y = spread(np.float32(0.0))
-    for at in arc(rays, s):
-        gap = gaps_of(rays, s, at, sx, sy)
+    for at in range(0, rays.blocks_abreast[five] * GAPS, GAPS):
+        cosine, sine = load(rays.cosine_abreast, (five, at)), load(rays.sine_abreast, (five, at))
+        gap = load(rays.gap_abreast, (five, at)) - (cosine * sx + sine * sy)
         delay, held = _delays(gap, law), highest(gap, np.float32(PULL_GAP_FLOOR_UM))
         square = held * held
         # one division serves rate and pull
         both = spread(one) / (delay * square)
         rate += both * square
         pressure = both * delay * (held * law.wire_curvature + one) + law.bare
-        pull_x += pressure * load(rays.cosine, (s, at))
-        pull_y += pressure * load(rays.sine, (s, at))
+        pull_x += pressure * cosine
+        pull_y += pressure * sine
         primed += _primed_weights(gap, law)
         particles += _particle_weights(gap, held, law)
     near = highest(near, primed)
-    primed += particles * (law.particles_um * np.float32(debris))
-    store(sums, (s, 0), totals(rate, primed, pull_x, pull_y) * twice(gain, pull))
-    return near
+    primed += particles * (debris * law.particles_um)
+    return store_sums(sums, five * ABREAST, rate * gain, primed * gain, pull_x * pull, pull_y * pull), near
 
 
 @compiled
 def may_touch(near: Any, law: GapLaw) -> bool:
-    """Whether a ray may be so near that it touches, by what `sum_slice` returned: it may not, most often."""
+    """Whether a ray may be so near that it touches, by what `sum_five` returned: it may not, most often."""
     span = law.primed_gap_um - law.contact_gap_um
     return span <= 0.0 or bool(passed(near, np.float32(span * span)) < GAPS)
 
@@ -175,11 +177,17 @@ def slice_sums(
 ) -> float:
     """Sum the rays of slice `s` into its row of `sums` (slices, 4), and return the depth of its contacts in um.
 
+    The slices in the same block get their rows as well.
+
     The row is rate 1/us, primed weight um^2, both times `gain`, pull x, y 1/um^2: that of coaxial cylinders,
     ``(1/g + 1/(2 r))^2``. `shift` is how far the wire has moved from where the rays were traced.
     """
-    sx, sy = np.float32(shift_x), np.float32(shift_y)
-    near = sum_slice(rays, s, sx, sy, block_law(law), gain, 1.0, debris, sums, spread(np.float32(0.0)))
+    sx, sy, nothing = np.float32(shift_x), np.float32(shift_y), spread(np.float32(0.0))
+    gains, loading = spread(np.float32(gain)), spread(np.float32(debris))
+    _, near = sum_five(
+        rays, s // ABREAST, spread(sx), spread(sy), block_law(law), gains, spread(np.float32(1.0)), loading, sums,
+        nothing,
+    )  # fmt: skip
     return contact_depth(rays, s, sx, sy, law) if may_touch(near, law) else 0.0
 
 

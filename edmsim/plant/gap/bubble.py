@@ -11,16 +11,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from edmsim.compiled.elementary import cube_root
+from edmsim.compiled.elementary import cube_root, inverse_cube_root
 from edmsim.compiled.jit import compiled
-from edmsim.plant.gap.water import DENSITY_KG_M3
+from edmsim.plant.gap.water import AMBIENT_PA, DENSITY_KG_M3
 
 REFERENCE_GAP_UM, REFERENCE_J, REFERENCE_DIAMETER_UM = 20.0, 0.01, 250.0
 """Gap, energy and wire diameter at which the impulse constant of a machine file holds."""
 LEAST_GAP_UM = 5.0
 """Nearer metal does not raise the impulse (ours: craters and asperities are as large)."""
-AMBIENT_PA = 1.0e5
-"""Pressure behind the wire, where the gas goes."""
 SLIT_LOGARITHM = 0.6
 """Mean of ln(slit / bubble) while the bubble crosses the slit (ours: the integration, 0.5 to 1)."""
 LATE_SHARE = 0.7
@@ -62,7 +60,7 @@ def bubble_law(diameter_um: float, impulse_10mJ_Ns: float, bubble_share: float) 
 @compiled
 def vent_time_us(power_W: float, gap_um: float, law: BubbleLaw) -> float:
     """Time after ignition at which the gas of a discharge of constant power (above 0) reaches the slit's edges."""
-    return law.vent_us * cube_root(max(gap_um, LEAST_GAP_UM) / (REFERENCE_GAP_UM * power_W))
+    return law.vent_us * cube_root(max(gap_um, LEAST_GAP_UM) * (1.0 / power_W / REFERENCE_GAP_UM))
 
 
 @compiled
@@ -75,13 +73,16 @@ def bubble_impulse_Ns(power_W: float, burn_us: float, gap_um: float, law: Bubble
     """
     if power_W <= 0.0:
         return 0.0
-    vent_us = vent_time_us(power_W, gap_um, law)
-    confined_us = min(burn_us, vent_us)
-    energy_J = power_W * confined_us * 1e-6
-    narrow = REFERENCE_GAP_UM / max(gap_um, LEAST_GAP_UM)
+    # one root, and no division that waits for the gap
+    per_W = 1.0 / power_W
+    per_vent = inverse_cube_root(max(gap_um, LEAST_GAP_UM) * (per_W / REFERENCE_GAP_UM))
+    narrow = per_vent * per_vent * per_vent * per_W  # 20 um over the gap
     escape = law.escape_Ns_J * narrow
+    until_vent = min(burn_us * (1.0 / law.vent_us) * per_vent, 1.0)
+    confined_us = vent_time_us(power_W, gap_um, law) * until_vent
+    energy_J = power_W * confined_us * 1e-6
     # a discharge that ends before its gas escapes leaves it the time to give more of its energy
-    driving_J = energy_J * (1.0 + LATE_SHARE * (1.0 - confined_us / vent_us))
-    water_Ns = law.impulse_Ns * math.sqrt(driving_J / REFERENCE_J * narrow)
+    driving_J = energy_J * (1.0 + LATE_SHARE * (1.0 - until_vent))
+    water_Ns = law.impulse_Ns * math.sqrt(driving_J * (1.0 / REFERENCE_J) * narrow)
     escape_N = max(0.0, escape * power_W - law.ambient_N)
     return water_Ns + 0.5 * escape * energy_J + escape_N * (burn_us - confined_us) * 1e-6

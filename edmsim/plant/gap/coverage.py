@@ -14,14 +14,13 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, NamedTuple
 
+import numpy as np
+
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.vectors import COORDINATES, load, store
+from edmsim.compiled.vectors import COORDINATES, counted, highest, load, lowest, spread, store
+from edmsim.plant.gap.water import AMBIENT_PA
 from edmsim.plant.kernel.declare import Stored
 from edmsim.plant.kernel.state import GRID, Array, Arrays, Constants
-
-AMBIENT_PA = 101_325.0
-"""Pressure of the water around the kerf."""
-
 
 LEAST_POCKET = 1e-6
 """Half the least length that debris is spread over, in heights of a slice (ours): without steam it stays there."""
@@ -95,6 +94,13 @@ def fade(a: Arrays, law: GasLaw, k_period: int) -> None:
 
 
 @compiled
+def _overlap(place: float, reach: float, first: int, top: float) -> Any:
+    """How much of each of four slices from one on lies within a reach of a place, in heights of a slice."""
+    low = counted(float(first))
+    return highest(lowest(low + 1.0, min(place + reach, top)) - highest(low, place - reach), 0.0)
+
+
+@compiled
 def blow(
     a: Arrays, c: Constants, law: GasLaw, s: int, within: float, energy_J: float, k_left: int, debris_um3: float
 ) -> None:
@@ -108,17 +114,21 @@ def blow(
     steam, gas = law.steam_um_J * root, law.gas_um_J * root
     pocket = max(steam, LEAST_POCKET)
     steam_left, gas_left = law.fading[k_left, 0], law.fading[k_left, 1]
-    reach = max(steam, gas)
+    # once, and not for each slice
+    debris, thinner = debris_um3 / (2.0 * pocket * c.cavity_um3), c.cavity_um3 / c.wake_um3
     a.wake_gas[s] += (1.0 - a.wake_gas[s]) * min(c.gas_um3_J * energy_J / (c.wake_um3 * a.metal[s]), 1.0)
-    for k in range(max(0, int(place - reach)), min(a.debris.shape[0], int(place + reach) + 1)):
-        under = max(0.0, min(place + steam, k + 1.0) - max(place - steam, float(k)))
-        a.steam[k] += (1.0 - a.steam[k]) * steam_left * under
-        spread = max(0.0, min(place + pocket, k + 1.0) - max(place - pocket, float(k)))
-        a.debris[k] += debris_um3 * spread / (2.0 * pocket * c.cavity_um3 * a.metal[k])
-        exchanged = c.pumping * under * (a.debris[k] - a.wake_debris[k])
-        a.debris[k] -= exchanged
-        a.wake_debris[k] += exchanged * c.cavity_um3 / c.wake_um3
-        under = max(0.0, min(place + gas, k + 1.0) - max(place - gas, float(k)))
-        a.gas[k] += (1.0 - a.gas[k]) * gas_left * under
-        # number by number as they are written: a vector would wait for what was written in parts
-        a.covered[k] = _either(a.steam[k], a.gas[k])
+    top = np.float64(a.shape.shape[0])
+    for k in range(0, a.steam.shape[0], COORDINATES):
+        under = _overlap(place, steam, k, top)
+        steamy = load(a.steam, (k,))
+        steamy += (spread(1.0) - steamy) * steam_left * under
+        dirty, behind = load(a.debris, (k,)), load(a.wake_debris, (k,))
+        dirty += _overlap(place, pocket, k, top) * debris / load(a.metal, (k,))
+        exchanged = under * c.pumping * (dirty - behind)
+        gassy = load(a.gas, (k,))
+        gassy += (spread(1.0) - gassy) * gas_left * _overlap(place, gas, k, top)
+        store(a.steam, (k,), steamy)
+        store(a.debris, (k,), dirty - exchanged)
+        store(a.wake_debris, (k,), behind + exchanged * thinner)
+        store(a.gas, (k,), gassy)
+        store(a.covered, (k,), _either(steamy, gassy))

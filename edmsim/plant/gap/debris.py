@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
+from edmsim.compiled.vectors import COORDINATES, load, spread, total
 from edmsim.plant.gap.water import DENSITY_KG_M3
 
 
@@ -97,11 +98,11 @@ EINSTEIN = 2.5
 
 @compiled
 def mean_of_slices(shares: NDArray[np.float64], slices: int) -> float:
-    """Mean over the height of a share that every slice has: of debris in its water, of gas on its front."""
-    sum_ = 0.0
-    for s in range(slices):
-        sum_ += shares[s]
-    return float(sum_ / slices)
+    """Mean over the height of a share that every slice has, and none beyond: of debris in its water, of gas."""
+    sum_ = spread(0.0)
+    for s in range(0, shares.shape[0], COORDINATES):
+        sum_ += load(shares, (s,))
+    return float(total(sum_) / slices)
 
 
 @compiled

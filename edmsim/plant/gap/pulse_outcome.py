@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import exponential, logarithm
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.random import normal, uniform
-from edmsim.compiled.vectors import GAPS, element, highest, load, spread, total
-from edmsim.plant.gap.breakdown import GapLaw, block_law, choose_ray, contact_depth, may_touch, sum_slice, weibull
+from edmsim.compiled.vectors import ABREAST, GAPS, abreast, element, highest, load, spread, total
+from edmsim.plant.gap.breakdown import GapLaw, block_law, choose_ray, contact_depth, may_touch, sum_five, weibull
 from edmsim.plant.gap.debris import bridged_probability
 from edmsim.plant.gap.ray_trace import gap_of, meets_metal, moved, narrowest_now, place_of, rays_of
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
@@ -32,6 +34,13 @@ def draw(state: NDArray[np.void]) -> float:
 
 
 @compiled
+def draw_normal(state: NDArray[np.void]) -> float:
+    """Next standard normal draw of the plant."""
+    state[0].draws += np.uint64(1)
+    return normal(state[0].key, state[0].draws)
+
+
+@compiled
 def leak_conductance(a: Arrays, c: Constants) -> float:
     """Conductance in siemens of the water between wire and metal (rays in parallel)."""
     conductance = 0.0
@@ -50,9 +59,19 @@ def _gain(a: Arrays, c: Constants, s: int) -> float:
 
 
 @compiled
-def _pull(a: Arrays, c: Constants, s: int) -> float:
-    """What gas and the height of its metal make of the pull on a slice."""
-    return float((1.0 - c.shielding * a.covered[s]) * a.metal[s])
+def _abreast(values: Array, first: int) -> Any:
+    """Values of the five slices from one on, side by side."""
+    return abreast(load(values, (first,)), values[first + ABREAST - 1])
+
+
+@compiled
+def _moved_abreast(a: Arrays, position: Array, axis: int, first: int) -> Any:
+    """How far the wire of five slices, from one on, has moved along an axis from where their rays were traced."""
+    last = first + ABREAST - 1
+    return abreast(
+        load(position, (axis, first)) - load(a.reference_um, (axis, first)),
+        position[axis, last] - a.reference_um[axis, last],
+    )
 
 
 @compiled
@@ -61,12 +80,17 @@ def sum_rays(
 ) -> tuple[float, float, float, float, float]:
     """Sum every slice's rays where the wire is: rate, primed weight, depth of contacts, pull along x and y."""
     rays, block = rays_of(a), block_law(law)
-    everything = spread(0.0)
-    near = spread(np.float32(0.0))
-    for s in range(sums.shape[0]):
-        sx, sy = moved(a, position, s)
-        near = sum_slice(rays, s, sx, sy, block, _gain(a, c, s), _pull(a, c, s), a.debris[s], sums, near)
-        everything += load(sums, (s, 0))
+    dryness, shielding, one = np.float32(c.dryness), np.float32(c.shielding), spread(np.float32(1.0))
+    everything, near = spread(0.0), spread(np.float32(0.0))
+    for first in range(0, sums.shape[0], ABREAST):
+        # gas and the height of the metal act on the rate of breakdown and on the pull
+        covered, metal = _abreast(a.covered, first), _abreast(a.metal, first)
+        gain, pull = (one - covered * dryness) * metal, (one - covered * shielding) * metal
+        sx, sy = _moved_abreast(a, position, 0, first), _moved_abreast(a, position, 1, first)
+        rows, near = sum_five(
+            rays, first // ABREAST, sx, sy, block, gain, pull, _abreast(a.debris, first), sums, near
+        )
+        everything += rows
     touching = 0.0
     if may_touch(near, law):
         for s in range(sums.shape[0]):
@@ -123,7 +147,7 @@ def touch(
 def _may_bridge(a: Arrays, c: Constants) -> bool:
     """Whether a slice has so much debris that it may bridge the gap."""
     most = 0.0
-    for s in range(a.debris.shape[0]):
+    for s in range(a.shape.shape[0]):
         most = max(most, a.debris[s])
     return most > 0.9 * c.bridge_base
 
@@ -131,7 +155,7 @@ def _may_bridge(a: Arrays, c: Constants) -> bool:
 @compiled_apart
 def _bridged(state: NDArray[np.void], a: Arrays, position: Array, c: Constants) -> bool:
     """Whether debris bridges the gap somewhere."""
-    for s in range(a.debris.shape[0]):
+    for s in range(a.shape.shape[0]):
         if a.debris[s] > 0.9 * c.bridge_base:
             gap = narrowest_now(a, position, s)[1]
             p = bridged_probability(
@@ -207,7 +231,7 @@ def _ignite(
     k = choose_ray(rays_of(a), s, float(sx), float(sy), law, is_primed, left / _gain(a, c, s), a.debris[s])
     if is_primed and _chains_up(state, a, c, law, position, s, k):
         return SHORT, 0.0, s, k
-    delay += max(c.formative_us + c.formative_sd_us * normal(draw(state)), 0.01)
+    delay += max(c.formative_us + c.formative_sd_us * draw_normal(state), 0.01)
     return (SPARK, delay, s, k) if delay < t.wait_us else (OPEN, t.wait_us, 0, 0)
 
 
@@ -230,10 +254,10 @@ def decide(
         return SHORT, 0.0, s, k
     if _may_bridge(a, c) and _bridged(state, a, position, c):
         return SHORT, 0.0, -1, 0
-    quiet = state[0].since_discharge_us / (c.deionisation_us * (1.0 + state[0].spot))
+    since, deionising = state[0].since_discharge_us, c.deionisation_us * (1.0 + state[0].spot)
     chance = draw(state)
     # the first rules it out most often
-    if chance * (1.0 + quiet) < 1.0 and chance < _reignites(state, c):
+    if chance * (deionising + since) < deionising and chance < _reignites(state, c):
         s, r = state[0].last_slice, state[0].last_ray
         if meets_metal(a, c, s, r):
             return ARC, 0.0, s, place_of(a, s, r)

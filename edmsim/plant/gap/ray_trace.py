@@ -47,7 +47,10 @@ def _trace_ray(
 @compiled
 def rays_of(a: Arrays) -> Rays:
     """Look at what the loop sees of the rays."""
-    return Rays(a.distance, a.cosine, a.sine, a.first, a.blocks, a.unbroken)
+    return Rays(
+        a.distance, a.cosine, a.sine, a.first, a.blocks, a.unbroken,
+        a.gap_abreast, a.cosine_abreast, a.sine_abreast, a.blocks_abreast,
+    )  # fmt: skip
 
 
 @compiled

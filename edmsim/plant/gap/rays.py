@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.vectors import GAPS, filled, least, load
+from edmsim.compiled.vectors import ABREAST, EACH, GAPS, filled, lanes_abreast, least, load
 from edmsim.plant.kernel.state import NO_METAL_UM
 
 
@@ -16,7 +16,9 @@ class Rays(NamedTuple):
     """Rays of every slice, in order of angle from the first of the arc on that *faces* metal.
 
     A ray that meets no metal takes no part in anything, so the loop works on that arc only, in blocks of
-    `vectors.GAPS`; the arrays are filled up to whole blocks.
+    `vectors.GAPS`; the arrays are filled up to whole blocks. For the sums of every pulse the same rays lie a second
+    time side by side, those of five slices in one block, so that few lanes are bare and the slices' sums are added up
+    together.
     """
 
     # (slices, places): gap in um from where they were traced; `NO_METAL_UM` for one that meets no metal
@@ -28,12 +30,23 @@ class Rays(NamedTuple):
     first: NDArray[np.int64]
     blocks: NDArray[np.int64]
     unbroken: NDArray[np.int64]  # (slices,): rays of the arc if all of them meet metal, otherwise 0
+    # (fives of slices, lanes): the first three above, `EACH` places of every slice in a block
+    gap_abreast: NDArray[np.float32]
+    cosine_abreast: NDArray[np.float32]
+    sine_abreast: NDArray[np.float32]
+    blocks_abreast: NDArray[np.int64]  # (fives of slices,)
 
 
 @compiled
 def places(rays: int) -> int:
     """Places of the arrays for a number of rays: whole vectors."""
     return filled(rays, GAPS)
+
+
+@compiled
+def lane_abreast(s: int, place: int) -> int:
+    """Lane in its five of a slice's ray at a place."""
+    return place // EACH * GAPS + s % ABREAST * EACH + place % EACH
 
 
 @compiled
@@ -99,11 +112,37 @@ def face(rays: Rays, s: int, edge_um: NDArray[np.float32], range_um: float, ray_
         rays.sine[s, place] = ray_sine[r] if meets else 0.0
 
 
+@compiled
+def lay_abreast(rays: Rays) -> None:
+    """Lay the rays of every slice abreast, for a window: craters change the gaps in both places."""
+    slices, width = rays.distance.shape
+    for five in range(rays.gap_abreast.shape[0]):
+        faced = 0  # blocks that the slice with the widest arc needs
+        for block in range(rays.gap_abreast.shape[1] // GAPS):
+            for k in range(GAPS):
+                s, place, lane = five * ABREAST + k // EACH, block * EACH + k % EACH, block * GAPS + k
+                # slices beyond the last one meet no metal, nor does the last lane
+                there = k < ABREAST * EACH and s < slices and place < width
+                gap = rays.distance[s, place] if there else np.float32(NO_METAL_UM)
+                rays.gap_abreast[five, lane] = gap
+                rays.cosine_abreast[five, lane] = rays.cosine[s, place] if there else 0.0
+                rays.sine_abreast[five, lane] = rays.sine[s, place] if there else 0.0
+                if gap < NO_METAL_UM:
+                    faced = block + 1
+        rays.blocks_abreast[five] = faced
+
+
 def rays_with(gaps_um: ArrayLike, angles: ArrayLike) -> Rays:
     """Rays of one slice with given gaps in um, along given angles in rad, all of which meet metal."""
     count = np.size(gaps_um)
-    laid = np.zeros((3, 1, places(count)), np.float32)
+    laid, abreast = np.zeros((3, 1, places(count)), np.float32), np.zeros((3, 1, lanes_abreast(count)), np.float32)
     laid[0] = NO_METAL_UM
     laid[:, 0, :count] = np.stack(np.broadcast_arrays(gaps_um, np.cos(angles), np.sin(angles)))
+    first, blocks, unbroken, blocks_abreast = np.array([[0], [-(-count // GAPS)], [count], [0]])
     distance, cosine, sine = laid
-    return Rays(distance, cosine, sine, np.zeros(1, np.int64), np.full(1, -(-count // GAPS)), np.full(1, count))
+    gap_abreast, cosine_abreast, sine_abreast = abreast
+    rays = Rays(
+        distance, cosine, sine, first, blocks, unbroken, gap_abreast, cosine_abreast, sine_abreast, blocks_abreast
+    )
+    lay_abreast(rays)
+    return rays

@@ -12,7 +12,7 @@ from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.random import normal, uniform
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
 from edmsim.plant.gap.debris import EINSTEIN, flush, mean_of_slices
-from edmsim.plant.gap.pulse_outcome import draw
+from edmsim.plant.gap.pulse_outcome import draw, draw_normal
 from edmsim.plant.gap.ray_trace import closed_side, gap_of, ray_at
 from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import project
@@ -38,7 +38,7 @@ def _within(state: NDArray[np.void]) -> float:
 @compiled
 def _wire_at(a: Arrays, s: int, within: float) -> int:
     """Slice of the wire before a discharge in a slice: the next one, where that slice's metal reaches up to it."""
-    return s + 1 if within * a.metal[s] >= 1.0 and s + 1 < a.metal.shape[0] else s
+    return s + 1 if within * a.metal[s] >= 1.0 and s + 1 < a.shape.shape[0] else s
 
 
 @compiled
@@ -48,8 +48,8 @@ def locate(
     """Count a discharge `within` a slice in the fifth of the height where its currents put it, with their error."""
     key, count = state[0].key, np.uint64(state[0].pulses)
     height_um = (s + within * a.metal[s]) * c.slice_um
-    height_um += PLACE_SD_UM * normal(uniform(key ^ _ERROR_STREAM, count))
-    fifth = int(5.0 * height_um / (a.debris.shape[0] * c.slice_um))
+    height_um += PLACE_SD_UM * normal(key ^ _ERROR_STREAM, count)
+    fifth = int(5.0 * height_um / (a.shape.shape[0] * c.slice_um))
     window[0].fifths[min(max(fifth, 0), 4)] += 1
 
 
@@ -127,7 +127,7 @@ def discharge(
     energy = power * burn_us * 1e-6
     gap, wet = gap_of(a, position, s, k), _wet(a, c, outcome, s)
     volume = t.removal_um3_J * energy * (1.0 - c.ejection * (1.0 - wet))
-    volume *= max(0.0, 1.0 + c.crater_cv * normal(draw(state)))
+    volume *= max(0.0, 1.0 + c.crater_cv * draw_normal(state))
     window[0].gap_um += gap
     window[0].energy_J += energy
     window[0].charge_A_us += t.current_A * burn_us
@@ -153,7 +153,7 @@ def short_circuit(
     Returns the impulse of the metal that melts: a share of what the bubble of the same energy gives at 20 um.
     """
     window[0].charge_A_us += t.short_A * t.on_us
-    feed_current(a, s if s >= 0 else a.debris.shape[0] // 2, t.current_form * t.short_A**2 * t.on_us)
+    feed_current(a, s if s >= 0 else a.shape.shape[0] // 2, t.current_form * t.short_A**2 * t.on_us)
     if s < 0:
         return 0.0
     power = c.short_removal_share * t.burning_V * t.short_A
@@ -212,10 +212,10 @@ def propagate_heat(
     add_currents(a, current2_us)
     heat_step(a, heat, current2_us, dt)
     _load_steadily(a, c, sums, current2_us, dt, forces)
-    for s in range(a.debris.shape[0]):
+    for s in range(a.shape.shape[0]):
         a.current2_us[0, s] = a.current2_us[1, s] = 0.0
     # the water has to pass the debris of the whole height
-    flowing = dt / (1.0 + EINSTEIN * mean_of_slices(a.debris, a.debris.shape[0]))
+    flowing = dt / (1.0 + EINSTEIN * mean_of_slices(a.debris, a.shape.shape[0]))
     flush(a.debris, c.lower_flow_us * flowing, c.upper_flow_us * flowing, a.entering)
     flush(a.wake_debris, c.lower_wake_us * dt, c.upper_wake_us * dt, a.entering)
     flush(a.wake_gas, c.lower_wake_us * dt, c.upper_wake_us * dt, a.entering)

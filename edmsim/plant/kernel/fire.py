@@ -19,7 +19,8 @@ from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw, blow, fade
 from edmsim.plant.gap.debris import mean_of_slices
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
-from edmsim.plant.gap.ray_trace import OVERLAP_UM, retrace, tilt_rays, weigh
+from edmsim.plant.gap.ray_trace import OVERLAP_UM, rays_of, retrace, tilt_rays, weigh
+from edmsim.plant.gap.rays import lay_abreast
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
     ARC,
@@ -112,6 +113,12 @@ def _renew_rays(
         state[0].traced_um[axis] = state[0].axis_um[axis]
 
 
+@compiled_apart
+def _lay_abreast(a: Arrays) -> None:
+    """Lay the rays of all slices abreast for a window."""
+    lay_abreast(rays_of(a))
+
+
 @compiled
 def _add_deflection(window: NDArray[np.void], a: Arrays) -> None:
     """Add the wire's mean deflection over the height to the window's sums."""
@@ -148,7 +155,7 @@ def _begin(state: NDArray[np.void], window: NDArray[np.void], a: Arrays) -> None
     for s in range(a.temperature_K.shape[0]):
         w.temperature_max_K = max(w.temperature_max_K, a.temperature_K[s])
     # gas that is not a number may have faded by the window's end, but for this
-    slices = a.debris.shape[0]
+    slices = a.shape.shape[0]
     w.coverage = mean_of_slices(a.steam, slices) + mean_of_slices(a.gas, slices) + mean_of_slices(a.wake_gas, slices)
 
 
@@ -158,10 +165,10 @@ def _end(state: NDArray[np.void], window: NDArray[np.void], a: Arrays, deepest_u
     w = window[0]
     gas = w.coverage  # what it was when the window began
     warmth = 0.0
-    for s in range(a.debris.shape[0]):
+    for s in range(a.shape.shape[0]):
         warmth += a.temperature_K[s]
-    w.debris = mean_of_slices(a.debris, a.debris.shape[0])
-    w.coverage = mean_of_slices(a.covered, a.debris.shape[0])
+    w.debris = mean_of_slices(a.debris, a.shape.shape[0])
+    w.coverage = mean_of_slices(a.covered, a.shape.shape[0])
     w.broken = state[0].broken
     pulses = w.counts[0] + w.counts[1] + w.counts[2] + w.counts[3]
     x, y = w.deflection_um[0] / pulses, w.deflection_um[1] / pulses
@@ -260,6 +267,7 @@ def fire_window(
     place_wire(state, a, position)
     if _is_due(state, c):
         _renew_rays(state, window, a, tiles, index, levels, c, position)
+    _lay_abreast(a)
     # the leak through the water divides the open voltage with the resistance of the supply
     open_V = t.open_V / (1.0 + c.supply_ohm * leak_conductance(a, c))
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2
@@ -334,7 +342,7 @@ def fire_window(
             # second span, without a pull: in parts where a film is narrow, since it changes with the motion
             spans, k_before = c.film_spans if narrow else 1, k_end
             for n_span in range(1, spans + 1):
-                k_now = k_end + (k_period - k_end) * n_span // spans
+                k_now = k_period if n_span == spans else k_end + (k_period - k_end) * n_span // spans
                 upward = not upward
                 _move_wire(a, c, t, p, load, held, k_now - k_before, 0.0, film, resistance, narrow, upward, films)
                 k_before = k_now

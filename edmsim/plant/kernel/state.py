@@ -132,7 +132,7 @@ class Constants(NamedTuple):
     bridge_ceiling: float
     bridge_steepness: float
     crater_cv: float
-    crater_flatness: float
+    crater_cube: float  # cube of a crater's diameter over its volume
     short_removal_share: float
     short_push_share: float
     shielding: float
@@ -231,7 +231,7 @@ class Arrays(NamedTuple):
     # load on the modal coordinates that stands for many pulses, um kg/s2: magnetic force and jets
     steady: Annotated[Array, Stored(2, "modes", life=CHANGING)]
     temperature_K: Annotated[Array, Stored("slices", life=CHANGING)]  # of the wire
-    debris: Annotated[Array, Stored("slices", life=CHANGING)]  # share of the water
+    debris: Annotated[Array, Stored("slices_filled", life=CHANGING)]  # share of the water
     carry_um2: Annotated[Array, Stored("slices", life=WALL)]  # carved volume too small for a part of a cell
     # integrals of current squared (A2 us) since heat was propagated last, of the discharges in each slice: below it
     # and above it in the wire
@@ -239,7 +239,7 @@ class Arrays(NamedTuple):
     steam: Annotated[Array, Stored("slices_filled", life=CHANGING)]  # share of the front it covers
     gas: Annotated[Array, Stored("slices_filled", life=CHANGING)]  # permanent gas
     covered: Annotated[Array, Stored("slices_filled", life=CHANGING)]  # either
-    wake_debris: Annotated[Array, Stored("slices", life=CHANGING)]  # in the water of the kerf behind the wire
+    wake_debris: Annotated[Array, Stored("slices_filled", life=CHANGING)]  # in the water of the kerf behind the wire
     wake_gas: Annotated[Array, Stored("slices_filled", life=CHANGING)]
     # what the loop sees of the rays, see `rays.Rays`: `edge_um` less what craters took since
     distance: Annotated[NDArray[np.float32], Stored("slices", "places", life=WALL)]
@@ -248,6 +248,11 @@ class Arrays(NamedTuple):
     first: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
     blocks: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
     unbroken: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
+    # the same again for the sums of every pulse: see `rays.lay_abreast`
+    gap_abreast: Annotated[NDArray[np.float32], Stored("fives", "lanes_abreast")]
+    cosine_abreast: Annotated[NDArray[np.float32], Stored("fives", "lanes_abreast")]
+    sine_abreast: Annotated[NDArray[np.float32], Stored("fives", "lanes_abreast")]
+    blocks_abreast: Annotated[NDArray[np.int64], Stored("fives")]
     ray_cosine: Annotated[Array, Stored("rays")]  # directions square to the wire
     ray_sine: Annotated[Array, Stored("rays")]
     # way in a slice's plane to a point 1 um along a ray of a wire that leans: its section there is an ellipse
@@ -279,7 +284,7 @@ class Arrays(NamedTuple):
     # height of the metal that a ray meets over the slice's: 1 but for the topmost slice of a lower place
     ray_metal: Annotated[NDArray[np.float32], Stored("slices", "rays", life=WALL)]
     # its mean over a slice's rays that meet metal, the nearer the more, and 1 if none does
-    metal: Annotated[Array, Stored("slices", life=WALL)]
+    metal: Annotated[Array, Stored("slices_filled", life=WALL)]
     # `flow_share` over the height of a slice's metal: the less of it, the sooner the water beside it has changed
     entering: Annotated[Array, Stored(2, "slices", life=WALL)]
 

@@ -152,7 +152,7 @@ def mean_resistance(a: Arrays, c: Constants, gas: GasLaw, film: float) -> float:
     The loss is linearised at the slices' mean square speed; to it comes the water that every pocket of steam moves.
     Modes stay apart: in a load that creeps for long, single slices go 0.6 to 1.6 times as fast as they should.
     """
-    return film + c.jet_kg_um * (_speed(a) + gas.refill_um_s * mean_of_slices(a.steam, a.debris.shape[0]))
+    return film + c.jet_kg_um * (_speed(a) + gas.refill_um_s * mean_of_slices(a.steam, a.shape.shape[0]))
 
 
 @compiled

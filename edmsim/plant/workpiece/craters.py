@@ -11,10 +11,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.elementary import cube_root
+from edmsim.compiled.elementary import inverse_cube_root
 from edmsim.compiled.jit import compiled, compiled_apart
+from edmsim.compiled.vectors import ABREAST
 from edmsim.plant.gap.ray_trace import BARE_UM, gap_of, place_of, ray_at
-from edmsim.plant.gap.rays import turned
+from edmsim.plant.gap.rays import lane_abreast, turned
 from edmsim.plant.kernel.state import Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import FULL, carve_wall
 
@@ -26,31 +27,33 @@ PROUD_UM = 6.0  # metal this far before the edge stands out: no ray may see it, 
 @compiled
 def crater_diameter(volume: float, c: Constants) -> float:
     """Diameter in um of a half-ellipsoid crater: V = 2/3 area depth, depth = flatness diameter."""
-    return float(cube_root(6.0 * volume / (math.pi * c.crater_flatness)))
+    return 1.0 / inverse_cube_root(volume * c.crater_cube)
 
 
 @compiled
-def _covered(middle: float, reach: float, aside: int) -> float:
-    """Share of a crater over its mean depth on the ray `aside` places away, all lengths in ray spacings.
+def _section(x: float, reach: float, curve: float) -> float:
+    """Area of a crater from its middle to `x`, over its mean depth, in ray spacings; ``curve = 1 / (3 reach^2)``.
 
     A half ellipsoid, averaged over the height of its slice, is ``1.5 (1 - (x / reach)^2)`` of its mean depth.
     """
-    low, high = max(-reach, aside - 0.5 - middle), min(reach, aside + 0.5 - middle)
-    if high <= low:
-        return 0.0
-    return 1.5 * (high - low - (high * high * high - low * low * low) / (3.0 * reach * reach))
+    inside = min(max(x, -reach), reach)
+    return 1.5 * (inside - inside * inside * inside * curve)
 
 
 @compiled
-def _metal_covered(a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float) -> float:
+def _metal_covered(
+    a: Arrays, s: int, middle: int, span: int, jitter: float, reach: float, curve: float
+) -> float:
     """How many ray spacings of metal a crater covers, the ray in the middle and `span` on either side looked at."""
     # far from bare rays nothing has to be looked at
     if middle >= span and middle + span < a.unbroken[s]:
         return 2.0 * reach
-    covered = 0.0
+    before, covered = -reach, 0.0
     for aside in range(-span, span + 1):
+        after = _section(aside + 0.5 - jitter, reach, curve)
         if a.distance[s, turned(middle, aside, a.ray_cosine.shape[0])] < BARE_UM:
-            covered += _covered(jitter, reach, aside)
+            covered += after - before
+        before = after
     return covered
 
 
@@ -64,23 +67,27 @@ def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, 
         return False
     n_rays = a.ray_cosine.shape[0]
     spacing = (c.radius_um + gap_of(a, position, s, middle)) * (2.0 * math.pi / n_rays)
-    diameter = crater_diameter(volume, c)
-    reach = min(0.5 * diameter / spacing, 0.25 * n_rays - 1.0)
+    # one over half the crater's diameter, in ray spacings
+    per_reach = max(2.0 * spacing / crater_diameter(volume, c), 1.0 / (0.25 * n_rays - 1.0))
+    reach, curve = 1.0 / per_reach, per_reach * per_reach * (1.0 / 3.0)
     if not reach > 0.0:  # the wire is nowhere, and so are its rays
         return False
     span = int(reach) + 1
-    covered = _metal_covered(a, s, middle, span, jitter, reach)
+    covered = _metal_covered(a, s, middle, span, jitter, reach, curve)
     if covered <= 0.0:
         return False
     metal = np.float64(a.ray_metal[s, ray_at(a, s, middle)])
     # mean depth: the volume over the height of metal and the width that lies on metal
     depth = volume / (c.slice_um * metal * spacing * covered)
+    before = -reach
     for aside in range(-span, span + 1):
         place = turned(middle, aside, n_rays)
+        after = _section(aside + 0.5 - jitter, reach, curve)
+        deep, before = depth * (after - before), after
         if a.distance[s, place] < BARE_UM:
-            deep = depth * _covered(jitter, reach, aside)
             # the edge recedes at once; the field follows before the next tracing
             a.distance[s, place] += np.float32(deep)
+            a.gap_abreast[s // ABREAST, lane_abreast(s, place)] = a.distance[s, place]
             area = deep * spacing
             if metal != 1.0:  # a product always taken would round other cuts' sums otherwise
                 area *= metal

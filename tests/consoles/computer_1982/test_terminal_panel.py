@@ -153,7 +153,8 @@ def test_noise_comes_with_the_current_of_a_usual_job(machine):
         current.append(window.mean_current_A)
         sparks.append(window.spark + window.arc)
         disturbed.append(noise.disturbed - before)
-    current, sparks, disturbed = np.array(current), np.array(sparks), np.array(disturbed)
+    # with its last window the cut has ended, and the noise with it
+    current, sparks, disturbed = np.array(current[:-1]), np.array(sparks[:-1]), np.array(disturbed[:-1])
     loud = current > 1.5
     assert 0.005 < loud.mean() < 0.3
     assert sparks[loud].mean() > 128  # not a short circuit's current
