@@ -14,14 +14,16 @@ from edmsim.envs import servo
 from edmsim.envs.knobs import least_setting_us
 from edmsim.envs.observation_builder import ObservationBuilder
 from edmsim.envs.path_follower import RUNNING
-from edmsim.envs.reward import TERMS, StepRewards
+from edmsim.envs.reward import StepRewards
+from edmsim.envs.step_info import STEP_INFO, fill
 from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.machine.machine import Machine
-from edmsim.plant.kernel.state import OPEN, SHORT
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_CAUSES = np.array(["" if cause is StopCause.RUNNING else WORDS[cause].info for cause in StopCause], object)
+"""Texts of `info` for what ended an episode, by the numbers of causes."""
 
 
 def action_space_of(family: EnvArguments) -> gym.spaces.Box[np.float32]:
@@ -52,7 +54,6 @@ class Batch:
         self._feed_um_s = np.zeros(count)
         self._episodes = np.zeros(count, np.int64)
         self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
-        self._terms = [TERMS.index(name) for name in family.objectives]
         self.account = self._fresh_account()  # rewards, their terms and costs of the last step
 
     def _fresh_account(self) -> StepRewards:
@@ -114,16 +115,16 @@ class Batch:
         sub_envs = self.sub_envs
         clamped = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)  # np.clip takes four times as long
         self.account.begin()
-        self.builder.begin_step(active)
-        sub_envs.rows["step_ns"][active] = 0
+        self.builder.begin_step()
+        sub_envs.rows["step_ns"] = 0
         self._command(active, clamped)
-        wait_ns = round(self.family.decision_s * 1e9) if self.family.decision_s is not None else 0
         left = active
         while len(left):
             self._window(left)
-            left = left[(sub_envs.rows["step_ns"][left] < wait_ns) & (sub_envs.rows["cause"][left] == RUNNING)]
+            left = self._waiting(left)
         self.builder.end_step(active)
-        return self.account.terms[self._terms].T.copy() if self._terms else self.account.total.copy()
+        account, objectives = self.account, self.family.objectives
+        return np.stack([account.terms[name] for name in objectives], axis=1) if objectives else account.total.copy()
 
     def _command(self, active: Ints, clamped: Floats) -> None:
         """Turn the knobs, and set the offsets, and the feed or the servos' targets."""
@@ -133,38 +134,39 @@ class Batch:
                 first_us = sub_envs.rows[k]["first_setting_us"]
                 self._set_generator(int(k), *family.setting_us(first_us, clamped[k, 1 : 1 + len(family.knobs)]))
         if family.offset_um is not None:
-            sub_envs.rows["offset_um"][active] = clamped[active, -1] * family.offset_um
+            sub_envs.rows["offset_um"] = clamped[:, -1] * family.offset_um
         if family.action == "servo":
-            self._servos["target"][active] = servo.target_of(clamped[active, 0], family.servo_target_share)
+            self._servos["target"] = servo.target_of(clamped[:, 0], family.servo_target_share)
             return
-        limit = family.greatest_feed_um_s
-        feed = np.minimum(np.maximum(family.next_feed_um_s(self._feed_um_s, clamped[:, 0]), -limit), limit)
-        self._feed_um_s[active] = feed[active]
+        limit, requested_um_s = family.greatest_feed_um_s, family.next_feed_um_s(self._feed_um_s, clamped[:, 0])
+        self._feed_um_s = np.minimum(np.maximum(requested_um_s, -limit), limit)
 
     def _window(self, left: Ints) -> None:
         """Run a window in some sub-environments."""
-        family, sub_envs, lost = self.family, self.sub_envs, self.sub_envs.rows["wires_lost"].copy()
-        by_servo, settings_us = family.action == "servo", sub_envs.rows["setting_us"].copy()
+        family, sub_envs, by_servo = self.family, self.sub_envs, self.family.action == "servo"
         sub_envs.advance(left, self._servos["feed_um_s"].copy() if by_servo else self._feed_um_s)
         windows = sub_envs.fleet.windows
         self.builder.add(left, sub_envs.rows, windows)
-        self.account.add(left, sub_envs.rows, sub_envs.counted_um, windows)
+        self.account.add(left, sub_envs.rows, sub_envs.near, windows)
         if by_servo:
-            shares = windows["counts"] / np.maximum(windows["counts"].sum(axis=1), 1)[:, None]
-            servo.respond(
-                left, self._servos, shares[:, SHORT], shares[:, OPEN], windows["duration_ns"] * 1e-9,
-                family.greatest_feed_um_s, *family.servo_gains,
-            )
-        for index in np.flatnonzero(sub_envs.rows["wires_lost"] != lost):
-            self.builder.lose_wire(int(index), sub_envs.rows[index], tuple(settings_us[index].tolist()))
-            self._begin_wire(int(index))
+            servo.respond(left, self._servos, windows, family.greatest_feed_um_s, *family.servo_gains)
+        for index, setting_us in sub_envs.lost:
+            self.builder.lose_wire(index, sub_envs.rows[index], setting_us)
+            self._begin_wire(index)
+
+    def _waiting(self, left: Ints) -> Ints:
+        """Return those of some sub-environments whose next action is not due yet."""
+        if self.family.decision_s is None:
+            return left[:0]
+        wait_ns, rows = round(self.family.decision_s * 1e9), self.sub_envs.rows
+        return np.asarray(left[(rows["step_ns"][left] < wait_ns) & (rows["cause"][left] == RUNNING)])
 
     def _set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator; in place of a period that it refuses, the shortest that it accepts for the on-time."""
         sub_envs = self.sub_envs
         sub_envs.set_generator(index, t_on_us, t_period_us)
         refused = sub_envs.refused[index]
-        if refused is not None:
+        if refused:
             machine = sub_envs.fleet.plants[index].machine
             sub_envs.set_generator(index, *least_setting_us(machine, t_on_us, self.family.detents_us))
             sub_envs.refused[index] = refused
@@ -175,47 +177,18 @@ class Batch:
         sub_envs = self.sub_envs
         return self.builder.observations(sub_envs.rows, sub_envs.corner_um, sub_envs.corner_deg)
 
-    def infos(self) -> dict[str, NDArray[Any]]:
-        """Return what `info` tells at every step, in fresh arrays; much of it no real machine knows.
+    def infos(self) -> dict[str, Any]:
+        """Return what `info` tells at every step, in fresh arrays (n,); much of it no real machine knows.
 
-        Counts and area are of the step, gap, temperature, debris and error of its last window; ``gap_um`` is -1
-        where nothing ignited, as checkers take no NaN for another.
+        Numbers are those of `STEP_INFO`. Texts say why the episode ended and what the generator refused, and are
+        empty where nothing did.
         """
-        sub_envs, rows, shown = self.sub_envs, self.sub_envs.rows, self.builder.sums
-        states, windows = sub_envs.fleet.states, sub_envs.fleet.windows
-        ignitions = windows["ignitions"]
+        sub_envs, fleet = self.sub_envs, self.sub_envs.fleet
+        step: NDArray[np.void] = np.empty(sub_envs.count, STEP_INFO)
+        fill(sub_envs.rows, fleet.states, fleet.windows, self.builder.sums, self.account.rows, step)
         return {
-            "time_s": states["time_ns"] * 1e-9,
-            "dt_s": rows["step_ns"] * 1e-9,
-            "path_um": sub_envs.path_um,
-            "feed_um_s": rows["feed_um_s"].copy(),
-            "offset_um": rows["offset_um"].copy(),
-            "t_on_us": rows["setting_us"][:, 0].copy(),
-            "t_period_us": rows["setting_us"][:, 1].copy(),
-            "energy_mJ": rows["energy_mJ"].copy(),
-            "short": shown["short"].copy(),
-            "open": shown["open"].copy(),
-            "spark": shown["ignited"] - shown["arc"],
-            "arc": shown["arc"].copy(),
-            "gap_um": np.where(ignitions > 0, windows["gap_um"] / np.maximum(ignitions, 1), -1.0),
-            "wire_temperature_K": windows["temperature_max_K"].copy(),
-            "debris": windows["debris"].copy(),
-            "error_um": rows["error_um"].copy(),
-            "area_mm2": self.account.area_mm2.copy(),
-            "wires_lost": rows["wires_lost"].copy(),
-            "cost": self.account.cost.copy(),
+            **{name: step[name] for name in STEP_INFO.names or ()},
+            "reward_terms": self.account.terms,
+            "cause": _CAUSES[sub_envs.rows["cause"]],
+            "refused": sub_envs.refused.copy(),
         }
-
-    def reward_terms(self) -> dict[str, Floats]:
-        """Return the terms of the last rewards by name, in fresh arrays (n,)."""
-        return dict(zip(TERMS, self.account.terms.copy(), strict=True))
-
-    def words(self) -> dict[str, NDArray[Any]]:
-        """Return the texts of `info` (n,): why the episode ended, what the generator refused; empty where nothing."""
-        causes, refused = self.sub_envs.rows["cause"], self.sub_envs.refused
-        words = {name: np.full(len(refused), "", object) for name in ("cause", "refused")}
-        for index in np.flatnonzero(causes != RUNNING):
-            words["cause"][index] = WORDS[StopCause(int(causes[index]))].info
-        if any(refused):
-            words["refused"][:] = [why or "" for why in refused]
-        return words

@@ -86,11 +86,11 @@ class AttachedController:
         self._sub_envs, self._index, self._controller = sub_envs, index, controller
         self._leg = self._lost = 0
         self._command = FeedCommand(0.0)
-        sub_envs.watchers[index].append(self._see)
+        sub_envs.watchers.append((index, self._see))
 
     def stop(self) -> None:
         """Look no more."""
-        self._sub_envs.watchers[self._index].remove(self._see)
+        self._sub_envs.watchers.remove((self._index, self._see))
 
     def begin(self) -> FeedCommand:
         """Begin the leg that the sub-environment is on; returns the command for its first window."""
@@ -167,6 +167,11 @@ def picture_of(engine: Engine, renderer: Renderer, index: int) -> NDArray[np.uin
     from edmsim.envs.part_picture import picture
 
     return picture(engine.episode(index))
+
+
+def _first(infos: dict[str, Any]) -> dict[str, Any]:
+    """Return the infos of the first sub-environment, as Python's own values."""
+    return {name: _first(value) if isinstance(value, dict) else value.item(0) for name, value in infos.items()}
 
 
 # One environment: a vector environment of one sub-environment with the API of Gymnasium's `Env`.
@@ -284,10 +289,7 @@ class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _info(self) -> dict[str, Any]:
         """Return the info of a step or a reset, which have the same keys: records of Minari want that."""
-        batch = self._batch
-        info: dict[str, Any] = {name: value[0].item() for name, value in batch.infos().items()}
-        info["reward_terms"] = {name: value.item() for name, value in batch.reward_terms().items()}
-        info |= {name: value[0] for name, value in batch.words().items()}
+        info = _first(self._batch.infos())
         return info | self._of_episode | {"drawn": dict(self._of_episode["drawn"])}
 
     def attach_controller(self, controller: FeedController) -> AttachedController:
@@ -595,38 +597,30 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
         if not self._started.all():
             raise ResetNeeded("not every environment has begun an episode: call reset() before step()")
         actions = checked_actions(actions, self._action_shape)
-        again = self._ended.copy()
-        if again.any() and self.autoreset_mode is AutoresetMode.DISABLED:
-            ended = np.flatnonzero(again).tolist()
+        running = ~self._ended
+        active = running.nonzero()[0]
+        others = ~running if len(active) < self.num_envs else None
+        if others is not None and self.autoreset_mode is AutoresetMode.DISABLED:
+            ended = np.flatnonzero(others).tolist()
             raise ResetNeeded(f"sub-environments {ended} have ended: reset them with options['reset_mask']")
-        active = np.flatnonzero(~again)
         reward = self._batch.step(active, actions)
-        self._elapsed[active] += 1
-        terminated = self._batch.ended & ~again
-        truncated = self._batch.out_of_time & ~again & ~terminated
+        terminated = self._batch.ended & running
+        truncated = self._batch.out_of_time & running & ~terminated
         if self.max_episode_steps is not None:
+            self._elapsed[active] += 1
             truncated[active] |= self._elapsed[active] >= self.max_episode_steps
-        infos = self._infos(~again)
+        infos = _masked(self._batch.infos(), running, others)
         self._ended = terminated | truncated
         if self.watch is not None:
             self.watch(actions, infos, self._ended)
-        if again.any():
-            infos.update(self._begin(again))  # the names of resets' infos are other than those of steps
+        if others is not None:
+            infos.update(self._begin(others))  # the names of resets' infos are other than those of steps
         elif self._ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             infos = self._begin_at_once(infos, self._ended.copy())
         if self.render_mode == "human":
             self.render()
         reward_out = reward.astype(np.float32) if self.family.objectives else reward
         return self._batch.observations(), reward_out, terminated, truncated, infos
-
-    def _infos(self, mask: Flags) -> dict[str, Any]:
-        infos: dict[str, Any] = {}
-        batch, everywhere = self._batch, bool(mask.all())
-        terms = _masked(batch.reward_terms(), mask, 0, everywhere)
-        infos |= _masked(batch.infos(), mask, 0, everywhere)
-        infos |= {"reward_terms": terms, "_reward_terms": mask}
-        infos |= _masked(batch.words(), mask, None, everywhere)
-        return infos
 
     def attach_controller(self, index: int, controller: FeedController) -> AttachedController:
         """Attach a feed controller to a sub-environment: see `AttachedController`."""
@@ -707,13 +701,15 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
         self._renderer.close()
 
 
-def _masked(values: dict[str, NDArray[Any]], mask: Flags, missing: Any, everywhere: bool) -> dict[str, Any]:
-    """Return infos, each with the sub-environments that have it; the others have what is `missing`."""
+def _masked(values: dict[str, Any], mask: Flags, others: Flags | None) -> dict[str, Any]:
+    """Return infos, each with the sub-environments that have it; the others, if any, have 0 or None."""
     infos: dict[str, Any] = {}
-    for name, array in values.items():
-        if not everywhere:
-            array[~mask] = missing
-        infos[name], infos[f"_{name}"] = array, mask
+    for name, value in values.items():
+        if isinstance(value, dict):
+            value = _masked(value, mask, others)
+        elif others is not None:
+            value[others] = None if value.dtype == object else 0
+        infos[name], infos[f"_{name}"] = value, mask
     return infos
 
 

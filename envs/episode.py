@@ -12,7 +12,7 @@ from edmsim.controllers import WindowObservation
 from edmsim.cosim.stops import WORDS, StopCause
 from edmsim.envs.arguments import checked_options
 from edmsim.envs.registry import make_family
-from edmsim.envs.reward import TERMS, StepRewards
+from edmsim.envs.reward import StepRewards
 from edmsim.envs.scenario import Scenario
 from edmsim.envs.sub_envs import SubEnvs
 from edmsim.envs.task import Family
@@ -162,7 +162,7 @@ class Task:
     @property
     def reward_terms(self) -> dict[str, float]:
         """Terms of the last window's reward by name."""
-        return dict(zip(TERMS, self._account.terms[:, 0].tolist(), strict=True))
+        return {name: float(values[0]) for name, values in self._account.terms.items()}
 
     def recorder(self) -> EpisodeRecorder:
         """Return a recorder of the episode that has just begun; actions are the commands."""
@@ -197,7 +197,7 @@ class Task:
         feed_um_s, offset_um = finite("feed_um_s", feed_um_s), finite("offset_um", offset_um)
         t_on_us = None if t_on_us is None else finite("t_on_us", t_on_us)
         t_period_us = None if t_period_us is None else finite("t_period_us", t_period_us)
-        sub_envs.refused[0] = None
+        sub_envs.refused[0] = ""
         if t_on_us is not None or t_period_us is not None:
             now = sub_envs.fleet.plants[0].machine
             on, period = (old if new is None else new
@@ -213,9 +213,9 @@ class Task:
         window = plant.window()
         row = sub_envs.rows[0]
         self._account.begin()
-        self._account.add(_ONLY, sub_envs.rows, sub_envs.counted_um, sub_envs.fleet.windows)
+        self._account.add(_ONLY, sub_envs.rows, sub_envs.near, sub_envs.fleet.windows)
         return StepResult(
             sub_envs.observation(0), window, float(row["progress_um"]), float(row["area_mm2"]),
-            float(row["error_um"]), bool(sub_envs.near[0]), StopCause(row["cause"]), sub_envs.refused[0],
+            float(row["error_um"]), bool(sub_envs.near[0]), StopCause(row["cause"]), sub_envs.refused[0] or None,
             float(self._account.total[0]), float(self._account.cost[0]), bool(sub_envs.out_of_time[0]),
         )

@@ -220,10 +220,19 @@ class Parts:
             cut.cutting_s / family.episode_s, cut.height_mm / 50.0, one.tension_share,
         ]  # fmt: skip
 
-    def infos(self) -> dict[str, NDArray[Any]]:
-        """Return what `info` tells at every step, in fresh arrays; -1 where an error or Ra is not known."""
-        rows = [self._info(self.episode(k)) for k in range(len(self.episodes))]
-        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    def infos(self) -> dict[str, Any]:
+        """Return what `info` tells at every step, in fresh arrays (n,); -1 where an error or Ra is not known.
+
+        Texts say why the episode ended and what the generator refused, and are empty where nothing did.
+        """
+        episodes = [self.episode(k) for k in range(len(self.episodes))]
+        rows, terms = [self._info(one) for one in episodes], np.array([one.terms for one in episodes])
+        return {
+            **{name: np.array([row[name] for row in rows]) for name in rows[0]},
+            "reward_terms": {name: terms[:, k].copy() for k, name in enumerate(TERMS)},
+            "cause": np.array([WORDS[one.cut.cause].info if one.ended else "" for one in episodes], object),
+            "refused": np.array([one.cut.refused for one in episodes], object),
+        }
 
     def _info(self, one: PartEpisode) -> dict[str, Any]:
         cut, sums = one.cut, one.step.sums
@@ -238,20 +247,6 @@ class Parts:
             "area_mm2": one.step.face_mm2, "wires_lost": cut.wires_lost, "cost": one.cost,
             **{name: value if math.isfinite(value) else -1.0 for name, value in known.items()},
         }  # fmt: skip
-
-    def reward_terms(self) -> dict[str, Floats]:
-        """Return the terms of the last rewards by name, in fresh arrays (n,)."""
-        rows = np.array([np.zeros(len(TERMS)) if one is None else one.terms for one in self.episodes])
-        return {name: rows[:, k].copy() for k, name in enumerate(TERMS)}
-
-    def words(self) -> dict[str, NDArray[Any]]:
-        """Return the texts of `info` (n,): why the episode ended, what the generator refused; empty where nothing."""
-        words = {name: np.full(len(self.episodes), "", object) for name in ("cause", "refused")}
-        for k, one in enumerate(self.episodes):
-            if one is not None:
-                words["cause"][k] = WORDS[one.cut.cause].info if one.ended else ""
-                words["refused"][k] = one.cut.refused
-        return words
 
     def close(self) -> None:
         """Shut down the threads."""

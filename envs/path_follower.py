@@ -40,6 +40,7 @@ SUB_ENV = np.dtype(
         ("longest_ns", "i8"),  # longest window of the setting
         ("elapsed_ns", "i8"),  # time of cutting in the episode
         ("step_ns", "i8"),  # time since the last action
+        ("drifts_ns", "i8"),  # elapsed time from which on the machine is another
         ("settling_ns", "i8"),  # for how long a fresh wire settles yet
         ("steps", "i8"),  # motor steps planned
         ("beside", "i8", 2),  # steps by which the motors are beside the path, where offset_um leads them
@@ -175,13 +176,14 @@ def follow(
     planners: NDArray[np.void], points: NDArray[np.float64], along: NDArray[np.float64], lengths: NDArray[np.int64],
     height_from: NDArray[np.float64], heights: NDArray[np.float64], states: NDArray[np.void],
     windows: NDArray[np.void], nowhere: NDArray[np.int64],
-) -> None:
+) -> bool:
     """Move every environment on by the window it has had: its place, where its wire is, whether it has ended.
 
-    ``cause`` tells `DONE` at the end of a leg, and knows nothing of `OUT_OF_RANGE`. `nowhere` (0, 3) is room for no
-    steps: those of the window are made. `heights` hold from `height_from` on. For the first three numbers see
-    `kinds.Addresses`.
+    Returns whether any has ended, or its machine is another from now on. ``cause`` tells `DONE` at the end of a leg,
+    and knows nothing of `OUT_OF_RANGE`. `nowhere` (0, 3) is room for no steps: those of the window are made.
+    `heights` hold from `height_from` on. For the first three numbers see `kinds.Addresses`.
     """
+    due = False
     for j in range(indices.shape[0]):
         i = indices[j]
         row, planner, state, window, path, on = rows[i], planners[i], states[i], windows[i], points[i], along[i]
@@ -217,3 +219,5 @@ def follow(
         switch = switches_open(x, limit_um, slack_um) != 0 or switches_open(y, limit_um, slack_um) != 0
         shorted, at_end = row.shorted_s > SHORTED_S, done_at(done, (planner, path, on, lengths[i]))
         row.cause = judge(window.broken != 0, False, switch or made == LIMIT, False, shorted, False, at_end)
+        due = due or row.cause != RUNNING or row.elapsed_ns >= row.drifts_ns
+    return due

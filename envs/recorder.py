@@ -48,7 +48,7 @@ class EpisodeRecorder:
         self._rows: list[int] = []
         self._leg = -1
         self._closeups.begin(plant)
-        sub_envs.watchers[index].append(self._window)
+        sub_envs.watchers.append((index, self._window))
 
     def __len__(self) -> int:
         """Return the number of windows recorded."""
@@ -56,9 +56,9 @@ class EpisodeRecorder:
 
     def stop(self) -> None:
         """Watch no more."""
-        watchers = self._sub_envs.watchers[self._index]
-        if self._window in watchers:  # not in a copy's: see `SubEnvs.watchers`
-            watchers.remove(self._window)
+        watchers, own = self._sub_envs.watchers, (self._index, self._window)
+        if own in watchers:  # not in a copy's: see `SubEnvs.watchers`
+            watchers.remove(own)
 
     def _window(self) -> None:
         """See a window of the sub-environment."""

@@ -25,11 +25,11 @@ class _Registered(NamedTuple):
 
 
 _REGISTERED = {
-    "GapFeed": _Registered("gap_feed", 2, 1795.0), "HeightStep": _Registered("height_step", 2, 1527.0),
-    "Corner": _Registered("corner", 2, 1530.0), "Contour": _Registered("contour", 2, 2416.0),
-    "MaxRate": _Registered("max_rate", 1, 3935.0), "ThinWire": _Registered("thin_wire", 1, 5832.0),
-    "Trim": _Registered("trim", 1, 813.0), "Part": _Registered("part", 0, -15.8),
-    "MaxRateShift": _Registered("shift", 0, 252277.0), "ThinWireShift": _Registered("shift", 0, 59551.0),
+    "GapFeed": _Registered("gap_feed", 2, 1800.0), "HeightStep": _Registered("height_step", 2, 1526.0),
+    "Corner": _Registered("corner", 2, 1530.0), "Contour": _Registered("contour", 2, 2415.0),
+    "MaxRate": _Registered("max_rate", 1, 3839.0), "ThinWire": _Registered("thin_wire", 1, 5832.0),
+    "Trim": _Registered("trim", 1, 810.0), "Part": _Registered("part", 0, -16.2),
+    "MaxRateShift": _Registered("shift", 0, 252277.0), "ThinWireShift": _Registered("shift", 0, 61247.0),
 }  # fmt: skip
 _GENERAL = "edmsim.envs.environment:EdmEnv", "edmsim.envs.environment:EdmVectorEnv"
 _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are registered under

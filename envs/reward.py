@@ -77,54 +77,45 @@ class StepRewards:
     ) -> None:
         bounds = (np.inf if bound is None else bound for bound in (error_bound_um, energy_bound_mJ))
         self._weights = np.array([(*(getattr(weights, name) for name in TERMS), *bounds)], _WEIGHTS)
-        self._rows: NDArray[np.void] = np.zeros(count, _ACCOUNT)
+        self.rows: NDArray[np.void] = np.zeros(count, _ACCOUNT)  # (n,) of the last step
 
     @property
-    def _numbers(self) -> NDArray[np.float64]:
-        return self._rows.view(np.float64).reshape(len(self._rows), -1)
-
-    @property
-    def terms(self) -> NDArray[np.float64]:
-        """Terms (len(TERMS), n) of the step's rewards."""
-        return self._numbers[:, : len(TERMS)].T
+    def terms(self) -> dict[str, NDArray[np.float64]]:
+        """Terms (n,) of the step's rewards by name."""
+        return {name: self.rows[name] for name in TERMS}
 
     @property
     def total(self) -> NDArray[np.float64]:
         """Rewards (n,) of the step."""
-        return np.asarray(self._rows["total"])
+        return np.asarray(self.rows["total"])
 
     @property
     def cost(self) -> NDArray[np.float64]:
         """Costs (n,): see `_ACCOUNT`."""
-        return np.asarray(self._rows["cost"])
-
-    @property
-    def area_mm2(self) -> NDArray[np.float64]:
-        """Areas (n,) cut in the step."""
-        return np.asarray(self._rows["area_mm2"])
+        return np.asarray(self.rows["cost"])
 
     def begin(self) -> None:
-        """Begin a step of all sub-environments."""
-        self._numbers[:] = 0.0
+        """Begin a step of all sub-environments; the records of the last one stay with those who were shown them."""
+        self.rows = np.zeros(len(self.rows), _ACCOUNT)
 
     def add(
-        self, indices: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64],
-        windows: NDArray[np.void],
+        self, indices: NDArray[np.int64], rows: NDArray[np.void], near: NDArray[np.bool_], windows: NDArray[np.void]
     ) -> None:
-        """Add a window of some sub-environments (m,), with the path errors (n,) that count."""
-        _add(indices, rows, error_um, windows, self._weights, self._rows)
+        """Add a window of some sub-environments (m,); `near` (n,) says where path errors count."""
+        _add(indices, rows, near, windows, self._weights, self.rows)
 
 
 @exactly_compiled
 def _add(
-    indices: NDArray[np.int64], rows: NDArray[np.void], error_um: NDArray[np.float64], windows: NDArray[np.void],
+    indices: NDArray[np.int64], rows: NDArray[np.void], near: NDArray[np.bool_], windows: NDArray[np.void],
     weights: NDArray[np.void], accounts: NDArray[np.void],
 ) -> None:
     """Add a window's terms, their sum, its cost and its area."""
     weight = weights[0]
     for j in range(indices.shape[0]):
         i = indices[j]
-        row, window, account, error = rows[i], windows[i], accounts[i], error_um[i]
+        row, window, account = rows[i], windows[i], accounts[i]
+        error = row.error_um if near[i] else 0.0
         counts, cause, energy_mJ, spent_ns = window.counts, row.cause, row.energy_mJ, window.duration_ns
         shorts, opens = counts[SHORT], counts[OPEN]
         pulses = opens + counts[SPARK] + counts[ARC] + shorts

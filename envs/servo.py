@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 GAINS = (10.0, 30.0)  # feed in um/s per unit of the error, and its growth in um/s per s: those of `counts`
 TARGET_SHARE = (0.0, 0.3)
@@ -51,15 +52,18 @@ def target_of(action: Any, bounds: tuple[float, float]) -> Any:
 
 @exactly_compiled
 def respond(
-    indices: NDArray[np.int64], servos: NDArray[np.void], short: NDArray[np.float64], open_: NDArray[np.float64],
-    duration_s: NDArray[np.float64], limit_um_s: float, proportional: float, integral: float,
+    indices: NDArray[np.int64], servos: NDArray[np.void], windows: NDArray[np.void], limit_um_s: float,
+    proportional: float, integral: float,
 ) -> None:
-    """Let the servos of some sub-environments (m,) answer a window each, by shares of short and open pulses (n,)."""
+    """Let the servos of some sub-environments (m,) answer a window each (n,), by the shares of its pulses."""
     for j in range(indices.shape[0]):
         i = indices[j]
-        error = open_[i] - short[i] - servos[i].target
-        shorted = short[i] >= SHORTED_SHARE
-        servos[i].shorted_s = servos[i].shorted_s + duration_s[i] if shorted else 0.0
+        counts, duration_s = windows[i].counts, windows[i].duration_ns * 1e-9
+        pulses = counts[SHORT] + counts[OPEN] + counts[SPARK] + counts[ARC]
+        short = counts[SHORT] / pulses
+        error = counts[OPEN] / pulses - short - servos[i].target
+        shorted = short >= SHORTED_SHARE
+        servos[i].shorted_s = servos[i].shorted_s + duration_s if shorted else 0.0
         if shorted and servos[i].shorted_s >= PATIENCE_S:
             servos[i].retracting = 1
             servos[i].feed_um_s = -min(RETRACT_UM_S, limit_um_s)
@@ -68,8 +72,8 @@ def respond(
             servos[i].retracting = 0
             servos[i].error = error
             servos[i].integral_um_s *= INTEGRAL_SHARE
-        servos[i].error -= math.expm1(-duration_s[i] / FILTER_S) * (error - servos[i].error)
-        grown = servos[i].integral_um_s + integral * servos[i].error * duration_s[i]
+        servos[i].error -= math.expm1(-duration_s / FILTER_S) * (error - servos[i].error)
+        grown = servos[i].integral_um_s + integral * servos[i].error * duration_s
         servos[i].integral_um_s = min(max(grown, 0.0), limit_um_s)
         feed = servos[i].integral_um_s + proportional * servos[i].error
         servos[i].feed_um_s = min(max(feed, -min(RETRACT_UM_S, limit_um_s)), limit_um_s)

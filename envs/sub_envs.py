@@ -38,7 +38,6 @@ from edmsim.geometry import CORNER_DEG, Polyline
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A, ignition_wait_us, open_V
 from edmsim.plant.fleet import Fleet
-from edmsim.plant.kernel.state import FINE
 from edmsim.plant.plant import Plant
 from edmsim.plant.workpiece.wall import wall_error_um
 
@@ -62,28 +61,28 @@ class SubEnvs:
         self.rows: NDArray[np.void] = np.zeros(count, SUB_ENV)
         # (n,): what makes motor steps of every sub-environment's feed
         self.planners: NDArray[np.void] = np.zeros(count, PLANNER)
-        # called after each window, before a fresh wire is threaded; a copy has none
-        self.watchers: list[list[Callable[[], None]]] = [[] for _ in range(count)]
+        # called after each window of a sub-environment, before a fresh wire is threaded; a copy has none
+        self.watchers: list[tuple[int, Callable[[], None]]] = []
         self._planner = kind_of(family.planner)
         self._other_planner: NDArray[np.void] = np.zeros(1, PLANNER)
         # the present episode of each; None before its first one
         self.scenarios: list[Scenario | None] = [None] * count
-        self.refused: list[str | None] = [None] * count  # why the generator refused the setting last asked for
-        self._drifts_ns: Ints = np.full(count, NEVER_NS)
+        # (n,): why the generator refused the setting last asked for; empty where it did not
+        self.refused: NDArray[np.object_] = np.full(count, "", object)
         # (n, most): length of the present leg up to each corner, infinite for the filling
         self.corner_um: Floats = np.full((count, 1), np.inf)
         self.corner_deg: Floats = np.zeros((count, 1))
-        # (n,): path errors of the last window that count, as `Family.near_corner_um` says
-        self.counted_um: Floats = np.zeros(count)
-        # (n,): whether the wire is where they count; at a wall to finish, whether some is behind the wire
+        # (n,): whether path errors of the last window count, as `Family.near_corner_um` says; at a wall to finish,
+        # whether some is behind the wire
         self.near = np.ones(count, np.bool_)
+        # which sub-environments lost a wire in the last window, and at which on-time and period
+        self.lost: list[tuple[int, tuple[float, float]]] = []
         self.leg = [0] * count  # which leg of its path each is on
         self._points: Floats = np.zeros((count, 2, 2))
         self._along: Floats = np.zeros((count, 2))
         self._lengths: Ints = np.zeros((count, 2), np.int64)
         self._height_from: Floats = np.full((count, 1), np.inf)
         self._heights: Floats = np.zeros((count, 1))
-        self._steps: Ints = np.zeros((count, 8, 3), np.int64)
 
     def _plant(self, machine: Machine, seed: int, **more: Any) -> Plant:
         return Plant(machine, seed, resolution=self.family.resolution, mechanics=self.family.mechanics, **more)
@@ -101,14 +100,14 @@ class SubEnvs:
         plant.reset(scenario.plant_seed, stock=scenario.stock, position_um=position, machine=another)
         self.fleet.windows[index] = np.zeros((), self.fleet.windows.dtype)
         self.scenarios[index] = scenario
-        self.refused[index] = None
+        self.refused[index] = ""
         self.rows[index] = np.zeros((), SUB_ENV)
         self._take_constants(index, machine)
         self.rows[index]["total_um"] = sum(float(np.hypot(*np.diff(leg, axis=0).T).sum()) for leg in scenario.legs_um)
         starts, heights = scenario.heights
         self._height_from = _with_row(self._height_from, index, starts, np.inf)
         self._heights = _with_row(self._heights, index, heights, 0.0)
-        self._drifts_ns[index] = NEVER_NS if scenario.drift is None else 0
+        self.rows[index]["drifts_ns"] = NEVER_NS if scenario.drift is None else 0
         self._begin_leg(index, 0)
 
     def _take_constants(self, index: int, machine: Machine) -> None:
@@ -168,7 +167,7 @@ class SubEnvs:
     def set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
         setting = to_detents(t_on_us, t_period_us, self.family.detents_us)
-        self.refused[index] = None
+        self.refused[index] = ""
         if setting == tuple(self.rows[index]["setting_us"]):
             return
         try:
@@ -191,14 +190,14 @@ class SubEnvs:
         feeds = feeds_um_s, kind.max_feed_um_s, kind.speed_unit_nm_s, kind.counts
         code, path = addresses(), (self._points, self._along, self._lengths)
         planners = code.advance, self.planners, self._other_planner
-        most, sideways = plan(indices, rows, *feeds, *planners, *path, fleet.states, self._steps)
-        if most + 2 > self._steps.shape[1]:
-            self._steps = np.zeros((self.count, most + 2, 3), np.int64)
-            plan(indices, rows, *feeds, *planners, *path, fleet.states, self._steps)
+        most, sideways = plan(indices, rows, *feeds, *planners, *path, fleet.states, fleet.steps)
+        if most + 2 > fleet.steps.shape[1]:
+            fleet.make_room(most + 2)
+            plan(indices, rows, *feeds, *planners, *path, fleet.states, fleet.steps)
         if sideways:
-            lead_sideways(indices, rows, self.planners, self._points, self._along, fleet.states, self._steps)
-        status = fleet.advance(indices, self._steps, rows["steps"])
-        follow(
+            lead_sideways(indices, rows, self.planners, self._points, self._along, fleet.states, fleet.steps)
+        failed = fleet.advance(indices, rows["steps"])
+        due = follow(
             indices, rows, *code, self.planners, *path, self._height_from, self._heights, fleet.states, fleet.windows,
             _NO_STEPS,
         )
@@ -206,17 +205,25 @@ class SubEnvs:
             testing = indices[rows["elapsed_ns"][indices] <= self.family.scrap_s * 1e9]
             rows["area_mm2"][testing] = 0.0
         self._count_errors(indices)
-        if (status != FINE).any():
-            lost = indices[(status != FINE) & (fleet.windows["broken"][indices] == 0)]
-            rows["cause"][lost] = OUT_OF_RANGE
-        for index in indices.tolist():
-            for see in self.watchers[index]:
-                see()
+        if len(failed):
+            rows["cause"][failed[fleet.windows["broken"][failed] == 0]] = OUT_OF_RANGE
+        if self.watchers:
+            advanced = set(indices.tolist())
+            for index, see in self.watchers:
+                if index in advanced:
+                    see()
+        self.lost = []
+        if due:
+            self._go_on(indices)
+
+    def _go_on(self, indices: Ints) -> None:
+        """Begin what follows where a leg or a wire has come to its end, or where the machine is another by now."""
+        rows = self.rows
         for index in indices[rows["cause"][indices] == DONE]:
             self._end_leg(int(index))
         for index in indices[rows["cause"][indices] == WIRE_BREAK]:
             self._lose_wire(int(index))
-        for index in indices[rows["elapsed_ns"][indices] >= self._drifts_ns[indices]]:
+        for index in indices[rows["elapsed_ns"][indices] >= rows["drifts_ns"][indices]]:
             self._drift(int(index))
 
     def _drift(self, index: int) -> None:
@@ -225,7 +232,7 @@ class SubEnvs:
         assert scenario is not None
         assert scenario.drift is not None
         self.fleet.plants[index].drift(scenario.drift.machine(scenario.machine, elapsed_ns * 1e-9))
-        self._drifts_ns[index] = elapsed_ns + round(scenario.drift.every_s * 1e9)
+        self.rows[index]["drifts_ns"] = elapsed_ns + round(scenario.drift.every_s * 1e9)
 
     def _count_errors(self, indices: Ints) -> None:
         near_um = self.family.near_corner_um
@@ -234,7 +241,6 @@ class SubEnvs:
                 self._measure_wall(int(index))
         elif near_um is not None:
             self.near = (np.abs(self.corner_um - self.rows["reached_um"][:, None]) <= near_um).any(axis=1)
-        self.counted_um = np.where(self.near, self.rows["error_um"], 0.0)
 
     def _measure_wall(self, index: int) -> None:
         """Let the sub-environment's error be that of the wall just finished; none counts before there is one."""
@@ -259,6 +265,7 @@ class SubEnvs:
         """Thread the next wire where the last one broke, if the episode has one."""
         row, plant = self.rows[index], self.fleet.plants[index]
         row["wires_lost"] += 1
+        self.lost.append((index, tuple(row["setting_us"].tolist())))
         if row["wires_lost"] >= self.family.wires:
             return
         row["cause"] = RUNNING
@@ -296,7 +303,7 @@ class SubEnvs:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs; watchers stay with the original."""
-        return {**self.__dict__, "watchers": [[] for _ in range(self.count)]}
+        return {**self.__dict__, "watchers": []}
 
 
 @functools.lru_cache(maxsize=256)  # episodes of many families have one path

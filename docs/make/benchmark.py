@@ -84,11 +84,6 @@ CLOSING = """\
 `python docs/make/benchmark.py` writes this page from `docs/leaderboard.jsonl`, which holds every cut, and
 `python docs/make/benchmark.py all` makes both again.
 """
-EARLIER = ("edmsim/ThinWireShift-v0",)
-OF_EARLIER = (
-    "These cuts are of the revision before craters had a section of their own: they take long, and mean returns of "
-    "MaxRate and ThinWire have changed by 4 % at most."
-)
 NEARLY_ALL = 0.95
 """Score of a constant set-point from which on little can be gained by a better law."""
 
@@ -99,7 +94,6 @@ def page(comparisons: Sequence[Comparison]) -> str:
     parts = [INTRODUCTION.format(gaps=gaps), *headroom(comparisons), ""]
     for comparison in comparisons:
         parts += [f"## {comparison.env_id}", "", *markdown_table(comparison), ""]
-        parts += [OF_EARLIER, ""] if comparison.env_id in EARLIER else []
         parts += [line for text in verdicts(comparison) for line in (text, "")]
     return "\n".join([*parts, CLOSING])
 

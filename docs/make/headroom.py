@@ -135,12 +135,6 @@ TASKS = {
 stands for one."""
 
 
-EARLIER = ("ThinWireShift",)
-"""Tasks whose figures are of the revision before craters had a section of their own."""
-OF_EARLIER = """The figures of {tasks}
-are of the revision before craters had a section of their own."""
-
-
 OF_PART = (
     "Part is not measured here: [its page](tasks/part.md) has what the best of four variants of its law earns "
     "on each machine."
@@ -220,7 +214,12 @@ def headroom(task: str) -> dict[str, Any]:
         cuts.make(names, [seed])
     if task in SHIFTS:
         board = RunTable(BOARD, texts=CUT_TEXTS)
-        board.keep([*board.rows.values(), *cuts.rows(candidates.all, held)])
+        there = {(row["env_id"], row["controller"], row["seed"]) for row in board.rows.values()}
+        made = cuts.rows(candidates.all, held)
+        board.keep([
+            *board.rows.values(),
+            *(row for row in made if (row["env_id"], row["controller"], row["seed"]) not in there),
+        ])
 
     def best(names: Sequence[str]) -> str:
         return max(names, key=lambda name: float(cuts.of(name, training).mean()))
@@ -303,8 +302,7 @@ held-back machines. Returns have 95 % bootstrap intervals over these machines. T
 def page(board: dict[str, Any]) -> str:
     """Return the page of the documentation."""
     head = "| task | best law | with privileged knowledge | above the best law | use |"
-    earlier = [OF_EARLIER.format(tasks=", ".join(EARLIER)), ""] if EARLIER else []
-    parts = [INTRODUCTION, *earlier, "## Summary", "", head, RULE]
+    parts = [INTRODUCTION, "## Summary", "", head, RULE]
     for task, found in ((name, board[name]) for name in board if name not in SHIFTS):
         above, share, end = margin(found)
         best = mean(np.array(found["lines"]["best law"]["returns"]))

@@ -105,7 +105,7 @@ class PolicyController(Snapshots):
         if row["shorted_s"] > SHORTED_S:
             return FeedCommand(0.0, "persistent short")
         if self._family.action == "servo":
-            self._respond(window)
+            servo.respond(_ONLY, self._servo, window_of(window), self._limit_um_s, *self._family.servo_gains)
         if self._law is not None:
             self._law_um_s = self._law.update(window).feed_um_s
         if self._builder.sums[0]["duration_ns"] >= round((self._family.decision_s or 0.0) * 1e9):
@@ -116,7 +116,7 @@ class PolicyController(Snapshots):
     def _end_step(self) -> None:
         """Put the step's measurements into the observation, and begin the next step."""
         self._builder.end_step(_ONLY)
-        self._builder.begin_step(_ONLY)
+        self._builder.begin_step()
 
     def wire_lost(self) -> FeedCommand:
         """Continue with the next wire, at the first setting again."""
@@ -167,14 +167,6 @@ class PolicyController(Snapshots):
         self._builder.take_scale(0, row)
         self._builder.add(_ONLY, self._rows, record)
         return row
-
-    def _respond(self, window: WindowObservation) -> None:
-        """Update the servo with a window."""
-        short, open_ = (np.array([count / WINDOW_PULSES]) for count in (window.short, window.open))
-        servo.respond(
-            _ONLY, self._servo, short, open_, np.array([window.duration_s]), self._limit_um_s,
-            *self._family.servo_gains,
-        )
 
     def _decide(self) -> None:
         """Evaluate the policy, and apply its action."""

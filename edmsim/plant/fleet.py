@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.kernel.memory import CALL
-from edmsim.plant.kernel.state import BROKEN, NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
+from edmsim.plant.kernel.state import BROKEN, FINE, NO_TILES, STATE, STEP_EARLY, STEP_WRONG, WINDOW
 from edmsim.plant.plant import Plant
 
 _LEAST_PLANTS = 4  # plants a thread is woken for, at the least (ours): to wake it takes a good part of a window
@@ -30,7 +30,9 @@ class Fleet:
         self.threads = threads
         self.states: NDArray[np.void] = np.zeros(len(plants), STATE)  # (n,) `STATE` of every plant
         self.windows: NDArray[np.void] = np.zeros(len(plants), WINDOW)  # (n,) `WINDOW`: every plant's last
-        self._addresses = np.zeros(len(plants), np.int64)
+        self._calls = np.zeros((len(plants), CALL), np.int64)
+        self._calls[:, 3] = WINDOW_PULSES
+        self.make_room(8)  # motor steps of most windows
         for i, plant in enumerate(plants):
             self.replace(i, plant)
         self._pool: ThreadPoolExecutor | None = None
@@ -39,21 +41,22 @@ class Fleet:
         """Put another plant in the place of plant `i`."""
         self.plants[i] = plant
         plant.move_rows(self.states[i : i + 1], self.windows[i : i + 1])
-        self._addresses[i] = plant.address
+        self._calls[i, 0] = plant.address
 
-    def advance(
-        self, indices: NDArray[np.int64], steps: NDArray[np.int64], counts: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
-        """Fire 255 pulses in plants (m,), with `counts` (n,) `steps` (n, most, 3); returns how windows ended."""
-        calls = np.empty((len(indices), CALL), np.int64)
-        calls[:, 0] = self._addresses[indices]
-        calls[:, 1] = steps.ctypes.data + indices * steps.strides[0]
+    def make_room(self, most: int) -> None:
+        """Make room for more motor steps per window; those there were are forgotten."""
+        # (n, most, 3): time, axis and direction of the steps of every plant's next window
+        self.steps: NDArray[np.int64] = np.zeros((len(self.plants), most, 3), np.int64)
+        self._calls[:, 1] = self.steps.ctypes.data + np.arange(len(self.plants)) * self.steps.strides[0]
+
+    def advance(self, indices: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Fire 255 pulses in plants (m,), with the first `counts` (n,) of `steps`; returns those that ended badly."""
+        calls = self._calls[indices]
         calls[:, 2] = counts[indices]
-        calls[:, 3] = WINDOW_PULSES
         self._fire(calls)
         status = calls[:, 4]
         if not status.any():  # all are `FINE`, as most often
-            return status
+            return indices[:0]
         lacking = np.flatnonzero(status == NO_TILES)
         if len(lacking):
             for k in lacking:
@@ -62,13 +65,13 @@ class Fleet:
             self._fire(again)
             calls[lacking] = again
             if not status.any():
-                return status
+                return indices[:0]
         if np.any((status == STEP_WRONG) | (status == STEP_EARLY)):
             raise InputError("a motor step has a wrong axis or direction, or is out of order")
         for k in np.flatnonzero(status == BROKEN):
             plant = self.plants[indices[k]]
             raise plant.left_validity(BROKEN, plant.window())
-        return status
+        return np.asarray(indices[status != FINE])
 
     def _fire(self, calls: NDArray[np.int64]) -> None:
         if self._pool is None and self.threads > 1:

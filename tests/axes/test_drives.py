@@ -187,9 +187,8 @@ def test_plants_of_a_fleet_do_not_share_their_drives(machine):
     alone = plant_with(machine, {"x": shared})
     both = [plant_with(machine, {"x": shared}) for _ in range(2)]
     fleet = Fleet(both, threads=2)
-    rows = np.zeros((2, 4, 3), np.int64)
-    rows[0, :4] = steps(4)
-    fleet.advance(np.arange(2), rows, np.array([4, 0]))
+    fleet.steps[0, :4] = steps(4)
+    fleet.advance(np.arange(2), np.array([4, 0]))
     alone.advance(steps(4))
     assert both[0].place_um == alone.place_um
     assert both[1].place_um == START

@@ -1,5 +1,6 @@
 """The native vector environment: its environment i is the single one with seed s + i, in all autoreset modes."""
 
+import copy
 import pickle
 
 import gymnasium as gym
@@ -122,6 +123,21 @@ def test_copies_go_on_bit_for_bit(make_envs, actions_of):
     twin = pickle.loads(pickle.dumps(envs))  # as copy.deepcopy does it
     for row in actions[10:]:
         same(envs.step(row), twin.step(row))
+
+
+def test_infos_are_the_callers_own(make_envs, actions_of):
+    envs, written = (make_envs("Corner", 3, max_episode_steps=4) for _ in range(2))
+    for env in (envs, written):
+        env.reset(seed=5)
+    steps = []
+    for actions in actions_of(envs.single_action_space, 9, 3):
+        ours, theirs = envs.step(actions), written.step(actions)
+        same(ours, theirs)
+        steps.append((ours, copy.deepcopy(ours)))
+        for array in (theirs[-1]["feed_um_s"], theirs[-1]["area_mm2"], *theirs[-1]["reward_terms"].values()):
+            array[:] = 1
+    for now, then in steps:
+        same(now, then)
 
 
 def test_errors_gymnasium_users_know(make_envs):
