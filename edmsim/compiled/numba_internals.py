@@ -37,7 +37,7 @@ with garbage_left():
     from numba.core.targetconfig import TargetConfig
     from numba.core.typing.templates import AttributeTemplate as UntypedTemplate
     from numba.extending import intrinsic
-    from numba.np import linalg
+    from numba.np import arrayobj, linalg
     from numba.np.arrayobj import populate_array as untyped_populate_array
 
     with replaced(linalg, ensure_blas=lambda: None):  # it is there, and to load it takes a tenth of a start
@@ -350,11 +350,16 @@ def _without_machine_code(compiled: Callable[[str], None]) -> Iterator[None]:
         yield
 
 
+def _as_it_is(context: Any, builder: Any, kind: Any, index: Any, _size: Any) -> Any:
+    """Take an index as it is: the loop has none below zero, and numba's test whether one is takes 5 % of its time."""
+    return context.cast(builder, index, kind, types.intp)
+
+
 def whole_program(
     function: Any, signature: tuple[Any, ...], compiled: Callable[[str], None]
 ) -> tuple[llvm.ModuleRef, str]:
     """Translate a function and all it calls into one module of LLVM's language; returns it and its name there."""
-    with _without_machine_code(compiled):
+    with _without_machine_code(compiled), replaced(arrayobj, fix_integer_index=_as_it_is):
         function.compile(signature)
     result = function.overloads[signature]
     module = llvm.parse_assembly(str(result.library._codegen._create_empty_module("edmsim")))

@@ -217,9 +217,8 @@ def _ignite(
     totals: tuple[float, float, float, float, float],
 ) -> tuple[int, float, int, int]:
     """Class of the pulse, delay until breakdown in us, its slice and place; an open one has no place."""
-    weight = law.primed_per_um2 * totals[1]
-    chance = draw(state)
-    is_primed = chance > 1.0 - weight and chance > exponential(-weight)  # the first rules it out most often
+    # as likely as 1 - exp(-weight); the logarithm need not wait for the sums
+    is_primed = -logarithm(draw(state)) < law.primed_per_um2 * totals[1]
     if is_primed:
         delay = weibull(c.primed_scale_us, c.primed_shape, draw(state))
         s, left = _pick(sums, 1, draw(state) * totals[1])
