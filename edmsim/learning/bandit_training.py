@@ -39,7 +39,8 @@ FIRST_SEED = 21_000
 """Seed of the first training machine of a training with seed 0."""
 LEAST_PASSES = 2  # in fewer, all that a segment differs from another is its setting, and no noise is known
 HISTORIES = "histories.jsonl"
-LEAST_SPREAD = 0.1  # least variance among machines of the factor on the rate of lost wires (ours: few are seen)
+LEAST_SPREAD = 0.1
+"""Least variance of the factor on the rate of lost wires among settings, and among machines (ours: few are seen)."""
 Floats = NDArray[np.float64]
 _Positive = Annotated[FiniteFloat, Field(gt=0)]
 
@@ -230,18 +231,24 @@ def prior_of(histories: Sequence[History], settings: BanditSettings) -> Prior:
 def breaks_of(lost: Floats, cut_s: Floats) -> tuple[list[float], float]:
     """Return lost wires per second with each setting, and how much of a machine's own time weighs as much.
 
-    Numbers of lost wires (machines, settings) in times of the same shape are Poisson. Their rates differ from those
-    of the settings by factors of a gamma distribution, whose variance follows from that of the numbers.
+    Numbers of lost wires (machines, settings) in times of the same shape are Poisson. The rates of settings differ
+    from that of all, and those of machines from their settings', by factors of a gamma distribution, whose variance
+    follows from that of the numbers; so a setting with few lost wires is moved towards the others.
     """
-    total = lost.sum()
-    # as if one more wire were lost, evenly over the settings: none has a rate of 0
-    per_s = (lost.sum(axis=0) + 1.0 / lost.shape[1]) / cut_s.sum(axis=0)
-    if not total:
+    total, time_s = lost.sum(axis=0), cut_s.sum(axis=0)
+    # as if one more wire were lost: no rate is 0
+    mean_per_s = (total.sum() + 1.0) / time_s.sum()
+    alike = _shape(total, time_s * mean_per_s)
+    per_s = (total + alike) / (time_s + alike / mean_per_s)
+    if not total.any():
         return per_s.tolist(), float(cut_s.sum())
-    expected = cut_s * lost.sum(axis=0) / cut_s.sum(axis=0)
-    beyond = float(((lost - expected) ** 2 - expected).sum() / (expected**2).sum())  # variance of the rate's factor
-    shape = 1.0 / max(beyond, LEAST_SPREAD)
-    return per_s.tolist(), shape * float(cut_s.sum() / total)
+    return per_s.tolist(), _shape(lost, cut_s * per_s) / float(mean_per_s)
+
+
+def _shape(lost: Floats, expected: Floats) -> float:
+    """Return the shape of the gamma distribution of factors on expected numbers of lost wires."""
+    beyond = float(((lost - expected) ** 2 - expected).sum() / (expected**2).sum())  # variance of the factor
+    return 1.0 / max(beyond, LEAST_SPREAD)
 
 
 def described(card: BanditCard) -> ScreenTable:

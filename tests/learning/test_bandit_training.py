@@ -70,8 +70,17 @@ def test_lost_wires_are_counted_by_setting_and_machine():
     assert per_s == pytest.approx([0.001, 0.004, 0.01], rel=0.15)
     assert weight_s == pytest.approx(2.0 / 0.005, rel=0.5)  # the shape over the mean rate
     per_s, weight_s = bandit_training.breaks_of(np.zeros((5, 2)), np.full((5, 2), 100.0))
-    assert per_s == pytest.approx([0.001, 0.001])  # as if one wire had been lost
+    assert per_s == pytest.approx([0.001, 0.001], rel=0.05)  # as if one wire had been lost
     assert weight_s == 1000.0
+
+
+def test_a_setting_is_no_worse_than_others_by_two_lost_wires_alone():
+    cut_s = np.full((4, 2), 250.0)
+    per_s, _ = bandit_training.breaks_of(np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 1.0], [0.0, 0.0]]), cut_s)
+    mean, shape = 3.0 / 2000.0, 1.0 / bandit_training.LEAST_SPREAD  # one more than were lost; no spread beyond chance
+    assert per_s == pytest.approx([mean * shape / (shape + 1.5), mean * (shape + 2.0) / (shape + 1.5)])
+    many, _ = bandit_training.breaks_of(20.0 * np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0], [0.0, 1.0]]), cut_s)
+    assert many[1] > 10.0 * many[0]  # eighty wires are no chance
 
 
 def test_machines_that_tried_too_little_are_left_out_and_none_is_refused():
