@@ -222,7 +222,7 @@ SCALE = np.dtype(
         ("open_V", "f8"),  # by what voltage, current and delay are divided
         ("limit_A", "f8"),
         ("wait_us", "f8"),
-        ("noise_share", "f8"),  # noise and the converters' step, as shares of that (`sensors.Sensors`)
+        ("noise_share", "f8"),  # noise and the converters' step, as shares of that (`Sensors`)
         ("step", "f8"),
         ("key", "u8"),  # of the noise's draws
         ("draws", "u8"),  # how many there were
