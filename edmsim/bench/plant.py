@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.vectors import ABREAST
+from edmsim.compiled.vectors import PACK
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import gap_law
@@ -90,7 +90,7 @@ def _sum_rays(rays: Rays, law: GapLaw, sums: NDArray[np.float64], pulses: int) -
     """The one part of a pulse no plant of this kind can do without."""
     total = 0.0
     for pulse in range(pulses):
-        for s in range(0, rays.distance.shape[0], ABREAST):  # the others in its block come with it
+        for s in range(0, rays.distance.shape[0], PACK):  # the others in its block come with it
             shift = 1e-3 * (pulse % 7)
             slice_sums(rays, s, shift, shift, law, 1.0, sums)
             total += sums[s, 0] + sums[s, 2] + sums[s, 3]

@@ -23,7 +23,7 @@ from edmsim.compiled.numba_internals import cgutils, datamodel
 
 GAPS, COORDINATES = 16, 4
 """Numbers of a vector of float32, and of float64."""
-ABREAST, EACH = 5, 3
+PACK, EACH = 5, 3
 """Slices whose gaps share a vector of float32, and lanes of each; the last lane belongs to none."""
 
 
@@ -34,14 +34,14 @@ def filled(count: int, lanes: int = COORDINATES) -> int:
 
 
 @compiled
-def fives(slices: int) -> int:
-    """Number of fives that hold some slices."""
-    return (slices + ABREAST - 1) // ABREAST
+def packs(slices: int) -> int:
+    """Number of packs that hold some slices."""
+    return (slices + PACK - 1) // PACK
 
 
 @compiled
-def lanes_abreast(rays: int) -> int:
-    """Lanes of a five of slices with a number of rays each: whole vectors."""
+def packed_lanes(rays: int) -> int:
+    """Lanes of a pack of slices with a number of rays each: whole vectors."""
     return (rays + EACH - 1) // EACH * GAPS
 
 
@@ -231,15 +231,15 @@ def _shuffled(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
 
 
 @_operation
-def abreast(_typing: Any, four: Any, fifth: Any) -> Any:
-    """Vector of float32 with the number of each of five slices in its lanes, from those of four and of the fifth."""
+def packed(_typing: Any, four: Any, fifth: Any) -> Any:
+    """Vector of float32 with the number of each slice of a pack in its lanes, from those of four and of the fifth."""
     kind = _VECTORS[types.float32]
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         numbers = _shuffled(builder, arguments[0], arguments[0], [*range(COORDINATES)] * 2)
-        numbers = builder.insert_element(numbers, arguments[1], ir.Constant(ir.IntType(32), ABREAST - 1))
+        numbers = builder.insert_element(numbers, arguments[1], ir.Constant(ir.IntType(32), PACK - 1))
         single = builder.fptrunc(numbers, ir.VectorType(ir.FloatType(), 2 * COORDINATES))
-        return _shuffled(builder, single, single, [min(k // EACH, ABREAST - 1) for k in range(kind.count)])
+        return _shuffled(builder, single, single, [min(k // EACH, PACK - 1) for k in range(kind.count)])
 
     return kind(four, fifth), generate
 
@@ -267,7 +267,7 @@ def _rows(builder: Any, vectors: Any) -> list[Any]:
         sums.append(builder.fadd(builder.fadd(first, second, flags=flags), third, flags=flags))
     ab, cd = (_shuffled(builder, low, high, list(range(GAPS))) for low, high in (sums[:2], sums[2:]))
     half = GAPS // 2
-    rows = [_shuffled(builder, ab, cd, [k, half + k, GAPS + k, GAPS + half + k]) for k in range(ABREAST)]
+    rows = [_shuffled(builder, ab, cd, [k, half + k, GAPS + k, GAPS + half + k]) for k in range(PACK)]
     return [builder.fpext(row, ir.VectorType(ir.DoubleType(), COORDINATES)) for row in rows]
 
 

@@ -20,7 +20,7 @@ from edmsim.plant.axes.trips import reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.bare import pass_window
 from edmsim.plant.gap.equalising import OppositePulses, opposite_pulses
-from edmsim.plant.gap.rays import Rays, lay_abreast
+from edmsim.plant.gap.rays import Rays, pack_rays
 from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
 from edmsim.plant.kernel.state import (
@@ -684,7 +684,7 @@ class Plant:
     def rays(self) -> Rays:
         """Every slice's rays as the loop sees them: as they were traced, less what craters took since."""
         rays = Rays(*(getattr(self._arrays, name).copy() for name in Rays._fields))
-        lay_abreast(rays)
+        pack_rays(rays)
         return rays
 
     @property

@@ -20,7 +20,7 @@ from edmsim.errors import InputError
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """A few windows only, and no new process."""
     for name, value in (
-        ("SETTLE_WINDOWS", 1), ("TIMED_WINDOWS", 2), ("REPEATS", 1), ("MUJOCO_WINDOWS", 1), ("THREAD_S", 0.05),
+        ("SETTLE_WINDOWS", 1), ("TIMED_WINDOWS", 2), ("REPEATS", 4), ("MUJOCO_WINDOWS", 1), ("THREAD_S", 0.05),
         ("MEMORY_S", 0.1),
     ):
         monkeypatch.setattr(bench, name, value)

@@ -22,7 +22,7 @@ from edmsim.plant.gap.debris import kerf_jets, mean_of_slices
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.pulse_outcome import sum_rays
 from edmsim.plant.gap.ray_trace import rays_of
-from edmsim.plant.gap.rays import lay_abreast
+from edmsim.plant.gap.rays import pack_rays
 from edmsim.plant.gap.water import AMBIENT_PA, surface_tension_N_m, viscosity_ratio
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import GRID, Arrays
@@ -311,7 +311,7 @@ def covered_sums(machine, share):
     a, c = front(1), constants(machine, FAST)
     a.distance[0, :8], a.cosine[0, :8] = 9.0, 1.0
     a.blocks[0], a.unbroken[0], a.covered[0] = 1, 8, share
-    lay_abreast(rays_of(a))
+    pack_rays(rays_of(a))
     sums = np.zeros((1, 4))
     return np.array(sum_rays(a, c, gap_law(machine, FAST, 100.0), np.zeros((2, 8)), sums, np.zeros(1)))[[0, 1, 3]]
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from edmsim.compiled.vectors import EACH, GAPS, lanes_abreast
-from edmsim.plant.gap.rays import Rays, face, lane_abreast, lay_abreast, narrowest, places
+from edmsim.compiled.vectors import EACH, GAPS, packed_lanes
+from edmsim.plant.gap.rays import Rays, face, narrowest, pack_rays, packed_lane, places
 from edmsim.plant.kernel.state import NO_METAL_UM
 
 COUNT, RANGE_UM = 22, 80.0
@@ -16,13 +16,13 @@ edges = st.lists(st.one_of(st.just(NO_METAL_UM), st.floats(-5.0, 79.0, width=32)
 
 def laid_out(edge_um):
     """Two slices, the second with these edges."""
-    laid, abreast = np.zeros((3, 2, places(COUNT)), np.float32), np.zeros((3, 1, lanes_abreast(COUNT)), np.float32)
+    laid, packed = np.zeros((3, 2, places(COUNT)), np.float32), np.zeros((3, 1, packed_lanes(COUNT)), np.float32)
     laid[0] = NO_METAL_UM
-    rays = Rays(*laid, *np.full((3, 2), -1), *abreast, np.full(1, -1))
+    rays = Rays(*laid, *np.full((3, 2), -1), *packed, np.full(1, -1))
     table = np.array([np.full(COUNT, NO_METAL_UM), edge_um], np.float32)
     for s in range(2):
         face(rays, s, table, RANGE_UM, np.cos(ANGLE), np.sin(ANGLE))
-    lay_abreast(rays)
+    pack_rays(rays)
     return rays, table[1]
 
 
@@ -41,14 +41,14 @@ def test_the_arc_has_every_ray_that_meets_metal_once(edge_um):
     np.testing.assert_allclose(rays.sine[1, arc][faces], np.sin(ANGLE[ray]), atol=1e-6)
     assert (rays.distance[1, rays.blocks[1] * GAPS :] == NO_METAL_UM).all()
     assert not np.hypot(rays.cosine[1], rays.sine[1])[rays.distance[1] == NO_METAL_UM].any()
-    lanes = [lane_abreast(1, place) for place in range(COUNT)]
-    both = (rays.distance, rays.gap_abreast), (rays.cosine, rays.cosine_abreast), (rays.sine, rays.sine_abreast)
+    lanes = [packed_lane(1, place) for place in range(COUNT)]
+    both = (rays.distance, rays.packed_gap), (rays.cosine, rays.packed_cosine), (rays.sine, rays.packed_sine)
     for of_slice, of_five in both:
         np.testing.assert_array_equal(of_slice[1, :COUNT], of_five[0, lanes])
     # no metal in other slices, nor in the last lane
-    elsewhere = np.setdiff1d(np.arange(rays.gap_abreast.shape[1]), lanes)
-    assert (rays.gap_abreast[0, elsewhere] == NO_METAL_UM).all()
-    assert (rays.gap_abreast[0, rays.blocks_abreast[0] * GAPS :] == NO_METAL_UM).all()
+    elsewhere = np.setdiff1d(np.arange(rays.packed_gap.shape[1]), lanes)
+    assert (rays.packed_gap[0, elsewhere] == NO_METAL_UM).all()
+    assert (rays.packed_gap[0, rays.packed_blocks[0] * GAPS :] == NO_METAL_UM).all()
     assert rays.unbroken[1] in (0, len(ray))
     assert (rays.unbroken[1] > 0) == (len(ray) > 0 and faces[: len(ray)].all())
 
@@ -59,7 +59,7 @@ def test_the_arc_is_no_longer_than_it_must_be(first, length):
     edge[(first + np.arange(length)) % COUNT] = 20.0
     rays, _ = laid_out(edge)
     assert rays.blocks[1] == -(-length // GAPS)
-    assert rays.blocks_abreast[0] == -(-length // EACH)
+    assert rays.packed_blocks[0] == -(-length // EACH)
 
 
 @pytest.mark.slow

@@ -6,11 +6,10 @@ import pytest
 from edmsim.compiled.elementary import cube_root, exponential, inverse_cube_root, logarithm, power
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.vectors import (
-    ABREAST,
     COORDINATES,
     EACH,
     GAPS,
-    abreast,
+    PACK,
     counted,
     element,
     filled,
@@ -18,6 +17,7 @@ from edmsim.compiled.vectors import (
     least,
     load,
     lowest,
+    packed,
     passed,
     power_of_half,
     running,
@@ -77,14 +77,14 @@ def test_powers_of_half_are_right_to_a_hundredth_of_a_percent_and_never_less_tha
 
 @compiled
 def _spread_over_slices(numbers, out, counts):
-    store(out, (0,), abreast(load(numbers, (0,)), numbers[ABREAST - 1]))
+    store(out, (0,), packed(load(numbers, (0,)), numbers[PACK - 1]))
     store(counts, (0,), counted(2.5))
 
 
-def test_a_vector_abreast_has_each_slice_s_number_in_its_lanes():
-    numbers, out, counts = np.linspace(0.5, 2.5, ABREAST), np.zeros(GAPS, np.float32), np.zeros(COORDINATES)
+def test_a_packed_vector_has_each_slice_s_number_in_its_lanes():
+    numbers, out, counts = np.linspace(0.5, 2.5, PACK), np.zeros(GAPS, np.float32), np.zeros(COORDINATES)
     _spread_over_slices(numbers, out, counts)
-    np.testing.assert_array_equal(out[: ABREAST * EACH], np.repeat(numbers, EACH))
+    np.testing.assert_array_equal(out[: PACK * EACH], np.repeat(numbers, EACH))
     np.testing.assert_array_equal(counts, 2.5 + np.arange(COORDINATES))
 
 
@@ -94,14 +94,14 @@ def _sum_by_slices(a, first, rows, whole):
     store(whole, (0,), store_sums(rows, first, x, x * x, x + 1.0, spread(np.float32(2.0))))
 
 
-@pytest.mark.parametrize("slices", [ABREAST, 3, 8])
+@pytest.mark.parametrize("slices", [PACK, 3, 8])
 def test_sums_over_the_lanes_of_slices_go_to_their_rows(numbers, slices):
-    """Rows that there are not stay unwritten; the sum of the rows has those of all five."""
+    """Rows that there are not stay unwritten; the sum of the rows has those of the whole pack."""
     x, rows, whole = numbers[0][0, :GAPS], np.full((slices + 1, 4), -1.0), np.zeros(COORDINATES)
-    first = slices // ABREAST * ABREAST if slices > ABREAST else 0
+    first = slices // PACK * PACK if slices > PACK else 0
     _sum_by_slices(numbers[0], first, rows[:slices], whole)
-    lanes = x[: ABREAST * EACH].reshape(ABREAST, EACH).astype(float)
-    found = np.stack([lanes.sum(1), (lanes**2).sum(1), (lanes + 1).sum(1), np.full(ABREAST, 2.0 * EACH)], axis=1)
+    lanes = x[: PACK * EACH].reshape(PACK, EACH).astype(float)
+    found = np.stack([lanes.sum(1), (lanes**2).sum(1), (lanes + 1).sum(1), np.full(PACK, 2.0 * EACH)], axis=1)
     np.testing.assert_allclose(rows[first:slices], found[: slices - first], rtol=1e-6)
     assert (rows[slices] == -1.0).all()
     np.testing.assert_allclose(whole, found.sum(0), rtol=1e-6)

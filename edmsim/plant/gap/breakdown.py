@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 from edmsim.compiled.elementary import logarithm, power
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.vectors import (
-    ABREAST,
     GAPS,
+    PACK,
     element,
     highest,
     load,
@@ -125,19 +125,19 @@ def _particle_weights(gap: Any, held: Any, law: BlockLaw) -> Any:
 
 
 @compiled
-def sum_five(
-    rays: Rays, five: int, sx: Any, sy: Any, law: BlockLaw, gain: Any, pull: Any, debris: Any,
+def sum_pack(
+    rays: Rays, pack: int, sx: Any, sy: Any, law: BlockLaw, gain: Any, pull: Any, debris: Any,
     sums: NDArray[np.float64], near: Any,
 ) -> Any:
-    """Sum the rays of five slices as `slice_sums` does, by vectors abreast of what it takes for each of them.
+    """Sum the rays of a pack of slices as `slice_sums` does, by vectors with what it takes for each of them.
 
     Returns the sum over the slices, and no less than the greatest primed weights and `near`.
     """
     one = np.float32(1.0)
     rate = primed = particles = pull_x = pull_y = spread(np.float32(0.0))
-    for at in range(0, rays.blocks_abreast[five] * GAPS, GAPS):
-        cosine, sine = load(rays.cosine_abreast, (five, at)), load(rays.sine_abreast, (five, at))
-        gap = load(rays.gap_abreast, (five, at)) - (cosine * sx + sine * sy)
+    for at in range(0, rays.packed_blocks[pack] * GAPS, GAPS):
+        cosine, sine = load(rays.packed_cosine, (pack, at)), load(rays.packed_sine, (pack, at))
+        gap = load(rays.packed_gap, (pack, at)) - (cosine * sx + sine * sy)
         delay, held = _delays(gap, law), highest(gap, np.float32(PULL_GAP_FLOOR_UM))
         square = held * held
         # one division serves rate and pull
@@ -150,12 +150,12 @@ def sum_five(
         particles += _particle_weights(gap, held, law)
     near = highest(near, primed)
     primed += particles * (debris * law.particles_um)
-    return store_sums(sums, five * ABREAST, rate * gain, primed * gain, pull_x * pull, pull_y * pull), near
+    return store_sums(sums, pack * PACK, rate * gain, primed * gain, pull_x * pull, pull_y * pull), near
 
 
 @compiled
 def may_touch(near: Any, law: GapLaw) -> bool:
-    """Whether a ray may be so near that it touches, by what `sum_five` returned: it may not, most often."""
+    """Whether a ray may be so near that it touches, by what `sum_pack` returned: it may not, most often."""
     span = law.primed_gap_um - law.contact_gap_um
     return span <= 0.0 or bool(passed(near, np.float32(span * span)) < GAPS)
 
@@ -184,8 +184,8 @@ def slice_sums(
     """
     sx, sy, nothing = np.float32(shift_x), np.float32(shift_y), spread(np.float32(0.0))
     gains, loading = spread(np.float32(gain)), spread(np.float32(debris))
-    _, near = sum_five(
-        rays, s // ABREAST, spread(sx), spread(sy), block_law(law), gains, spread(np.float32(1.0)), loading, sums,
+    _, near = sum_pack(
+        rays, s // PACK, spread(sx), spread(sy), block_law(law), gains, spread(np.float32(1.0)), loading, sums,
         nothing,
     )  # fmt: skip
     return contact_depth(rays, s, sx, sy, law) if may_touch(near, law) else 0.0

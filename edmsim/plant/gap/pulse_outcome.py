@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from edmsim.compiled.elementary import exponential, logarithm
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.compiled.random import normal, uniform
-from edmsim.compiled.vectors import ABREAST, GAPS, abreast, element, highest, load, spread, total
-from edmsim.plant.gap.breakdown import GapLaw, block_law, choose_ray, contact_depth, may_touch, sum_five, weibull
+from edmsim.compiled.vectors import GAPS, PACK, element, highest, load, packed, spread, total
+from edmsim.plant.gap.breakdown import GapLaw, block_law, choose_ray, contact_depth, may_touch, sum_pack, weibull
 from edmsim.plant.gap.debris import bridged_probability
 from edmsim.plant.gap.ray_trace import gap_of, meets_metal, moved, narrowest_now, place_of, rays_of
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
@@ -59,16 +59,16 @@ def _gain(a: Arrays, c: Constants, s: int) -> float:
 
 
 @compiled
-def _abreast(values: Array, first: int) -> Any:
-    """Values of the five slices from one on, side by side."""
-    return abreast(load(values, (first,)), values[first + ABREAST - 1])
+def _packed(values: Array, first: int) -> Any:
+    """Values of a pack of slices, from its first one on, in a vector."""
+    return packed(load(values, (first,)), values[first + PACK - 1])
 
 
 @compiled
-def _moved_abreast(a: Arrays, position: Array, axis: int, first: int) -> Any:
-    """How far the wire of five slices, from one on, has moved along an axis from where their rays were traced."""
-    last = first + ABREAST - 1
-    return abreast(
+def _packed_moves(a: Arrays, position: Array, axis: int, first: int) -> Any:
+    """How far the wire of a pack of slices has moved along an axis from where their rays were traced."""
+    last = first + PACK - 1
+    return packed(
         load(position, (axis, first)) - load(a.reference_um, (axis, first)),
         position[axis, last] - a.reference_um[axis, last],
     )
@@ -82,13 +82,13 @@ def sum_rays(
     rays, block = rays_of(a), block_law(law)
     dryness, shielding, one = np.float32(c.dryness), np.float32(c.shielding), spread(np.float32(1.0))
     everything, near = spread(0.0), spread(np.float32(0.0))
-    for first in range(0, sums.shape[0], ABREAST):
+    for first in range(0, sums.shape[0], PACK):
         # gas and the height of the metal act on the rate of breakdown and on the pull
-        covered, metal = _abreast(a.covered, first), _abreast(a.metal, first)
+        covered, metal = _packed(a.covered, first), _packed(a.metal, first)
         gain, pull = (one - covered * dryness) * metal, (one - covered * shielding) * metal
-        sx, sy = _moved_abreast(a, position, 0, first), _moved_abreast(a, position, 1, first)
-        rows, near = sum_five(
-            rays, first // ABREAST, sx, sy, block, gain, pull, _abreast(a.debris, first), sums, near
+        sx, sy = _packed_moves(a, position, 0, first), _packed_moves(a, position, 1, first)
+        rows, near = sum_pack(
+            rays, first // PACK, sx, sy, block, gain, pull, _packed(a.debris, first), sums, near
         )
         everything += rows
     touching = 0.0

@@ -49,7 +49,7 @@ def rays_of(a: Arrays) -> Rays:
     """Look at what the loop sees of the rays."""
     return Rays(
         a.distance, a.cosine, a.sine, a.first, a.blocks, a.unbroken,
-        a.gap_abreast, a.cosine_abreast, a.sine_abreast, a.blocks_abreast,
+        a.packed_gap, a.packed_cosine, a.packed_sine, a.packed_blocks,
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from edmsim.compiled.jit import compiled
-from edmsim.compiled.vectors import ABREAST, EACH, GAPS, filled, lanes_abreast, least, load
+from edmsim.compiled.vectors import EACH, GAPS, PACK, filled, least, load, packed_lanes
 from edmsim.plant.kernel.state import NO_METAL_UM
 
 
@@ -16,9 +16,9 @@ class Rays(NamedTuple):
     """Rays of every slice, in order of angle from the first of the arc on that *faces* metal.
 
     A ray that meets no metal takes no part in anything, so the loop works on that arc only, in blocks of
-    `vectors.GAPS`; the arrays are filled up to whole blocks. For the sums of every pulse the same rays lie a second
-    time side by side, those of five slices in one block, so that few lanes are bare and the slices' sums are added up
-    together.
+    `vectors.GAPS`; the arrays are filled up to whole blocks. For the sums of every pulse the same rays are there a
+    second time, packed: those of five slices in one block, so that few lanes are bare and the slices' sums are added
+    up together.
     """
 
     # (slices, places): gap in um from where they were traced; `NO_METAL_UM` for one that meets no metal
@@ -30,11 +30,11 @@ class Rays(NamedTuple):
     first: NDArray[np.int64]
     blocks: NDArray[np.int64]
     unbroken: NDArray[np.int64]  # (slices,): rays of the arc if all of them meet metal, otherwise 0
-    # (fives of slices, lanes): the first three above, `EACH` places of every slice in a block
-    gap_abreast: NDArray[np.float32]
-    cosine_abreast: NDArray[np.float32]
-    sine_abreast: NDArray[np.float32]
-    blocks_abreast: NDArray[np.int64]  # (fives of slices,)
+    # (packs of slices, lanes): the first three above, `EACH` places of every slice in a block
+    packed_gap: NDArray[np.float32]
+    packed_cosine: NDArray[np.float32]
+    packed_sine: NDArray[np.float32]
+    packed_blocks: NDArray[np.int64]  # (packs of slices,)
 
 
 @compiled
@@ -43,21 +43,21 @@ def places(rays: int) -> int:
     return filled(rays, GAPS)
 
 
-_ABREAST, _EACH, _OTHERS = np.uint64(ABREAST), np.uint64(EACH), np.uint64(GAPS - EACH)
+_PACK, _EACH, _OTHERS = np.uint64(PACK), np.uint64(EACH), np.uint64(GAPS - EACH)
 """Unsigned: divisions by them cost half."""
 
 
 @compiled
-def five_of(s: int) -> int:
-    """Five that a slice belongs to."""
-    return int(np.uint64(s) // _ABREAST)
+def pack_of(s: int) -> int:
+    """Pack that a slice belongs to."""
+    return int(np.uint64(s) // _PACK)
 
 
 @compiled
-def lane_abreast(s: int, place: int) -> int:
-    """Lane in its five of a slice's ray at a place."""
+def packed_lane(s: int, place: int) -> int:
+    """Lane in its pack of a slice's ray at a place."""
     block = np.uint64(place) // _EACH
-    return int(np.uint64(place) + block * _OTHERS + np.uint64(s) % _ABREAST * _EACH)
+    return int(np.uint64(place) + block * _OTHERS + np.uint64(s) % _PACK * _EACH)
 
 
 @compiled
@@ -124,36 +124,36 @@ def face(rays: Rays, s: int, edge_um: NDArray[np.float32], range_um: float, ray_
 
 
 @compiled
-def lay_abreast(rays: Rays) -> None:
-    """Lay the rays of every slice abreast, for a window: craters change the gaps in both places."""
+def pack_rays(rays: Rays) -> None:
+    """Pack the rays of every slice for a window, in which craters change the gaps in both places."""
     slices, width = rays.distance.shape
-    for five in range(rays.gap_abreast.shape[0]):
+    for pack in range(rays.packed_gap.shape[0]):
         faced = 0  # blocks that the slice with the widest arc needs
-        for block in range(rays.gap_abreast.shape[1] // GAPS):
+        for block in range(rays.packed_gap.shape[1] // GAPS):
             for k in range(GAPS):
-                s, place, lane = five * ABREAST + k // EACH, block * EACH + k % EACH, block * GAPS + k
+                s, place, lane = pack * PACK + k // EACH, block * EACH + k % EACH, block * GAPS + k
                 # slices beyond the last one meet no metal, nor does the last lane
-                there = k < ABREAST * EACH and s < slices and place < width
+                there = k < PACK * EACH and s < slices and place < width
                 gap = rays.distance[s, place] if there else np.float32(NO_METAL_UM)
-                rays.gap_abreast[five, lane] = gap
-                rays.cosine_abreast[five, lane] = rays.cosine[s, place] if there else 0.0
-                rays.sine_abreast[five, lane] = rays.sine[s, place] if there else 0.0
+                rays.packed_gap[pack, lane] = gap
+                rays.packed_cosine[pack, lane] = rays.cosine[s, place] if there else 0.0
+                rays.packed_sine[pack, lane] = rays.sine[s, place] if there else 0.0
                 if gap < NO_METAL_UM:
                     faced = block + 1
-        rays.blocks_abreast[five] = faced
+        rays.packed_blocks[pack] = faced
 
 
 def rays_with(gaps_um: ArrayLike, angles: ArrayLike) -> Rays:
     """Rays of one slice with given gaps in um, along given angles in rad, all of which meet metal."""
     count = np.size(gaps_um)
-    laid, abreast = np.zeros((3, 1, places(count)), np.float32), np.zeros((3, 1, lanes_abreast(count)), np.float32)
+    laid, packed = np.zeros((3, 1, places(count)), np.float32), np.zeros((3, 1, packed_lanes(count)), np.float32)
     laid[0] = NO_METAL_UM
     laid[:, 0, :count] = np.stack(np.broadcast_arrays(gaps_um, np.cos(angles), np.sin(angles)))
-    first, blocks, unbroken, blocks_abreast = np.array([[0], [-(-count // GAPS)], [count], [0]])
+    first, blocks, unbroken, packed_blocks = np.array([[0], [-(-count // GAPS)], [count], [0]])
     distance, cosine, sine = laid
-    gap_abreast, cosine_abreast, sine_abreast = abreast
+    packed_gap, packed_cosine, packed_sine = packed
     rays = Rays(
-        distance, cosine, sine, first, blocks, unbroken, gap_abreast, cosine_abreast, sine_abreast, blocks_abreast
+        distance, cosine, sine, first, blocks, unbroken, packed_gap, packed_cosine, packed_sine, packed_blocks
     )
-    lay_abreast(rays)
+    pack_rays(rays)
     return rays

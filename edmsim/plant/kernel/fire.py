@@ -20,7 +20,7 @@ from edmsim.plant.gap.coverage import GasLaw, blow, fade
 from edmsim.plant.gap.debris import mean_of_slices
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
 from edmsim.plant.gap.ray_trace import OVERLAP_UM, rays_of, retrace, tilt_rays, weigh
-from edmsim.plant.gap.rays import lay_abreast
+from edmsim.plant.gap.rays import pack_rays
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
     ARC,
@@ -114,9 +114,9 @@ def _renew_rays(
 
 
 @compiled_apart
-def _lay_abreast(a: Arrays) -> None:
-    """Lay the rays of all slices abreast for a window."""
-    lay_abreast(rays_of(a))
+def _pack_rays(a: Arrays) -> None:
+    """Pack the rays of all slices for a window."""
+    pack_rays(rays_of(a))
 
 
 @compiled
@@ -267,7 +267,7 @@ def fire_window(
     place_wire(state, a, position)
     if _is_due(state, c):
         _renew_rays(state, window, a, tiles, index, levels, c, position)
-    _lay_abreast(a)
+    _pack_rays(a)
     # the leak through the water divides the open voltage with the resistance of the supply
     open_V = t.open_V / (1.0 + c.supply_ohm * leak_conductance(a, c))
     # pressure eps V^2 / 2 on a ray's patch, per 1/um^2 of its summed inverse square gaps, in um kg/s^2

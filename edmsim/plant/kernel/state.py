@@ -244,11 +244,11 @@ class Arrays(NamedTuple):
     first: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
     blocks: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
     unbroken: Annotated[NDArray[np.int64], Stored("slices", life=WALL)]
-    # the same again for the sums of every pulse: see `rays.lay_abreast`
-    gap_abreast: Annotated[NDArray[np.float32], Stored("fives", "lanes_abreast")]
-    cosine_abreast: Annotated[NDArray[np.float32], Stored("fives", "lanes_abreast")]
-    sine_abreast: Annotated[NDArray[np.float32], Stored("fives", "lanes_abreast")]
-    blocks_abreast: Annotated[NDArray[np.int64], Stored("fives")]
+    # the same again for the sums of every pulse: see `rays.pack_rays`
+    packed_gap: Annotated[NDArray[np.float32], Stored("packs", "packed_lanes")]
+    packed_cosine: Annotated[NDArray[np.float32], Stored("packs", "packed_lanes")]
+    packed_sine: Annotated[NDArray[np.float32], Stored("packs", "packed_lanes")]
+    packed_blocks: Annotated[NDArray[np.int64], Stored("packs")]
     ray_cosine: Annotated[Array, Stored("rays")]  # directions square to the wire
     ray_sine: Annotated[Array, Stored("rays")]
     # way in a slice's plane to a point 1 um along a ray of a wire that leans: its section there is an ellipse

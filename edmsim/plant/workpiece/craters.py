@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.elementary import inverse_cube_root
 from edmsim.compiled.jit import compiled, compiled_apart
 from edmsim.plant.gap.ray_trace import BARE_UM, gap_of, place_of, ray_at
-from edmsim.plant.gap.rays import five_of, lane_abreast, turned
+from edmsim.plant.gap.rays import pack_of, packed_lane, turned
 from edmsim.plant.kernel.state import Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import FULL, carve_wall
 
@@ -86,7 +86,7 @@ def share_crater(a: Arrays, c: Constants, position: Array, s: int, middle: int, 
         if a.distance[s, place] < BARE_UM:
             # the edge recedes at once; the field follows before the next tracing
             a.distance[s, place] += np.float32(deep)
-            a.gap_abreast[five_of(s), lane_abreast(s, place)] = a.distance[s, place]
+            a.packed_gap[pack_of(s), packed_lane(s, place)] = a.distance[s, place]
             area = deep * spacing
             if metal != 1.0:  # a product always taken would round other cuts' sums otherwise
                 area *= metal
