@@ -29,7 +29,7 @@ _REGISTERED = {
     "Corner": _Registered("corner", 2, 1530.0), "Contour": _Registered("contour", 2, 2415.0),
     "MaxRate": _Registered("max_rate", 1, 3839.0), "ThinWire": _Registered("thin_wire", 1, 5832.0),
     "Trim": _Registered("trim", 1, 810.0), "Part": _Registered("part", 0, -16.2),
-    "MaxRateShift": _Registered("shift", 0, 252277.0), "ThinWireShift": _Registered("shift", 0, 61247.0),
+    "MaxRateShift": _Registered("shift", 0, 248049.0), "ThinWireShift": _Registered("shift", 0, 61247.0),
 }  # fmt: skip
 _GENERAL = "edmsim.envs.environment:EdmEnv", "edmsim.envs.environment:EdmVectorEnv"
 _OWN: dict[str, type[EnvArguments]] = {}  # users' families, by the ids they are registered under
