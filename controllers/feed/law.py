@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -230,6 +230,13 @@ class ServoLaw(Snapshots):
     def parts(self) -> tuple[Part, ...]:
         """The servo and all rules."""
         return tuple(getattr(self, slot) for slot in self.PARTS)
+
+    def override(self, values: Mapping[str, float]) -> None:
+        """Let the parts have other values of their parameters; those of the law itself stay as they are."""
+        for name, value in values.items():
+            for part in self.parts:
+                if hasattr(part, name):
+                    setattr(part, name, value)
 
     def set_up(self, machine: Machine, points_um: NDArray[Any], start_um: float) -> None:
         """Read the set-up and the next leg."""

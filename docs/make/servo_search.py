@@ -105,10 +105,7 @@ class Recorder(Snapshots):
     def update(self, window: WindowObservation) -> FeedCommand:
         """Return the law's command with the setting in force."""
         self.clock_s += window.duration_s
-        for name, value in (SETTINGS[self.setting] if self.clock_s >= 0.0 else OWN).items():
-            for part in self.law.parts:
-                if hasattr(part, name):
-                    setattr(part, name, value)
+        self.law.override(SETTINGS[self.setting] if self.clock_s >= 0.0 else OWN)
         return self.law.update(window)
 
 

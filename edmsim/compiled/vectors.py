@@ -40,6 +40,12 @@ def packs(slices: int) -> int:
 
 
 @compiled
+def filled_packs(slices: int) -> int:
+    """Slices filled up to whole packs, and these to whole vectors of float64."""
+    return filled(packs(slices) * PACK)
+
+
+@compiled
 def packed_lanes(rays: int) -> int:
     """Lanes of a pack of slices with a number of rays each: whole vectors."""
     return (rays + EACH - 1) // EACH * GAPS

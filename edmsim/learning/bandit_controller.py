@@ -88,10 +88,7 @@ class BanditController(Snapshots):
         if self.clock_s >= self.card.segment_s:
             self._end_segment()
         # arguments of the law are no part of its state: put them in place in every window
-        for name, value in self.card.settings[self.setting if self.clock_s >= 0.0 else 0].items():
-            for part in self.law.parts:
-                if hasattr(part, name):
-                    setattr(part, name, value)
+        self.law.override(self.card.settings[self.setting if self.clock_s >= 0.0 else 0])
         return self.law.update(window)
 
     def _measure(self, window: WindowObservation) -> None:

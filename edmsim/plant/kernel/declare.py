@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, TypeVar, cast, get_args, get_type_hints
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from edmsim.compiled.vectors import GAPS, PACK, filled, packed_lanes, packs
+from edmsim.compiled.vectors import GAPS, filled, filled_packs, packed_lanes, packs
 
 FIXED, WALL, CHANGING = range(3)
 """How long the content of an array lasts: as long as the set-up; with the workpiece (where the metal is and what
@@ -83,7 +83,7 @@ class Field(NamedTuple):
 def sizes_of(slices: int, rays: int, coordinates: int) -> ArraySizes:
     """Return the lengths by the numbers of slices, rays, and modes or nodes of the wire."""
     return ArraySizes(
-        slices=slices, slices_filled=filled(packs(slices) * PACK), packs=packs(slices), rays=rays,
+        slices=slices, slices_filled=filled_packs(slices), packs=packs(slices), rays=rays,
         places=filled(rays, GAPS), packed_lanes=packed_lanes(rays), modes=filled(coordinates), nodes=coordinates,
         dofs=2 * coordinates + 4,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.jit import compiled
 from edmsim.compiled.memory_views import GroupField, group_of, rows_of
 from edmsim.compiled.specialised import specialised
-from edmsim.compiled.vectors import GAPS, PACK, filled, packed_lanes, packs
+from edmsim.compiled.vectors import GAPS, filled, filled_packs, packed_lanes, packs
 from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw
@@ -113,7 +113,7 @@ _own_of, _arrays_of, _propagators_of, _scratch_of, _axes_of, _link_of, _law_of, 
 def _lengths(slices: int, rays: int, coordinates: int, at: Any) -> tuple[int, ...]:
     """Numbers of `ArraySizes` for a plant's table."""
     return (
-        slices, filled(packs(slices) * PACK), packs(slices), rays, filled(rays, GAPS), packed_lanes(rays),
+        slices, filled_packs(slices), packs(slices), rays, filled(rays, GAPS), packed_lanes(rays),
         filled(coordinates), coordinates, 2 * coordinates + 4, at.tiles, at.index_side, at.pulses, at.levels,
     )
 
