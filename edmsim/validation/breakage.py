@@ -130,33 +130,28 @@ def mori_cut(machine: Machine, seed: int) -> Cut:
 
 
 THIN_MM, MIDDLE_MM, THICK_MM = 20.0, 60.0, 100.0  # heights of Sato's trials
-PAIRED = 20
+PAIRED = 32
 """Seeds of a difference as small as a step of the search."""
-# ours. A search shortens the period by 5 %, so 5 % is the least effect looked for, 1.2 A on 60 mm, and less than half
-# of it the interval. The differences of eight seeds had a standard deviation of 0.95 A, mostly from the size of the
-# steps, as both searches see the same pulses until a wire breaks: 2.09 x 0.95 / sqrt(20) = 0.44 A
-TENSIONS = 32
-"""Seeds of the difference by tension."""
-# ours. A step is 0.65 A on 20 mm, where the differences of eight seeds had a standard deviation of 0.82 A: half of it
-# is the interval, 2.04 x 0.82 / sqrt(32) = 0.30 A
+# ours. A search shortens the period by 5 %: 0.65 A on 20 mm, 1.2 A on 60 mm. The differences of eight seeds had
+# standard deviations of 0.82 and 0.95 A, mostly from the size of the steps, as both searches see the same pulses
+# until a wire breaks; about half of a step is the interval, 2.04 x 0.82 / sqrt(32) = 0.30 A
 OFF_MM = 2.0  # distance by which Sato took one nozzle off the piece
 
 
 def limits(seeds: Sequence[int]) -> list[Row]:
     """What the limit does with height, flushing, cooling and tension."""
     cooling = "base.cooling.convection_W_m2K"
-    paired, tensions = extended(seeds, PAIRED), extended(seeds, TENSIONS)
-    every_thin = limits_A(sato_rig(THIN_MM), tensions)
+    paired = extended(seeds, PAIRED)
+    every_thin, every = (limits_A(sato_rig(height_mm), paired) for height_mm in (THIN_MM, MIDDLE_MM))
     thin, thick = every_thin[: len(seeds)], limits_A(sato_rig(THICK_MM), seeds)
-    every = limits_A(sato_rig(MIDDLE_MM), paired)
-    middle = every[: len(seeds)]
     convection = sato_rig(THIN_MM).base.cooling.convection_W_m2K.value
-    off = {h: limits_A(sato_rig(h).with_(standoff_upper_mm=OFF_MM), seeds) for h in (THIN_MM, MIDDLE_MM)}
+    off_thin, off = (
+        limits_A(sato_rig(height_mm).with_(standoff_upper_mm=OFF_MM), paired) for height_mm in (THIN_MM, MIDDLE_MM)
+    )
     uncooled = limits_A(sato_rig(MIDDLE_MM, {cooling: 0.7 * convection}), paired)
-    taut = limits_A(sato_rig(THIN_MM, tension=33.0), tensions)
+    taut = limits_A(sato_rig(THIN_MM, tension=33.0), paired)
     gentle, hard = (limits_A(sato_rig(MIDDLE_MM, peak_A=peak), seeds) for peak in (LEAST_PEAK_A, MOST_PEAK_A))
-    lost_thin = [1 - left for left in ratios(thin, off[THIN_MM])]
-    lost_middle = [1 - left for left in ratios(middle, off[MIDDLE_MM])]
+    lost_thin, lost = ([1 - left for left in ratios(*pair)] for pair in ((every_thin, off_thin), (every, off)))
     return [
         _sign("limit over 20 to 100 mm", SATO, True, thin, thick, "A"),
         Row.band("rupture", "limit over 20 to 100 mm, log-log slope", SATO, low=0.0, high=1.0,
@@ -164,8 +159,8 @@ def limits(seeds: Sequence[int]) -> list[Row]:
                  simulated=[math.log(more) / math.log(THICK_MM / THIN_MM) for more in ratios(thin, thick)]),
         Row.value("rupture", "limit, 60 mm, peak 940 A over 600 A", f"{SATO}: one threshold of mean current",
                   published=1.0, simulated=ratios(gentle, hard), within=0.2, note=NOTE),
-        _sign("limit, 60 mm, a nozzle off", SATO, False, middle, off[MIDDLE_MM], "A"),
-        _sign("share lost with a nozzle off, 20 to 60 mm", SATO, True, lost_thin, lost_middle),
+        _sign("limit, 60 mm, a nozzle off", SATO, False, every, off, "A"),
+        _sign("share lost with a nozzle off, 20 to 60 mm", SATO, True, lost_thin, lost),
         _sign("limit, 60 mm, convection x0.7", COOLING, False, every, uncooled, "A"),
         _sign("limit, 20 mm, tension 22 to 33 N", STRENGTH, False, every_thin, taut, "A"),
     ]

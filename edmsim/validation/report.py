@@ -38,8 +38,7 @@ REASONS = {
         "workpiece the wire leads.",
     ("rupture", "wire-rupture"):
         "The tenth of the heat that the wire gets, which matches Sato's limit on 80 mm, is too little to break it in "
-        "still water at 11 A. Limits are found in steps of a tenth, so a few seeds do not show that a nozzle off "
-        "costs a tall piece a larger share.",
+        "still water at 11 A.",
     ("vibration", "vibration"):
         "With more flushing there is less debris, so the gap is narrower, and less gas, so more discharges push. The "
         "terms of a running string are left out as negligible.",
