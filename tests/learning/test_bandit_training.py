@@ -15,9 +15,11 @@ from edmsim.learning.bandit_training import About, History
 
 ENV_ID = "edmsim/MaxRateShift-v0"
 ABOUT = About("a test", 0, 0)
-SETTINGS = bandit_training.load(ENV_ID)
-COUNT = len(SETTINGS.settings)
-SHORT = """segment_s = 0.4
+SHIPPED = bandit_training.load(ENV_ID)
+COUNT = 6
+SETTINGS = SHIPPED.model_copy(update={"settings": SHIPPED.settings[:COUNT], "passes": 4})
+SHORT = """law = "adaptive-hold"
+segment_s = 0.4
 settle_s = 0.1
 start_s = 0.2
 passes = 3
