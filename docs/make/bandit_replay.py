@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from headroom import shown
 
 from edmsim.evaluation.compare import ratio
 from edmsim.learning import bandit_training
@@ -97,7 +98,7 @@ def main() -> None:
     first, bandit, best = np.array(rows).T
     for name, returns in (("the bandit", bandit), ("the best setting of each machine", best)):
         part = ratio(100 * returns, first)
-        print(f"{name}: {part.value:.1f} ({part.low:.1f} to {part.high:.1f}) % of the first setting")
+        print(f"{name}: {shown(part, 1)} % of the first setting")
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from headroom import shown
 from numpy.typing import NDArray
 from sections import write_sections
 
@@ -41,8 +42,7 @@ def errors() -> str:
         share = ratio(found_um, constant_um)
         time_s = np.array([cut.time_s for cut in results[name]])[there].mean()
         mean_return = np.array([cut.total_return for cut in results[name]])[there].mean()
-        rows.append(f"| `{name}` | {found_um.mean():.2f} | {share.value:.2f} ({share.low:.2f} to {share.high:.2f}) "
-                    f"| {time_s:.1f} | {mean_return:.0f} |")  # fmt: skip
+        rows.append(f"| `{name}` | {found_um.mean():.2f} | {shown(share, 2)} | {time_s:.1f} | {mean_return:.0f} |")
     return "\n".join([*rows, "", f"{there.sum()} of {len(there)} held-back machines."])
 
 
@@ -83,7 +83,7 @@ def where() -> str:
         parts = np.array([squares(name, seed) for seed in held_back(MACHINES)])
         cells = np.insert(parts, -1, parts[:, :-1].sum(axis=1), axis=1)
         figures = [mean(column) for column in cells.T]
-        texts = [f"{one.value:.2f} ({one.low:.2f} to {one.high:.2f})" for one in figures]
+        texts = [shown(one, 2) for one in figures]
         rows.append(f"| `{name}` | {' | '.join(texts)} |")
     said = f"Mean squares in um2 on {MACHINES} held-back machines, by the place of the guides behind the corner."
     return "\n".join([*rows, "", said])

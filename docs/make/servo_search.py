@@ -196,8 +196,9 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     search = SEARCHES[options.task]
+    settings = search.settings
     jobs = [(options.task, FIRST_SEED + k, number) for k in range(options.machines) for number in range(PASSES)]
-    table = RunTable(options.out / f"{options.task}.jsonl", {"settings": search.settings})
+    table = RunTable(options.out / f"{options.task}.jsonl", {"settings": settings})
     made = perform(record, jobs, lambda done, all_: print(done, "of", all_, flush=True), table=table,
                    ids=[f"{seed}-{number}" for _, seed, number in jobs])  # fmt: skip
     each = [gains(made[k : k + PASSES]) for k in range(0, len(made), PASSES)]
@@ -205,7 +206,7 @@ def main() -> None:
     total = np.nansum(rates[:, None] * np.exp(logs), axis=0) / (rates[:, None] * np.isfinite(logs)).sum(axis=0)
     lost = np.sum([one["lost"] for one in made], axis=0)
     for k in np.argsort(-total):
-        changes = {name: value for name, value in search.settings[k].items() if value != search.own[name]}
+        changes = {name: value for name, value in settings[k].items() if value != search.own[name]}
         changed = ",".join(f"{name}={value:g}" for name, value in changes.items())
         print(f"{100 * total[k]:.1f} % of the own rate, {lost[k]} wires lost: {changed or 'own'}")
 

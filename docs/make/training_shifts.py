@@ -4,23 +4,17 @@ python docs/make/training_shifts.py MaxRateShift 22200 16 adaptive-hold policy:M
 python docs/make/training_shifts.py ThinWireShift 23000 12 climb:open_target_share=0.05 adaptive-hold:limit_share=0.2
 
 The numbers are the first seed and how many there are; laws are tried here, so that the held-back machines remain for
-the comparison. A shift takes some 15 s of a processor; shifts are noted in ``out/shifts`` and not cut again.
+the comparison. A shift takes some 15 s of a processor; shifts are noted in ``out/headroom`` and not cut again.
 """
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import Any
 
-import numpy as np
+from headroom import Cuts, shown
 
-from edmsim.envs.registry import env_id_of
 from edmsim.evaluation.compare import ratio
-from edmsim.evaluation.episode import HELD_BACK, cut
-from edmsim.runs import RunTable, perform
-
-FOUND = Path("out/shifts")
+from edmsim.evaluation.episode import HELD_BACK
 
 
 def main() -> None:
@@ -34,22 +28,12 @@ def main() -> None:
     seeds = range(options.first, options.first + options.machines)
     if seeds[-1] >= HELD_BACK:
         parser.error(f"seeds from {HELD_BACK} on are held back for the comparison")
-
-    def shift(job: tuple[str, int]) -> dict[str, Any]:
-        result = cut(env_id_of(options.task), job[1], job[0])
-        return {"return": result.total_return, "lost": result.wires_lost}
-
-    FOUND.mkdir(parents=True, exist_ok=True)
-    jobs = [(name, seed) for name in options.controllers for seed in seeds]
-    rows = perform(
-        shift, jobs, lambda done, all_: print(done, "of", all_, flush=True),
-        table=RunTable(FOUND / f"{options.task}.jsonl"), ids=[f"{name} {seed}" for name, seed in jobs],
-    )  # fmt: skip
-    returns = np.array([row["return"] for row in rows]).reshape(-1, len(seeds))
-    lost = np.array([row["lost"] for row in rows]).reshape(-1, len(seeds)).sum(axis=1)
-    for name, gained, wires in zip(options.controllers, returns, lost, strict=True):
-        share = ratio(100 * gained, returns[0])
-        print(f"{share.value:.0f} ({share.low:.0f} to {share.high:.0f}) %, {wires} wires lost: {name}")
+    cuts = Cuts(options.task)
+    cuts.make(options.controllers, seeds)
+    first = cuts.of(options.controllers[0], seeds)
+    for name in options.controllers:
+        lost = sum(result.wires_lost for result in cuts.results(name, seeds))
+        print(f"{shown(ratio(100 * cuts.of(name, seeds), first))} %, {lost} wires lost: {name}")
 
 
 if __name__ == "__main__":

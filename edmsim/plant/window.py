@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.errors import EdmsimError, InputError
+from edmsim.plant.kernel.declare import FREE
 from edmsim.plant.kernel.state import BROKEN, INSIDE, NOT_FINITE, OUTSIDE, WINDOW
 
-_NAMES = tuple(name for name in WINDOW.names or () if name != "free")
+_NAMES = tuple(name for name in WINDOW.names or () if name != FREE)
 _KINDS = [WINDOW[name] for name in _NAMES]
 _NAN = math.nan
 _FORMAT = struct.Struct("=" + "".join(f"{math.prod(of.shape)}{'q' if of.base.kind == 'i' else 'd'}" for of in _KINDS))

@@ -43,8 +43,8 @@ def test_the_arc_has_every_ray_that_meets_metal_once(edge_um):
     assert not np.hypot(rays.cosine[1], rays.sine[1])[rays.distance[1] == NO_METAL_UM].any()
     lanes = [packed_lane(1, place) for place in range(COUNT)]
     both = (rays.distance, rays.packed_gap), (rays.cosine, rays.packed_cosine), (rays.sine, rays.packed_sine)
-    for of_slice, of_five in both:
-        np.testing.assert_array_equal(of_slice[1, :COUNT], of_five[0, lanes])
+    for of_slice, of_pack in both:
+        np.testing.assert_array_equal(of_slice[1, :COUNT], of_pack[0, lanes])
     # no metal in other slices, nor in the last lane
     elsewhere = np.setdiff1d(np.arange(rays.packed_gap.shape[1]), lanes)
     assert (rays.packed_gap[0, elsewhere] == NO_METAL_UM).all()

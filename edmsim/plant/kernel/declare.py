@@ -27,13 +27,14 @@ FIXED, WALL, CHANGING = range(3)
 craters took of it, which outlasts the wire); or as long as the wire. A snapshot has the last two."""
 
 _LINE = 64  # bytes of a line of the processor's cache
+FREE = "free"  # field that fills a record up to a whole line
 _Group = TypeVar("_Group", bound=NamedTuple)
 
 
 def on_lines(*fields: tuple[Any, ...]) -> np.dtype[np.void]:
     """Return a record filled up to whole lines of the cache, so that threads do not write to the same one."""
     free = -np.dtype(list(fields)).itemsize % _LINE
-    return np.dtype([*fields, ("free", "u1", (free,))] if free else list(fields))
+    return np.dtype([*fields, (FREE, "u1", (free,))] if free else list(fields))
 
 
 class ArraySizes(NamedTuple):
