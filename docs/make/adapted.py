@@ -41,7 +41,7 @@ def law_below(policy: str) -> str:
     name = policy.removeprefix("policy:")
     file = bandit_file.find(name)
     if file is None:
-        raise InputError(f"'{name}' is no policy that adapts")
+        raise InputError(f"'{name}' is not a policy that adapts")
     return bandit_file.load(file).law
 
 
