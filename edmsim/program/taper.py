@@ -319,7 +319,8 @@ def refuse_vanished(wall: Ruled, height_mm: float, what: str) -> None:
     slope = (rise * along).sum(axis=1)
     place = wall.low_mm - (low * along).sum(axis=1) / np.where(slope == 0, 1.0, slope)
     place = np.clip(place, 0.0, height_mm)
-    k = int(gone[np.abs(place[gone] - wall.low_mm).argmin()])
+    near = np.abs(place[gone] - wall.low_mm)
+    k = int(gone[np.flatnonzero(near < near.min() + _NOTHING_MM)[0]])  # all chords of an arc vanish at one height
     x, y = wall.lower_mm[k]
     same = np.flatnonzero(np.array(wall.elements) == wall.elements[k])
     kind = "the arc" if len(same) > 2 else "the line"
