@@ -1,7 +1,7 @@
 """Many runs: the table of those that are finished, and the pools that make the others.
 
-Threads suit cuts, as the pulse loop leaves Python to other threads. Processes suit the code of users, which may die;
-those of a Ray cluster need the extra ``cluster``.
+Threads start at once and suit short cuts, as the pulse loop leaves Python to other threads. Processes suit long ones
+and the code of users, which may die; those of a Ray cluster need the extra ``cluster``.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from contextlib import suppress
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
+from traceback import format_exception, print_exc
 from typing import Any, BinaryIO, Protocol
 
 from edmsim import user_code
-from edmsim.errors import InputError
+from edmsim.errors import EdmsimError, InputError
 from edmsim.files import replacing
 
 Row = dict[str, Any]
@@ -149,7 +150,7 @@ def identity(content: Mapping[str, Any]) -> str:
 
 def perform(
     work: Callable[[Any], Any], jobs: Sequence[Any], watch: Callable[[int, int], None] | None = None, *,
-    threads: int | None = None, table: RunTable | None = None, ids: Sequence[str] = (),
+    engine: Engine | None = None, table: RunTable | None = None, ids: Sequence[str] = (),
 ) -> list[Any]:
     """Do jobs on all cores, and return the answers in order; an error in one, or an interruption, ends them all.
 
@@ -157,8 +158,8 @@ def perform(
     ----------
     watch : callable, optional
         Called with the jobs done and to do.
-    threads : int, optional
-        By default one per available processor.
+    engine : Engine, optional
+        By default threads. For another one, `work` and the jobs must be picklable.
     table : RunTable, optional
         Jobs that it has are not done again; the others are added. Answers are its rows.
     ids : sequence of str
@@ -167,20 +168,61 @@ def perform(
     rows: Mapping[str, Row] = {} if table is None else table.rows
     answers: dict[int, Any] = {number: rows[name] for number, name in enumerate(ids) if name in rows}
 
-    def saved(numbered: tuple[int, Any]) -> Any:
-        answer = work(numbered[1])
+    def saved(number: int, answer: Any) -> Any:
         if table is None:
             return answer
-        row = {"id": ids[numbered[0]], **answer}
-        table.add(row)  # here, so that runs are saved that end when an interruption has ended the loop below
+        row = {"id": ids[number], **answer}
+        table.add(row)
         return row
 
+    def made(numbered: tuple[int, Any]) -> Any:
+        # saved in its thread, so that runs are saved that end when an interruption has ended the loop below
+        return saved(numbered[0], work(numbered[1]))
+
     left = [numbered for numbered in enumerate(jobs) if numbered[0] not in answers]
-    for (number, _), answer in Threads(threads).done(saved, left):
+    found = Threads().done(made, left) if engine is None else _done_elsewhere(engine, work, left, saved)
+    for (number, _), answer in found:
         answers[number] = answer
         if watch is not None:
             watch(len(answers), len(jobs))
     return [answers[number] for number in range(len(jobs))]
+
+
+def _done_elsewhere(
+    engine: Engine, work: Function, jobs: Sequence[tuple[int, Any]], saved: Callable[[int, Any], Any]
+) -> Iterator[tuple[tuple[int, Any], Any]]:
+    """Yield numbered jobs with their answers; an error of a job is raised here."""
+    for (number, _, job), answer in engine.done(_attempted, ((number, work, job) for number, job in jobs)):
+        if isinstance(answer, LostJob):
+            raise EdmsimError(answer.why)
+        if isinstance(answer, Exception):
+            raise answer
+        yield (number, job), saved(number, answer)
+
+
+def _attempted(numbered: tuple[int, Function, Any]) -> Any:
+    """Return the answer of a job, or the error that it raised."""
+    try:
+        return numbered[1](numbered[2])
+    except Exception as error:
+        text = "".join(format_exception(error))
+        try:
+            pickle.loads(pickle.dumps(error))
+        except Exception:
+            return EdmsimError(str(error)) if isinstance(error, EdmsimError) else RuntimeError(text)
+        if not isinstance(error, EdmsimError):
+            error.add_note(text)  # where it was raised, which is lost between processes
+        return error
+
+
+LONG_S = 3600.0
+"""Machine time of cuts above which processes are faster (ours: they start within some seconds, and threads of one
+process wait for each other's Python)."""
+
+
+def engine_for(machine_s: float) -> Engine | None:
+    """Return the faster engine for cuts of this much machine time in total: processes, or None for threads."""
+    return Processes() if machine_s > LONG_S and processors() > 1 else None
 
 
 ATTEMPTS = 3  # how often a job is begun whose process or computer is lost, before it counts as failed (ours)
@@ -213,14 +255,11 @@ class Engine(Protocol):
 
 
 class Threads:
-    """Runs jobs in threads of this process, by default one per available processor; an error in one ends them all."""
-
-    def __init__(self, count: int | None = None) -> None:
-        self._count = count or processors()
+    """Runs jobs in threads of this process, one per available processor; an error in one ends them all."""
 
     def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
         """See `Engine.done`."""
-        with ThreadPoolExecutor(self._count) as pool:
+        with ThreadPoolExecutor(processors()) as pool:
             running = {pool.submit(function, job): job for job in jobs}
             try:
                 for ended in as_completed(running):
@@ -249,10 +288,10 @@ class Processes:
             raise InputError(f"{self.count} processes make no run: give 1 or more")
 
     def done(self, function: Function, jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-        """See `Engine.done`; the first job runs alone, which avoids compiling the same code twice."""
+        """See `Engine.done`."""
         answers: queue.SimpleQueue[tuple[Any, Any]] = queue.SimpleQueue()
         workers: list[_Worker] = []
-        busy, most = 0, 1
+        busy = 0
         try:
             for job in jobs:
                 idle = next((worker for worker in workers if not worker.busy), None)
@@ -261,9 +300,9 @@ class Processes:
                     workers.append(idle)
                 idle.give(job)
                 busy += 1
-                if busy == most:
+                if busy == self.count:
                     yield answers.get()
-                    busy, most = busy - 1, self.count
+                    busy -= 1
             for _ in range(busy):
                 yield answers.get()
         finally:
@@ -362,6 +401,9 @@ def _read(source: BinaryIO, jobs: queue.SimpleQueue[Any]) -> None:
             jobs.put(pickle.load(source))
         except (EOFError, OSError):
             os._exit(0)
+        except Exception:  # of a job that names what this process cannot import
+            print_exc()
+            os._exit(1)
 
 
 IN_FLIGHT = 2

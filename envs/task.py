@@ -58,6 +58,7 @@ class EnvArguments(ABC):
     own_weights: ClassVar[Any]
     lasting: ClassVar[tuple[str, ...]] = ()
     resolution: str
+    episode_s: float | None
     weights: Any
     objectives: Sequence[str]
     cost_limit: float

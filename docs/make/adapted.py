@@ -3,7 +3,7 @@
 python docs/make/adapted.py                          # tables of training.md and tasks/max-rate-shift.md, and the card
 python docs/make/adapted.py policy:out/adapt/policy.json --cuts 4    # one of your own; prints them only
 
-Cuts that are missing are made, one by one, and noted in ``out/headroom`` and ``out/adapted``: interrupted, the same
+Cuts that are missing are made and noted in ``out/headroom`` and ``out/adapted``: interrupted, the same
 command goes on. A shift takes some half a minute of a processor.
 """
 

@@ -17,6 +17,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,9 @@ import numpy as np
 
 from edmsim.envs.registry import env_id_of, make_family
 from edmsim.evaluation.compare import CUT_TEXTS, Figure, held_back, leaderboard, mean
-from edmsim.evaluation.episode import Result, cut
+from edmsim.evaluation.episode import Result, cut, engine_of
 from edmsim.evaluation.lines import OF_TASK, ORACLE_GAPS_UM
-from edmsim.runs import RunTable
+from edmsim.runs import RunTable, perform
 
 DOCS = Path(__file__).parents[1]
 FOUND, PAGE, CUTS = DOCS / "headroom.json", DOCS / "headroom.md", Path("out/headroom")
@@ -150,6 +151,10 @@ def row_of(result: Result) -> dict[str, Any]:
     }
 
 
+def _made(env_id: str, job: tuple[str, int]) -> dict[str, Any]:
+    return row_of(cut(env_id, job[1], job[0]))
+
+
 class Cuts:
     """The cuts of a task, those of the leaderboard and those on disk: made where they are missing.
 
@@ -170,16 +175,19 @@ class Cuts:
             self._made[row["controller"], row["seed"]] = row
 
     def make(self, names: Sequence[str], seeds: Sequence[int]) -> None:
-        """Make what is missing of controllers x seeds, one after the other, and say how far it is."""
+        """Make what is missing of controllers x seeds, and say how far it is."""
         missing = [(name, seed) for seed in seeds for name in names if (name, seed) not in self._made]
-        began = time.monotonic()
-        for done, (name, seed) in enumerate(missing, 1):
-            row = {"id": f"{name} {seed}", **row_of(cut(env_id_of(self.task), seed, name))}
-            self._table.add(row)
-            self._made[name, seed] = row
+        env_id, began = env_id_of(self.task), time.monotonic()
+
+        def watch(done: int, _: int) -> None:
             left_s = (time.monotonic() - began) / done * (len(missing) - done)
-            sys.stderr.write(f"{self.task}: {done} of {len(missing)} cuts, {left_s / 60:.0f} min left; "
-                             f"{name} {row['return']:.0f}\n")
+            sys.stderr.write(f"{self.task}: {done} of {len(missing)} cuts, {left_s / 60:.0f} min left\n")
+
+        rows = perform(
+            partial(_made, env_id), missing, watch, engine=engine_of(env_id, len(missing)), table=self._table,
+            ids=[f"{name} {seed}" for name, seed in missing],
+        )  # fmt: skip
+        self._made.update(zip(missing, rows, strict=True))
 
     def has(self, name: str, seed: int) -> bool:
         """Whether a cut has been made."""
@@ -355,4 +363,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    from headroom import main as run  # other processes find functions by the name of their module
+
+    run()

@@ -22,7 +22,7 @@ from edmsim.controllers.protocols import FeedCommand, WindowObservation, tell
 from edmsim.envs.episode import Task
 from edmsim.evaluation.episode import Episode
 from edmsim.machine.machine import Machine
-from edmsim.runs import RunTable, perform
+from edmsim.runs import Processes, RunTable, perform
 from edmsim.snapshots import Snapshots
 
 FIRST_SEED, PASSES = 21_002, 2
@@ -200,7 +200,7 @@ def main() -> None:
     jobs = [(options.task, FIRST_SEED + k, number) for k in range(options.machines) for number in range(PASSES)]
     table = RunTable(options.out / f"{options.task}.jsonl", {"settings": settings})
     made = perform(record, jobs, lambda done, all_: print(done, "of", all_, flush=True), table=table,
-                   ids=[f"{seed}-{number}" for _, seed, number in jobs])  # fmt: skip
+                   engine=Processes(), ids=[f"{seed}-{number}" for _, seed, number in jobs])  # fmt: skip
     each = [gains(made[k : k + PASSES]) for k in range(0, len(made), PASSES)]
     logs, rates = np.array([one[0] for one in each]), np.array([one[1] for one in each])
     total = np.nansum(rates[:, None] * np.exp(logs), axis=0) / (rates[:, None] * np.isfinite(logs)).sum(axis=0)
@@ -212,4 +212,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    from servo_search import main as run  # other processes find functions by the name of their module
+
+    run()

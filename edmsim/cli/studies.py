@@ -178,8 +178,7 @@ def warm_up() -> None:
     total = len(shapes()) + 1
     with interruptible("what is compiled is kept") as bar:
         bar.show("compile", 0, total)
-        perform(lambda shape: window_function(*shape), shapes(), lambda done, _: bar.show("compile", done, total),
-                threads=2)  # fmt: skip
+        perform(lambda shape: window_function(*shape), shapes(), lambda done, _: bar.show("compile", done, total))
         _use_once()
         bar.show("compile", total, total)
     OUT.print("All code of cuts and environments is compiled, for all resolutions.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from edmsim import __version__, models
 from edmsim.controllers import choices, from_text
 from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.errors import InputError
-from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, check_laws, cut, episodes, is_part
+from edmsim.evaluation.episode import FINISHED, HELD_BACK, Result, check_laws, cut, engine_of, episodes, is_part
 from edmsim.evaluation.lines import lines_of
 from edmsim.files import make_writable
 from edmsim.plant.resolution import resolution as check_resolution
@@ -123,10 +124,6 @@ def run(
     # the oracle's cuts take longest, as it rehearses: first, so that no core waits for them in the end
     jobs = [(name, seed) for name in reversed(controllers) for seed in held_back(seeds)]
 
-    def make(job: tuple[str, int]) -> dict[str, Any]:
-        result = cut(env_id, job[1], job[0], resolution, record)
-        return {"env_id": env_id, "resolution": resolution, **result._asdict()}
-
     def identity_of(job: tuple[str, int]) -> str:
         files = digests_of([job[0], inspect.getfile(find(env_id)[0])])
         return identity({
@@ -134,9 +131,18 @@ def run(
             "record": record and str(record), "files": sorted(files.values()),
         })  # fmt: skip
 
-    rows = perform(make, jobs, watch, table=table or RunTable(), ids=[identity_of(job) for job in jobs])
+    rows = perform(
+        partial(_row, env_id, resolution, record), jobs, watch, engine=engine_of(env_id, len(jobs)),
+        table=table or RunTable(), ids=[identity_of(job) for job in jobs],
+    )  # fmt: skip
     made = dict(zip(jobs, map(_result_of, rows), strict=True))
     return {name: [made[name, seed] for seed in held_back(seeds)] for name in controllers}
+
+
+def _row(env_id: str, resolution: str, record: Path | None, job: tuple[str, int]) -> dict[str, Any]:
+    """Make a controller's cut of a seed."""
+    result = cut(env_id, job[1], job[0], resolution, record)
+    return {"env_id": env_id, "resolution": resolution, **result._asdict()}
 
 
 def _result_of(row: Mapping[str, Any]) -> Result:

@@ -21,7 +21,7 @@ from edmsim.cosim.stops import WORDS, StopCause, judge
 from edmsim.envs import pass_laws
 from edmsim.envs.episode import StepResult, Task
 from edmsim.envs.part_task import Part
-from edmsim.envs.registry import base_of, find
+from edmsim.envs.registry import arguments_with, base_of, find, registered_ids
 from edmsim.envs.reward import REFERENCE_S
 from edmsim.errors import InputError
 from edmsim.evaluation.lines import lines_of
@@ -29,9 +29,11 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.metrology.profile import profile_error
 from edmsim.recording.cut_folder import RECORDING
 from edmsim.recording.report import HOTTEST, LENGTH, OPENS, RA, RATE, SHORTS, TIME, FigureKind
+from edmsim.runs import engine_for
 
 if TYPE_CHECKING:
     from edmsim.envs.recorder import EpisodeRecorder
+    from edmsim.runs import Engine
 
 
 HELD_BACK = 1_000_000
@@ -134,6 +136,16 @@ def recording_folder(record: Path, env_id: str, seed: int, controller: str) -> P
     """Return the folder of a recorded cut: environment, seed and controller under the folder of all recordings."""
     names = (re.sub(r"[^\w.=,-]+", "-", text) for text in (find(env_id)[0].__name__, f"seed-{seed}", controller))
     return record.joinpath(*names)
+
+
+def engine_of(env_id: str, cuts: int, machine_s: float | None = None) -> Engine | None:
+    """Return the faster engine for a number of cuts, each of `machine_s`, by default an episode; None for threads.
+
+    An environment that a user has registered is cut in threads, because other processes do not know it.
+    """
+    if env_id not in registered_ids():
+        return None
+    return engine_for(cuts * (machine_s or arguments_with(env_id).episode_s or 0.0))
 
 
 class Episode:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -27,7 +28,7 @@ from edmsim.envs.episode import Task
 from edmsim.envs.registry import base_of, find, make_family, stand_in
 from edmsim.envs.shift import Shift
 from edmsim.errors import InputError, invalid_entry
-from edmsim.evaluation.episode import HELD_BACK, Episode
+from edmsim.evaluation.episode import HELD_BACK, Episode, engine_of
 from edmsim.files import locked
 from edmsim.learning import bandit_file, hyperparameters
 from edmsim.learning.bandit_controller import BanditController
@@ -319,13 +320,17 @@ def train(
         table = RunTable(file, of)
         seeds = range(first, first + machines)
         rows = perform(
-            lambda number: record(env_id, settings, number)._asdict(), seeds, watch, table=table,
-            ids=[str(number) for number in seeds],
+            partial(_recorded, env_id, settings), seeds, watch, table=table, ids=[str(number) for number in seeds],
+            engine=engine_of(env_id, machines, settings.segments * settings.segment_s),
         )  # fmt: skip
     histories = [History(row["rows"], row["lost"], row["cut_s"]) for row in rows]
     about = About(command, seed, sum(len(history.rows) for history in histories))
     known_as, _ = stand_in(*find(env_id))
     return card_of(known_as, settings, prior_of(histories, settings), about)
+
+
+def _recorded(env_id: str, settings: BanditSettings, seed: int) -> dict[str, Any]:
+    return record(env_id, settings, seed)._asdict()
 
 
 def _check_time(env_id: str, settings: BanditSettings) -> None:

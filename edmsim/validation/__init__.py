@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from edmsim.errors import InputError, one_of
-from edmsim.runs import perform
+from edmsim.runs import Processes, perform
 from edmsim.validation.rows import Check, Row
 
 MODULES = (
@@ -28,8 +28,13 @@ def checks(modules: Sequence[str] = MODULES) -> list[Check]:
     return [check for name in modules for check in import_module(f".{name}", __name__).CHECKS]
 
 
+def _rows(check: Check) -> list[Row]:
+    return check(SEEDS)
+
+
 def run(watch: Watch | None = None, modules: Sequence[str] = MODULES) -> list[Row]:
     """Run checks in parallel, and return their rows in a fixed order; these depend only on the seeds."""
-    rows = [row for found in perform(lambda check: check(SEEDS), checks(modules), watch) for row in found]
+    engine = None if len(modules) < len(MODULES) else Processes()
+    rows = [row for found in perform(_rows, checks(modules), watch, engine=engine) for row in found]
     topics = list(dict.fromkeys(row.topic for row in rows))
     return sorted(rows, key=lambda row: topics.index(row.topic))

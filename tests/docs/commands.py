@@ -179,7 +179,7 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     # tests/evaluation, and the pages of the benchmark, have whole episodes
     patch.setattr(Task, "__init__", partialmethod(Task.__init__, episode_s=EPISODE_S))
     # tests/sweep begins processes
-    patch.setattr(runs, "Processes", lambda _: runs.Threads(1))
+    patch.setattr(runs, "Processes", lambda _=None: runs.Threads())
     if find_spec("stable_baselines3"):
         from stable_baselines3 import PPO
 

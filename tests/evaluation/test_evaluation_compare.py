@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 from dataclasses import fields
 
 import gymnasium
@@ -14,15 +16,17 @@ from edmsim.controllers import FeedCommand, FeedController, from_text, make
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.envs import pass_laws
 from edmsim.envs.episode import Task
+from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.part_task import Part
-from edmsim.envs.registry import arguments_with
+from edmsim.envs.registry import arguments_with, register
 from edmsim.envs.reward import Weights
 from edmsim.errors import InputError
 from edmsim.evaluation import compare
-from edmsim.evaluation.episode import HELD_BACK, Episode, Result
+from edmsim.evaluation.episode import HELD_BACK, Episode, Result, engine_of
 from edmsim.evaluation.lines import ORACLE_GAPS_UM, lines_of
 from edmsim.evaluation.table import as_json, render, shown
 from edmsim.learning import hyperparameters
+from edmsim.runs import processors
 
 from ..conftest import Run
 
@@ -60,6 +64,29 @@ def test_an_environment_may_have_laws_and_a_scale_of_its_own() -> None:
 @pytest.mark.slow
 def test_the_same_comparison_again_is_the_same(compared: compare.Comparison) -> None:
     assert as_json([compare.evaluate(GAP_FEED, ["fixed", "voltage"], 3, resolution="fast")]) == as_json([compared])
+
+
+IN_BOTH = """
+from edmsim import runs
+from edmsim.evaluation import compare, episode
+for runs.LONG_S in (1e9, 0.0):
+    print(episode.engine_of("edmsim/Corner-v2", 2) is None, compare.run("edmsim/Corner-v2", ["voltage"], 2, "fast"))
+"""
+
+
+@pytest.mark.slow
+def test_a_long_comparison_in_processes_finds_the_same() -> None:
+    command = [sys.executable, "-c", IN_BOTH]  # an own process, as other tests here have shorter episodes
+    in_threads, in_processes = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+    assert in_threads.startswith("True {")
+    assert in_processes.partition(" ")[0] == str(processors() == 1)
+    assert in_threads.partition(" ")[2] == in_processes.partition(" ")[2]
+
+
+def test_environments_that_other_processes_do_not_know_are_compared_here() -> None:
+    register("here/Only-v0", GapFeed, height_mm=(8.0, 8.0))
+    assert engine_of("here/Only-v0", 10**6) is None
+    assert (engine_of(GAP_FEED, 10**6) is None) == (processors() == 1)
 
 
 def test_every_controller_meets_the_held_back_machines(compared: compare.Comparison) -> None:

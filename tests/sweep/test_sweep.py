@@ -16,8 +16,9 @@ import numpy as np
 import pyarrow.dataset
 import pytest
 
-from edmsim.errors import InputError
-from edmsim.runs import LostJob, Processes
+from edmsim.errors import EdmsimError, InputError
+from edmsim.runs import LostJob, Processes, RunTable
+from edmsim.runs import perform as perform_jobs
 from edmsim.sweep import table as stores
 from edmsim.sweep.run import Outcome, SweepProgress, blank, perform, sweep
 from edmsim.sweep.specification import Specification, runs_of
@@ -55,6 +56,13 @@ def dying(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("dying_jobs")
 
 
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Jobs that raise errors, in a file that other processes can import."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    return importlib.import_module("failing_jobs")
+
+
 @pytest.mark.slow
 def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, tmp_path: Path) -> None:
     jobs = [tmp_path / name for name in "abc"]
@@ -63,6 +71,46 @@ def test_a_process_that_dies_costs_a_retry_and_no_other_run(dying: ModuleType, t
     assert found[3] == 3
     assert isinstance(found[1], LostJob)
     assert "status -9; given up after 3 attempts" in found[1].why
+
+
+@pytest.mark.slow
+def test_jobs_in_processes_are_answered_in_order_and_saved_once(failing: ModuleType, tmp_path: Path) -> None:
+    table = RunTable(tmp_path / "runs.jsonl")
+    counts: list[tuple[int, int]] = []
+    table.add({"id": "b", "job": "made before"})
+    found = perform_jobs(
+        failing.answer, ["x", "y", "z"], lambda *both: counts.append(both), engine=Processes(2), table=table,
+        ids=["a", "b", "c"],
+    )  # fmt: skip
+    assert found == [{"id": "a", "job": "x"}, {"id": "b", "job": "made before"}, {"id": "c", "job": "z"}]
+    assert counts == [(2, 3), (3, 3)]
+    assert RunTable(tmp_path / "runs.jsonl").rows == table.rows
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("job", "kind", "said"),
+    [
+        ("input", InputError, "cut.toml:3: there is no such wire"),
+        ("own", ZeroDivisionError, "in a user's law"),
+        ("unportable", EdmsimError, "this and that"),
+    ],
+)
+def test_an_error_of_a_job_in_a_process_is_raised_here(
+    failing: ModuleType, job: str, kind: type[Exception], said: str
+) -> None:
+    with pytest.raises(kind) as caught:
+        perform_jobs(failing.answer, [job], engine=Processes(1))
+    assert type(caught.value) is kind
+    assert str(caught.value) == said
+    if job == "own":
+        assert "failing_jobs.py" in caught.value.__notes__[0]  # where it was raised
+
+
+@pytest.mark.slow
+def test_a_process_that_always_dies_ends_the_study_with_a_reason(dying: ModuleType) -> None:
+    with pytest.raises(EdmsimError, match=r"status -9; given up after 3 attempts"):
+        perform_jobs(dying.dies, [1], engine=Processes(1))
 
 
 @pytest.mark.slow

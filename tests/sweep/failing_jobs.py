@@ -1,0 +1,26 @@
+"""Jobs that raise errors, for other processes to import."""
+
+from __future__ import annotations
+
+from edmsim.errors import EdmsimError, InputError
+
+
+class UnportableError(EdmsimError):
+    """An error that cannot be made again from its text."""
+
+    def __init__(self, first: str, second: str) -> None:
+        super().__init__(f"{first} and {second}")
+
+
+ERRORS = {
+    "input": InputError("there is no such wire", "cut.toml", 3),
+    "own": ZeroDivisionError("in a user's law"),
+    "unportable": UnportableError("this", "that"),
+}
+
+
+def answer(job: str) -> dict[str, str]:
+    """Return the job in a row, or raise its error."""
+    if job in ERRORS:
+        raise ERRORS[job]
+    return {"job": job}
