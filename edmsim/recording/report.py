@@ -528,7 +528,8 @@ def _weighted(
     values: np.ndarray[Any, np.dtype[np.float64]], weights: np.ndarray[Any, np.dtype[np.float64]]
 ) -> float | None:
     total = float(weights.sum())
-    return float(values @ weights) / total if total > 0 else None
+    # not by `@`, whose order of adding depends on the number of threads
+    return float((values * weights).sum()) / total if total > 0 else None
 
 
 def as_json(report: Report, **options: Any) -> str:

@@ -6,6 +6,9 @@ import dataclasses
 import io
 import json
 import math
+import os
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -70,6 +73,32 @@ def made_of(totals: Totals, windows: Any, offset: Offset | None = None, **change
         "outcome": "finished", "reason": None, "notices": (), "seed": 1, "settings": {}, "version": "0", **changes
     }
     return build_report(Report(offset=offset or Offset()), windows, totals, **made)
+
+
+MANY_WINDOWS = """
+import numpy as np, pyarrow as pa
+from edmsim.recording.report import Report, Totals, as_json, build_report
+from edmsim.recording.windows import WindowTable
+draw = np.random.default_rng(1)
+schema = WindowTable().to_arrow().schema
+windows = pa.table([pa.array(1e3 * draw.random(40_000)).cast(kind, safe=False) for kind in schema.types], schema.names)
+totals = Totals(60.0, 1.0, 1, 1, 1, 1, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+more = dict(outcome="finished", reason=None, notices=(), seed=1, settings={}, version="0")
+print(as_json(build_report(Report(), windows, totals, **more)))
+"""
+
+
+@pytest.mark.slow
+def test_figures_do_not_depend_on_the_number_of_threads() -> None:
+    one, two = (
+        subprocess.run(
+            [sys.executable, "-c", MANY_WINDOWS], check=True, capture_output=True, text=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": count, "OMP_NUM_THREADS": count},
+        ).stdout
+        for count in ("1", "2")
+    )  # fmt: skip
+    assert one == two
+    assert json.loads(one)["mean_current_A"] > 0.0
 
 
 def test_fields_are_the_agreed_ones(cut: SimpleNamespace) -> None:
