@@ -53,6 +53,32 @@ def test_a_step_off_the_grid_leaves_the_exact_share_of_its_cells():
     )
 
 
+@pytest.mark.parametrize(
+    "region",
+    [
+        shapely.box(40.0, -50.0, 80.0, 300.0),  # edges between two cells
+        shapely.box(41.5, 16.0, 90.25, 70.0),
+        shapely.Point(64.0, 60.0).buffer(37.0),
+        shapely.Polygon([(-20.0, 5.0), (150.0, 60.0), (30.0, 140.0)]),
+        shapely.box(10.0, 10.0, 50.0, 50.0) | shapely.box(70.0, 60.5, 71.0, 128.0),  # two, one within a cell's width
+        shapely.box(64.0, 0.0, 200.0, 128.0),  # up to the tile's edge
+        shapely.box(128.0, 0.0, 300.0, 128.0),  # touches the tile
+    ],
+    ids=range(7),
+)
+def test_every_cell_of_a_tile_has_the_area_and_the_height_of_the_solid(region):
+    relief = Relief([LowerRegion(region, 4.0)], 10.0, 5)
+    centres = np.arange(0.5, 32) * 4.0
+    x, y = np.meshgrid(centres, centres, indexing="ij")
+    covered = shapely.area(shapely.intersection(region, shapely.box(x - 2, y - 2, x + 2, y + 2))) / 16.0
+    metal = relief.metal(centres, centres, 4.0)
+    for number in range(5):
+        expected = 1.0 - covered if number >= 2 else 1.0
+        np.testing.assert_allclose(1.0 if metal is None else metal[number], expected, atol=1e-9)
+    lower = shapely.intersects(region, shapely.points(x, y))
+    np.testing.assert_array_equal(relief.levels(centres, centres), np.where(lower, 2.0, 5.0))
+
+
 def test_the_workpiece_stands_on_its_lower_face():
     field = stepped((shapely.box(0, 0, 5_000, 5_000), 4.5))
     assert [field.patch(k, 100, 110, 100, 110).mean() for k in range(5)] == [1, 1, 0, 0, 0]

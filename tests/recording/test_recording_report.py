@@ -81,7 +81,8 @@ from edmsim.recording.report import Report, Totals, as_json, build_report
 from edmsim.recording.windows import WindowTable
 draw = np.random.default_rng(1)
 schema = WindowTable().to_arrow().schema
-windows = pa.table([pa.array(1e3 * draw.random(40_000)).cast(kind, safe=False) for kind in schema.types], schema.names)
+columns = [pa.array(1e3 * draw.random(40_000)).cast(kind, safe=False) for kind in schema.types]
+windows = pa.table(columns, schema.names)
 totals = Totals(60.0, 1.0, 1, 1, 1, 1, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 more = dict(outcome="finished", reason=None, notices=(), seed=1, settings={}, version="0")
 print(as_json(build_report(Report(), windows, totals, **more)))

@@ -34,27 +34,22 @@ def fill_wire(
 ) -> None:
     """Fill the tables of the wire's modes (see `state.Propagators`); what is filled up to whole vectors stays 0."""
     n_slices, n_modes = shape.shape
+    yielding[:] = 0.0
     for m in range(n_modes):
-        compliance[m] = 1.0 / (omega[m] * omega[m])
+        soft = compliance[m] = 1.0 / (omega[m] * omega[m])
         wire[0, 0, m] = wire[0, 3, m] = 1.0
         wire[0, 1, m] = wire[0, 2, m] = 0.0
-        wire[1, 0, m], wire[1, 1, m], wire[1, 2, m], wire[1, 3, m] = one_step(omega[m], zeta[m], dt)
-    # every row is the one before over one more step: ten times faster than exponentials, and exact to some 1e-13
-    for k in range(2, wire.shape[0]):
-        for m in range(n_modes):
-            p11, p12, p21, p22 = wire[k - 1, 0, m], wire[k - 1, 1, m], wire[k - 1, 2, m], wire[k - 1, 3, m]
-            wire[k, 0, m] = wire[1, 0, m] * p11 + wire[1, 1, m] * p21
-            wire[k, 1, m] = wire[1, 0, m] * p12 + wire[1, 1, m] * p22
-            wire[k, 2, m] = wire[1, 2, m] * p11 + wire[1, 3, m] * p21
-            wire[k, 3, m] = wire[1, 2, m] * p12 + wire[1, 3, m] * p22
-    for k in range(wire.shape[0]):
-        for s in range(n_slices):
-            rests = moves = 0.0
-            for m in range(n_modes):
+        a, b, c, d = one_step(omega[m], zeta[m], dt)
+        p11, p12, p21, p22 = a, b, c, d
+        # every row is the one before over one more step: ten times faster than exponentials, and exact to some 1e-13
+        for k in range(1, wire.shape[0]):
+            wire[k, 0, m], wire[k, 1, m], wire[k, 2, m], wire[k, 3, m] = p11, p12, p21, p22
+            rests = (1.0 - p11) * soft
+            for s in range(n_slices):
                 own = shape[s, m] * shape[s, m]
-                rests += (1.0 - wire[k, 0, m]) * compliance[m] * own
-                moves += wire[k, 1, m] * own
-            yielding[k, s, 0], yielding[k, s, 1] = rests, moves
+                yielding[k, s, 0] += rests * own
+                yielding[k, s, 1] += p12 * own
+            p11, p12, p21, p22 = a * p11 + b * p21, a * p12 + b * p22, c * p11 + d * p21, c * p12 + d * p22
 
 
 @exactly_compiled
@@ -63,17 +58,11 @@ def fill_table(t11: Array, t12: Array, t21: Array, t22: Array, omega: Array, zet
     t11[0], t12[0], t21[0], t22[0] = 1.0, 0.0, 0.0, 1.0
     for axis in range(2):
         for m in range(2):
-            t11[1, axis, m], t12[1, axis, m], t21[1, axis, m], t22[1, axis, m] = one_step(
-                omega[axis, m], zeta[axis, m], dt
-            )
-    for k in range(2, t11.shape[0]):
-        j = k - 1
-        for axis in range(2):
-            for m in range(2):
-                a, b, c, d = t11[1, axis, m], t12[1, axis, m], t21[1, axis, m], t22[1, axis, m]
-                p11, p12, p21, p22 = t11[j, axis, m], t12[j, axis, m], t21[j, axis, m], t22[j, axis, m]
-                t11[k, axis, m], t12[k, axis, m] = a * p11 + b * p21, a * p12 + b * p22
-                t21[k, axis, m], t22[k, axis, m] = c * p11 + d * p21, c * p12 + d * p22
+            a, b, c, d = one_step(omega[axis, m], zeta[axis, m], dt)
+            p11, p12, p21, p22 = a, b, c, d
+            for k in range(1, t11.shape[0]):
+                t11[k, axis, m], t12[k, axis, m], t21[k, axis, m], t22[k, axis, m] = p11, p12, p21, p22
+                p11, p12, p21, p22 = a * p11 + b * p21, a * p12 + b * p22, c * p11 + d * p21, c * p12 + d * p22
 
 
 @exactly_compiled

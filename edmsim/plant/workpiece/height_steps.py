@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 
+_BETWEEN = 1e-6  # parts of a cell up to which an edge counts as one of two cells; far above rounding
+
+
 class LowerRegion(NamedTuple):
     """A region where the workpiece has a height of its own."""
 
@@ -49,6 +52,7 @@ class Relief:
         lower = sorted(height for height in of_height if height < height_mm)
         # where the workpiece has each of its lower heights, from the lowest up, without overlap
         self.faces_um = [LowerRegion(shapely.union_all(of_height[height]), height) for height in lower]
+        self._bounds_um = shapely.bounds([region for region, _ in self.faces_um]).reshape(-1, 4)
         of_level: dict[int, list[BaseGeometry]] = {}
         for region, height in self.faces_um:
             shapely.prepare(region)
@@ -85,9 +89,10 @@ class Relief:
         """Height at points ``(n, 2)``; on a border the lower one."""
         import shapely
 
-        points, found = shapely.points(points_um), np.full(len(points_um), self.height_mm)
-        for region, height in reversed(self.faces_um):
-            found[shapely.intersects(region, points)] = height
+        x_um, y_um = points_um.T
+        found = np.full(len(points_um), self.height_mm)
+        for region, height in reversed(self._faces_near(*points_um.min(axis=0), *points_um.max(axis=0))):
+            found[shapely.intersects_xy(region, x_um, y_um)] = height
         return found
 
     def levels(self, x_um: NDArray[np.float64], y_um: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -95,11 +100,18 @@ class Relief:
         import shapely
 
         whole = shapely.box(x_um[0], y_um[0], x_um[-1], y_um[-1])
-        for region, height in self.faces_um:
-            if shapely.contains(region, whole):  # most often
-                return np.full((len(x_um), len(y_um)), height / self.slice_mm, np.float32)
+        near = next((face for face in self._faces_near(*whole.bounds) if face.region_um.intersects(whole)), None)
+        if near is None or near.region_um.contains(whole):  # most often
+            height_mm = self.height_mm if near is None else near.height_mm
+            return np.full((len(x_um), len(y_um)), height_mm / self.slice_mm, np.float32)
         points = np.stack(np.meshgrid(x_um, y_um, indexing="ij"), axis=-1).reshape(-1, 2)
         return (self.heights_mm(points) / self.slice_mm).reshape(len(x_um), len(y_um)).astype(np.float32)
+
+    def _faces_near(self, x0_um: float, y0_um: float, x1_um: float, y1_um: float) -> list[LowerRegion]:
+        """Return the faces whose bounding boxes meet a rectangle, from the lowest up."""
+        low_x, low_y, high_x, high_y = self._bounds_um.T
+        meets = (low_x <= x1_um) & (high_x >= x0_um) & (low_y <= y1_um) & (high_y >= y0_um)
+        return [self.faces_um[k] for k in np.flatnonzero(meets)]
 
     def clearance_um(self, points_um: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance of points ``(n, 2)`` to where each slice lacks metal, (n_slices, n); 0 where it does."""
@@ -132,10 +144,32 @@ def _covered(
     if void.contains(whole):
         return np.ones((len(x_um), len(y_um)))
     x, y = np.meshgrid(x_um, y_um, indexing="ij")
-    cells = shapely.box(x - half_um, y - half_um, x + half_um, y + half_um)
     near = void.intersection(whole)
     shapely.prepare(near)
-    share = shapely.contains(near, cells).astype(np.float64)
-    rim = shapely.intersects(near, cells) & (share == 0.0)
-    share[rim] = shapely.area(shapely.intersection(near, cells[rim])) / (2 * half_um) ** 2
-    return np.asarray(np.clip(share, 0.0, 1.0))
+    share: NDArray[np.float64] = shapely.contains_xy(near, x, y).astype(np.float64)
+    rim = _rim(near, whole.bounds, len(x_um), 2 * half_um)
+    cells = shapely.box(x[rim] - half_um, y[rim] - half_um, x[rim] + half_um, y[rim] + half_um)
+    covered = shapely.area(shapely.intersection(near, cells)) / (2 * half_um) ** 2
+    share[rim] = np.where(shapely.contains(near, cells), 1.0, np.minimum(covered, 1.0))
+    return share
+
+
+def _rim(
+    near: BaseGeometry, bounds_um: tuple[float, float, float, float], count: int, cell_um: float
+) -> NDArray[np.bool_]:
+    """Say which cells (count, count) of a tile the edge of a region within it may touch."""
+    import shapely
+
+    low, high = np.array(bounds_um[:2]), np.array(bounds_um[2:])
+    rim = np.zeros((count, count), np.bool_)
+    areas = [part for part in shapely.get_parts(near) if isinstance(part, shapely.Polygon)]
+    for ring in shapely.get_rings(areas):
+        corners = shapely.get_coordinates(ring)
+        first, last = np.minimum(corners[:-1], corners[1:]), np.maximum(corners[:-1], corners[1:])
+        of_tile = ((first == last) & ((first == low) | (first == high))).any(axis=1)  # where the tile ends
+        # with both cells that an edge lies between
+        i0, j0 = np.maximum(np.floor((first - low) / cell_um - _BETWEEN).astype(int), 0)[~of_tile].T
+        i1, j1 = (np.floor((last - low) / cell_um + _BETWEEN).astype(int) + 1)[~of_tile].T
+        for a, b, c, d in zip(i0, i1, j0, j1, strict=True):
+            rim[a:b, c:d] = True
+    return rim
