@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, is_dataclass
-from inspect import signature
+from inspect import cleandoc, signature
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -55,7 +55,7 @@ def shows_arguments(kind: _Kind) -> _Kind:
         if name not in inherited:
             lines += [name, f"    {meaning}{unit and f' ({unit})'}."]
     if kind.__doc__ is not None:  # as it is with python -OO
-        kind.__doc__ = kind.__doc__.replace("{arguments}", "\n    ".join(lines))
+        kind.__doc__ = cleandoc(kind.__doc__).replace("{arguments}", "\n".join(lines))
     return kind
 
 
