@@ -324,9 +324,10 @@ class _Worker:
         self._thread.start()
 
     def give(self, job: Any) -> None:
-        """Run a job in the process."""
+        """Run a job in the process; it must be picklable."""
+        pickled = pickle.dumps(job)
         self.busy = True
-        self._jobs.put((job,))
+        self._jobs.put((job, pickled))
 
     def stop(self) -> None:
         """End thread and process, whatever they do."""
@@ -337,13 +338,14 @@ class _Worker:
         self._thread.join()
 
     def _serve(self) -> None:
-        while (numbered := self._jobs.get()) is not None and not self._stopped:
-            answer = self._answered(numbered[0])
+        while (queued := self._jobs.get()) is not None and not self._stopped:
+            job, pickled = queued
+            answer = self._answered(pickled)
             self.busy = False
-            self._answers.put((numbered[0], answer))
+            self._answers.put((job, answer))
         self._end()
 
-    def _answered(self, job: Any) -> Any:
+    def _answered(self, pickled: bytes) -> Any:
         why = ""
         for _ in range(ATTEMPTS):
             process = self._process = self._process or self._begin()
@@ -352,12 +354,15 @@ class _Worker:
             assert process.stdin is not None
             assert process.stdout is not None
             try:
-                pickle.dump(job, process.stdin)
+                process.stdin.write(pickled)
                 process.stdin.flush()
                 return pickle.load(process.stdout)
             except (EOFError, OSError, pickle.UnpicklingError):
                 self._end()
                 why = f"the process that made the run ended with status {process.returncode}"
+            except Exception as error:  # of a class that cannot be made again
+                self._end()
+                why = f"the answer of the process that made the run cannot be read: {error}"
         return LostJob(why)
 
     def _begin(self) -> subprocess.Popen[bytes]:

@@ -22,6 +22,7 @@ from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available
 from edmsim.machine.parts import Constant
+from edmsim.runs import Processes
 from edmsim.validation.report import judged, markdown_cell, reasons_table, rows_table, summary
 from edmsim.validation.rows import Row
 
@@ -141,4 +142,4 @@ def validation_page(rows: Sequence[Row]) -> str:
 
 
 if __name__ == "__main__":
-    write(DOCS, validation.run())
+    write(DOCS, validation.run(engine=Processes()))

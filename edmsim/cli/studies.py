@@ -79,10 +79,11 @@ def validate(
     json: Json = False,
 ) -> None:
     """Compare the model with publications, row by row."""
+    from edmsim.runs import Processes
     from edmsim.validation import report, run
 
     with interruptible("no row was shown") as bar:
-        rows = run(bar.of("validate"))
+        rows = run(bar.of("validate"), engine=Processes())
     if json:
         sys.stdout.write(report.as_json(rows, report.failed(rows) if failed else None) + "\n")
     else:

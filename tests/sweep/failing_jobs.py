@@ -24,3 +24,8 @@ def answer(job: str) -> dict[str, str]:
     if job in ERRORS:
         raise ERRORS[job]
     return {"job": job}
+
+
+def unreadable(job: str) -> UnportableError:
+    """Return what cannot be made again."""
+    return UnportableError(job, job)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import pickle
 import subprocess
 import sys
 import time
@@ -105,6 +106,14 @@ def test_an_error_of_a_job_in_a_process_is_raised_here(
     assert str(caught.value) == said
     if job == "own":
         assert "failing_jobs.py" in caught.value.__notes__[0]  # where it was raised
+
+
+@pytest.mark.slow
+def test_a_job_that_cannot_be_sent_or_an_answer_that_cannot_be_read_ends_the_study(failing: ModuleType) -> None:
+    with pytest.raises((AttributeError, pickle.PicklingError, TypeError)):
+        perform_jobs(failing.answer, [lambda: None], engine=Processes(1))
+    with pytest.raises(EdmsimError, match="cannot be read: .*second"):
+        perform_jobs(failing.unreadable, ["x"], engine=Processes(1))
 
 
 @pytest.mark.slow
