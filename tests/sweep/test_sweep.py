@@ -112,7 +112,7 @@ def test_an_error_of_a_job_in_a_process_is_raised_here(
 def test_a_job_that_cannot_be_sent_or_an_answer_that_cannot_be_read_ends_the_study(failing: ModuleType) -> None:
     with pytest.raises((AttributeError, pickle.PicklingError, TypeError)):
         perform_jobs(failing.answer, [lambda: None], engine=Processes(1))
-    with pytest.raises(EdmsimError, match="cannot be read: .*second"):
+    with pytest.raises(EdmsimError, match=r"cannot be read: .*second"):
         perform_jobs(failing.unreadable, ["x"], engine=Processes(1))
 
 
