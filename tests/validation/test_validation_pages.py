@@ -150,7 +150,7 @@ def test_writing_refreshes_the_theory_and_makes_the_page(pages, tmp_path):
 def test_only_a_failure_nobody_explains_fails_the_command(rows, status, json, monkeypatch, capsys):
     from edmsim.cli import app as cli
 
-    monkeypatch.setattr(validation, "run", lambda watch=None: rows)
+    monkeypatch.setattr(validation, "run", lambda watch, engine: rows)
     monkeypatch.setattr("sys.argv", ["edmsim", "validate", *(["--json"] if json else [])])
     with pytest.raises(SystemExit) as left:
         cli.main()
