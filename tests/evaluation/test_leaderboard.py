@@ -32,7 +32,7 @@ def test_a_comparison_comes_back_to_the_digit_and_another_controller_joins_it(sh
     evaluate(GAP_FEED, ["voltage"], 2, table=RunTable(file))
     joined = leaderboard(file)[GAP_FEED]
     assert set(joined.results) == {"counts", "voltage", "fixed", "oracle"}
-    assert joined.figures["counts"] == made.figures["counts"]
+    assert repr(joined.figures["counts"]) == repr(made.figures["counts"])  # some are NaN
     assert file.read_text().count("\n") == 8  # a line per cut, those of the references made once
     evaluate(GAP_FEED, ["voltage"], 3, table=RunTable(file))
     assert "counts" not in leaderboard(file)[GAP_FEED].results  # of other seeds
