@@ -145,7 +145,8 @@ def engine_of(env_id: str, cuts: int, machine_s: float | None = None) -> Engine 
     """
     if env_id not in registered_ids():
         return None
-    return engine_for(cuts * (machine_s or arguments_with(env_id).episode_s or 0.0))
+    each_s = arguments_with(env_id).episode_s if machine_s is None else machine_s
+    return engine_for(math.inf if each_s is None else cuts * each_s)
 
 
 class Episode:
