@@ -29,11 +29,10 @@ from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.metrology.profile import profile_error
 from edmsim.recording.cut_folder import RECORDING
 from edmsim.recording.report import HOTTEST, LENGTH, OPENS, RA, RATE, SHORTS, TIME, FigureKind
-from edmsim.runs import engine_for
+from edmsim.runs import Engine, engine_for
 
 if TYPE_CHECKING:
     from edmsim.envs.recorder import EpisodeRecorder
-    from edmsim.runs import Engine
 
 
 HELD_BACK = 1_000_000
