@@ -26,9 +26,13 @@ pytestmark = pytest.mark.filterwarnings("ignore")
 ENV = "edmsim/GapFeed-v2"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def nodes() -> Iterator[Any]:
-    """Two nodes, each with a processor and a loopback address of its own."""
+    """Two nodes, each with a processor and a loopback address of its own.
+
+    Not shared: removing a placement group of Tune's while its actor exits can lose Ray the processor (2.60), and with
+    the other node removed, whatever runs next would wait for ever.
+    """
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
         patch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
