@@ -23,7 +23,7 @@ def _permittivity(temperature_K: float) -> float:
 
 
 def viscosity_ratio(temperature_K: float) -> float:
-    """Viscosity of water over that at 20 C: 0.55 at 50 C, 0.28 at 100 C (Vogel: eta ~ 10^(247.8 / (T - 140)))."""
+    """Viscosity of water over that at 20 C: 0.54 at 50 C, 0.28 at 100 C (Vogel: eta ~ 10^(247.8 / (T - 140)))."""
     return float(10 ** (247.8 / (temperature_K - 140.0) - 247.8 / (REFERENCE_K - 140.0)))
 
 
