@@ -25,7 +25,7 @@ import numpy as np
 
 from edmsim.envs.registry import env_id_of, make_family
 from edmsim.evaluation.compare import CUT_TEXTS, Figure, held_back, leaderboard, mean
-from edmsim.evaluation.episode import Result, cut, engine_of
+from edmsim.evaluation.episode import Result, cut_job, engine_of
 from edmsim.evaluation.lines import OF_TASK, ORACLE_GAPS_UM
 from edmsim.runs import RunTable, perform
 
@@ -152,7 +152,7 @@ def row_of(result: Result) -> dict[str, Any]:
 
 
 def _made(env_id: str, job: tuple[str, int]) -> dict[str, Any]:
-    return row_of(cut(env_id, job[1], job[0]))
+    return row_of(cut_job(env_id, job))
 
 
 class Cuts:

@@ -137,6 +137,12 @@ def recording_folder(record: Path, env_id: str, seed: int, controller: str) -> P
     return record.joinpath(*names)
 
 
+def cut_job(env_id: str, job: tuple[str, int]) -> Result:
+    """Make the cut of a controller with a seed: a job for other processes."""
+    controller, seed = job
+    return cut(env_id, seed, controller)
+
+
 def engine_of(env_id: str, cuts: int, machine_s: float | None = None) -> Engine | None:
     """Return the faster engine for a number of cuts, each of `machine_s`, by default an episode; None for threads.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import Figure, mean
-from edmsim.evaluation.episode import HELD_BACK, Result, cut, engine_of
+from edmsim.evaluation.episode import HELD_BACK, cut_job, engine_of
 from edmsim.learning.policy_file import locate
 from edmsim.runs import perform
 
@@ -78,14 +78,10 @@ def compare(
     """
     jobs = [(name, FIRST_SEED + k) for k in range(machines) for name in (policy, start)]
     results = perform(
-        partial(_made, env_id), jobs, watch and partial(watch, "accept"), engine=engine_of(env_id, len(jobs))
+        partial(cut_job, env_id), jobs, watch and partial(watch, "accept"), engine=engine_of(env_id, len(jobs))
     )
     returns = [result.total_return for result in results]
     return verdict(returns[::2], returns[1::2])
-
-
-def _made(env_id: str, job: tuple[str, int]) -> Result:
-    return cut(env_id, job[1], job[0])
 
 
 def accept(
