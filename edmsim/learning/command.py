@@ -183,7 +183,7 @@ def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
     """Say from when on a learning curve rises: mean returns (NaN before the first ended) over steps or decisions.
 
     >>> in_words([1_000, 2_000, 3_000, 4_000, 5_000], [0.0, 1.0, 0.0, 60.0, 100.0])
-    'flat until about 3,000 steps, then from 0 to 100'
+    'flat until about 3,000 steps, then rising from 0 to 100'
     >>> in_words([1_000, 2_000, 3_000], [5.0, 5.0, 4.0])
     'flat to the end, 3,000 steps: from 5 to 4'
     """
@@ -198,6 +198,6 @@ def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
     below = np.flatnonzero(values < begin + RISEN * (end - begin))
     last = int(below[-1]) if len(below) else 0
     if last < part:
-        return f"rising from the begin, from {begin:.0f} to {end:.0f}"
+        return f"rising from the beginning, from {begin:.0f} to {end:.0f}"
     digits = -max(int(math.log10(max(at[last], 1.0))) - 1, 0)
-    return f"flat until about {round(at[last], digits):,.0f} steps, then from {begin:.0f} to {end:.0f}"
+    return f"flat until about {round(at[last], digits):,.0f} steps, then rising from {begin:.0f} to {end:.0f}"

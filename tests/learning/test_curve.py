@@ -11,11 +11,11 @@ def test_a_curve_says_when_it_rises():
     steps = np.arange(0, 300_001, 1_000).tolist()
     noise = np.random.default_rng(1).normal(0.0, 10.0, len(steps))
     late = [-8.0 + 800.0 / (1 + math.exp(-(step - 130_000) / 8_000)) for step in steps] + noise
-    assert in_words(steps, late.tolist()) == "flat until about 120,000 steps, then from -8 to 792"
+    assert in_words(steps, late.tolist()) == "flat until about 120,000 steps, then rising from -8 to 792"
 
 
 def test_flat_rising_and_unknown_curves():
-    assert in_words([100, 200, 300, 400], [math.nan, 1.0, 50.0, 100.0]) == "rising from the begin, from 1 to 100"
+    assert in_words([100, 200, 300, 400], [math.nan, 1.0, 50.0, 100.0]) == "rising from the beginning, from 1 to 100"
     assert in_words([100, 200], [math.nan] * 2) == "no episode has ended"
     falling = in_words([100, 200, 300], [9.0, 5.0, 1.0])
     assert falling == "flat to the end, 300 steps: from 9 to 1"
