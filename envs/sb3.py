@@ -214,7 +214,7 @@ def make_sb3_vec_env(env_id: str, num_envs: int = 1, seed: int | None = None, **
     >>> from edmsim.envs import make_sb3_vec_env
     >>> env = make_sb3_vec_env("edmsim/GapFeed-v2", 2, seed=0, resolution="fast")
     >>> env.reset().shape
-    (2, 40)
+    (2, 46)
     """
     made = gym.make_vec(
         env_id, num_envs=num_envs, vectorization_mode="vector_entry_point", autoreset_mode=AutoresetMode.SAME_STEP,

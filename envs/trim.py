@@ -104,7 +104,7 @@ class TrimEnv(EdmEnv):
 
     Reward
     ------
-    The wall is measured 80 um behind the wire, where no more metal is removed. So the wall of the last 100 um of the
+    The wall is measured 80 um behind the wire, where no more metal is removed. So the wall of the last 80 um of the
     path does not count.
 
     Starting state

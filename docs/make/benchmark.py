@@ -72,10 +72,10 @@ These environments have other references:
 `python docs/make/lines.py` makes the cuts of the constants. In Trim and ThinWire a controller that learns more
 within the cut may earn more than the reference.
 
-`python docs/make/gains.py NAME` found the gains of the laws on other seeds of GapFeed and
-HeightStep, for the return, and `python docs/make/lines.py` the feed of `fixed`; each file in `models/gains/`
-names its command. `counts` has its documented constants. A search finds others that earn more, but with them the
-feed oscillates in windows of 0.25 s or at half the removal, which a machine's default must not do
+`python docs/make/gains.py NAME` found the gains of the laws on other seeds of GapFeed and HeightStep, for the
+return (those of `oracle` for the rate), and `python docs/make/lines.py` the feed of `fixed`; each file in
+`models/gains/` names its command. `counts` has its documented constants. A search finds others that earn more, but
+with them the feed oscillates in windows of 0.25 s or at half the removal, which a machine's default must not do
 (`tests/controllers/test_feed_controllers.py`).
 """
 CLOSING = """\

@@ -50,8 +50,8 @@ scatter along the path at every height, without roughness. The walls of trims do
 `default` on; at `fast` they have waves, as its rays are as far apart as a crater is wide.
 
 The default cut converges: its shorts are particles that bridge the gap, which hardly depend on the slices. So do
-the corners of the punch, from `default` on; its profile error is 0.5 um larger at `fine`. At `fast` its corners lack 5
-um more.
+the corners of the punch, from `default` on; its profile error is 0.5 um larger at `fine`. At `fast` its corners lack
+5 um more.
 
 A rough cut ({rough:g} mm, pulses of 11 mJ every 10 us, a servo that holds {open_share:g} of them open) does not
 converge: at finer resolutions the wire vibrates more and touches the metal more often. Finer rays, cells, tracing

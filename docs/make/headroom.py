@@ -293,8 +293,8 @@ The headroom of a task is the difference between the best law that sees only wha
 controller that knows more. `python docs/make/headroom.py ThinWire` measures it for a task, shows its progress,
 and resumes after an interruption. `docs/headroom.json` has the figures of every machine.
 
-Constants and laws were chosen on training machines (seeds from 100 on), and measured on the same number of
-held-back machines. Returns have 95 % bootstrap intervals over these machines. The lines are:
+Constants and laws were chosen on training machines (seeds from 100 on, in MaxRate from 1 on), and measured on the
+same number of held-back machines. Returns have 95 % bootstrap intervals over these machines. The lines are:
 
 - *best constant*: the setting with the highest mean return over all machines; in the shifts it is *without
   adaptation*, the controller of score 0;

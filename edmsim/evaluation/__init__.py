@@ -1,1 +1,1 @@
-"""Comparing feed controllers: the same cuts on the same randomised machines, and the search of their gains."""
+"""Comparing feed controllers on the same randomised machines, the highest stable rate, and technologies of passes."""

@@ -42,7 +42,7 @@ class Lagrangian(BaseModel, extra="forbid", frozen=True):
 class Hyperparameters(BaseModel, extra="forbid", frozen=True):
     """Hyperparameters of a training."""
 
-    steps: Annotated[WholeNumber, Field(gt=0)]  # total number of windows of all sub-environments
+    steps: Annotated[WholeNumber, Field(gt=0)]  # of all sub-environments together: windows, or decisions
     num_envs: Annotated[WholeNumber, Field(gt=0)]  # number of sub-environments
     environment: dict[str, Any]  # arguments of the environment
     algorithm: dict[str, Any]  # arguments of stable-baselines3's class

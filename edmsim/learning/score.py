@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from edmsim.screen import ScreenTable
 
 RIVALS = ("counts", "voltage")
-"""The controllers policies are measured against: that of 1982, and the classic one that earns most."""
+"""The controllers policies are measured against: that of 1982, and the classic servo on the mean voltage."""
 RESOLUTIONS = ("fast", "default", "fine")
 
 
@@ -67,7 +67,7 @@ def measure(
     env_id: str, policy: str, episodes: int, watch: Callable[[str, int, int], None] | None = None,
     resolutions: Sequence[str] = (), table: RunTable | None = None,
 ) -> list[Score]:
-    """Return the scores of a policy and its rivals at `resolutions`: by default all, for parts ``fast``.
+    """Return the scores of a policy and its rivals at `resolutions`: by default all, for parts and shifts ``fast``.
 
     Parameters
     ----------

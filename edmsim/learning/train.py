@@ -35,7 +35,7 @@ CHECKPOINTS = 20  # checkpoints over a whole training (ours: at most a twentieth
 class TrainingProgress(NamedTuple):
     """Progress of a training."""
 
-    # steps, total: number of finished windows, and of all
+    # steps, total: number of finished steps, and of all
     steps: int
     total: int
     mean_return: float  # mean of the last hundred episodes; NaN before the first ends
@@ -76,12 +76,12 @@ def train(
     ----------
     env_id : str
         ``"edmsim/GapFeed-v2"`` and so on, or your own environment (see `edmsim.envs.register`).
-    algo : {"ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo"}
+    algo : {"ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation"}
     out : Path
         Folder for ``tensorboard/`` and the checkpoint. Checkpoints of stable-baselines3 contain pickles: resume
         only folders that you trust.
     steps : int, optional
-        Total number of windows; by default that of the hyperparameters.
+        Total number of steps; by default that of the hyperparameters.
     seed : int
         The same seed gives the same policy on the same kind of processor if the training was not interrupted; a
         resumed training starts new episodes.
