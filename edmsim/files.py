@@ -1,4 +1,4 @@
-"""Files and folders that outputs go to, and arrays read from files."""
+"""Files and folders that outputs go to; texts, tables and arrays read from files."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 import shutil
 import tempfile
 import tokenize
+import tomllib
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -69,6 +70,28 @@ def _check_array(member: zipfile.ZipInfo, opened: Any) -> None:
         raise ValueError(f"{member.filename} is not an array of numbers")
     if math.prod(shape) * dtype.itemsize != member.file_size - opened.tell():
         raise ValueError(f"{member.filename} has another size than it says")
+
+
+def read_text(file: str | Path, encoding: str = "utf-8-sig") -> str:
+    """Return the text of a user's file; raises `InputError` if it cannot be read."""
+    try:
+        return Path(file).read_text(encoding=encoding)
+    except FileNotFoundError:
+        raise InputError("no such file", file) from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"byte {error.start} is not UTF-8: save the file as UTF-8", file) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file) from None
+    except ValueError as error:  # a name with a zero byte
+        raise InputError(f"cannot be read: {error}", file) from None
+
+
+def read_toml(file: str | Path, what: str = "valid TOML") -> dict[str, Any]:
+    """Return the entries of a user's TOML file; raises `InputError`, which says `what` it is to be."""
+    try:
+        return tomllib.loads(read_text(file))
+    except (ValueError, RecursionError) as error:  # numbers of thousands of digits, and brackets within brackets, too
+        raise InputError(f"not {what}: {error}", file) from None
 
 
 def make_writable(folder: Path) -> None:

@@ -12,6 +12,7 @@ import logging
 import os
 import pickle
 import queue
+import socket
 import subprocess
 import sys
 import threading
@@ -444,11 +445,13 @@ class Cluster:
         self._ray: Any = ray
         if not ray.is_initialized():
             try:
-                host = address.rpartition(":")[0]
+                host, _, port = address.rpartition(":")
+                if port.isdecimal() and "/" not in host:  # Ray would try for minutes
+                    socket.create_connection((host, int(port)), timeout=LOOK_S).close()
                 # of a cluster within one computer Ray would ask at the address other computers know it by
                 here: dict[str, Any] = {"_node_ip_address": host} if host.startswith("127.") else {}
                 ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, **here)
-            except (ConnectionError, ValueError, RuntimeError) as error:
+            except (OSError, ValueError, RuntimeError) as error:
                 reason = str(error).split(". ")[0]
                 raise InputError(f"there is no Ray cluster at '{address}' ({reason}); start one: ray start") from None
 

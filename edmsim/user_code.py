@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from edmsim.errors import InputError
+from edmsim.files import read_text
 
 MAKERS: dict[str, str] = {}
 """What makes something of a kind from the text behind its colon: ``module:function``, imported when first wanted."""
@@ -44,19 +45,12 @@ def make(kind: str, rest: str, makers: Mapping[str, str] = MAKERS) -> Any:
 
 def digest(file: str) -> str:
     """Return a fingerprint of the file's text."""
-    return hashlib.sha256(_text(file).encode()).hexdigest()[:16]
+    return hashlib.sha256(read_text(file).encode()).hexdigest()[:16]
 
 
 def run(file: str) -> ModuleType:
     """Run a Python file, once as long as its text stays the same; raises `InputError` if it fails."""
-    return _run(str(Path(file).absolute()), _text(file), file)
-
-
-def _text(file: str) -> str:
-    try:
-        return Path(file).read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:  # a name with a zero byte, or what is not UTF-8
-        raise InputError(f"cannot be read: {error}", file) from None
+    return _run(str(Path(file).absolute()), read_text(file), file)
 
 
 @lru_cache(maxsize=64)

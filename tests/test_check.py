@@ -27,6 +27,11 @@ from edmsim.recording.figures.path import path_figure
 from .conftest import Run
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
+TABLE = EXAMPLES / "positioner" / "table.cnf", EXAMPLES / "positioner" / "table.mod"
+PROGRAMS = sorted(
+    file for folder in (EXAMPLES, EXAMPLES / "dialects") for file in folder.iterdir()
+    if file.suffix in (".ngc", ".nc", ".iso", ".dxf")
+)  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -96,6 +101,27 @@ def test_unknown_words_are_listed_with_everything_else(edmsim: Run, tmp_path: Pa
     assert (tmp_path / "path.svg").read_bytes().startswith(b"<?xml")
 
 
+def test_words_of_a_dialect_say_whose_they_are(edmsim: Run, tmp_path: Path) -> None:
+    program = tmp_path / "words.ngc"
+    program.write_text("G21 G90 G92 X-2. Y0\nG42 G1 X0 Y0\nX5.\nE1221\nY5.\nX0\nY0\nG40 X-2.\nM2\n")
+    for command in ("check", "cut"):
+        assert "; known to --dialect mitsubishi or skd2\n" in edmsim(command, program).err
+
+
+@pytest.mark.parametrize("group", ["measure", "sweep", "console", "tune"])
+def test_a_group_of_commands_without_one_shows_its_help(edmsim: Run, group: str) -> None:
+    outcome = edmsim(group)
+    assert (outcome.status, outcome.err) == (2, "")
+    assert f"Usage: edmsim {group}" in outcome.out
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
+def test_every_example_can_be_planned(program: Path) -> None:
+    length, unit = dict(lines_of(check(program, CutSettings())))["path"].split()[:2]
+    assert float(length) > 10.0
+    assert unit == "mm"
+
+
 def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim: Run, tmp_path: Path) -> None:
     program = tmp_path / "words.ngc"
     program.write_text("G92 X0 Y0\nG1 X5.5 V3 M77\nG68\nX9\nM2\n")
@@ -117,6 +143,18 @@ def test_words_that_may_decide_the_contour_are_not_left_out_for_a_look(edmsim: R
         (("cut", "a.ngc", "--height", "tall"), "invalid value for '--height'"),
         (("saw",), "no such command 'saw'; see edmsim --help"), (("report",), "missing argument"),
         (("bench", "extra"), "extra"),
+        (("bench", "--pairs", "3"), "give the revision with --against"),
+        (("evaluate", "edmsim/GapFeed-v2", "--write-card"), "give the policy with --policy"),
+        (("evaluate", "edmsim/GapFeed-v2", "--policy", "best"), "there is no policy 'best'"),
+        (("evaluate", "edmsim/GapFeed-v2", "--leaderboard", "a.csv"), "a leaderboard is written as .jsonl"),
+        (("report", "a", "--seconds", "3"), "give the file with --film"),
+        (("report", "a", "--format", "svg"), "give the folder with --figures"),
+        (("tune", "technology", "tool-steel", "--out", "a.txt"), "a technology is written as .toml"),
+        (("console", "positioner", *TABLE, "--press", "start=1:2", "--seconds", "0.5"), "there is no input 'start'"),
+        (("cut", EXAMPLES / "punch.ngc", "--tab", "1"), "a tab is for passes"),
+        (("cut", EXAMPLES / "punch.ngc", "--machine", "mine.toml"), "mine.toml: no such file"),
+        (("cut", EXAMPLES / "punch.ngc", "--machine", "production-400"), "the planner exact has no such limit"),
+        (("cut", EXAMPLES / "punch.ngc", "--taper-deg", "45"), "give less than 45 either way"),
     ],
 )
 def test_bad_usage_is_one_line(edmsim: Run, tmp_path: Path, arguments: tuple[object, ...], named: str) -> None:

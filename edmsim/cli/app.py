@@ -85,11 +85,10 @@ def _run() -> None:
     try:
         status = app(prog_name="edmsim", standalone_mode=False)
     except _UsageError as error:
-        if not sys.argv[1:]:
-            error.show()
-            sys.exit(BAD_INPUT)
         command = error.ctx.command_path if error.ctx is not None else "edmsim"
         reason = error.format_message().strip().rstrip(".")
+        if not reason:  # of commands without one: their help is printed
+            sys.exit(BAD_INPUT)
         raise InputError(f"{reason[:1].lower()}{reason[1:]}; see {command} --help") from None
     except typer.Abort:
         sys.exit(FAILED)

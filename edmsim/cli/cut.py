@@ -102,7 +102,7 @@ def check(
         deciding = [word for word in unknown if word not in offered_to_ignore(unknown)]
         if deciding:
             these = "it" if len(deciding) == 1 else "them"
-            say(f"{', '.join(deciding)} may decide the contour: correct or delete {these}")
+            say(f"{', '.join(deciding)} may decide the contour: correct or delete {these}{error.hint}")
             raise typer.Exit(BAD_INPUT) from None
         say("the rest is shown without them, as with --ignore " + ",".join(unknown))
         found = look_at(program, settings.model_copy(update={"ignore": (*settings.ignore, *unknown)}))
@@ -132,12 +132,12 @@ def view(
 def report(
     directory: Annotated[Path, typer.Argument(help="Folder of a cut.", show_default=False)],
     film: Annotated[Path | None, typer.Option(help="Film of the cut, .mp4 or .gif.")] = None,
-    seconds: Annotated[float, typer.Option(help="Length of the film.")] = 12.0,
+    seconds: Annotated[float | None, typer.Option(help="Length of the film; default: 12.")] = None,
     screenshots: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Folder for pictures of the viewer; needs no screen.")
     ] = None,
     figures: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Folder for figures.")] = None,
-    format: Annotated[str, typer.Option(help="Format of the figures: pdf, svg or png.")] = "pdf",
+    format: Annotated[str | None, typer.Option(help="Format of the figures: pdf, svg or png; default: pdf.")] = None,
     contour: Annotated[Path | None, typer.Option(help="File for the cut contour, .dxf .csv or .svg.")] = None,
     contour_height: Annotated[
         float | None, typer.Option(help="Height of the contour in mm; default: that of the kerf at mid height.")
@@ -156,9 +156,13 @@ def report(
 
     if contour is None and contour_height is not None:
         raise InputError("--contour-height is that of a contour: give the file with --contour")
+    if film is None and seconds is not None:
+        raise InputError("--seconds is the length of a film: give the file with --film")
+    if figures is None and format is not None:
+        raise InputError("--format is that of figures: give the folder with --figures")
     written: list[Path] = []
     if film is not None:
-        written.append(_film(directory, film, seconds))
+        written.append(_film(directory, film, 12.0 if seconds is None else seconds))
     if screenshots is not None:
         with ERR.status("opening the viewer without a window"):
             written += take_screenshots(find_recording(directory), screenshots)
@@ -169,7 +173,7 @@ def report(
         write_faces(read_cut(directory).scene, face)
         written.append(face)
     if figures is not None or not written:
-        written += remake(directory, figures, format, say)
+        written += remake(directory, figures, format or "pdf", say)
     for file in written:
         print_line(str(file))
 

@@ -140,16 +140,22 @@ def evaluate(
     from edmsim.runs import RunTable
 
     resolution, named = options.get("resolution"), env_ids or []
+    if write_card and not policy:
+        raise InputError("--write-card writes to a policy's file: give the policy with --policy")
     if not named and not policy:
         raise InputError("name an environment, or a policy with --policy; see edmsim evaluate --help")
     chosen = {
         env_id: compare.usual(env_id) if controllers is None else listed(controllers)
         for env_id in (compare.env_ids() if named == ["all"] else map(resolve, named))
     }
+    for name in policy or ():
+        score.env_id_of(name)  # refuses what is no policy before the first cut
     for env_id, laws in chosen.items():
         compare.check(env_id, laws, episode.episodes(env_id) if seeds is None else seeds, resolution)
     if page is not None:
         check_suffix(page, "a page", ".md")
+    if leaderboard is not None:
+        check_suffix(leaderboard, "a leaderboard", ".jsonl")
     for file in (leaderboard, page):
         if file is not None:
             make_writable(file.parent)

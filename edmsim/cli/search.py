@@ -189,7 +189,7 @@ def population(
 @takes("machine", SET_UP, machine=Unset(""), material=Unset(""), wire=Unset(""), generator=Unset(""),
        height_mm=Unset("Default: drawn, 4 to 40."))  # fmt: skip
 def controller(
-    name: Annotated[str, typer.Argument(help="Feed controller with a file in models/gains; or FILE.py:CLASS, whose "
+    name: Annotated[str, typer.Argument(help="Feed controller of edmsim, or FILE.py:CLASS, whose "
                                         "BOUNDS list the parameters to search.", show_default=False)],
     out: Study,
     trials: Trials = 40,
@@ -240,12 +240,13 @@ def technology(
     An interrupted search is resumed.
     """
     from edmsim.evaluation.technology import Job, Search, at_height, merged, technology_text
-    from edmsim.files import make_writable, replacing
+    from edmsim.files import check_suffix, make_writable, replacing
     from edmsim.machine.technology import read_technology
 
     job = Job(material, passes=passes, **options)
     file = Path(f"{Path(material).stem}-{Path(job.wire).stem}.toml") if out is None else out
     job.check()
+    check_suffix(file, "a technology", ".toml")
     make_writable(file.parent)
     known = read_technology(str(file)) if file.exists() else None
     if known is not None:

@@ -14,7 +14,7 @@ import typer
 
 from edmsim.cli.console import OUT, Json, interruptible, named, print_line, say
 from edmsim.cli.options import SET_UP, Unset, takes
-from edmsim.errors import FAILED
+from edmsim.errors import FAILED, InputError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -96,7 +96,7 @@ def bench(
     against: Annotated[
         str | None, typer.Option(metavar="REVISION", help="Compare with a revision of this checkout, in pairs.")
     ] = None,
-    pairs: Annotated[int, typer.Option(min=1, help="Pairs of --against.")] = 10,
+    pairs: Annotated[int | None, typer.Option(min=1, help="Pairs of --against; default: 10.")] = None,
     profile: Annotated[bool, typer.Option("--profile", help="Show the time of each part of a pulse.")] = False,
     serial: Annotated[bool, typer.Option("--serial", help="Measure edmsim gap --serial.")] = False,
     training: Annotated[
@@ -106,9 +106,11 @@ def bench(
     json: Json = False,
 ) -> None:
     """Measure the speed of this computer in processor time."""
+    if against is None and pairs is not None:
+        raise InputError("--pairs are those of a comparison: give the revision with --against")
     measurements: dict[str, Callable[[Callable[[str], None]], _Result]] = {
         **({"profile": partial(_profiled, figure)} if profile or figure is not None else {}),
-        **({} if against is None else {"against": partial(_compared, against, pairs)}),
+        **({} if against is None else {"against": partial(_compared, against, pairs or 10)}),
         **({"serial": _answered} if serial else {}),
         **({"training": _trained} if training else {}),
     }  # fmt: skip

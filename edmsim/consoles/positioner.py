@@ -16,6 +16,7 @@ from edmsim.controllers.axis.drive import axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import InputError, one_of
+from edmsim.files import read_text
 from edmsim.plant.axes.drives import AXIS_NAMES
 
 PASS_NS = 1_000_000  # from one pass of the program to the next (ours)
@@ -110,7 +111,8 @@ class Station:
         cls, configuration: Path, program: Path, axis: str, contactors: Mapping[str, str] = MappingProxyType({})
     ) -> Self:
         """Load a station from two files."""
-        texts, names = (_text(configuration), _text(program)), (str(configuration), str(program))
+        texts = read_text(configuration, "latin-1"), read_text(program, "latin-1")
+        names = str(configuration), str(program)
         return cls(*texts, axis, names, contactors)
 
     def _coils(self, contactors: Mapping[str, str]) -> dict[str, str]:
@@ -143,6 +145,13 @@ class Station:
         assert isinstance(found, Eanpos)
         return found
 
+    def input(self, name: str) -> str:
+        """Return the address of an input; raises `InputError` if the configuration has none of this name."""
+        inputs = self.configuration.inputs
+        if name.lower() not in inputs:
+            raise InputError(f"there is no input {name!r}; there are: {one_of(name, inputs)}")
+        return inputs[name.lower()]
+
     def press(self, name: str, closed: bool = True) -> None:
         """Close or open an input, for the program and for the devices that use it for homing.
 
@@ -151,10 +160,7 @@ class Station:
         InputError
             The configuration has no input of this name.
         """
-        inputs = self.configuration.inputs
-        if name.lower() not in inputs:
-            raise InputError(f"there is no input {name!r}; there are: {one_of(name, inputs)}")
-        address = inputs[name.lower()]
+        address = self.input(name)
         self.control.inputs[address] = closed
         for device, declaration in self.configuration.devices.items():
             if declaration.home_input == address:
@@ -189,19 +195,14 @@ class Station:
         return {**outputs, **states}
 
 
-def _text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="latin-1")
-    except OSError as error:
-        raise InputError(f"it cannot be read: {error.strerror}", file) from None
-
-
 _REPORTED = ("posit", "setpos", "vel", "follerr", "errcode", "wrncode")  # parameters printed at the end
 _FAST = ("st_acc", "st_dec", "st_vconst", "st_int")  # states that every move changes several times
 
 
 def run_and_tell(station: Station, seconds: float, presses: list[Press], say: Callable[[str], None]) -> None:
     """Run a station, press its inputs when they are due, and say what changes."""
+    for one in presses:
+        station.input(one.name)
     begins = [(one.from_s, one.name, True) for one in presses]
     events = sorted(begins + [(one.to_s, one.name, False) for one in presses])
     before = station.shown()

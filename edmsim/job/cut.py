@@ -66,6 +66,10 @@ class Passes(NamedTuple):
     table: PassTable | None = None  # what the technology says
 
 
+_OF_PASSES = {"technology": "a technology", "tab_mm": "a tab", "overlap_mm": "an overlap"}
+"""Options without an effect on a cut in one pass."""
+
+
 def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Plan) -> Passes:
     """Plan a cut, in passes where the settings ask for some or the program has some."""
     if settings.passes is None:
@@ -73,8 +77,9 @@ def with_passes(program: str | Path | Program, settings: CutSettings, plan: _Pla
         if path.conditions.settings:
             return _by_conditions(program, settings, path, plan)
         if path.passes == 1:
-            if settings.technology is not None:
-                raise InputError("a technology is for passes: say how many, as --passes 4")
+            for name, what in _OF_PASSES.items():
+                if getattr(settings, name) != CutSettings.model_fields[name].default:
+                    raise InputError(f"{what} is for passes: say how many, as --passes 4")
             return Passes(settings, path)
         technology = _technology(settings)
         table = _table(settings, technology, path.passes)
@@ -579,5 +584,6 @@ class CutProgress:
         share, times = 0.0, ""
         if (last := self._last) is not None:
             share = min(1.0, last.path_um / last.total_um)
-            times = f"{duration_text(last.time_s)} simulated in {duration_text(last.wall_time_s)}, "
+            within = f" in {duration_text(last.wall_time_s)}" if last.wall_time_s else ""  # test cuts have no clock
+            times = f"{duration_text(last.time_s)} simulated{within}, "
         self._bar.show(self._name, share, 1.0, times + words, at_once)

@@ -29,8 +29,8 @@ from edmsim.envs.registry import base_of, find, make_family, stand_in
 from edmsim.envs.shift import Shift
 from edmsim.errors import InputError, invalid_entry
 from edmsim.evaluation.episode import HELD_BACK, Episode, engine_of
-from edmsim.files import locked
-from edmsim.learning import bandit_file, hyperparameters
+from edmsim.files import locked, read_toml
+from edmsim.learning import bandit_file
 from edmsim.learning.bandit_controller import BanditController
 from edmsim.learning.bandit_file import BanditCard, Choices, Segment
 from edmsim.runs import RunTable, perform, read_of
@@ -95,7 +95,7 @@ def load(env_id: str, file: Path | None = None) -> BanditSettings:
     own = resources.files("edmsim.models") / "training" / f"{base_of(family)}-bandit.toml"
     values = tomllib.loads(own.read_text(encoding="utf-8"))
     if file is not None:
-        values |= hyperparameters.read(file)
+        values |= read_toml(file)
     return checked(values, file)
 
 

@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from edmsim.envs.registry import base_of, find
 from edmsim.errors import InputError, invalid_entry, one_of
+from edmsim.files import read_toml
 from edmsim.numeric import Number, WholeNumber
 
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
@@ -86,17 +87,9 @@ def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameter
     return usual if settings is None else _changed(usual, settings)
 
 
-def read(file: Path) -> dict[str, Any]:
-    """Read a file of settings; what they mean is not looked at."""
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"the settings cannot be read: {error}", file) from None
-
-
 def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
     """Return hyperparameters with overrides from a file."""
-    table = read(file)
+    table = read_toml(file)
     if "gains" in table:
         raise InputError("these are gains of a controller, not settings of a training", file)
     before = usual.model_dump()

@@ -65,7 +65,10 @@ class Residual(BaseModel, extra="forbid", frozen=True):
         known = self.law.partition(":")[0] in names() and user_code.named(self.law) is None
         law = from_text(self.law) if known else None
         if law is None or isinstance(law, SeesTruth):
-            raise InputError(f"a policy adds to a law of edmsim that a machine could have, not to '{self.law}'")
+            laws = one_of(self.law, (name for name in names() if not isinstance(from_text(name), SeesTruth)))
+            raise InputError(
+                f"a policy adds to a law of edmsim that a machine could have, not to '{self.law}'; there are: {laws}"
+            )
         return law
 
     def action(self, family: Family, law_um_s: float, correction: float) -> np.float32:

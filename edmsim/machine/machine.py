@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from edmsim import models
 from edmsim.errors import InputError, one_of
+from edmsim.files import read_text
 from edmsim.machine.options import USUAL_MACHINE, Choices, Kind, SetUpOptions, available, refusal, show
 from edmsim.machine.parts import Base, Constant, Generator, Material, Part, SetUp, Wire
 from edmsim.machine.ranges import sample, uncertain
@@ -104,11 +105,9 @@ def _own_file(name: str) -> str:
     try:
         if Path(name).stat().st_size > _MOST_BYTES:
             raise InputError(f"this is not a file of constants: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
-        return Path(name).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"byte {error.start} is not UTF-8: save the file as UTF-8", name) from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", name) from None
+    except (OSError, ValueError):
+        pass  # reading it says why
+    return read_text(name)
 
 
 _Options = ParamSpec("_Options")
@@ -193,7 +192,8 @@ class Machine(SetUp):
         known = {"tension", "height_mm", "t_on_us", "t_period_us", "wire_diameter_um", *Choices.model_fields}
         unknown = set(changes) - known
         if unknown:
-            raise InputError(f"Machine.with_ does not know {', '.join(sorted(unknown))}")
+            name = min(unknown)
+            raise InputError(f"a machine has no choice {name!r} to change; there are: {one_of(name, known)}")
         machine = self.model_copy(update={name: _checked(name, value) for name, value in changes.items()})
         machine.check()
         return machine

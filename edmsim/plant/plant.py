@@ -118,6 +118,8 @@ class Plant:
         mechanics: str = "modal",
         drives: Mapping[str, AxisDrive] | None = None,
     ) -> None:
+        if isinstance(machine, str):
+            raise InputError(f"a plant takes a machine, not its name: edmsim.Machine.load({machine!r})")
         if mechanics not in MECHANICS:
             raise InputError(f"unknown mechanics '{mechanics}'; there are: {one_of(mechanics, MECHANICS)}")
         self.mechanics = mechanics

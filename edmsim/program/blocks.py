@@ -78,10 +78,11 @@ def offered_to_ignore(words: Iterable[str]) -> list[str]:
 
 
 class UnknownWordsError(InputError):
-    """A program has words that are not known here: `words` has each with its lines, the hint says who knows them."""
+    """A program has words that are not known here: `words` has each with its lines, `hint` says who knows them."""
 
     def __init__(self, found: Sequence[tuple[str, int]], file: str | Path, hint: str = "") -> None:
         self.words: dict[str, list[int]] = {}
+        self.hint = hint
         for word, line in found:
             self.words.setdefault(word, []).append(line)
         named = [

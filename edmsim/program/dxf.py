@@ -297,7 +297,7 @@ class Drawn:
     def __init__(self, document: Drawing, layers: Sequence[str], without: str | None = None) -> None:
         self._document = document
         self._without = "" if without is None else without.strip().lower()
-        self._layers = frozenset(name.strip().lower() for name in layers)
+        self._layers = {name.strip().lower(): name.strip() for name in layers}
         self.left_out: dict[str, int] = {}
         self._count = 0
         self._refuse_unknown_layers()
@@ -374,10 +374,11 @@ class Drawn:
         blocks = (entity for block in self._document.blocks for entity in block)
         there = {str(entity.dxf.layer) for entity in blocks if entity.dxf.hasattr("layer")}
         there |= {layer.dxf.name for layer in self._document.layers} | {"0"}
-        unknown = self._layers - {name.lower() for name in there}
+        unknown = self._layers.keys() - {name.lower() for name in there}
         if unknown:
             listed = ", ".join(sorted(there)[:_MOST_NAMED]) + (", ..." if len(there) > _MOST_NAMED else "")
-            raise InputError(f"the drawing has no layer {', '.join(sorted(unknown))}; there are: {listed}")
+            missing = ", ".join(self._layers[name] for name in sorted(unknown))
+            raise InputError(f"the drawing has no layer {missing}; there are: {listed}")
 
 
 def _taken_out(block: Any) -> list[Any]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from edmsim.errors import InputError, one_of
+from edmsim.files import read_toml
 from edmsim.numeric import real
 from edmsim.program.dialects import Dialect
 
@@ -39,19 +39,7 @@ def read_offsets(file: str | Path) -> dict[str, float]:
         If the file is missing or a line invalid.
     """
     path = Path(file)
-    return checked_offsets(read_table(path, "a table of offsets with lines as D1 = 0.155"), path)
-
-
-def read_table(path: Path, what: str) -> dict[str, Any]:
-    """Read a user's TOML file; raises `InputError` that says what it is to be."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError(f"no such file: give {what}", path) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {error}", path) from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not {what}: {error}", path) from None
+    return checked_offsets(read_toml(path, "a table of offsets with lines as D1 = 0.155"), path)
 
 
 def checked_offsets(offsets: Mapping[str, object], file: str | Path | None = None) -> dict[str, float]:
@@ -218,7 +206,7 @@ def read_conditions(file: str | Path) -> dict[str, dict[str, float]]:
         If the file is missing, a name unknown, a number out of range, or both feeds are set.
     """
     path = Path(file)
-    sections = read_table(path, "a table of conditions, [C001] and t_on_us = 1.2")
+    sections = read_toml(path, "a table of conditions, [C001] and t_on_us = 1.2")
     table: dict[str, dict[str, float]] = {}
     for name, settings in sections.items():
         if _CALLED.fullmatch(name.strip().upper()) is None or not isinstance(settings, dict):

@@ -94,7 +94,7 @@ class Ruled:
 def leaning(outlines: tuple[Outline, ...], angle_deg: float, corners: Corners) -> tuple[Outline, ...]:
     """Return outlines whose walls lean by an angle, positive for a part smaller above, where they do not already."""
     if not (math.isfinite(angle_deg) and abs(angle_deg) < MOST_DEG):
-        raise InputError(f"the wall cannot lean by {angle_deg:g} degrees: give up to {MOST_DEG:g} either way")
+        raise InputError(f"the wall cannot lean by {angle_deg:g} degrees: give less than {MOST_DEG:g} either way")
     if angle_deg == 0:
         return outlines
     found = []
@@ -169,7 +169,7 @@ def _tangents(outline: Outline) -> Floats:
         raise InputError(f"there are {len(angles)} angles for {count} elements: give one for each")
     if not (np.isfinite(angles).all() and np.abs(angles).max() < MOST_DEG):
         worst = float(angles[np.abs(angles).argmax()])
-        raise InputError(f"the wall cannot lean by {worst:g} degrees: give angles within {MOST_DEG:g} either way")
+        raise InputError(f"the wall cannot lean by {worst:g} degrees: give angles below {MOST_DEG:g} either way")
     return np.asarray(np.tan(np.radians(angles)), np.float64)
 
 

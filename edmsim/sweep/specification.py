@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from pydantic import BaseModel, Field, ModelWrapValidatorHandler, ValidationErro
 from edmsim import __version__
 from edmsim.controllers import from_text
 from edmsim.errors import InputError, one_of
+from edmsim.files import read_toml
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import USUAL_MACHINE, bare_name
@@ -212,12 +212,7 @@ def read_specification(file: str | Path) -> Specification:
     InputError
         If the file cannot be read, is not TOML, or does not describe a sweep.
     """
-    try:
-        data = tomllib.loads(Path(file).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {error}", file) from None
-    except (ValueError, RecursionError) as error:  # numbers of thousands of digits, and brackets within brackets, too
-        raise InputError(f"is not TOML: {error}", file) from None
+    data = read_toml(file)
     try:
         return Specification.model_validate(data)
     except InputError as error:

@@ -184,7 +184,7 @@ def test_a_file_that_cannot_be_run_is_one_line(law: Path, text: str, message: st
     with pytest.raises(InputError, match=message) as error:
         from_text(f"{law}:Half")
     assert "\n" not in str(error.value)
-    with pytest.raises(InputError, match=r"none\.py: cannot be read"):
+    with pytest.raises(InputError, match=r"none\.py: no such file"):
         from_text(f"{law.parent / 'none.py'}:Half")
 
 

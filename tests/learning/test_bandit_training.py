@@ -152,7 +152,7 @@ def test_what_cannot_be_trained_is_refused_in_one_line(edmsim, tmp_path, words, 
         ("settings = [{size = 1.0}, {size = 2.0}]", "no parameter 'size'"),
         ("speed = 1", "speed"),
         ("passes = 40", "a shift has 1200 s"),
-        ("passes =", "the settings cannot be read"),
+        ("passes =", "not valid TOML"),
     ],
 )
 def test_settings_that_cannot_be_used_are_refused_in_one_line(tmp_path, text, named):

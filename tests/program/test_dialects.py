@@ -59,7 +59,7 @@ PASSES = {
     ],
     "punch-skd2.nc": [
         ("left", 0.115, "E001", None, False, True), ("right", 0.1, "E002", None, True, True),
-        ("left", 0.115, "E001", None, True, False),
+        ("right", 0.115, "E001", None, True, False),
     ],
     "punch-fanuc.nc": [
         ("left", 0.195, "S1", None, False, False), ("right", 0.145, "S2", None, True, True),

@@ -216,7 +216,7 @@ def test_angles_beyond_the_guides_say_how_far_they_go():
     reason = refused(square(-40.0), GUIDES._replace(travel_mm=20.0))
     assert "lean by 49.88 degrees" in reason  # both components at a corner
     assert "it goes 20 mm" in reason
-    assert "give angles within 45" in refused(square(50.0))
+    assert "give angles below 45" in refused(square(50.0))
 
 
 @pytest.mark.parametrize(

@@ -114,3 +114,5 @@ def test_without_a_cluster_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ray, "init", refuse)
     with pytest.raises(InputError, match="no Ray cluster at 'auto'"):
         Cluster()
+    with pytest.raises(InputError, match=r"no Ray cluster at '127\.0\.0\.1:1' .*refused"):
+        Cluster("127.0.0.1:1")  # at once: Ray itself would try for minutes

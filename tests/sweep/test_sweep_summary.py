@@ -113,7 +113,7 @@ def test_the_command_sweeps_shows_and_goes_on(
 @pytest.mark.parametrize(("words", "named"), [
     (("line.ngc",), "--out"), (("line.ngc", "--out", "o", "5"), "--height 5,10,20"),
     (("line.ngc", "--out", "o", "--height"), "--height has no values"),
-    (("none.toml", "--out", "o"), "none.toml: cannot be read"), (("show", "o"), "no result"),
+    (("none.toml", "--out", "o"), "none.toml: no such file"), (("show", "o"), "no result"),
     (("line.ngc", "--out", "o", "--colour", "1"), "colour"),
     (("line.ngc", "--out", "o", "--processes", "0"), "1 or more"),
     (("line.ngc", "--out", "o", "--processes", "1", "--ray", "auto"), "leave them out"),

@@ -152,7 +152,7 @@ def test_bounds_that_say_nothing_are_refused(tmp_path, bounds, said):
     [
         (["own.py:A"], "--out"), (["--out", "s"], "missing"), (["a.py:A", "--colour", "5", "--out", "s"], "--colour"),
         (["firmware.py", "--out", "s"], "names no controller of your own"),
-        (["none.py:A", "--out", "s"], "cannot be read"),
+        (["none.py:A", "--out", "s"], "no such file"),
     ],
 )  # fmt: skip
 def test_the_command_refuses_in_one_line(arguments, said, monkeypatch, capsys, tmp_path):

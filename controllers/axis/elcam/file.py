@@ -25,7 +25,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -39,6 +38,7 @@ from pydantic import AfterValidator, AllowInfNan, BaseModel, Field, Strict, Stri
 from edmsim.controllers.axis.elcam.module import BUFFER_VARIABLE, CamPlace, Elcam, TableAccess
 from edmsim.controllers.axis.elcam.registers import DATA, CallStatus, Descriptor, Error, Function, Mode
 from edmsim.errors import InputError, invalid_entry
+from edmsim.files import read_toml
 
 NAMES = "x", "y", "u", "v"  # axes in the order of their numbers
 PATH = "path"  # the length of path behind the wire, in mm: the control has it as an axis that nothing moves
@@ -168,12 +168,7 @@ def read_tables(file: str | Path) -> list[ErrorTable | Cam]:
     InputError
         The file cannot be read, or a table is invalid; the message names it and valid values.
     """
-    try:
-        data = tomllib.loads(Path(file).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {error}", file) from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"not valid TOML: {error}", file) from None
+    data = read_toml(file)
     found: list[ErrorTable | Cam] = []
     for kind in ("table", "cam"):
         sections = data.pop(kind, [])

@@ -31,7 +31,8 @@ def unit_for(travel_um: float, step_um: int = STEP_UM) -> Unit:
     if travel_um <= WORD * step_um:
         return "step"
     raise InputError(
-        f"a table of {travel_um / 1000:g} mm is too large: 16 bits count {WORD * step_um / 1000:g} mm in steps"
+        f"a table of {travel_um / 1000:g} mm is too large: 16 bits count {WORD * step_um / 1000:g} mm in steps; "
+        "the planner exact has no such limit"
     )
 
 
