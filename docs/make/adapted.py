@@ -26,8 +26,8 @@ from edmsim.learning import bandit_file, score
 DOCS = Path(__file__).parents[1]
 TRAINING, TASK = DOCS / "training.md", DOCS / "tasks" / "max-rate-shift.md"
 ENV_ID, POLICY, LAW = "edmsim/MaxRateShift-v0", "policy:MaxRateShift-adapt", "adaptive-hold"
-MACHINES = 30
-"""Ten hours of machine time for each controller."""
+MACHINES = 36
+"""Twelve hours of machine time for each controller."""
 ELSEWHERE = {
     "higher: 80 to 100 mm": {"height_mm": [80.0, 100.0]},
     "less pressure: 20 to 50 kPa": {"flushing_Pa": [20e3, 50e3]},
