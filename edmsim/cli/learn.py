@@ -149,7 +149,7 @@ def evaluate(
         for env_id in (compare.env_ids() if named == ["all"] else map(resolve, named))
     }
     for name in policy or ():
-        score.env_id_of(name)  # refuses what is no policy before the first cut
+        score.env_id_of(name)  # an unknown one is refused before the first cut
     for env_id, laws in chosen.items():
         compare.check(env_id, laws, episode.episodes(env_id) if seeds is None else seeds, resolution)
     if page is not None:

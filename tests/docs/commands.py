@@ -31,7 +31,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "cut": ("--resolution", "fast", "--quiet"),
     "check": (),
     "view": (),
-    "report": ("--seconds", "0.5"),
+    "report": (),
     "train": ("--steps", "64", "--score", "2"),
     "dataset": ("--steps", "20"),
     "evaluate": ("--seeds", "2", "--resolution", "fast"),
@@ -118,6 +118,8 @@ def run(words: list[str], page: str) -> int:
     arguments = list(words[1:])
     if "--help" not in arguments:
         arguments += SHORT[" ".join(arguments[: 1 + (arguments[0] in cli.COMMANDS)])]
+    if "--film" in arguments:
+        arguments += ["--seconds", "0.5"]
     if arguments[0] == "cut":
         seconds = CUT_S
         if "--max-time" in arguments:

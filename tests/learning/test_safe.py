@@ -39,7 +39,7 @@ def test_a_refused_policy_is_saved_next_to_its_start(tmp_path, monkeypatch, wors
         def __init__(self, seed, name):
             self.total_return = MACHINES[seed - safe.FIRST_SEED] - (500.0 if worse and "trained" in name else 0.0)
 
-    monkeypatch.setattr(safe, "cut", lambda env_id, seed, name: Cut(seed, name.replace(str(trained), "trained")))
+    monkeypatch.setattr(safe, "cut_job", lambda env_id, job: Cut(job[1], job[0].replace(str(trained), "trained")))
     found = safe.accept("edmsim/GapFeed-v2", trained, "policy:GapFeed-ppo", 6)
     assert found.machines == 6
     assert (policy_file.load(str(trained)).card.command == "trained") is (left == "trained")
