@@ -21,7 +21,7 @@ LAYERS: dict[str, set[str]] = {
     "compiled": {"compiled"},
     "errors": set(),
     "numeric": {"errors"},
-    "machine": {"machine", "errors", "numeric", "models"},
+    "machine": {"machine", "errors", "numeric", "models", "files"},
     "models": {"models", "errors"},
     "plant": {"plant", "errors", "machine", "models", "compiled"},
     "controllers": {
