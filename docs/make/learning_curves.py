@@ -143,7 +143,7 @@ def learned(name: str, curves: list[np.ndarray]) -> str:
     return (
         f"After {STEPS[name]:,} decisions the last twenty episodes earned {reward},\n"
         f"at a cost of {cost} each: the median of five seeds, the least and the greatest.\n"
-        f"Their median is {curve.replace('steps', 'decisions')}."
+        f"The curve of their median: {curve.replace('steps', 'decisions')}."
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, one_of
@@ -176,7 +177,14 @@ def _recorders(options: TrainOptions, out: Path) -> list[Any]:
 AT_ENDS = 10
 """Points of a curve's first and last part; their means say where it begins and ends (ours: single ones are noise)."""
 RISEN = 0.2  # share of the whole rise from which on a curve has begun to rise (ours)
-LEAST_RISE = 3.0  # least rise that counts, over the scatter of the first part about its trend (ours)
+LEAST_RISE = 3.0  # least rise that counts, over the scatter of the first or the last part about its trend (ours)
+
+
+def _scatter(at: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+    """Return between which ends values lie about their straight trend; a steep rise scatters more than noise."""
+    if len(values) < 2:
+        return 0.0
+    return float(np.ptp(values - np.polynomial.Polynomial.fit(at, values, 1)(at)))
 
 
 def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
@@ -185,7 +193,7 @@ def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
     >>> in_words([1_000, 2_000, 3_000, 4_000, 5_000], [0.0, 1.0, 0.0, 60.0, 100.0])
     'flat until about 3,000 steps, then rising from 0 to 100'
     >>> in_words([1_000, 2_000, 3_000], [5.0, 5.0, 4.0])
-    'not rising within 3,000 steps: from 5 to 4'
+    'no clear rise in 3,000 steps: from 5 to 4'
     """
     known = [(step, value) for step, value in zip(steps, returns, strict=True) if not math.isnan(value)]
     if not known:
@@ -193,9 +201,9 @@ def in_words(steps: Sequence[int], returns: Sequence[float]) -> str:
     at, values = (np.array(column, float) for column in zip(*known, strict=True))
     part = max(len(values) // AT_ENDS, 1)
     begin, end = float(np.median(values[:part])), float(np.median(values[-part:]))
-    trend = np.polynomial.Polynomial.fit(at[:part], values[:part], 1)(at[:part]) if part > 1 else values[:part]
-    if end - begin <= LEAST_RISE * float(np.ptp(values[:part] - trend)) or end <= begin:
-        return f"not rising within {at[-1]:,.0f} steps: from {begin:.0f} to {end:.0f}"
+    scatter = min(_scatter(at[:part], values[:part]), _scatter(at[-part:], values[-part:]))
+    if end - begin <= LEAST_RISE * scatter or end <= begin:
+        return f"no clear rise in {at[-1]:,.0f} steps: from {begin:.0f} to {end:.0f}"
     below = np.flatnonzero(values < begin + RISEN * (end - begin))
     last = int(below[-1]) if len(below) else 0
     if last < part:

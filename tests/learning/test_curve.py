@@ -21,4 +21,4 @@ def test_flat_rising_and_unknown_curves():
     early = in_words(steps, [100.0 * (1.0 - math.exp(-step / 8_000)) for step in steps])
     assert early == "rising from the beginning, from 27 to 99"  # the first part's own rise is no scatter
     falling = in_words([100, 200, 300], [9.0, 5.0, 1.0])
-    assert falling == "not rising within 300 steps: from 9 to 1"
+    assert falling == "no clear rise in 300 steps: from 9 to 1"
