@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from filelock import FileLock, Timeout
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
@@ -123,6 +122,8 @@ def locked(folder: Path, who: str = "edmsim") -> Iterator[None]:
     """
     make_writable(folder)
     file = folder / _LOCK
+    from filelock import FileLock, Timeout
+
     lock = FileLock(file, timeout=0)
     with suppress(OSError):  # on a file system without locks nothing is locked
         try:

@@ -162,7 +162,7 @@ def report(
         raise InputError("--format is that of figures: give the folder with --figures")
     written: list[Path] = []
     if film is not None:
-        written.append(_film(directory, film, 12.0 if seconds is None else seconds))
+        written.append(_film(directory, film, seconds))
     if screenshots is not None:
         with ERR.status("opening the viewer without a window"):
             written += take_screenshots(find_recording(directory), screenshots)
@@ -178,12 +178,13 @@ def report(
         print_line(str(file))
 
 
-def _film(directory: Path, film: Path, seconds: float) -> Path:
-    from edmsim.recording.film import check_film, render
+def _film(directory: Path, film: Path, seconds: float | None) -> Path:
+    from edmsim.recording.film import SECONDS, check_film, render
     from edmsim.recording.rerun.playback import find_recording
 
     recording = find_recording(directory)
-    check_film(film, seconds)
+    length_s = SECONDS if seconds is None else seconds
+    check_film(film, length_s)
     with ERR.status(f"drawing {film.name}"):
-        render(recording, film, seconds)
+        render(recording, film, length_s)
     return film

@@ -110,7 +110,7 @@ def bench(
         raise InputError("--pairs are those of a comparison: give the revision with --against")
     measurements: dict[str, Callable[[Callable[[str], None]], _Result]] = {
         **({"profile": partial(_profiled, figure)} if profile or figure is not None else {}),
-        **({} if against is None else {"against": partial(_compared, against, pairs or 10)}),
+        **({} if against is None else {"against": partial(_compared, against, pairs)}),
         **({"serial": _answered} if serial else {}),
         **({"training": _trained} if training else {}),
     }  # fmt: skip
@@ -148,10 +148,10 @@ def _trained(watch: Callable[[str], None]) -> _Result:
     return found, render(found)
 
 
-def _compared(revision: str, count: int, watch: Callable[[str], None]) -> _Result:
-    from edmsim.bench.pairs import as_numbers, compare, render
+def _compared(revision: str, count: int | None, watch: Callable[[str], None]) -> _Result:
+    from edmsim.bench.pairs import PAIRS, as_numbers, compare, render
 
-    found = compare(revision, count, watch)
+    found = compare(revision, PAIRS if count is None else count, watch)
     return as_numbers(found), render(found)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
@@ -102,11 +103,9 @@ def mjcf_version(model_file: str) -> int:
 
 
 def _own_file(name: str) -> str:
-    try:
+    with suppress(OSError, ValueError):  # reading it says why
         if Path(name).stat().st_size > _MOST_BYTES:
             raise InputError(f"this is not a file of constants: it is larger than {_MOST_BYTES / 1e6:g} MB", name)
-    except (OSError, ValueError):
-        pass  # reading it says why
     return read_text(name)
 
 
