@@ -25,6 +25,10 @@ _NEAR = 0.75
 """Share of letters that a name and a near one have in common (ours: one letter of four may be wrong)."""
 
 
+_REASONS = {"missing": "missing", "extra_forbidden": "unknown", "model_type": "must be a table"}
+"""What pydantic's kinds of error are called here."""
+
+
 class EdmsimError(Exception):
     """Base of every error edmsim raises on purpose."""
 
@@ -70,11 +74,17 @@ def located(file: str | Path | None = None, line: int | None = None, name: str =
         raise InputError(reason, error.file or file, error.line or line) from None
 
 
+def refused_entry(error: ValidationError) -> tuple[str, str]:
+    """Return the first entry that pydantic refused, as ``table.key``, and why, in words of a user of files."""
+    first = error.errors()[0]
+    said = first["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
+    return ".".join(map(str, first["loc"])), _REASONS.get(first["type"], said)
+
+
 def invalid_entry(error: ValidationError) -> str:
     """Return the first entry that pydantic refused, and why, in one line."""
-    first = error.errors()[0]
-    place = ".".join(map(str, first["loc"]))
-    return f"{place + ': ' if place else ''}{first['msg'].removeprefix('Value error, ')}"
+    place, reason = refused_entry(error)
+    return f"{place + ': ' if place else ''}{reason}"
 
 
 def one_of(name: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:

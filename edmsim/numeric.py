@@ -75,7 +75,7 @@ def whole_from(name: str, value: object, least: int | None = None) -> int:
 
 def _for_pydantic(value: object) -> object:
     if isinstance(_scalar(value), bool | np.bool_):
-        raise ValueError("Input should be a valid number, not a truth value")
+        raise ValueError("must be a number, not a truth value")
     return plain(value)
 
 

@@ -16,6 +16,7 @@ import shapely
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    Field,
     ModelWrapValidatorHandler,
     ValidationError,
     ValidationInfo,
@@ -59,6 +60,12 @@ def _words(value: object) -> object:
 
 Words = Annotated[Sequence[str], BeforeValidator(_words), AfterValidator(tuple)]
 _FILE = Flag(metavar="PATH")
+
+
+def _list(value: Iterable[Any] | None) -> list[Any]:
+    if value is not None and (isinstance(value, str) or not isinstance(value, Iterable)):
+        raise ValueError("must be a list")
+    return [*(value or ())]
 
 
 def _drives() -> tuple[str, ...]:
@@ -151,7 +158,7 @@ class CutSettings(SetUpOptions, MachineOption):
         Names(registered("edmsim.plant.axes.faults:FAULTS"), "several at several times"),
     ] = ()
     """Fault of an axis under a drive with a loop, and its time in s: ``x:stuck@2.5``."""
-    seed: WholeNumber = 0
+    seed: Annotated[WholeNumber, Field(ge=0)] = 0
     """Seed of all random draws; the same seed gives the same cut."""
     max_time_s: Number | None = None
     """Machine time in s after which to stop; by default no limit."""
@@ -173,12 +180,12 @@ class CutSettings(SetUpOptions, MachineOption):
     @field_validator("heights", mode="plain")
     @classmethod
     def _check_heights(cls, value: Sequence[Height | str] | None) -> tuple[Height, ...]:
-        return checked_changes([parse_height(item) if isinstance(item, str) else item for item in value or ()])
+        return checked_changes([parse_height(item) if isinstance(item, str) else item for item in _list(value)])
 
     @field_validator("height_areas", mode="plain")
     @classmethod
     def _check_areas(cls, value: Sequence[Area] | None) -> tuple[tuple[shapely.Polygon, float], ...]:
-        return checked_areas(value or ())
+        return checked_areas(_list(value))
 
     @field_validator("constants", mode="plain")
     @classmethod

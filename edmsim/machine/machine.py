@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
 from pydantic import ValidationError
 
 from edmsim import models
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refused_entry
 from edmsim.files import read_text
 from edmsim.machine.options import USUAL_MACHINE, Choices, Kind, SetUpOptions, available, refusal, show
 from edmsim.machine.parts import Base, Constant, Generator, Material, Part, SetUp, Wire
@@ -51,9 +51,8 @@ def read(part: type[_Part], kind: Kind, name: str) -> _Part:
             data = _overlaid(tomllib.loads(_our_file(kind, str(like), file)), data)
         return part.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "file"
-        raise InputError(f"key '{key}': {first['msg'].removeprefix('Value error, ')}", file) from None
+        key, reason = refused_entry(error)
+        raise InputError(f"key '{key}': {reason}" if key else reason, file) from None
     except (ValueError, RecursionError) as error:  # numbers of thousands of digits, and brackets within brackets, too
         raise InputError(f"not valid TOML: {error}", file) from None
 

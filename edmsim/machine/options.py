@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refused_entry
 from edmsim.numeric import Number
 
 Kind = Literal["machines", "wires", "materials", "generators", "technologies"]
@@ -199,13 +199,12 @@ def checked_name(options: type[BaseModel], name: str, value: Any) -> Any:
 
 def refusal(error: ValidationError, options: type[BaseModel], of: str) -> InputError:
     """Return one line that says what is wrong with the first option that cannot be used."""
-    first = error.errors()[0]
-    name = ".".join(str(part) for part in first["loc"])
+    first, (name, reason) = error.errors()[0], refused_entry(error)
     if first["type"] == "extra_forbidden":
         return InputError(f"{of} has no option '{name}'; there are: {one_of(name, options.model_fields)}")
     if not name:
-        return InputError(f"these are no options of {of}: {first['msg']}")
-    return InputError(f"option {name} cannot be {first['input']!r}: {first['msg']}")
+        return InputError(f"these are no options of {of}: {reason}")
+    return InputError(f"option {name} cannot be {first['input']!r}: {reason}")
 
 
 def show(function: Callable[..., Any], options: type[BaseModel]) -> None:

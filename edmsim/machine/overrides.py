@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refused_entry
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Base, Constant, Material, Part, Wire
 from edmsim.machine.ranges import with_constants
@@ -79,13 +79,12 @@ def with_overrides(machine: Machine, constants: Iterable[tuple[str, float]]) -> 
         try:
             changed[name] = KINDS[name](value=value, source="given as an option")
         except ValidationError as error:
-            reason = error.errors()[0]["msg"].lower()
-            raise InputError(f"the constant {name} cannot be {value:g}: {reason}") from None
+            raise InputError(f"the constant {name} cannot be {value:g}: {refused_entry(error)[1]}") from None
     changed_machine = with_constants(machine, changed)
     try:
         Base.model_validate(changed_machine.base.model_dump())
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(f"constants of {first['loc'][0]} do not go together: {first['msg']}") from None
+        section, reason = refused_entry(error)
+        raise InputError(f"constants of {section} do not go together: {reason}") from None
     changed_machine.check()
     return changed_machine

@@ -39,6 +39,13 @@ class Constant(Part):
     source: Annotated[str, Field(min_length=3)]  # publication, or "ours" with the reason
     range: tuple[Number, Number] | None = None  # published or assumed bounds of the value
 
+    @model_validator(mode="before")
+    @classmethod
+    def _is_table(cls, entry: object) -> object:
+        if isinstance(entry, bool | int | float | str):
+            raise ValueError(f"must have its source, as {{ value = {entry}, source = \"ours: why\" }}")
+        return entry
+
     @model_validator(mode="after")
     def _value_in_range(self) -> Constant:
         if self.range is not None and not self.range[0] <= self.value <= self.range[1]:

@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field, ModelWrapValidatorHandler, ValidationErro
 
 from edmsim import __version__
 from edmsim.controllers import from_text
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refused_entry
 from edmsim.files import read_toml
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
@@ -139,12 +139,11 @@ class Specification(BaseModel, extra="forbid", frozen=True):
         try:
             return handler(value)
         except ValidationError as error:
-            first = error.errors()[0]
-            name = ".".join(str(part) for part in first["loc"])
+            first, (name, reason) = error.errors()[0], refused_entry(error)
             if first["type"] == "extra_forbidden":
                 known = ", ".join(cls.model_fields)
                 raise InputError(f"a sweep has no '{name}'; it has {known}; options stand under [settings]") from None
-            raise InputError(f"{name} cannot be {first['input']!r}: {first['msg']}") from None
+            raise InputError(f"{name} cannot be {first['input']!r}: {reason}") from None
 
     @model_validator(mode="before")
     @classmethod
