@@ -164,18 +164,18 @@ def record(env_id: str, settings: BanditSettings, seed: int) -> History:
     trier = Trier(env_id, settings, seed)
     episode = Episode(Task(env_id, test_s=0.0), trier, seed, "trier")
     rows: list[list[float]] = []
-    outcome, seconds, area = None, 0.0, 0.0
-    while outcome is None and len(rows) < settings.segments:
-        before = trier.measures
-        outcome = episode.step()
-        if before or trier.measures:
-            assert episode.last is not None
-            seconds += episode.last.observation.duration_s
-            area += episode.last.area_mm2
+    seconds, area, measured = 0.0, 0.0, trier.measures
+    for window in episode.windows():
+        if measured or trier.measures:
+            seconds += window.observation.duration_s
+            area += window.area_mm2
         if len(trier.rows) > len(rows):
             rows.append([*trier.rows[-1], seconds, area])
-        if not trier.measures:  # a segment or a wire has ended
+        measured = trier.measures
+        if not measured:  # a segment or a wire has ended
             seconds = area = 0.0
+        if len(rows) == settings.segments:
+            break
     return History(rows, trier.belief.lost.tolist(), trier.belief.cut_s.tolist())
 
 
