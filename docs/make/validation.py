@@ -41,22 +41,7 @@ def write(folder: Path, rows: Sequence[Row]) -> None:
 
 
 def refreshed(text: str, rows: Sequence[Row] | None = None, page: Path | None = None) -> str:
-    """Return a page with its tables written again.
-
-    Parameters
-    ----------
-    text : str
-        The page.
-    rows : sequence of Row, optional
-        Without them the tables of rows stay as they are.
-    page : path, optional
-        Where the page stands, for messages.
-
-    Raises
-    ------
-    InputError
-        If a mark asks for a table there is not.
-    """
+    """Return a page with its tables written again; without `rows` those of rows stay. Messages name the `page`."""
 
     def table(mark: re.Match[str]) -> str:
         kind, words = mark["kind"], mark["words"].strip()
@@ -74,13 +59,7 @@ def refreshed(text: str, rows: Sequence[Row] | None = None, page: Path | None = 
 
 
 def constants_table(words: Sequence[str], page: Path | None = None) -> list[str]:
-    """Return a Markdown table of constants: name, value, range and source of each.
-
-    Parameters
-    ----------
-    words : sequence of str
-        Sections of the machine file, plain or as ``machine.gap``, or what `_sections` names else.
-    """
+    """Return a Markdown table of constants, of sections as ``gap`` or ``machine.gap``, or of what `_sections` has."""
     lines = ["| constant | value | range | source |", "|---|---|---|---|"]
     for word in words:
         for label, part in _sections(word.removeprefix("machine."), page):
@@ -95,14 +74,11 @@ def constants_table(words: Sequence[str], page: Path | None = None) -> list[str]
 def _sections(word: str, page: Path | None) -> Iterator[tuple[str, Iterable[tuple[str, object]]]]:
     """Yield a label and the constants of every file, or of the machine's section, that `word` names."""
     if word == "wire":
-        for name in available("wires"):
-            yield f"{name} ", Machine.load(wire=name).wire
-    elif word == "material":
+        yield from ((f"{name} ", Machine.load(wire=name).wire) for name in available("wires"))
+    elif word in ("material", "surface"):
         for name in available("materials"):
-            yield f"{name} ", Machine.load(material=name).material
-    elif word == "surface":
-        for name in available("materials"):
-            yield f"{name} ", Machine.load(material=name).material.surface or ()
+            material = Machine.load(material=name).material
+            yield f"{name} ", material if word == "material" else material.surface or ()
     elif word == "generator":
         for name in available("generators"):
             generator = Machine.load(generator=name).generator
