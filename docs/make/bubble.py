@@ -10,9 +10,11 @@ from __future__ import annotations
 import itertools
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from sections import table, write_sections
 from slit import (
     DISC,
@@ -32,10 +34,7 @@ from slit import (
 
 from edmsim.plant.gap import bubble
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from edmsim.recording.figures.style import write_figure
 
 PAGE = Path(__file__).parents[1] / "theory" / "gas.md"
 HOT, WET, AT_ONCE = 480.0, 150.0, math.inf
@@ -114,11 +113,7 @@ def facts(slit: Slit) -> str:
 
 def figure(slit: Slit, constant_Ns: float) -> Figure:
     """Draw the equations beside the law over on-time, gap and diameter, and one bubble in time."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     drawn = Figure(figsize=(9.0, 6.6), dpi=110, facecolor="white", layout="constrained")
-    FigureCanvasAgg(drawn)
     (times, gaps), (diameters, history) = drawn.subplots(2, 2)
     for pulse, longest_us, colour in ((DEFAULT, 30.0, BLUE), (ROUGH, 3.0, VERMILION)):
         on_us, near_um = np.geomspace(0.3, longest_us, 15), np.geomspace(6.0, 40.0, 12)
@@ -167,8 +162,6 @@ def _draw_history(axes: Axes, push: Push) -> None:
 
 def main() -> None:
     """Integrate, put the tables into the page, and write its figure beside the others."""
-    from edmsim.recording.figures.style import write_figure
-
     slit = strip()
     constant_Ns = float(f"{impulse_10mJ_Ns(slit):.2g}")
     tables = {"impulses": impulses(slit, constant_Ns), "doubts": doubts(slit), "facts": facts(slit)}
