@@ -24,5 +24,6 @@ def write_sections(page: Path, sections: Mapping[str, str]) -> None:
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0) -> str:
     """Return a table of Markdown; its last columns, as many as are `numbers`, are aligned to the right."""
     rule = "|---" * (len(heads) - numbers) + "|--:" * numbers + "|"
-    head, *body = (f"| {' | '.join(cells)} |" for cells in (heads, *rows))
+    lines = ([cell.replace("|", "\\|") for cell in cells] for cells in (heads, *rows))
+    head, *body = (f"| {' | '.join(cells)} |" for cells in lines)
     return "\n".join([head, rule, *body])

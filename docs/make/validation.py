@@ -17,13 +17,15 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from sections import table
+
 from edmsim import validation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available
 from edmsim.machine.parts import Constant
 from edmsim.runs import Processes
-from edmsim.validation.report import judged, markdown_cell, reasons_table, rows_table, summary
+from edmsim.validation.report import judged, reasons_table, rows_table, summary
 from edmsim.validation.rows import Row
 
 DOCS = Path(__file__).parents[1]
@@ -43,32 +45,31 @@ def write(folder: Path, rows: Sequence[Row]) -> None:
 def refreshed(text: str, rows: Sequence[Row] | None = None, page: Path | None = None) -> str:
     """Return a page with its tables written again; without `rows` those of rows stay. Messages name the `page`."""
 
-    def table(mark: re.Match[str]) -> str:
+    def written(mark: re.Match[str]) -> str:
         kind, words = mark["kind"], mark["words"].strip()
         if kind == "constants":
-            lines = constants_table(words.split(), page)
+            text = constants_table(words.split(), page)
         elif kind != "rows":
             raise InputError(f"no table '{kind} {words}'; there are constants and rows", page)
         elif rows is None:
             return mark[0]
         else:
-            lines = rows_table([row for row in rows if row.topic == words], "docs/theory")
-        return f"{mark['begin']}\n" + "\n".join(lines) + f"\n\n{mark['end']}"
+            text = "\n".join(rows_table([row for row in rows if row.topic == words], "docs/theory"))
+        return f"{mark['begin']}\n{text}\n\n{mark['end']}"
 
-    return _MARK.sub(table, text)
+    return _MARK.sub(written, text)
 
 
-def constants_table(words: Sequence[str], page: Path | None = None) -> list[str]:
+def constants_table(words: Sequence[str], page: Path | None = None) -> str:
     """Return a Markdown table of constants, of sections as ``gap`` or ``machine.gap``, or of what `_sections` has."""
-    lines = ["| constant | value | range | source |", "|---|---|---|---|"]
+    rows = []
     for word in words:
         for label, part in _sections(word.removeprefix("machine."), page):
             for name, constant in part:
                 if isinstance(constant, Constant):
                     span = "" if constant.range is None else "{:g} to {:g}".format(*constant.range)
-                    source = markdown_cell(constant.source)
-                    lines.append(f"| {label}`{name}` | {constant.value:g} | {span} | {source} |")
-    return lines
+                    rows.append((f"{label}`{name}`", f"{constant.value:g}", span, constant.source))
+    return table(("constant", "value", "range", "source"), rows)
 
 
 def _sections(word: str, page: Path | None) -> Iterator[tuple[str, Iterable[tuple[str, object]]]]:
