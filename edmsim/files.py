@@ -40,11 +40,8 @@ def replacing(file: str | Path) -> Iterator[Path]:
 
 
 def read_arrays(packed: bytes) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an ``.npz`` by name; nothing is unpickled, and no memory is taken for what is not there.
-
-    Raises `ValueError` in one line if it is damaged, holds anything but arrays of numbers, or more than
-    `MOST_ARRAY_BYTES`.
-    """
+    """Return the arrays of an ``.npz`` by name; raises `ValueError` in one line if they are damaged or too large."""
+    # nothing is unpickled, and no memory is taken for what is not there
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
             members = archive.infolist()

@@ -26,13 +26,10 @@ def arc_lengths(points: ArrayLike) -> Floats:
 
 
 class Polyline:
-    """A line of straight pieces, open or closed, asked by arc length in mm.
-
-    Points nearer than 0.1 um to the one before are left out: they give no direction. Of a closed line the last point
-    is the first.
-    """
+    """A line of straight pieces, open or closed (its last point is the first), asked by arc length in mm."""
 
     def __init__(self, points_mm: Floats, closed: bool) -> None:
+        # points nearer than 0.1 um to the one before are left out: they give no direction
         step = np.hypot(*np.diff(points_mm, axis=0).T)
         self.points = points_mm[np.concatenate([[True], step > 1e-4])]
         pieces = np.diff(self.points, axis=0)

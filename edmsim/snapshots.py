@@ -26,12 +26,11 @@ from numpy.typing import NDArray
 
 
 class Snapshots:
-    """Saves and loads its state: the fields of a dataclass that are no arguments, and what classes name in `STATE`.
+    """Saves and loads its state: fields of a dataclass that are no arguments, and what classes name in `STATE`."""
 
-    What is made anew from the arguments or by a set-up stands elsewhere, as a plain attribute. Parts of the state
-    that have a snapshot of their own are restored in place. A type that the present value does not show, that of the
-    entries of a list or of what may be None, is taken from the class' annotations.
-    """
+    # what is made anew from the arguments or by a set-up stands elsewhere, as a plain attribute. Parts of the state
+    # that have a snapshot of their own are restored in place. A type that the present value does not show, that of
+    # the entries of a list or of what may be None, is taken from the class' annotations
 
     STATE: ClassVar[tuple[str, ...]] = ()
 
@@ -64,13 +63,7 @@ class ArraySnapshots(Snapshots):
         return found
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Continue where `snapshot` was taken.
-
-        Raises
-        ------
-        ValueError
-            An array is of another shape or type.
-        """
+        """Continue where `snapshot` was taken; raises `ValueError` for an array of another shape or type."""
         for key, name in _names_of(self).items():
             value = getattr(self, name)
             parts = _parts(key, value)

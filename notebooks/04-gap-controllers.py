@@ -119,13 +119,12 @@ def watch(name, seed, **gains):
     text = name + (":" + ",".join(f"{key}={value}" for key, value in gains.items()) if gains else "")
     task = Task(ENV, resolution=resolution)
     episode = Episode(task, from_text(text), seed, name)
-    rows, outcome = [], None
-    while outcome is None:
-        outcome = episode.step()
-        seen, truth = episode.last.observation, episode.last.truth
+    rows = []
+    for window in episode.windows():
+        seen, truth = window.observation, window.truth
         rows.append((seen.path_um * 1e-3, seen.feed_um_s, truth.short / truth.pulses, truth.open / truth.pulses,
                      truth.gap_um))
-    return outcome, task.scenario, np.array(rows)
+    return episode.outcome, task.scenario, np.array(rows)
 
 
 cuts = {name: watch(name, episode_seed) for name in NAMES[:3]}

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from headroom import Cuts, shown
-from sections import write_sections
+from sections import table, write_sections
 
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import held_back, mean, ratio
@@ -46,39 +46,39 @@ def law_below(policy: str) -> str:
     return bandit_file.load(file).law
 
 
-def table(names: dict[str, str], seeds: Sequence[int], cuts: Cuts) -> str:
+def earnings(names: dict[str, str], seeds: Sequence[int], cuts: Cuts) -> str:
     """Return what controllers earn: the policy, its law and the reference, each with its text on the page."""
     (policy, one, _), law = names, cuts.of(LAW, seeds)
-    rows = ["| controller | return | net rate, mm2/min | of the law's, % | wires lost |", "|---|---|---|---|---|"]
+    rows = []
     for name, text in names.items():
         part = ratio(100 * cuts.of(name, seeds), law)
         figures = mean(cuts.of(name, seeds)), mean(cuts.of(name, seeds, "rate_mm2_min")), part
         lost = int(cuts.of(name, seeds, "lost").sum())
-        rows.append(f"| {text} | {shown(figures[0])} | {shown(figures[1], 1)} | {shown(figures[2])} | {lost} |")
+        rows.append((text, shown(figures[0]), shown(figures[1], 1), shown(figures[2]), str(lost)))
     each = mean(100 * cuts.of(policy, seeds) / law)
     of_one = ratio(100 * cuts.of(policy, seeds), cuts.of(one, seeds))
-    rows += ["", f"{len(seeds)} held-back machines, shifts of 20 minutes, `fast`; intervals are 95 % bootstraps over "
-             "the machines. The share of the law's return is the ratio of the sums, in pairs. The machines' own "
-             f"ratios of policy and law are {shown(each)} % on average. One setting for all is `{one}`: the policy's "
-             f"law with its first setting, without adaptation. The policy earns {shown(of_one)} % of it."]
-    return "\n".join(rows)
+    heads = "controller", "return", "net rate, mm2/min", "of the law's, %", "wires lost"
+    return f"{table(heads, rows)}\n\n" + (
+        f"{len(seeds)} held-back machines, shifts of 20 minutes, `fast`; intervals are 95 % bootstraps over the "
+        "machines. The share of the law's return is the ratio of the sums, in pairs. The machines' own "
+        f"ratios of policy and law are {shown(each)} % on average. One setting for all is `{one}`: the policy's "
+        f"law with its first setting, without adaptation. The policy earns {shown(of_one)} % of it."
+    )
 
 
 def machines(names: dict[str, str], seeds: Sequence[int], cuts: Cuts) -> str:
     """Return rates and lost wires on every machine."""
-    rows = ["Rates and lost wires, machine by machine:", ""]
-    rows += [f"| machine | {' | '.join(names.values())} |", "|---" * (len(names) + 1) + "|"]
+    rows = []
     for seed in seeds:
         pairs = [[cuts.of(name, [seed], what)[0] for what in ("rate_mm2_min", "lost")] for name in names]
-        cells = [f"{rate:.1f}; {lost:.0f}" for rate, lost in pairs]
-        rows.append(f"| {seed} | " + " | ".join(cells) + " |")
-    return "\n".join(rows)
+        rows.append((str(seed), *(f"{rate:.1f}; {lost:.0f}" for rate, lost in pairs)))
+    return f"Rates and lost wires, machine by machine:\n\n{table(('machine', *names.values()), rows)}"
 
 
 def elsewhere(policy: str) -> str:
     """Return what policy and law earn on machines beyond the ranges of the training."""
     FOUND.mkdir(parents=True, exist_ok=True)
-    rows = [f"| place | `{policy}`: rate, wires | `{LAW}` | ratio, % |", "|---|---|---|---|"]
+    rows = []
     for place, options in ELSEWHERE.items():
         results = {
             name: [_cut_once(name, seed, place, options) for seed in held_back(PLACE_MACHINES)]
@@ -89,9 +89,9 @@ def elsewhere(policy: str) -> str:
             f"{np.mean([one.rate_mm2_min for one in made]):.1f}; {sum(one.wires_lost for one in made)}"
             for made in results.values()
         ]
-        rows.append(f"| {place} | {cells[0]} | {cells[1]} | {shown(ratio(100 * returns[policy], returns[LAW]))} |")
-    rows += ["", f"{PLACE_MACHINES} machines each, shifts of {SHORT_S / 60:.0f} minutes."]
-    return "\n".join(rows)
+        rows.append((place, *cells, shown(ratio(100 * returns[policy], returns[LAW]))))
+    heads = "place", f"`{policy}`: rate, wires", f"`{LAW}`", "ratio, %"
+    return f"{table(heads, rows)}\n\n{PLACE_MACHINES} machines each, shifts of {SHORT_S / 60:.0f} minutes."
 
 
 def _cut_once(name: str, seed: int, place: str, options: dict[str, list[float]]) -> Result:
@@ -112,7 +112,7 @@ def main() -> None:
     policy = arguments.policy
     names = {policy: f"`{policy}`", law_below(policy): "one setting for all", LAW: f"`{LAW}`"}
     cuts.make(list(names), seeds)
-    found, each = table(names, seeds, cuts), machines(names, seeds, cuts)
+    found, each = earnings(names, seeds, cuts), machines(names, seeds, cuts)
     print(found, each, sep="\n\n")
     if policy != POLICY:
         return

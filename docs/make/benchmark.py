@@ -11,6 +11,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from sections import table
+
 from edmsim.errors import EdmsimError
 from edmsim.evaluation.compare import CUT_TEXTS, Comparison, env_ids, evaluate, leaderboard
 from edmsim.evaluation.lines import ORACLE_GAPS_UM, USUAL, lines_of
@@ -100,8 +102,7 @@ def page(comparisons: Sequence[Comparison]) -> str:
 
 def headroom(comparisons: Sequence[Comparison]) -> list[str]:
     """Return a table of what a constant, the best law and the reference earn in every environment."""
-    heads = "environment", "constant, score 0", "best law", "its score", "reference, score 1", "wires lost, jams"
-    rows = ["## Constants, laws and references", "", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    rows = []
     for comparison in comparisons:
         lines, best = lines_of(comparison.env_id), _best_law(comparison)
         compared = (lines.blind, best or lines.blind, lines.reference)
@@ -112,8 +113,12 @@ def headroom(comparisons: Sequence[Comparison]) -> list[str]:
             for name in compared
         )
         score = shown("score", comparison.figures[compared[1]]["score"])
-        rows.append(f"| {comparison.env_id} | {returns[0]} | {returns[1]} | {score} | {returns[2]} | {lost} |")
-    return [*rows, "", "Mean returns; wires lost and jams of the three, in this order."]
+        rows.append((comparison.env_id, returns[0], returns[1], score, returns[2], lost))
+    heads = "environment", "constant, score 0", "best law", "its score", "reference, score 1", "wires lost, jams"
+    return [
+        "## Constants, laws and references", "", table(heads, rows), "",
+        "Mean returns; wires lost and jams of the three, in this order.",
+    ]  # fmt: skip
 
 
 def _best_law(comparison: Comparison) -> str | None:
@@ -164,9 +169,9 @@ def main() -> None:
     requested = parser.parse_args().env_ids
     try:
         for env_id in env_ids() if requested == ["all"] else requested:
-            table = RunTable(BOARD, texts=CUT_TEXTS)
-            table.keep([row for row in table.rows.values() if row["env_id"] != env_id])
-            evaluate(env_id, table=table)
+            cuts = RunTable(BOARD, texts=CUT_TEXTS)
+            cuts.keep([row for row in cuts.rows.values() if row["env_id"] != env_id])
+            evaluate(env_id, table=cuts)
         board = leaderboard(BOARD)
     except EdmsimError as error:
         parser.error(str(error))

@@ -10,9 +10,12 @@ from __future__ import annotations
 import itertools
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from sections import table, write_sections
 from slit import (
     DISC,
     GAP_UM,
@@ -31,10 +34,7 @@ from slit import (
 
 from edmsim.plant.gap import bubble
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from edmsim.recording.figures.style import write_figure
 
 PAGE = Path(__file__).parents[1] / "theory" / "gas.md"
 HOT, WET, AT_ONCE = 480.0, 150.0, math.inf
@@ -58,11 +58,12 @@ def law_uNs(pulse: Pulse, gap_um: float, constant_Ns: float, diameter_um: float 
     return 1e6 * float(bubble.bubble_impulse_Ns(pulse.power_W, pulse.burn_us, gap_um, law))
 
 
-def impulses(slit: Slit, constant_Ns: float) -> list[str]:
+def impulses(slit: Slit, constant_Ns: float) -> str:
     """Return the table of impulses: pulses and gaps against shares, shapes and speeds of escape."""
     columns = [(slit, LEAST_SHARE), (slit, SHARE), (slit, GREATEST_SHARE), (DISC, SHARE)]
     head = ["pulse", "gap, um", *(f"{'disc' if s is DISC else 'strip'}, share {share:g}" for s, share in columns)]
-    rows = [[*head, f"strip, {bubble.ESCAPE_M_S:g} m/s", "law", "vent, us", "peak, bar", "bubble, m/s"]]
+    head += [f"strip, {bubble.ESCAPE_M_S:g} m/s", "law", "vent, us", "peak, bar", "bubble, m/s"]
+    rows = []
     for (name, pulse), gap_um in itertools.product(PULSES.items(), GAPS_UM):
         spans = [
             " .. ".join(f"{grow(pulse, gap_um, Gas(share, v), shape).impulse_Ns * 1e6:.2f}" for v in (HOT, WET))
@@ -73,10 +74,10 @@ def impulses(slit: Slit, constant_Ns: float) -> list[str]:
             name, f"{gap_um:g}", *spans, f"{push.impulse_Ns * 1e6:.2f}", f"{law_uNs(pulse, gap_um, constant_Ns):.2f}",
             f"{push.vent_us:.2f}", f"{push.pressure_Pa.max() / 1e5:.0f}", f"{push.fastest_m_s:.0f}",
         ])  # fmt: skip
-    return _table(rows)
+    return table(head, rows)
 
 
-def doubts(slit: Slit) -> list[str]:
+def doubts(slit: Slit) -> str:
     """Return the table of what each assumption is worth, at the reference gap."""
     cases: dict[str, tuple[Gas, Slit, dict[str, Any]]] = {
         "nothing": (Gas(), slit, {}),
@@ -90,23 +91,17 @@ def doubts(slit: Slit) -> list[str]:
         "the gas is out at x = 0.9": (Gas(), slit._replace(full=0.9), {}),
         "bubble of 5 um at ignition": (Gas(), slit, {"seed_um": 5.0}), "of 20 um": (Gas(), slit, {"seed_um": 20.0}),
     }  # fmt: skip
-    return _table([["what is changed", *PULSES], *(
+    return table(("what is changed", *PULSES), (
         [name, *(f"{grow(p, GAP_UM, gas, shape, **more).impulse_Ns * 1e6:.2f}" for p in PULSES.values())]
         for name, (gas, shape, more) in cases.items()
-    )])  # fmt: skip
+    ))  # fmt: skip
 
 
-def _table(rows: list[list[str]]) -> list[str]:
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    return [lines[0], "|---" * len(rows[0]) + "|", *lines[1:]]
-
-
-def facts(slit: Slit) -> list[str]:
+def facts(slit: Slit) -> str:
     """Return the figures of the law's constant and of the refill."""
     time_us, drawn_Ns, met_Ns = refill()
     low, high = impulse_10mJ_Ns(DISC, LEAST_SHARE, 1.15), impulse_10mJ_Ns(slit, GREATEST_SHARE, 1.4)
-    return _table([
-        ["what", "value"],
+    return table(("what", "value"), [
         [f"`J0`, strip, share {SHARE:g}", f"{impulse_10mJ_Ns(slit) * 1e6:.1f} uN s"],
         [f"`J0`, disc, share {LEAST_SHARE:g}, ratio of heats 1.15", f"{low * 1e6:.1f} uN s"],
         [f"`J0`, strip, share {GREATEST_SHARE:g}, ratio of heats 1.4", f"{high * 1e6:.1f} uN s"],
@@ -118,11 +113,7 @@ def facts(slit: Slit) -> list[str]:
 
 def figure(slit: Slit, constant_Ns: float) -> Figure:
     """Draw the equations beside the law over on-time, gap and diameter, and one bubble in time."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     drawn = Figure(figsize=(9.0, 6.6), dpi=110, facecolor="white", layout="constrained")
-    FigureCanvasAgg(drawn)
     (times, gaps), (diameters, history) = drawn.subplots(2, 2)
     for pulse, longest_us, colour in ((DEFAULT, 30.0, BLUE), (ROUGH, 3.0, VERMILION)):
         on_us, near_um = np.geomspace(0.3, longest_us, 15), np.geomspace(6.0, 40.0, 12)
@@ -169,22 +160,15 @@ def _draw_history(axes: Axes, push: Push) -> None:
     right.set_ylim(0, None)
 
 
-def write(file: Path) -> None:
+def main() -> None:
     """Integrate, put the tables into the page, and write its figure beside the others."""
-    from edmsim.recording.figures.style import write_figure
-
     slit = strip()
     constant_Ns = float(f"{impulse_10mJ_Ns(slit):.2g}")
-    text = file.read_text(encoding="utf-8")
     tables = {"impulses": impulses(slit, constant_Ns), "doubts": doubts(slit), "facts": facts(slit)}
-    for name, lines in tables.items():
-        begin, end = f"<!-- begin {name}, by docs/make/bubble.py -->\n", f"<!-- end {name} -->"
-        before, _, rest = text.partition(begin)
-        text = "\n".join([before + begin, *lines, "", end + rest.partition(end)[2]])
-        print(*lines, "", sep="\n")
-    file.write_text(text, encoding="utf-8")
-    write_figure(figure(slit, constant_Ns), file.parents[1] / "figures" / "bubble.png")
+    print("\n\n".join(tables.values()))
+    write_sections(PAGE, tables)
+    write_figure(figure(slit, constant_Ns), PAGE.parents[1] / "figures" / "bubble.png")
 
 
 if __name__ == "__main__":
-    write(PAGE)
+    main()

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 from statistics import median
 
-from sections import write_sections
+from sections import table, write_sections
 from vector_envs import processor
 
 PAGE = Path(__file__).parents[1] / "performance.md"
@@ -48,10 +48,9 @@ def once() -> dict[str, float]:
 def main() -> None:
     """Measure, and write the table."""
     runs = [once() for _ in range(int(sys.argv[1]) if sys.argv[1:] else 3)]
-    lines = ["| process | processor time |", "|---|--:|"]
-    lines += [f"| {name} | {median(run[name] for run in runs):.1f} s |" for name in MEASURED]
-    lines += ["", f"Medians of {len(runs)} runs on {processor()}."]
-    write_sections(PAGE, {"compile time": "\n".join(lines)})
+    rows = [(name, f"{median(run[name] for run in runs):.1f} s") for name in MEASURED]
+    times = table(("process", "processor time"), rows, numbers=1)
+    write_sections(PAGE, {"compile time": f"{times}\n\nMedians of {len(runs)} runs on {processor()}."})
 
 
 if __name__ == "__main__":

@@ -8,10 +8,12 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from sections import table
 
 from edmsim.bench.plant import pulses_per_s
 from edmsim.controllers import from_text, make
@@ -99,25 +101,19 @@ CONTROLLED = (
 def measure(resolution: str, seeds: Sequence[int] = SEEDS) -> dict[str, tuple[float, float, str]]:
     """Return every figure of a resolution by name: mean, half of its 95 % interval, unit."""
     figures: dict[str, tuple[float, float, str]] = {}
-    for kinds, feed in ((FIXED, FEED_UM_S), (CONTROLLED, None)):
+    # every cut has a controller of its own, which remembers
+    usual, rough, quick = Machine.load(), rough_rig(ROUGH_MM), quick_counts(ROUGH_OPEN)
+    for kinds, machine, feed, settle_s, seconds in (
+        (FIXED, usual, lambda: FEED_UM_S, SETTLE_S, CUT_S),
+        (CONTROLLED, usual, partial(make, "counts"), SETTLE_S, CUT_S),
+        (ROUGH, rough, partial(from_text, quick), ROUGH_S, ROUGH_S),
+    ):  # fmt: skip
         cuts = [
-            cut_straight(
-                Machine.load(), make("counts") if feed is None else feed, seed, settle_s=SETTLE_S, seconds=CUT_S,
-                resolution=resolution,
-            )
+            cut_straight(machine, feed(), seed, settle_s=settle_s, seconds=seconds, resolution=resolution)
             for seed in seeds
         ]
         for kind in kinds:
             figures[kind.name] = (*mean_and_interval([kind.of(one) for one in cuts]), kind.unit)
-    rough = [
-        cut_straight(
-            rough_rig(ROUGH_MM), from_text(quick_counts(ROUGH_OPEN)), seed, settle_s=ROUGH_S, seconds=ROUGH_S,
-            resolution=resolution,
-        )
-        for seed in seeds
-    ]
-    for kind in ROUGH:
-        figures[kind.name] = (*mean_and_interval([kind.of(one) for one in rough]), kind.unit)
     for passes in PASSES:
         ends = [chain(HEIGHT_MM, passes, seed, resolution).records[-1].wall for seed in seeds]
         walls = [wall for wall in ends if wall is not None]
@@ -149,24 +145,19 @@ def page(watch: Callable[[str], None] | None = None) -> str:
         columns.append(measure(name))
         speeds.append(pulses_per_s(name)[0])
     heads = [f"{name} ({r.slices} x {r.rays} x {r.modes})" for name, r in RESOLUTIONS.items()]
-    lines = [
-        _INTRODUCTION.format(
-            feed=FEED_UM_S, cut_s=CUT_S, settle_s=SETTLE_S, height=CORNER_HEIGHT_MM, seeds=len(SEEDS), tall=HEIGHT_MM,
-            rough=ROUGH_MM, open_share=ROUGH_OPEN,
-        ),
-        "| figure | " + " | ".join(heads) + " |",
-        "|---" * (len(heads) + 1) + "|",
-    ]
-    for figure, (_, _, unit) in columns[0].items():
-        cells = [f"{column[figure][0]:.4g} ± {column[figure][1]:.2g}" for column in columns]
-        lines.append(f"| {figure}, {unit} | " + " | ".join(cells) + " |")
-    every = RESOLUTIONS.values()
-    lines.append("| cells of the kerf field, um | " + " | ".join(f"{r.cell_um:g}" for r in every) + " |")
-    lines.append("| windows per tracing of the rays | " + " | ".join(str(r.trace_windows) for r in every) + " |")
-    usual = speeds[list(RESOLUTIONS).index("default")]
-    ratios = " | ".join(f"{speed / usual:.2f}" for speed in speeds)
-    lines.append(f"| pulses per second over those of `default` | {ratios} |")
-    return "\n".join(lines) + "\n"
+    introduction = _INTRODUCTION.format(
+        feed=FEED_UM_S, cut_s=CUT_S, settle_s=SETTLE_S, height=CORNER_HEIGHT_MM, seeds=len(SEEDS), tall=HEIGHT_MM,
+        rough=ROUGH_MM, open_share=ROUGH_OPEN,
+    )
+    every, usual = RESOLUTIONS.values(), speeds[list(RESOLUTIONS).index("default")]
+    rows = [
+        *((f"{figure}, {unit}", *(f"{column[figure][0]:.4g} ± {column[figure][1]:.2g}" for column in columns))
+          for figure, (_, _, unit) in columns[0].items()),
+        ("cells of the kerf field, um", *(f"{r.cell_um:g}" for r in every)),
+        ("windows per tracing of the rays", *(str(r.trace_windows) for r in every)),
+        ("pulses per second over those of `default`", *(f"{speed / usual:.2f}" for speed in speeds)),
+    ]  # fmt: skip
+    return f"{introduction}\n{table(('figure', *heads), rows)}\n"
 
 
 if __name__ == "__main__":

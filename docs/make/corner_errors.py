@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from headroom import shown
 from numpy.typing import NDArray
-from sections import write_sections
+from sections import table, write_sections
 
 from edmsim.controllers import from_text
 from edmsim.envs.episode import Task
@@ -36,14 +36,15 @@ def errors() -> str:
     errors_um = {name: np.array([cut.error_um for cut in cuts]) for name, cuts in results.items()}
     there = np.isfinite(list(errors_um.values())).all(axis=0)
     constant_um = errors_um[lines_of(ENV_ID).blind][there]
-    rows = ["| controller | error, um | in the best constant's | time, s | return |", "|---|---|---|---|---|"]
+    rows = []
     for name in sorted(results, key=lambda name: float(errors_um[name][there].mean())):
         found_um = errors_um[name][there]
         share = ratio(found_um, constant_um)
         time_s = np.array([cut.time_s for cut in results[name]])[there].mean()
         mean_return = np.array([cut.total_return for cut in results[name]])[there].mean()
-        rows.append(f"| `{name}` | {found_um.mean():.2f} | {shown(share, 2)} | {time_s:.1f} | {mean_return:.0f} |")
-    return "\n".join([*rows, "", f"{there.sum()} of {len(there)} held-back machines."])
+        rows.append((f"`{name}`", f"{found_um.mean():.2f}", shown(share, 2), f"{time_s:.1f}", f"{mean_return:.0f}"))
+    heads = "controller", "error, um", "in the best constant's", "time, s", "return"
+    return f"{table(heads, rows)}\n\n{there.sum()} of {len(there)} held-back machines."
 
 
 def squares(name: str, seed: int) -> NDArray[np.float64]:
@@ -52,19 +53,17 @@ def squares(name: str, seed: int) -> NDArray[np.float64]:
     That of the guides is the distance across the path of the place that the motors' steps add up to.
     """
     task = Task(ENV_ID)
-    episode, outcome = Episode(task, from_text(name), seed, name), None
+    episode = Episode(task, from_text(name), seed, name)
     start, corner, end = task.scenario.legs_um[0]
     leg_um = float(np.hypot(*(corner - start)))
     found: list[tuple[float, float, float, float]] = []
-    while outcome is None:
-        outcome = episode.step()
-        last = episode.last
-        if last is None or not last.near or not last.progress_um:
+    for window in episode.windows():
+        if not window.near or not window.progress_um:
             continue
         first, second = (corner, end) if task.path_um >= leg_um else (start, corner)
         along, off = second - first, np.array(task.plant.commanded_um) - first
         across_um = float(along[0] * off[1] - along[1] * off[0]) / float(np.hypot(*along))
-        found.append((task.path_um - leg_um, last.error_um, across_um, last.progress_um))
+        found.append((task.path_um - leg_um, window.error_um, across_um, window.progress_um))
     place_um, error_um, across_um, cut_um = np.array(found).T
     parts = [
         (cut_um * error_um**2)[(place_um >= low) & (place_um < high)].sum()
@@ -77,16 +76,13 @@ def where() -> str:
     """Return where the errors of the constant, the policy and the reference arise."""
     lines = lines_of(ENV_ID)
     places = [f"{low:g} to {high:g} um" for low, high in pairwise(EDGES_UM)]
-    heads = "controller", *places, "sum", "motor steps alone"
-    rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    rows = []
     for name in (lines.blind, POLICY, lines.reference):
         parts = np.array([squares(name, seed) for seed in held_back(MACHINES)])
         cells = np.insert(parts, -1, parts[:, :-1].sum(axis=1), axis=1)
-        figures = [mean(column) for column in cells.T]
-        texts = [shown(one, 2) for one in figures]
-        rows.append(f"| `{name}` | {' | '.join(texts)} |")
+        rows.append([f"`{name}`", *(shown(mean(column), 2) for column in cells.T)])
     said = f"Mean squares in um2 on {MACHINES} held-back machines, by the place of the guides behind the corner."
-    return "\n".join([*rows, "", said])
+    return f"{table(('controller', *places, 'sum', 'motor steps alone'), rows)}\n\n{said}"
 
 
 def main() -> None:

@@ -5,11 +5,12 @@ python docs/make/drive_failures.py
 
 from __future__ import annotations
 
-import re
 import sys
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
+
+from sections import table, write_sections
 
 import edmsim
 from edmsim.errors import BAD_INPUT, InputError
@@ -88,8 +89,8 @@ def failures(drive: str) -> list[Failure]:
     return [*found, Failure("none", drive)]
 
 
-def row(failure: Failure) -> str:
-    """Cut, and return the table's row."""
+def row(failure: Failure) -> tuple[str, ...]:
+    """Cut, and return the cells of the table's row."""
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "part.ngc"
         program.write_text(failure.program, encoding="utf-8")
@@ -103,24 +104,11 @@ def row(failure: Failure) -> str:
         else:
             outcome, reason = report["outcome"], report["reason"] or ""
             status = 0 if outcome == "finished" else STOPPED
-    return f"| {failure.way} | `{failure.typed}` | {outcome}, {status} | {reason} |"
-
-
-def table(drive: str) -> list[str]:
-    """Return a drive's table."""
-    return ["| what fails | typed | outcome, status | reason |", "|---|---|---|---|", *map(row, failures(drive))]
-
-
-def place(drive: str) -> re.Pattern[str]:
-    """Return where a drive's table belongs in its page."""
-    begin = re.escape(f"<!-- begin table: failures {drive} -->\n")
-    return re.compile(f"(?P<begin>{begin}).*?(?P<end><!-- end table -->)", re.DOTALL)
+    return failure.way, f"`{failure.typed}`", f"{outcome}, {status}", reason
 
 
 if __name__ == "__main__":
-    for name, page in PAGES.items():
-        print(name, file=sys.stderr)
-        lines = "\n".join(table(name))
-        text = (DOCS / page).read_text(encoding="utf-8")
-        new = place(name).sub(lambda mark, lines=lines: f"{mark['begin']}\n{lines}\n\n{mark['end']}", text)
-        (DOCS / page).write_text(new, encoding="utf-8")
+    heads = "what fails", "typed", "outcome, status", "reason"
+    for drive, page in PAGES.items():
+        print(drive, file=sys.stderr)
+        write_sections(DOCS / page, {f"failures {drive}": table(heads, map(row, failures(drive)))})

@@ -7,6 +7,7 @@ margins.
 from __future__ import annotations
 
 import numpy as np
+from sections import table
 
 from edmsim.evaluation.episode import cut
 
@@ -19,10 +20,12 @@ def main() -> None:
     """Print the table."""
     found = {hold: [cut(ENV_ID, seed, f"heat-flux:hold_share={hold:g}") for seed in SEEDS] for hold in HOLDS}
     rates = np.array([[result.rate_mm2_min for result in results] for results in found.values()])
-    print("| share of the critical heat flux held | mean rate, mm2/min | wires lost in 40 cuts |\n|---|---|---|")
-    for results, rate in zip(found.items(), rates, strict=True):
-        print(f"| {results[0]:g} | {rate.mean():.1f} | {sum(result.wires_lost for result in results[1])} |")
-    print(f"| each machine's best | {rates.max(axis=0).mean():.1f} | |")
+    rows = [
+        (f"{hold:g}", f"{rate.mean():.1f}", str(sum(result.wires_lost for result in results)))
+        for (hold, results), rate in zip(found.items(), rates, strict=True)
+    ]
+    rows.append(("each machine's best", f"{rates.max(axis=0).mean():.1f}", ""))
+    print(table(("share of the critical heat flux held", "mean rate, mm2/min", "wires lost in 40 cuts"), rows))
 
 
 if __name__ == "__main__":

@@ -80,13 +80,11 @@ def record(seed: int) -> Recorded:
     """Cut a machine with `heat-flux` at a share that is drawn."""
     hold = np.random.default_rng(seed).uniform(*HOLDS)
     task, law = Task(ENV_ID), HeatFluxController(hold_share=float(hold))
-    episode, rows, outcome, age_s, lost = Episode(task, law, seed, "heat-flux"), [], None, 0.0, 0
+    episode, rows, age_s, lost = Episode(task, law, seed, "heat-flux"), [], 0.0, 0
     machine, meter, gauge = task.scenario.machine, HeatGauge(), law.gauge
     meter.set_up(machine, task.scenario.legs_um[0], 0.0)
-    while outcome is None:
-        outcome = episode.step()
-        assert episode.last is not None
-        window, truth = episode.last.observation, episode.last.truth
+    for result in episode.windows():
+        window, truth = result.observation, result.truth
         age_s = age_s + window.duration_s if task.wires_lost == lost else 0.0
         lost = task.wires_lost
         meter.see(truth)
@@ -127,7 +125,7 @@ def fitted(cuts: list[Recorded]) -> Network:
         length = max(len(cut.superheat) for cut in chosen)
         visible, target, counts = (
             np.stack([np.pad(getattr(cut, name), ((0, length - len(cut.superheat)), *more)) for cut in chosen])
-            for name, more in (("seen", ((0, 0),)), ("superheat", ()), ("counts", ()))
+            for name, more in (("visible", ((0, 0),)), ("superheat", ()), ("counts", ()))
         )
         error = (network(visible)[0] - torch.as_tensor(target, dtype=torch.float32))[torch.as_tensor(counts)]
         optimiser.zero_grad()

@@ -7,10 +7,11 @@ A cut of 30 mm at a fifth of open pulses, and the same cut without one of its lo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from sections import table, write_sections
 
 from edmsim.cosim.straight import Cut
 from edmsim.validation.breakage import rough_rig
@@ -18,7 +19,6 @@ from edmsim.validation.lag import ROUGH_MM, ROUGH_OPEN_SHARE
 from edmsim.validation.setups import servo_cut
 
 PAGE = Path(__file__).parents[1] / "theory" / "emergence.md"
-BEGIN, END = "<!-- begin lag balance, by docs/make/lag_balance.py -->\n", "<!-- end lag balance -->"
 SEEDS = (1, 2, 3)
 DIGITS = (1, 1, 1, 0, 0)
 MAGNETIC = {"material.magnetic_share": 0.0}
@@ -40,30 +40,22 @@ def cuts(changes: Mapping[str, float]) -> list[Cut]:
     return [servo_cut(rough_rig(ROUGH_MM, changes), seed, open_share=ROUGH_OPEN_SHARE) for seed in SEEDS]
 
 
-def row(name: str, found: Sequence[Cut]) -> str:
-    """Return a line of the table: means over the seeds."""
-    figures = np.mean([
+def figures(found: list[Cut]) -> list[str]:
+    """Return the figures of cuts: means over the seeds."""
+    means = np.mean([
         (cut.lag_um, cut.vibration_um, 100 * cut.share("short"), cut.gap_um, 1e-3 * cut.ignitions / cut.seconds)
         for cut in found
     ], axis=0)  # fmt: skip
-    return f"| {name} | " + " | ".join(f"{figure:.{n}f}" for figure, n in zip(figures, DIGITS, strict=True)) + " |"
+    return [f"{mean:.{digits}f}" for mean, digits in zip(means, DIGITS, strict=True)]
 
 
-def table() -> list[str]:
-    """Return the table, a line per case."""
-    head = "| what acts | lag, um | vibration, um | shorts, % | gap at the discharges, um | discharges, kHz |"
-    rows = [row(name, cuts(changes)) for name, changes in CASES.items()]
-    return [head, "|---" * (head.count("|") - 1) + "|", *rows]
-
-
-def write(file: Path) -> None:
+def main() -> None:
     """Make the cuts and put their table into the page."""
-    lines = table()
-    text = file.read_text(encoding="utf-8")
-    before, _, rest = text.partition(BEGIN)
-    file.write_text("\n".join([before + BEGIN, *lines, "", END + rest.partition(END)[2]]), encoding="utf-8")
-    print(*lines, sep="\n")
+    heads = "what acts", "lag, um", "vibration, um", "shorts, %", "gap at the discharges, um", "discharges, kHz"
+    found = table(heads, ([name, *figures(cuts(changes))] for name, changes in CASES.items()))
+    print(found)
+    write_sections(PAGE, {"lag balance": found})
 
 
 if __name__ == "__main__":
-    write(PAGE)
+    main()

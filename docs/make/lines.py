@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from sections import table
 
 from edmsim.envs.registry import env_id_of
 from edmsim.evaluation.episode import Result, cut_job, engine_of
@@ -59,8 +60,8 @@ TASKS: dict[str, tuple[range, tuple[str, ...]]] = {
 """Seeds and candidates by task."""
 
 
-def table(task: str) -> list[str]:
-    """Return what every candidate of a task earned and lost in the mean, as rows of Markdown."""
+def results(task: str) -> str:
+    """Return what every candidate of a task earned and lost in the mean, as a table of Markdown."""
     seeds, candidates = TASKS[task]
     env_id, jobs = env_id_of(task), [(name, seed) for name in candidates for seed in seeds]
 
@@ -69,21 +70,21 @@ def table(task: str) -> list[str]:
 
     cuts = perform(partial(cut_job, env_id), jobs, watch, engine=engine_of(env_id, len(jobs)))
     sys.stderr.write("\n")
-    rows = ["| candidate | return | net rate, mm2/min | wires lost | jams |", "|---|---|---|---|---|"]
-    return rows + [_row(name, cuts[n * len(seeds) : (n + 1) * len(seeds)]) for n, name in enumerate(candidates)]
+    rows = [_row(name, cuts[n * len(seeds) : (n + 1) * len(seeds)]) for n, name in enumerate(candidates)]
+    return table(("candidate", "return", "net rate, mm2/min", "wires lost", "jams"), rows)
 
 
-def _row(name: str, cuts: Sequence[Result]) -> str:
+def _row(name: str, cuts: Sequence[Result]) -> tuple[str, ...]:
     reward, rate = (float(np.mean([getattr(c, what) for c in cuts])) for what in ("total_return", "rate_mm2_min"))
     lost, jams = sum(c.wires_lost for c in cuts), sum(c.jammed for c in cuts)
-    return f"| `{name}` | {reward:.0f} | {rate:.1f} | {lost} | {jams} |"
+    return f"`{name}`", f"{reward:.0f}", f"{rate:.1f}", str(lost), str(jams)
 
 
 def main() -> None:
     """Print the tables of the tasks asked for."""
     for task in sys.argv[1:] or TASKS:
         seeds = TASKS[task][0]
-        print(f"{task}, seeds {seeds[0]} to {seeds[-1]}:", "", *table(task), "", sep="\n")
+        print(f"{task}, seeds {seeds[0]} to {seeds[-1]}:", "", results(task), "", sep="\n")
 
 
 if __name__ == "__main__":

@@ -8,9 +8,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from edmsim.controllers.planner.errors import (
@@ -27,9 +28,7 @@ from edmsim.controllers.planner.errors import (
 )
 from edmsim.controllers.planner.registry import PLANNERS
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, PURPLE, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from edmsim.recording.figures.style import write_figure
 
 Errors = Mapping[tuple[str, int, int], NDArray[np.float64]]
 """`around` by planner, length in um and speed in units."""
@@ -194,11 +193,7 @@ def _cells(cells: tuple[str, ...]) -> str:
 
 def figure(errors: Errors) -> Figure:
     """Draw the largest path error over the direction of a long move, slow and fast."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     drawn = Figure(figsize=(9.0, 3.6), dpi=110, facecolor="white", layout="constrained")
-    FigureCanvasAgg(drawn)
     colours = dict(zip(PLANNERS, (BLUE, VERMILION, GREEN, ORANGE, PURPLE), strict=True))
     panels = drawn.subplots(1, 2, sharey=True)
     for axes, speed in zip(panels, (4, 127), strict=True):
@@ -217,8 +212,6 @@ def figure(errors: Errors) -> Figure:
 
 def write(file: Path, watch: Callable[[str], None] | None = None) -> None:
     """Measure, and write the page and, beside it, its picture ``planners.png``."""
-    from edmsim.recording.figures.style import write_figure
-
     errors = measure(watch)
     write_figure(figure(errors), file.with_name("planners.png"))
     file.write_text(page(errors), encoding="utf-8")

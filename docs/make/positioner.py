@@ -6,18 +6,15 @@ python docs/make/positioner.py
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from edmsim.axis_bench import AxisBench
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.recording.figures.palette import BLUE, GREEN, GRID, INK, MUTED, ORANGE, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 DOCS = Path(__file__).parents[1]
 EXAMPLE = {
@@ -80,8 +77,6 @@ def _frame(axes: Axes, title: str, across: str, up: str) -> None:
 
 def ramps() -> Figure:
     """Return the picture of ramps."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(9, 5.4), layout="constrained")
     (full, short), (stop, change) = figure.subplots(2, 2)
     limited = {"jerk_limit": 8000}
@@ -108,8 +103,6 @@ def ramps() -> Figure:
 
 def searches() -> Figure:
     """Return the picture of homing searches."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(9, 3.2), layout="constrained")
     for axes, mode, title in zip(
         figure.subplots(1, 2), (0, 1), ("Mode 0: the cam's edge loads the count", "Mode 1: the next zero pulse does"),

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
-from sections import write_sections
+from sections import table, write_sections
 
 from edmsim.controllers import from_text
 from edmsim.controllers.protocols import FeedCommand, tell
@@ -172,9 +172,9 @@ def logarithm(flux: float) -> float:
 def record(seed: int, seconds: float, file: Path) -> None:
     """Cut a training machine, and save what it showed and what was decided (n, entries + 2), and its constants."""
     task, climber = Task(ENV_ID, test_s=0.0), Climber(seed)
-    episode, outcome = Episode(task, Recorder(climber), seed, "climber"), None
-    while outcome is None and (episode.last is None or episode.last.observation.time_s < seconds):
-        outcome = episode.step()
+    for window in Episode(task, Recorder(climber), seed, "climber").windows():
+        if window.observation.time_s >= seconds:
+            break
     drawn = {name: value for name, value in task.scenario.drawn.items() if not isinstance(value, str)}
     rows = np.array(climber.rows[:-1], np.float32)  # the last decision has not been cut
     np.savez_compressed(file, rows=rows, names=np.array(list(drawn)), constants=np.array(list(drawn.values())))
@@ -298,20 +298,22 @@ def main() -> None:
     last = f"{AFTER_S[-1]} s"
     order = sorted(found, key=lambda name: -max(found[name][last][0], -9))
     certain = [name for name in order if name == LIMIT or any(share[1] > 0 for share in found[name].values())]
-    rows = ["| constant | " + " | ".join(f"after {moment}" for moment in said) + " |", "|---" * (len(said) + 1) + "|"]
-    for name in certain:
-        cells = [f"{value:.2f} ({low:.2f} to {high:.2f})" for value, low, high, _ in found[name].values()]
-        rows.append(f"| {name if name == LIMIT else f'`{name}`'} | " + " | ".join(cells) + " |")
+    rows = [
+        [name if name == LIMIT else f"`{name}`",
+         *(f"{value:.2f} ({low:.2f} to {high:.2f})" for value, low, high, _ in found[name].values())]
+        for name in certain
+    ]  # fmt: skip
     value, low, high, count = by_first_break(cuts)
-    rows.append(f"| {LIMIT}, from the first break alone | | | | {value:.2f} ({low:.2f} to {high:.2f}) |")
+    rows.append([f"{LIMIT}, from the first break alone", "", "", "", f"{value:.2f} ({low:.2f} to {high:.2f})"])
     with_break = sum(math.isfinite(one.broke_s) for one in cuts)
     machines = f"{len(cuts)} machines, each judged by a network that learned from others"
-    rows += [
-        "", f"{machines}; a wire broke by its heat on {with_break}. The other {len(found) - len(certain)} of "
+    text = (
+        f"{machines}; a wire broke by its heat on {with_break}. The other {len(found) - len(certain)} of "
         f"{len(found)} constants are not identified: the interval of R2 reaches 0 at every time. The last row is "
-        f"the prediction of the median of the later breaks, on the {count} machines with several.",
-    ]  # fmt: skip
-    write_sections(DOCS / "training.md", {"recoverable": "\n".join(rows)})
+        f"the prediction of the median of the later breaks, on the {count} machines with several."
+    )
+    shown = table(["constant", *(f"after {moment}" for moment in said)], rows)
+    write_sections(DOCS / "training.md", {"recoverable": f"{shown}\n\n{text}"})
     draw({name: [share[0] for share in found[name].values()] for name in certain}, list(said))
 
 

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from sections import write_sections
+from sections import table, write_sections
 
 PAGE = Path(__file__).parents[1] / "reliability.md"
 Known = dict[str, dict[str, Any]]
@@ -18,17 +18,15 @@ Known = dict[str, dict[str, Any]]
 
 def campaign(found: Known) -> str:
     """Return a row for every reader, and their sum."""
-    lines = ["| reader | inputs | taken | refused | wrong | peak, MB |", "|---|---|---|---|---|---|"]
-    total = {"inputs": 0, "taken": 0, "refused": 0}
-    wrong = 0
+    counted = "inputs", "taken", "refused"
+    rows = []
     for name, one in found.items():
         text = "; ".join(f"{kind}: {count}" for kind, count in one["found"].items()) or "0"
-        counts = [one.get(key, 0) for key in total]
-        lines.append(f"| {name} | {' | '.join(f'{n:,}' for n in counts)} | {text} | {one['peak_MB']} |")
-        total = {key: total[key] + count for key, count in zip(total, counts, strict=True)}
-        wrong += sum(one["found"].values())
-    peak = max(one["peak_MB"] for one in found.values())
-    return "\n".join([*lines, f"| all | {' | '.join(f'{n:,}' for n in total.values())} | {wrong} | {peak} |"])
+        rows.append((name, *(f"{one.get(key, 0):,}" for key in counted), text, str(one["peak_MB"])))
+    totals = (f"{sum(one.get(key, 0) for one in found.values()):,}" for key in counted)
+    wrong = sum(sum(one["found"].values()) for one in found.values())
+    rows.append(("all", *totals, str(wrong), str(max(one["peak_MB"] for one in found.values()))))
+    return table(("reader", *counted, "wrong", "peak, MB"), rows)
 
 
 def _interval(rate: list[float], unit: str) -> str:
@@ -65,7 +63,7 @@ def soak(found: Known) -> str:
             f"missing {one['missing']}, twice {one['twice']}, repeated "
             f"{one['made_again_though_done']}, failed {one['failed']}; rows are {alike} those of this computer"
         )
-    return "\n".join(["| what | result |", "|---|---|", *(f"| {what} | {text} |" for what, text in rows.items())])
+    return table(("what", "result"), rows.items())
 
 
 def _left(left: dict[str, int]) -> str:

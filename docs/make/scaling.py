@@ -15,7 +15,7 @@ from posixpath import basename  # any function that does nothing, and every proc
 from typing import Any
 
 import numpy as np
-from sections import write_sections
+from sections import table, write_sections
 from vector_envs import processor
 
 from edmsim.runs import Cluster, Processes
@@ -94,8 +94,8 @@ def measure(folder: Path) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]
         memory = tracemalloc.get_traced_memory()[0] / len(store.failed)
     tracemalloc.stop()
     started = time.perf_counter()
-    table = read(folder / "out")
-    read_s = (time.perf_counter() - started) / len(table)
+    results = read(folder / "out")
+    read_s = (time.perf_counter() - started) / len(results)
     runs_per_s = 1 / (driver_s + ray_s)
     measured = [
         ("a cut of " + f"{machine_s:.0f} s of machine time, `fast`", f"{cut_s:.1f} s of a processor"),
@@ -149,9 +149,9 @@ def main() -> None:
         sections = dict(zip(("measured", "follows"), measure(Path(name)), strict=True))
     written = {}
     for section, rows in sections.items():
-        table = "\n".join(["| what | how much |", "|---|---|", *(f"| {what} | {figure} |" for what, figure in rows)])
-        print(table)
-        written[section] = f"{table}\n\nOn {processor()}."
+        shown = table(("what", "how much"), rows)
+        print(shown)
+        written[section] = f"{shown}\n\nOn {processor()}."
     write_sections(PAGE, written)
 
 

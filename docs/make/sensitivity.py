@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 
-from sections import write_sections
+from sections import table, write_sections
 
 from edmsim.controllers import from_text
 from edmsim.cosim.straight import Cut, cut_straight
@@ -33,8 +33,7 @@ HEAT, WEAR = "base.cooling.wire_heat_share", "base.discharge.wear_ratio"
 
 
 def _table(head: str, columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    lines = [f"| {' | '.join((head, *columns))} |", "|---" * (len(columns) + 1) + "|"]
-    return "\n".join([*lines, *(f"| {' | '.join((name, *cells))} |" for name, cells in rows.items())])
+    return table((head, *columns), [(name, *cells) for name, cells in rows.items()])
 
 
 def _cuts(machine: Machine, resolution: str | Resolution, seconds: float) -> list[Cut]:

@@ -158,18 +158,18 @@ def record(job: tuple[str, int, int]) -> dict[str, Any]:
     recorder = Recorder(SEARCHES[task], 1000 * seed + number)
     episode = Episode(Task(f"edmsim/{task}-v0", test_s=0.0), recorder, seed, "recorder")
     rows: list[tuple[int, float, float]] = []
-    seconds, area, outcome = 0.0, 0.0, None
-    while outcome is None and len(rows) < len(recorder.settings):
-        outcome = episode.step()
-        assert episode.last is not None
+    seconds = area = 0.0
+    for window in episode.windows():
         if not recorder.measures:
             seconds = area = 0.0
             continue
-        seconds += episode.last.observation.duration_s
-        area += episode.last.area_mm2
+        seconds += window.observation.duration_s
+        area += window.area_mm2
         if recorder.clock_s >= SEGMENT_S:
             rows.append((recorder.setting, seconds, area))
             recorder.setting, recorder.clock_s = int(recorder.left.pop()) if recorder.left else 0, 0.0
+            if len(rows) == len(recorder.settings):
+                break
     return {"seed": seed, "rows": rows, "lost": recorder.lost}
 
 

@@ -6,15 +6,13 @@ python docs/make/servo_steps.py
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
 
 from edmsim.consoles.autotune import Tuning, autotune, draw_move, draw_step
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.recording.figures.palette import INK
 from edmsim.recording.figures.style import TITLE_PT, legend, write_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PICTURE = Path(__file__).parents[1] / "figures" / "servo-steps.png"
 DRIVES = {"uhu": "UHU 3.00", "servo-module": "servo processor module"}
@@ -22,11 +20,7 @@ DRIVES = {"uhu": "UHU 3.00", "servo-module": "servo processor module"}
 
 def figure(tunings: dict[str, Tuning]) -> Figure:
     """Draw a column for each drive, steps above moves."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     drawn = Figure(figsize=(7.2, 4.4), dpi=110, facecolor="white", layout="constrained")
-    FigureCanvasAgg(drawn)
     for column, (name, tuning) in enumerate(tunings.items()):
         step, move = drawn.add_subplot(2, 2, column + 1), drawn.add_subplot(2, 2, column + 3)
         draw_step(step, tuning)

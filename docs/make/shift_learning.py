@@ -38,11 +38,9 @@ def followed(task: str, seed: int, name: str) -> tuple[np.ndarray, list[float]]:
     rule = law.period
     assert isinstance(rule, AdaptiveHold)
     cut = Task(task)
-    episode, rows, broke_s, lost, outcome = Episode(cut, law, seed, name), [], [], 0, None
-    while outcome is None:
-        outcome = episode.step()
-        assert episode.last is not None
-        time_s = episode.last.observation.time_s
+    rows, broke_s, lost = [], [], 0
+    for window in Episode(cut, law, seed, name).windows():
+        time_s = window.observation.time_s
         if not rows or time_s >= rows[-1][0] + EVERY_S:
             rows.append((time_s, rule.hold, *(rule.limit(share) for share in (0.05, 0.5, 0.95))))
         if cut.wires_lost > lost:

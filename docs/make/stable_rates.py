@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from statistics import fmean
 
-from sections import write_sections
+from sections import table, write_sections
 
 from edmsim.evaluation.stable_rate import highest_stable_rate
 from edmsim.machine.machine import Machine
@@ -25,35 +25,32 @@ PRESSURES_BAR = (0.2, 0.5, 2.0, 4.0, 8.0, 16.0)
 OFF_HEIGHTS_MM = (20.0, 40.0, 60.0)
 
 
-def table(head: str, machines: Mapping[float, Machine]) -> str:
+def rates(head: str, machines: Mapping[float, Machine]) -> str:
     """Return a table: rate and mean current of machines by the figure that differs, means of searches."""
     found = {
         figure: [highest_stable_rate(one, seeds=(k,), hold_s=HOLD_S, approach_s=APPROACH_S) for k in SEEDS]
         for figure, one in machines.items()
     }
-    rows = {
-        head: [f"{figure:g}" for figure in found],
-        "rate, mm2/min": [f"{fmean(one.rate_mm2_min for one in of):.0f}" for of in found.values()],
-        "mean current, A": [f"{fmean(one.current_A for one in of):.1f}" for of in found.values()],
-    }
-    lines = [" | ".join(("", name, *cells, "")).strip() for name, cells in rows.items()]
-    return "\n".join([lines[0], "|---" * (len(found) + 1) + "|", *lines[1:]])
+    return table((head, *(f"{figure:g}" for figure in found)), [
+        ("rate, mm2/min", *(f"{fmean(one.rate_mm2_min for one in of):.0f}" for of in found.values())),
+        ("mean current, A", *(f"{fmean(one.current_A for one in of):.1f}" for of in found.values())),
+    ])  # fmt: skip
 
 
-def write(page: Path) -> None:
+def main() -> None:
     """Search, and put the tables into the page."""
     base = preset(FLUSHED_MM)
     pressures = {
         bar: base.with_(flushing_lower_Pa=1e5 * bar, flushing_upper_Pa=1e5 * bar) for bar in PRESSURES_BAR
     }
-    write_sections(page, {
-        "stable rates by height": table("height, mm", {mm: preset(mm) for mm in HEIGHTS_MM}),
-        "stable rates by pressure": table("pressure at 40 mm, bar", pressures),
-        "stable rates without a nozzle": table(
+    write_sections(PAGE, {
+        "stable rates by height": rates("height, mm", {mm: preset(mm) for mm in HEIGHTS_MM}),
+        "stable rates by pressure": rates("pressure at 40 mm, bar", pressures),
+        "stable rates without a nozzle": rates(
             "height with a nozzle off, mm", {mm: preset(mm).with_(standoff_upper_mm=OFF_MM) for mm in OFF_HEIGHTS_MM}
         ),
     })  # fmt: skip
 
 
 if __name__ == "__main__":
-    write(PAGE)
+    main()

@@ -19,6 +19,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
 from field_comments import declared_fields
+from sections import table
 from typer.models import ArgumentInfo
 
 from edmsim import controllers
@@ -49,11 +50,10 @@ VALUES = {str: "TEXT", int: "INTEGER", float: "NUMBER", Path: "PATH"}
 def refreshed(text: str) -> str:
     """Return a page with its tables written again."""
 
-    def table(mark: re.Match[str]) -> str:
-        lines = TABLES[mark["kind"]](*mark["words"].split())
-        return f"{mark['begin']}\n" + "\n".join(lines) + f"\n\n{mark['end']}"
+    def written(mark: re.Match[str]) -> str:
+        return f"{mark['begin']}\n{TABLES[mark['kind']](*mark['words'].split())}\n\n{mark['end']}"
 
-    return MARK.sub(table, text)
+    return MARK.sub(written, text)
 
 
 def pages() -> list[Path]:
@@ -61,22 +61,17 @@ def pages() -> list[Path]:
     return [page for page in sorted(DOCS.rglob("*.md")) if MARK.search(page.read_text(encoding="utf-8"))]
 
 
-def rows(head: tuple[str, ...], body: Iterator[tuple[str, ...]]) -> list[str]:
-    """Return a Markdown table."""
-    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in (head, *body)]
-    return [lines[0], "|---" * len(head) + "|", *lines[1:]]
-
-
-def commands() -> list[str]:
+def commands() -> str:
     """Every command of ``edmsim``: what it does, arguments and options."""
-    lines: list[str] = []
+    parts: list[str] = []
     for name, callback in every_command():
         parameters = inspect.signature(callback, eval_str=True).parameters.values()
         shown = [(p, get_args(p.annotation)[1]) for p in parameters if get_origin(p.annotation) is Annotated]
-        lines += [f"## edmsim {name}", "", inspect.getdoc(callback) or "", ""]
-        lines += rows(("argument or option", "default", "what"), (described(p, info) for p, info in shown))
-        lines.append("")
-    return lines[:-1]
+        parts += [
+            f"## edmsim {name}", inspect.getdoc(callback) or "",
+            table(("argument or option", "default", "what"), [described(p, info) for p, info in shown]),
+        ]  # fmt: skip
+    return "\n\n".join(parts)
 
 
 def every_command() -> Iterator[tuple[str, Callable[..., Any]]]:
@@ -127,7 +122,7 @@ def described(parameter: inspect.Parameter, info: Any) -> tuple[str, ...]:
     return f"`{name}`", default, info.help
 
 
-def options(*names: str) -> list[str]:
+def options(*names: str) -> str:
     """Options of a set-up by name: meaning and limits."""
     body = []
     for name in names:
@@ -135,29 +130,29 @@ def options(*names: str) -> list[str]:
         listed = fact(field, Names)
         within = limits_text(name, field) if listed is None else ", ".join(listed.listed())
         body.append((f"`{flag(name, field)}`", f"`{name}`", " ".join(str(field.description).split()), within))
-    return rows(("option", "in Python", "meaning", "limits"), iter(body))
+    return table(("option", "in Python", "meaning", "limits"), body)
 
 
-def columns() -> list[str]:
+def columns() -> str:
     """Columns of ``windows.parquet``."""
     columns = COLUMNS + EQUALISING_COLUMNS
-    return rows(("column", "unit", "meaning"), ((f"`{c.name}`", c.unit, c.meaning) for c in columns))
+    return table(("column", "unit", "meaning"), ((f"`{c.name}`", c.unit, c.meaning) for c in columns))
 
 
-def letters() -> list[str]:
+def letters() -> str:
     """The settings of the servo drives by name, with each one's letter, and what LinuxCNC's ``pid`` calls them."""
     chips = [
         {row["name"]: row["letter"] for row in data_of(file)["parameter"]} for file in ("uhu", "servo_module")
     ]
     names = {**chips[0], **chips[1], **dict.fromkeys(Uhu().extensions), **dict.fromkeys(ServoModule().extensions)}
-    return rows(("name in Python", "UHU", "servo module", "LinuxCNC `pid`"), (
+    return table(("name in Python", "UHU", "servo module", "LinuxCNC `pid`"), (
         (f"`{name}`", *(f"`{chip[name]}`" if name in chip else "" for chip in chips),
          f"`{LINUXCNC[name]}`" if name in LINUXCNC else "")
         for name in names
     ))  # fmt: skip
 
 
-def parameters(name: str) -> list[str]:
+def parameters(name: str) -> str:
     """Parameters of a feed controller: default, value found by the search of gains, meaning.
 
     ``servo`` are those all servos share; with a servo, only those of them are repeated that a search has set.
@@ -171,7 +166,7 @@ def parameters(name: str) -> list[str]:
         found_in = [each for part in parts for each in meanings(part) if each[0][0] in defaults]
         own = sorted(found_in, key=lambda each: list(defaults).index(each[0][0]))
         own += [each for each in meanings(GapServo) if each[0][0] in found]
-    return rows(("parameter", "default", "found", "meaning"), (
+    return table(("parameter", "default", "found", "meaning"), (
         (", ".join(f"`{key}`" for key in keys), ", ".join(f"{defaults[key]:g}" for key in keys),
          ", ".join(f"{found[key]:g}" if key in found else "–" for key in keys) if found.keys() & set(keys) else "",
          meaning)
@@ -185,10 +180,10 @@ def meanings(kind: type) -> list[tuple[list[str], str]]:
     return [(field.names, field.meaning.rstrip(".")) for field in own]
 
 
-def set_ups(kind: str) -> list[str]:
+def set_ups(kind: str) -> str:
     """What there is of a kind under ``models/``: machines, materials, wires or generators."""
     head, row = SET_UPS[kind]
-    return rows(("name", "what", *head), (
+    return table(("name", "what", *head), (
         (f"`{name}`", *row(Machine.load(**{"name" if kind == "machines" else kind[:-1]: name})))
         for name in available(kind)  # type: ignore[arg-type]
     ))  # fmt: skip
@@ -217,7 +212,7 @@ SET_UPS: dict[str, tuple[tuple[str, ...], Callable[[Machine], tuple[str, ...]]]]
     "wires": (("usual diameter, um", "usual tension of it, N", "breaks cold at, N"), _wire),
     "generators": (("on-time, us", "period, us", "open voltage, V", "pulse, peak current in A"), _generator),
 }
-TABLES: dict[str, Callable[..., list[str]]] = {
+TABLES: dict[str, Callable[..., str]] = {
     "commands": commands, "columns": columns, "letters": letters, "options": options, "parameters": parameters,
     "set-ups": set_ups,
 }

@@ -14,7 +14,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 from PIL import Image
-from sections import with_sections
+from sections import table, write_sections
 
 import edmsim  # noqa: F401 - registers the environments
 from edmsim.envs.registry import env_id_of
@@ -49,26 +49,20 @@ OF_PARTS = {
 """Columns of Part; the last three are of finished parts."""
 
 
-def table(comparison: Comparison) -> str:
+def lines(comparison: Comparison) -> str:
     """Return the reference lines, laws and policies of a task, the best score first."""
-    lines = lines_of(comparison.env_id)
-    ends = {lines.reference: "the reference", lines.blind: "score 0"}
+    references = lines_of(comparison.env_id)
+    ends = {references.reference: "the reference", references.blind: "score 0"}
     shows = OF_PARTS if is_part(comparison.env_id) else COLUMNS
-    heads = "controller", *shows.values(), "wires lost, jams"
-    rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    rows = []
     for name in ranked(comparison):
         figures, cuts = comparison.figures[name], comparison.results[name]
         cells = [shown(column, figures[column]) for column in shows]
         lost = f"{sum(cut.wires_lost for cut in cuts)}, {sum(cut.jammed for cut in cuts)}"
         label = f"`{name}`, {ends[name]}" if name in ends else f"`{name}`"
-        rows.append(f"| {label} | {' | '.join(cells)} | {lost} |")
-    rows += ["", f"{len(comparison.seeds)} cuts on machines of held-back seeds, at `{comparison.resolution}`."]
-    return "\n".join(rows)
-
-
-def with_table(page: str, comparison: Comparison) -> str:
-    """Return a page with its table of reference lines."""
-    return with_sections(page, {"lines": table(comparison)})
+        rows.append((label, *cells, lost))
+    said = f"{len(comparison.seeds)} cuts on machines of held-back seeds, at `{comparison.resolution}`."
+    return f"{table(('controller', *shows.values(), 'wires lost, jams'), rows)}\n\n{said}"
 
 
 def photograph(name: str) -> None:
@@ -91,8 +85,7 @@ def main() -> None:
     pictures = parser.parse_args().what is not None
     board = leaderboard(DOCS / "leaderboard.jsonl")
     for name, page in PAGES.items():
-        file = DOCS / "tasks" / f"{page}.md"
-        file.write_text(with_table(file.read_text(encoding="utf-8"), board[env_id_of(name)]), encoding="utf-8")
+        write_sections(DOCS / "tasks" / f"{page}.md", {"lines": lines(board[env_id_of(name)])})
         if pictures:
             photograph(name)
 

@@ -6,9 +6,10 @@ python docs/make/terminal.py
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from matplotlib.figure import Figure
 from rich.console import Console, Group
+from rich.style import Style
 from rich.text import Text
 
 import edmsim
@@ -17,10 +18,6 @@ from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.rig import Rig
 from edmsim.consoles.computer_1982.session import Session, panel
 from edmsim.recording.figures.style import write_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from rich.style import Style
 
 PICTURE = Path(__file__).parents[1] / "figures" / "terminal.png"
 COLUMNS, LINES = 80, 24
@@ -41,14 +38,14 @@ class _Screen:
         self._lines = list(TYPED)
         self.at_end = False
         self.shown = ""
-        self.view = panel([0] * 32, Operation(rig).status())
+        self.view = panel([0] * 32, Operation(rig).status(), at_panel=False)
 
     def read(self, timeout_s: float | None) -> bytes:
         """The next line."""
         if self._lines:
             return f"{self._lines.pop(0)}\n".encode()
         operation = Operation(self._rig)
-        self.view, self.at_end = panel(operation.digits(), operation.status()), True
+        self.view, self.at_end = panel(operation.digits(), operation.status(), at_panel=False), True
         return b""
 
     def write(self, data: bytes) -> None:
@@ -72,11 +69,7 @@ def screen() -> list[list[tuple[str, Style | None]]]:
 
 def figure() -> Figure:
     """Draw them."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     drawn = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=110, facecolor=BACKGROUND)
-    FigureCanvasAgg(drawn)
     for row, line in enumerate(screen()):
         column = 0
         for text, style in line:

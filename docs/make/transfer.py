@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sections import write_sections
+from sections import table, write_sections
 
 from edmsim.envs.arguments import ends_of
 from edmsim.envs.registry import make_family
@@ -60,10 +60,11 @@ def main() -> None:
         sys.stderr.write(f"\r{done} of {total} cuts")
 
     cuts = dict(zip(jobs, perform(made, jobs, watch), strict=True))
-    rows = [["place", *(f"`{name}`" for name in CONTROLLERS)], ["---"] * (1 + len(CONTROLLERS))]
-    for place in places():
-        rows.append([place, *(cell([cuts[name, place, seed] for seed in held_back(CUTS)]) for name in CONTROLLERS)])
-    write_sections(PAGE, {"transfer": "\n".join(f"| {' | '.join(row)} |" for row in rows)})
+    rows = [
+        [place, *(cell([cuts[name, place, seed] for seed in held_back(CUTS)]) for name in CONTROLLERS)]
+        for place in places()
+    ]
+    write_sections(PAGE, {"transfer": table(["place", *(f"`{name}`" for name in CONTROLLERS)], rows)})
 
 
 if __name__ == "__main__":

@@ -17,13 +17,15 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from sections import table
+
 from edmsim import validation
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.options import available
 from edmsim.machine.parts import Constant
 from edmsim.runs import Processes
-from edmsim.validation.report import judged, markdown_cell, reasons_table, rows_table, summary
+from edmsim.validation.report import judged, reasons_table, rows_table, summary
 from edmsim.validation.rows import Row
 
 DOCS = Path(__file__).parents[1]
@@ -41,68 +43,43 @@ def write(folder: Path, rows: Sequence[Row]) -> None:
 
 
 def refreshed(text: str, rows: Sequence[Row] | None = None, page: Path | None = None) -> str:
-    """Return a page with its tables written again.
+    """Return a page with its tables written again; without `rows` those of rows stay. Messages name the `page`."""
 
-    Parameters
-    ----------
-    text : str
-        The page.
-    rows : sequence of Row, optional
-        Without them the tables of rows stay as they are.
-    page : path, optional
-        Where the page stands, for messages.
-
-    Raises
-    ------
-    InputError
-        If a mark asks for a table there is not.
-    """
-
-    def table(mark: re.Match[str]) -> str:
+    def written(mark: re.Match[str]) -> str:
         kind, words = mark["kind"], mark["words"].strip()
         if kind == "constants":
-            lines = constants_table(words.split(), page)
+            text = constants_table(words.split(), page)
         elif kind != "rows":
             raise InputError(f"no table '{kind} {words}'; there are constants and rows", page)
         elif rows is None:
             return mark[0]
         else:
-            lines = rows_table([row for row in rows if row.topic == words], "docs/theory")
-        return f"{mark['begin']}\n" + "\n".join(lines) + f"\n\n{mark['end']}"
+            text = "\n".join(rows_table([row for row in rows if row.topic == words], "docs/theory"))
+        return f"{mark['begin']}\n{text}\n\n{mark['end']}"
 
-    return _MARK.sub(table, text)
+    return _MARK.sub(written, text)
 
 
-def constants_table(words: Sequence[str], page: Path | None = None) -> list[str]:
-    """Return a Markdown table of constants: name, value, range and source of each.
-
-    Parameters
-    ----------
-    words : sequence of str
-        Sections of the machine file, plain or as ``machine.gap``, or what `_sections` names else.
-    """
-    lines = ["| constant | value | range | source |", "|---|---|---|---|"]
+def constants_table(words: Sequence[str], page: Path | None = None) -> str:
+    """Return a Markdown table of constants, of sections as ``gap`` or ``machine.gap``, or of what `_sections` has."""
+    rows = []
     for word in words:
         for label, part in _sections(word.removeprefix("machine."), page):
             for name, constant in part:
                 if isinstance(constant, Constant):
                     span = "" if constant.range is None else "{:g} to {:g}".format(*constant.range)
-                    source = markdown_cell(constant.source)
-                    lines.append(f"| {label}`{name}` | {constant.value:g} | {span} | {source} |")
-    return lines
+                    rows.append((f"{label}`{name}`", f"{constant.value:g}", span, constant.source))
+    return table(("constant", "value", "range", "source"), rows)
 
 
 def _sections(word: str, page: Path | None) -> Iterator[tuple[str, Iterable[tuple[str, object]]]]:
     """Yield a label and the constants of every file, or of the machine's section, that `word` names."""
     if word == "wire":
-        for name in available("wires"):
-            yield f"{name} ", Machine.load(wire=name).wire
-    elif word == "material":
+        yield from ((f"{name} ", Machine.load(wire=name).wire) for name in available("wires"))
+    elif word in ("material", "surface"):
         for name in available("materials"):
-            yield f"{name} ", Machine.load(material=name).material
-    elif word == "surface":
-        for name in available("materials"):
-            yield f"{name} ", Machine.load(material=name).material.surface or ()
+            material = Machine.load(material=name).material
+            yield f"{name} ", material if word == "material" else material.surface or ()
     elif word == "generator":
         for name in available("generators"):
             generator = Machine.load(generator=name).generator

@@ -47,11 +47,9 @@ def breaks(seed: int, name: str, seconds: float) -> Iterator[Break]:
     episode = Episode(task, from_text(name), seed, name)
     dry_K = BOILING_K + task.scenario.machine.base.cooling.superheat_K.value
     usual, now = np.zeros(5), np.zeros(5)
-    lost, since, cleared_s, burst, after_short, outcome = 0, None, math.inf, 0.0, False, None
-    while outcome is None:
-        outcome = episode.step()
-        assert episode.last is not None
-        window, truth = episode.last.observation, episode.last.truth
+    lost, since, cleared_s, burst, after_short = 0, None, math.inf, 0.0, False
+    for result in episode.windows():
+        window, truth = result.observation, result.truth
         if task.wires_lost > lost:
             lost = task.wires_lost
             dry_s = 0.0 if since is None else window.time_s - since

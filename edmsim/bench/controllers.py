@@ -7,6 +7,7 @@ import time
 import numpy as np
 
 from edmsim.axis_bench import AxisBench
+from edmsim.bench.plant import REPEATS, best_s
 from edmsim.controllers import make
 from edmsim.controllers.axis import CHIPS, tuned
 from edmsim.controllers.axis.elcam.module import CamPlace, Elcam
@@ -21,8 +22,6 @@ WINDOWS = 100
 SETTLE_WINDOWS = 300
 """Windows before timing, until the wire cuts."""
 CALLS = 5000
-REPEATS = 12
-"""Runs per figure, whose best counts, as other programs use the computer too."""
 _FROM_UM, _TO_UM = (30_000, 30_000), (36_000, 33_000)
 
 
@@ -32,14 +31,18 @@ def _cut(controller: str, planner: str = "poscal") -> Simulation:
     contour = WireContour(points_um, 0, points_um.astype(np.float64) * 1e-3, False, "left", (), (1,))
     path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, (30.0, 30.0), (), "bench")
     cut = Simulation(Machine.load(), path, make(controller), seed=0, planner=planner)
-    _run_s(cut, SETTLE_WINDOWS)
+    _advance(cut, SETTLE_WINDOWS)
     return cut
+
+
+def _advance(cut: Simulation, windows: int) -> None:
+    for _ in range(windows):
+        cut.step()
 
 
 def _run_s(cut: Simulation, windows: int) -> float:
     started = time.process_time()
-    for _ in range(windows):
-        cut.step()
+    _advance(cut, windows)
     return time.process_time() - started
 
 
@@ -56,8 +59,7 @@ def controller_overhead() -> float:
 def literal_realtime_factor() -> float:
     """Simulated seconds per second of the processor in a cut whose steps the timers of 1982 make, at `default`."""
     cut = _cut("mcu", "poscal-literal")
-    best_s = min(_run_s(cut, WINDOWS) for _ in range(REPEATS))
-    return WINDOWS * cut.plant.window_ns * 1e-9 / best_s
+    return WINDOWS * cut.plant.window_ns * 1e-9 / best_s(lambda: _advance(cut, WINDOWS))
 
 
 def poscal_calls_per_s() -> float:
@@ -65,13 +67,12 @@ def poscal_calls_per_s() -> float:
     rng = np.random.default_rng(0)
     places = rng.integers(0, 65_536, (CALLS, 2, 2)) >> rng.integers(0, 12, (CALLS, 1, 1))
     pairs = [((ax, ay), (bx, by)) for (ax, ay), (bx, by) in places.tolist()]
-    best = float("inf")
-    for _ in range(REPEATS):
-        started = time.process_time()
+
+    def call_all() -> None:
         for position, target in pairs:
             poscal(position, target, 127)
-        best = min(best, time.process_time() - started)
-    return CALLS / best
+
+    return CALLS / best_s(call_all)
 
 
 SPAN_S = 1.0  # simulated time of such a run
@@ -91,14 +92,14 @@ def positioner_realtime_factor() -> float:
 def _factor(name: str) -> float:
     bench = AxisBench({"x": tuned(name)})
     bench.run(0.1)
-    best_s = float("inf")
+    least_s = float("inf")
     for _ in range(SERVO_REPEATS):
         bench.steps("x", 100, 300.0, 3_000.0)
         bench.steps("x", -100, 300.0, 3_000.0)
         started = time.process_time()
         bench.run(SPAN_S)
-        best_s = min(best_s, time.process_time() - started)
-    return SPAN_S / best_s
+        least_s = min(least_s, time.process_time() - started)
+    return SPAN_S / least_s
 
 
 POINTS = 1_000_000

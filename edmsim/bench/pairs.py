@@ -56,15 +56,8 @@ def commit_of(revision: str) -> str:
 
 @contextmanager
 def checkout(commit: str) -> Iterator[Path]:
-    """Yield a temporary folder with the files of a commit.
-
-    Its name and its files' times depend only on the commit; later comparisons reuse the compiled code.
-
-    Raises
-    ------
-    InputError
-        If another comparison with the same commit is running, or the user's cache is not writable.
-    """
+    """Yield a temporary folder with the files of a commit, for one comparison at a time."""
+    # its name and its files' times depend only on the commit, so later comparisons reuse the compiled code
     cached = (user_folder() / "revisions" / commit).resolve()
     with ExitStack() as last, locked(cached, "comparison"):
         last.callback(_remove_empty, cached)
@@ -110,24 +103,7 @@ class Pairs:
 
 
 def compare(revision: str, pairs: int = PAIRS, watch: Callable[[str], None] = lambda _: None) -> Pairs:
-    """Time this checkout, with uncommitted changes, against a revision.
-
-    Parameters
-    ----------
-    revision : str
-        Commit, tag or branch.
-    pairs : int
-        Number of runs of each.
-    watch : callable, optional
-        Called with a line of text before each run.
-
-    Raises
-    ------
-    InputError
-        See `commit_of` and `checkout`.
-    EdmsimError
-        If one of them does not run.
-    """
+    """Time this checkout, with uncommitted changes, against a revision; `watch` is called with a text before runs."""
     commit = commit_of(revision)
     with checkout(commit) as folder:
         roots = {"this checkout": ROOT, commit[:10]: folder}

@@ -56,13 +56,24 @@ def _straight_cut(plant: Plant) -> Iterator[None]:
         yield
 
 
-def _best_s(cut: Iterator[None], windows: int) -> float:
-    """Shortest processor time in which the next `windows` windows were done."""
+def _settled_cut(plant: Plant) -> Iterator[None]:
+    """Return the windows of a straight cut behind those until the wire cuts a full kerf."""
+    cut = _straight_cut(plant)
+    _advance(cut, SETTLE_WINDOWS)
+    return cut
+
+
+def _advance(cut: Iterator[None], windows: int) -> None:
+    for _ in range(windows):
+        next(cut)
+
+
+def best_s(run: Callable[[], object]) -> float:
+    """Return the shortest processor time that a function took, of `REPEATS`."""
 
     def once() -> float:
         started = time.process_time()
-        for _ in range(windows):
-            next(cut)
+        run()
         return time.process_time() - started
 
     return min(once() for _ in range(REPEATS))
@@ -71,10 +82,8 @@ def _best_s(cut: Iterator[None], windows: int) -> float:
 def pulses_per_s(resolution: str) -> tuple[float, Plant]:
     """Pulses per second of one core in a straight cut, and the plant as it was left."""
     plant = Plant(Machine.load(), seed=0, resolution=resolution)
-    cut = _straight_cut(plant)
-    for _ in range(SETTLE_WINDOWS):
-        next(cut)
-    return TIMED_WINDOWS * WINDOW_PULSES / _best_s(cut, TIMED_WINDOWS), plant
+    cut = _settled_cut(plant)
+    return TIMED_WINDOWS * WINDOW_PULSES / best_s(lambda: _advance(cut, TIMED_WINDOWS)), plant
 
 
 def mujoco_realtime_factor() -> float:
@@ -82,7 +91,7 @@ def mujoco_realtime_factor() -> float:
     plant = Plant(Machine.load(), seed=0, mechanics="mujoco")
     cut = _straight_cut(plant)
     next(cut)
-    return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / _best_s(cut, MUJOCO_WINDOWS)
+    return MUJOCO_WINDOWS * plant.window_ns * 1e-9 / best_s(lambda: _advance(cut, MUJOCO_WINDOWS))
 
 
 @compiled
@@ -104,13 +113,7 @@ def ray_sums_per_s(plant: Plant) -> float:
     sums = np.zeros((plant.resolution.slices, 4))
     pulses = TIMED_WINDOWS * WINDOW_PULSES // 2
     _sum_rays(rays, law, sums, 1)
-
-    def once() -> float:
-        started = time.process_time()
-        _sum_rays(rays, law, sums, pulses)
-        return time.process_time() - started
-
-    return pulses / min(once() for _ in range(REPEATS))
+    return pulses / best_s(lambda: _sum_rays(rays, law, sums, pulses))
 
 
 def _together(works: Sequence[Callable[[], object]]) -> float:
@@ -139,10 +142,7 @@ def thread_scaling() -> tuple[float, float]:
     The second is the gain of the processors alone (1.2 if two share a core), for comparison with the first.
     """
     plants = [Plant(Machine.load(), seed=seed) for seed in range(2)]
-    cuts = [_straight_cut(plant) for plant in plants]
-    for cut in cuts:
-        for _ in range(SETTLE_WINDOWS):
-            next(cut)
+    cuts = [_settled_cut(plant) for plant in plants]
     law = gap_law(plants[0].machine, plants[0].resolution, timing(plants[0].machine).open_V)
     rays = plants[0].rays()
     advance: list[Callable[[], object]] = [lambda cut=cut: next(cut) for cut in cuts]  # type: ignore[misc]
@@ -163,9 +163,7 @@ def _summing(rays: Rays, law: GapLaw) -> Callable[[], object]:
 def memory_growth_MB() -> float:
     """Growth of the process over a minute of machine time, less the tiles of the kerf field."""
     plant = Plant(Machine.load(), seed=0, resolution="fast")
-    cut = _straight_cut(plant)
-    for _ in range(SETTLE_WINDOWS):
-        next(cut)
+    cut = _settled_cut(plant)
     before, end = _resident_MB() - plant.field.tiles.nbytes * 1e-6, plant.time_ns + MEMORY_S * 1e9
     while plant.time_ns < end:
         next(cut)

@@ -114,13 +114,7 @@ def _clock_of(thread: int) -> int:
 
 
 def profile(watch: Callable[[str], None] = lambda _: None) -> dict[str, LoopProfile]:
-    """Return the time of each part of a pulse in a straight cut, at each resolution of `PROFILED`.
-
-    Parameters
-    ----------
-    watch : callable, optional
-        Called with a line of text before each part.
-    """
+    """Return the time of each part of a pulse in a straight cut, at each resolution of `PROFILED`."""
     named = dict(zip(RESOLUTIONS, shapes(), strict=False))  # the modal ones come first
     names = tuple(tuple(f"edmsim.plant.{name}" for name in names) for names in PARTS.values())
     found = {}

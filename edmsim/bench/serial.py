@@ -9,14 +9,13 @@ import subprocess
 import sys
 import time
 import tty
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
 from edmsim.errors import EdmsimError
 from edmsim.hil.boards import BOARDS
 from edmsim.hil.rig import Rig
-from edmsim.screen import ScreenTable
 
 ROUND_TRIPS, PAUSE_S = 1000, 0.003
 """Questions, and the pause between two (ours: not a multiple of a frame, so that they meet it at any place)."""
@@ -39,14 +38,6 @@ def measure(watch: Callable[[str], None]) -> dict[str, float]:
         for title, share in (("median", 0.5), ("p99", 0.99), ("greatest", 1.0)):
             found[f"{name}_round_trip_{title}_ms"] = float(np.quantile(times_ms, share))
     return found
-
-
-def render(found: Mapping[str, float]) -> ScreenTable:
-    """Return the figures as a table."""
-    table = ScreenTable("figure", numbers=("value",), title="edmsim gap --serial")
-    for name, value in found.items():
-        table.add_row(name, f"{value:.3g}")
-    return table
 
 
 def _speed(name: str) -> float:

@@ -7,14 +7,13 @@ compiled call, and HalfCheetah-v5 one after another in one process.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium as gym
 
 from edmsim.bench.envs import warnings_unseen
 from edmsim.errors import InputError
-from edmsim.screen import ScreenTable
 
 try:
     import torch
@@ -51,13 +50,7 @@ class _Timed(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
 
 def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dict[str, float]:
-    """Return steps per second of trainings (wall-clock time), and the environments' share of that time.
-
-    Raises
-    ------
-    InputError
-        If ``gymnasium[mujoco]`` is not installed.
-    """
+    """Return steps per second of trainings (wall-clock time), and the environments' share of that time."""
     found: dict[str, float] = {}
     for count in counts:
         watch(f"first rollouts of {count} environments")
@@ -71,14 +64,6 @@ def measure(watch: Callable[[str], None], counts: Sequence[int] = COUNTS) -> dic
             found[f"{name}_env_share_{count}"] = training.env_share
             training.vec_env.close()
     return found
-
-
-def render(found: Mapping[str, float]) -> ScreenTable:
-    """Return the figures as a table."""
-    table = ScreenTable("figure", numbers=("value",), title="edmsim bench --training")
-    for name, value in found.items():
-        table.add_row(name, f"{value:,.0f}" if value > 1 else f"{value:.2f}")
-    return table
 
 
 def _ours(count: int) -> Any:

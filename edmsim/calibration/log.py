@@ -18,6 +18,7 @@ from edmsim.errors import InputError
 from edmsim.geometry import arc_lengths
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.metrology.profile import finite_mean
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -324,9 +325,7 @@ class Stretch:
     @property
     def mean(self) -> Array:
         """`STATISTICS` of the whole stretch, (5,); NaN where no batch has one."""
-        known = np.isfinite(self.batches)
-        total = np.where(known, self.batches, 0.0).sum(axis=0)
-        return np.asarray(np.divide(total, known.sum(axis=0), out=np.full(5, np.nan), where=known.any(axis=0)))
+        return finite_mean(self.batches, axis=0)
 
 
 def read_log(file: str | Path) -> Log:

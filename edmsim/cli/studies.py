@@ -128,24 +128,32 @@ def bench(
 
 
 def _measured(_: Callable[[str], None]) -> _Result:
-    from edmsim.bench.figures import measure, render
+    from edmsim.bench.figures import measure
 
-    figures = measure()
-    return figures, render(figures)
+    return _listed(measure(), "edmsim bench", lambda value: f"{value:,.0f}" if value > 1000 else f"{value:,.2f}")
 
 
 def _answered(watch: Callable[[str], None]) -> _Result:
-    from edmsim.bench.serial import measure, render
+    from edmsim.bench.serial import measure
 
-    found = measure(watch)
-    return found, render(found)
+    return _listed(measure(watch), "edmsim gap --serial", lambda value: f"{value:.3g}")
 
 
 def _trained(watch: Callable[[str], None]) -> _Result:
-    from edmsim.bench.training import measure, render
+    from edmsim.bench.training import measure
 
-    found = measure(watch)
-    return found, render(found)
+    figures = measure(watch)
+    return _listed(figures, "edmsim bench --training", lambda value: f"{value:,.0f}" if value > 1 else f"{value:.2f}")
+
+
+def _listed(figures: Mapping[str, float], title: str, text: Callable[[float], str]) -> _Result:
+    """Return figures with a table of them, a row each."""
+    from edmsim.screen import ScreenTable
+
+    table = ScreenTable("figure", numbers=("value",), title=title)
+    for name, value in figures.items():
+        table.add_row(name, text(value))
+    return figures, table
 
 
 def _compared(revision: str, count: int | None, watch: Callable[[str], None]) -> _Result:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -223,27 +223,23 @@ def figures_of(results: Sequence[Result], oracle: Sequence[Result], blind: Seque
     # the share of the oracle's rate is the mean rate over the oracle's mean rate; the score is the
     # interquartile mean of `scores`
 
-    def measured(name: str) -> NDArray[np.float64]:
-        values = np.array([getattr(r, name) for r in results], np.float64)
-        return np.asarray(values[np.isfinite(values)])
+    def values(name: str, of: Iterable[Result] = results) -> NDArray[np.float64]:
+        return np.array([getattr(r, name) for r in of], np.float64)
 
-    rate = np.array([r.rate_mm2_min for r in results])
-    bound = np.array([r.rate_mm2_min for r in oracle])
-    metres = np.array([r.length_mm for r in results]) * 1e-3
+    def measured(name: str) -> NDArray[np.float64]:
+        return np.asarray(values(name)[np.isfinite(values(name))])
+
+    metres = values("length_mm") * 1e-3
     return {
         "score": interquartile_mean(scores(results, oracle, blind)),
-        "rate_mm2_min": mean(rate),
-        "oracle_share": ratio(rate, bound),
-        "short_share": mean(np.array([r.short_share for r in results])),
-        "open_share": mean(np.array([r.open_share for r in results])),
-        "total_return": mean(np.array([r.total_return for r in results])),
-        "error_um": mean(measured("error_um")),
-        "edge_error_um": mean(measured("edge_error_um")),
-        "ra_um": mean(measured("ra_um")),
-        "time_s": mean(np.array([r.time_s for r in results if r.outcome == FINISHED])),
-        "breaks_per_m": per_metre(np.array([float(r.wires_lost) for r in results]), metres),
-        "jams_per_m": per_metre(np.array([float(r.jammed) for r in results]), metres),
-        "cost": mean(np.array([r.cost for r in results])),
+        "rate_mm2_min": mean(values("rate_mm2_min")),
+        "oracle_share": ratio(values("rate_mm2_min"), values("rate_mm2_min", oracle)),
+        **{name: mean(values(name)) for name in ("short_share", "open_share", "total_return")},
+        **{name: mean(measured(name)) for name in ("error_um", "edge_error_um", "ra_um")},
+        "time_s": mean(values("time_s", (r for r in results if r.outcome == FINISHED))),
+        "breaks_per_m": per_metre(values("wires_lost"), metres),
+        "jams_per_m": per_metre(values("jammed"), metres),
+        "cost": mean(values("cost")),
     }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -155,14 +155,14 @@ def engine_of(env_id: str, cuts: int, machine_s: float | None = None) -> Engine 
 
 
 class Episode:
-    """One cut in progress; `last` is the last window's result. The cut is recorded if there is a folder."""
+    """One cut in progress, recorded if there is a folder; `outcome` is None until it is over."""
 
     def __init__(
         self, task: Task, controller: FeedController, seed: int, name: str, record: Path | None = None
     ) -> None:
         self.task = task
         self.controller = controller
-        self.last: StepResult | None = None
+        self.outcome: str | None = None
         # asked once, as it takes a tenth of a window
         self._seer = controller if isinstance(controller, SeesTruth) else None
         self._seed, self._name = seed, name
@@ -185,12 +185,20 @@ class Episode:
 
     def run(self) -> Result:
         """Cut to the end."""
-        outcome = None
-        while outcome is None:
-            outcome = self.step()
+        for _ in self.windows():
+            pass
         if self._recorder is not None:
             self._write(self._recorder)
-        return self._result(outcome)
+        assert self.outcome is not None
+        return self._result(self.outcome)
+
+    def windows(self) -> Iterator[StepResult]:
+        """Cut to the end, window by window, and yield the result of each."""
+        while self.outcome is None:
+            command = self._command
+            result = self.task.advance(command.feed_um_s, command.t_on_us, command.t_period_us, command.offset_um)
+            self.outcome = self._follow(command, result)
+            yield result
 
     def _write(self, recorder: EpisodeRecorder) -> None:
         """Write the recording of the cut, which is over."""
@@ -201,11 +209,8 @@ class Episode:
         outcome = WORDS[StopCause.PERSISTENT_SHORT].report if self._controller_stopped else None
         recorder.write(self._record / RECORDING, f"{task} by {self._name}, seed {self._seed}", settings, outcome)
 
-    def step(self) -> str | None:
-        """Run one window; returns the outcome if that was the last."""
-        command = self._command
-        result = self.task.advance(command.feed_um_s, command.t_on_us, command.t_period_us, command.offset_um)
-        self.last = result
+    def _follow(self, command: FeedCommand, result: StepResult) -> str | None:
+        """Let the controller decide after a window; returns the outcome if that was the last."""
         self._add(result)
         if self._recorder is not None:
             setting = [math.nan if v is None else v for v in (command.t_on_us, command.t_period_us)]

@@ -269,10 +269,7 @@ class Search:
             self._tell(f"pass {number}: {len(walls)} cuts would meet the drawing at {mean['last_offset_um']:.1f} um")
             passes.append(one.model_copy(update={
                 "last_offset_um": round(mean["last_offset_um"], 1),
-                "found": FoundPass(
-                    feed_mm_min=round(mean["feed_mm_min"], 3), stock_um=round(mean["stock_um"], 1),
-                    ra_um=round(mean["ra_um"], 3), bow_um=round(mean["bow_um"], 2),
-                ),
+                "found": _found(mean["feed_mm_min"], mean["stock_um"], mean["ra_um"], mean["bow_um"]),
             }))  # fmt: skip
         return at.model_copy(update={"passes": tuple(passes), "resolution": self._job.resolution})
 
@@ -365,7 +362,7 @@ class Search:
             flushing_lower_Pa=pressure_Pa, flushing_upper_Pa=pressure_Pa,
             feed="adaptive" if number == 1 else "constant", feed_mm_min=round(target.feed_mm_min * scale, 3),
             corner_before_um=CORNER_BEFORE_UM if number > 1 else 0.0,
-            last_offset_um=self._radius_um, found=FoundPass(feed_mm_min=0.0, stock_um=0.0, ra_um=0.0, bow_um=0.0),
+            last_offset_um=self._radius_um, found=_found(0.0, 0.0, 0.0, 0.0),
         )  # fmt: skip
 
     def _with_found(self, one: PassSetting, cut: Cut, took_um: float | None) -> PassSetting:
@@ -373,36 +370,34 @@ class Search:
         feed = cut.feed_mm_min if one.feed == "adaptive" else one.feed_mm_min
         return one.model_copy(update={
             "last_offset_um": round(cut.last_offset_um, 1), "feed_mm_min": round(feed, 3),
-            "found": FoundPass(
-                feed_mm_min=round(cut.feed_mm_min, 3), stock_um=round(took_um or 0.0, 1), ra_um=round(cut.ra_um, 3),
-                bow_um=round(cut.record.wall.bow_um, 2),
-            ),
-        })  # fmt: skip
+            "found": _found(cut.feed_mm_min, took_um or 0.0, cut.ra_um, cut.record.wall.bow_um),
+        })
 
     def _cut(self, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
         cut = cut_pass(self._job, one, number, offset_mm, metal)
         self._made_with = {"setting": one.model_dump(), "offset_mm": offset_mm}
         wall = cut.record.wall
-        left = (
-            ""
-            if wall is None
-            else f", would meet the drawing at {cut.last_offset_um:.1f} um, bow {wall.bow_um:+.1f} um"
-        )
-        self._tell(
+        said = (
             f"pass {number}: {one.t_on_us:g} us and {one.peak_current_A:g} A in {one.t_period_us:g} us: "
-            f"{cut.outcome}, {cut.feed_mm_min:.2f} mm/min, Ra {cut.ra_um:.2f} um{left}"
+            f"{cut.outcome}, {cut.feed_mm_min:.2f} mm/min, Ra {cut.ra_um:.2f} um"
         )
+        if wall is not None:
+            said += f", would meet the drawing at {cut.last_offset_um:.1f} um, bow {wall.bow_um:+.1f} um"
+        self._tell(said)
         return cut
+
+
+def _found(feed_mm_min: float, stock_um: float, ra_um: float, bow_um: float) -> FoundPass:
+    """Return what cuts have found of a pass, rounded as its file has it."""
+    return FoundPass(
+        feed_mm_min=round(feed_mm_min, 3), stock_um=round(stock_um, 1), ra_um=round(ra_um, 3), bow_um=round(bow_um, 2)
+    )
 
 
 def cut_pass(job: Job, one: PassSetting, number: int, offset_mm: float, metal: KerfField | None) -> Cut:
     """Cut one pass along a straight edge, odd ones forward, on the metal that the pass before it left."""
     machine = job.machine_of(one)
     path = straight_path((offset_mm,) * (2 if number > 1 else 1), ROUGH_MM if number == 1 else TRIM_MM, machine)
-    return _run(job, machine, one, path, number, metal)
-
-
-def _run(job: Job, machine: Machine, one: PassSetting, path: CutPath, number: int, metal: KerfField | None) -> Cut:
     path = _only(path, number)
     approach = PassSetup(machine, from_text(one.controller(0.25)))
     simulation = Simulation(

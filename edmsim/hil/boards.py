@@ -65,10 +65,9 @@ class PlainGenerator(Board):
 
     def output(self) -> Output:
         """Ask for about 10 ms of pulses."""
-        on_us, period_us = self._machine.t_on_us, self._machine.t_period_us
-        pulses = min(max(int(self.FRAME_US / period_us), 1), WINDOW_PULSES)
         own = self._machine
-        return Output(pulses, self.enabled, on_us, period_us, own.open_voltage_V, own.peak_current_A)
+        pulses = min(max(int(self.FRAME_US / own.t_period_us), 1), WINDOW_PULSES)
+        return Output(pulses, self.enabled, own.t_on_us, own.t_period_us, own.open_voltage_V, own.peak_current_A)
 
 
 # Power supplies of Rack Robotics: the pins of Powercore V2, the serial line and the pins of Powercore V3.

@@ -10,9 +10,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from edmsim.cosim.passes import FACE_EVERY, PassRecord
+from edmsim.cosim.passes import FACE_EVERY, PassRecord, Sums
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.stops import StopCause
+from edmsim.machine.machine import Machine
 from edmsim.machine.setting import discharge_current_A
 from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
@@ -273,9 +274,7 @@ def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[repor
     faces = face_roughness_um(volumes, taken, machines[0].base.discharge.crater_flatness.value)
     found, heated = [], 0.0
     for record, machine, wall, took, ra_um in zip(records, machines, walls, taken, faces, strict=True):
-        power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
-        ignited = max(record.sums.spark + record.sums.arc, 1)
-        own_um = heat_affected_um(machine, record.sums.energy / (ignited * power_W) * 1e6)
+        own_um = heat_affected_um(machine, _discharge_us(machine, record.sums))
         heated = own_um if math.isnan(took) else max(own_um, heated - took)
         length_mm, seconds = (record.end_um - record.begin_um) * 1e-3, record.end_s - record.begin_s
         face_mm2 = (
@@ -290,6 +289,12 @@ def _figures_of(records: list[PassRecord], simulation: Simulation) -> list[repor
             list(wall.slices_um), ra_um, heated, record.sums.short / pulses, record.sums.open / pulses,
         ))  # fmt: skip
     return found
+
+
+def _discharge_us(machine: Machine, sums: Sums) -> float:
+    """Return how long the discharges of a cut or a pass burnt on average, by their energy; 0 if there were none."""
+    power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
+    return sums.energy / (max(sums.spark + sums.arc, 1) * power_W) * 1e6
 
 
 def _shares(
@@ -353,8 +358,7 @@ def _part(
     kerf = report.Kerf(**width_stats(np.concatenate([w.width_um.ravel() for w in widths])))
     ignited = sums.spark + sums.arc
     flatness = machine.base.discharge.crater_flatness.value
-    power_W = machine.material.burning_voltage_V.value * discharge_current_A(machine)
-    discharge_us = sums.energy / (max(ignited, 1) * power_W) * 1e6
+    heated_um = heat_affected_um(machine, _discharge_us(machine, sums)) if ignited else None
     gap_um = ((math.nan if kerf.mean is None else kerf.mean) - machine.wire_diameter_um) / 2
     length_mm, origin_mm = simulation.path_um * 1e-3, simulation.path.origin_mm
     passes = pass_figures(simulation)
@@ -378,7 +382,7 @@ def _part(
         heights=_heights(profiles, machine.height_mm), passes=list(passes),
         surface=report.Surface(
             last.ra_um if last else roughness_um(sums.crater_um3 / ignited, flatness) if ignited else None,
-            last.heat_affected_um if last else heat_affected_um(machine, discharge_us) if ignited else None,
+            last.heat_affected_um if last else heated_um,
             electrolysed_um(machine, sums.voltage_s / length_mm, gap_um) if length_mm else None,
         ),
     )  # fmt: skip

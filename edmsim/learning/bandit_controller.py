@@ -19,13 +19,7 @@ from edmsim.snapshots import Snapshots
 
 
 class BanditController(Snapshots):
-    """Cuts with a law, and learns which of its settings cuts fastest on this machine.
-
-    Parameters
-    ----------
-    card : BanditCard
-        See `edmsim.learning.bandit_file.load`.
-    """
+    """Cuts with a law, and learns which of its settings cuts fastest on this machine."""
 
     name: ClassVar[str] = "policy"
     STATE: ClassVar[tuple[str, ...]] = (

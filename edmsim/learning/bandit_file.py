@@ -106,12 +106,7 @@ class Segment(NamedTuple):
 
 @dataclass
 class Belief(Snapshots):
-    """Mean and covariance of what the settings do on the present machine.
-
-    Parameters
-    ----------
-    card : BanditCard
-    """
+    """Mean and covariance of what the settings do on the present machine."""
 
     STATE = ("mean", "covariance", "lost", "cut_s")
 
@@ -163,13 +158,7 @@ class Belief(Snapshots):
 
 
 def law_of(choices: Choices) -> ServoLaw:
-    """Make the law below a bandit, which must be edmsim's and have the settings' parameters.
-
-    Raises
-    ------
-    InputError
-        If it is another law, or lacks a parameter.
-    """
+    """Make the law below a bandit, which must be edmsim's and have the settings' parameters."""
     law = None if ".py:" in choices.law else from_text(choices.law)
     if not isinstance(law, ServoLaw) or isinstance(law, TruthLaw):
         raise InputError(f"a bandit sets a law of edmsim that a machine could have, not '{choices.law}'")
@@ -181,11 +170,9 @@ def law_of(choices: Choices) -> ServoLaw:
 
 
 def height_share(fifths: Sequence[int]) -> float:
-    """Return the local height over the greatest one, by the ignitions in each fifth of the latter.
-
-    Ignitions are spread about evenly over the height, so that all of them over those of a full fifth, the median of
-    the fifths with ignitions, is the number of fifths in the metal; on training machines within some 3 %.
-    """
+    """Return the local height over the greatest one, by the ignitions in each fifth of the latter."""
+    # ignitions are spread about evenly over the height, so that all of them over those of a full fifth, the median
+    # of the fifths with ignitions, is the number of fifths in the metal; on training machines within some 3 %
     counts = np.asarray(fifths, np.float64)
     full = np.median(counts[counts > LEAST_FIFTH * counts.max()]) if counts.any() else math.nan
     return float(counts.sum() / full / len(counts))
@@ -205,13 +192,7 @@ def find(name: str) -> Path | None:
 
 
 def load(file: Path) -> BanditCard:
-    """Read a file that `find` has found.
-
-    Raises
-    ------
-    InputError
-        If it is damaged, or its law cannot be made.
-    """
+    """Read a file that `find` has found; raises `InputError` if it is damaged, or its law cannot be made."""
     try:
         card = BanditCard.model_validate_json(file.read_bytes())
     except ValidationError as error:

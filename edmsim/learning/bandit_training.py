@@ -80,13 +80,7 @@ class History(NamedTuple):
 
 
 def load(env_id: str, file: Path | None = None) -> BanditSettings:
-    """Return the settings of ``models/training/NAME-bandit.toml``, with changes from a file of yours.
-
-    Raises
-    ------
-    InputError
-        If the environment is no shift, or a value cannot be used.
-    """
+    """Return the settings of ``models/training/NAME-bandit.toml`` of a shift, with changes from a file of yours."""
     family, _ = find(env_id)
     if not issubclass(family, Shift):
         raise InputError(
@@ -164,18 +158,18 @@ def record(env_id: str, settings: BanditSettings, seed: int) -> History:
     trier = Trier(env_id, settings, seed)
     episode = Episode(Task(env_id, test_s=0.0), trier, seed, "trier")
     rows: list[list[float]] = []
-    outcome, seconds, area = None, 0.0, 0.0
-    while outcome is None and len(rows) < settings.segments:
-        before = trier.measures
-        outcome = episode.step()
-        if before or trier.measures:
-            assert episode.last is not None
-            seconds += episode.last.observation.duration_s
-            area += episode.last.area_mm2
+    seconds, area, measured = 0.0, 0.0, trier.measures
+    for window in episode.windows():
+        if measured or trier.measures:
+            seconds += window.observation.duration_s
+            area += window.area_mm2
         if len(trier.rows) > len(rows):
             rows.append([*trier.rows[-1], seconds, area])
-        if not trier.measures:  # a segment or a wire has ended
+        measured = trier.measures
+        if not measured:  # a segment or a wire has ended
             seconds = area = 0.0
+        if len(rows) == settings.segments:
+            break
     return History(rows, trier.belief.lost.tolist(), trier.belief.cut_s.tolist())
 
 
@@ -192,13 +186,7 @@ def effects(values: Floats, setting: NDArray[np.int64], count: int) -> tuple[Flo
 
 
 def prior_of(histories: Sequence[History], settings: BanditSettings) -> Prior:
-    """Return the prior that fits these machines; those that tried a setting less than twice are left out.
-
-    Raises
-    ------
-    InputError
-        If fewer than two machines are left.
-    """
+    """Return the prior that fits these machines; those that tried a setting less than twice are left out."""
     count = len(settings.settings)
     machines, left, moved = [], [], []
     for history in histories:
@@ -230,12 +218,10 @@ def prior_of(histories: Sequence[History], settings: BanditSettings) -> Prior:
 
 
 def breaks_of(lost: Floats, cut_s: Floats) -> tuple[list[float], float]:
-    """Return lost wires per second with each setting, and how much of a machine's own time weighs as much.
-
-    Numbers of lost wires (machines, settings) in times of the same shape are Poisson. The rates of settings differ
-    from that of all, and those of machines from their settings', by factors of a gamma distribution, whose variance
-    follows from that of the numbers; so a setting with few lost wires is moved towards the others.
-    """
+    """Return lost wires per second with each setting, and how much of a machine's own time weighs as much."""
+    # numbers of lost wires (machines, settings) in times of the same shape are Poisson. The rates of settings differ
+    # from that of all, and those of machines from their settings', by factors of a gamma distribution, whose variance
+    # follows from that of the numbers; so a setting with few lost wires is moved towards the others
     total, time_s = lost.sum(axis=0), cut_s.sum(axis=0)
     # as if one more wire were lost: no rate is 0
     mean_per_s = (total.sum() + 1.0) / time_s.sum()
@@ -276,31 +262,9 @@ def train(
     env_id: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
     settings: BanditSettings | None = None, command: str = "", watch: Callable[[int, int], None] | None = None,
 ) -> BanditCard:
-    """Record training machines, and return the policy whose prior fits them.
+    """Record training machines of a shift into `HISTORIES`, and return the policy whose prior fits them.
 
-    Parameters
-    ----------
-    env_id : str
-        A shift.
-    out : Path
-        Folder for `HISTORIES`.
-    steps : int, optional
-        Segments on all machines together, rounded up to whole machines; by default those of `settings`.
-    seed : int
-        Added to the number of the first training machine.
-    resume : bool
-        Whether to use the folder's histories, which must have been recorded with the same seed; their settings apply.
-    settings : BanditSettings, optional
-        By default those of ``models/training``.
-    command : str
-        What the policy's file says of its making.
-    watch : callable, optional
-        Called with the numbers of recorded and of all machines.
-
-    Raises
-    ------
-    InputError
-        If an argument is invalid, or there is nothing to resume.
+    `steps` are segments on all machines, rounded up to whole ones. With `resume` the settings of the histories apply.
     """
     file = out / HISTORIES
     if resume:

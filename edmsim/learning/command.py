@@ -48,12 +48,11 @@ class TrainOptions(NamedTuple):
 
     def words(self) -> str:
         """Return the command-line options that change the result."""
-        words = [] if self.settings is None else ["--settings", str(self.settings)]
-        words += [] if self.residual is None else ["--residual", self.residual]
-        words += [] if self.teacher is None else ["--teacher", self.teacher]
-        words += ["--privileged-critic"] if self.privileged_critic else []
-        words += [] if self.start is None else ["--start", self.start]
-        words += [] if self.safe is None else ["--safe", str(self.safe)]
+        words: list[str] = []
+        for name in ("settings", "residual", "teacher", "privileged_critic", "start", "safe"):
+            value = getattr(self, name)
+            if value is not None and value is not False:
+                words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
         return "".join(f" {shlex.quote(word)}" for word in words)
 
     def hyperparameters(self, env_id: str, algo: str) -> Hyperparameters:

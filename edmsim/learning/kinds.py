@@ -82,11 +82,9 @@ class TaughtVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
 
 class _Follows(ABC):
-    """What learners have that follow a teacher in place of the reward; base class before one of PPO.
+    """Follows a teacher in place of the reward, in a `VecNormalize` of a `TaughtVecEnv`; a base before one of PPO."""
 
-    The environment is a `VecNormalize` of a `TaughtVecEnv`. All decisions so far are stored, a quarter of a kilobyte
-    each, and checkpoints have them, too.
-    """
+    # all decisions so far are stored, a quarter of a kilobyte each, and checkpoints have them, too
 
     STORED: tuple[str, ...] = ()
     """Further lists that are stored, with an entry for each rollout."""

@@ -64,18 +64,7 @@ def verdict(returns: Sequence[float], start_returns: Sequence[float]) -> Verdict
 def compare(
     env_id: str, policy: str, start: str, machines: int, watch: Callable[[str, int, int], None] | None = None
 ) -> Verdict:
-    """Cut the same machines with a policy and its start.
-
-    Parameters
-    ----------
-    env_id : str
-    policy, start : str
-        Controllers, see `edmsim.controllers.from_text`.
-    machines : int
-        Number of machines, at least `LEAST_MACHINES`.
-    watch : callable, optional
-        Called with a name, and the number of finished and of all cuts.
-    """
+    """Cut the same machines with a policy and its start; `watch` is called with a name, finished cuts and all."""
     jobs = [(name, FIRST_SEED + k) for k in range(machines) for name in (policy, start)]
     results = perform(
         partial(cut_job, env_id), jobs, watch and partial(watch, "accept"), engine=engine_of(env_id, len(jobs))
@@ -89,15 +78,7 @@ def accept(
 ) -> Verdict:
     """Compare a trained policy with its start, and replace it by its start if it is refused.
 
-    Parameters
-    ----------
-    env_id : str
-    file : Path
-        The trained policy's ``.json``; a refused policy moves to ``refused.json`` in the same folder.
-    start : str
-        Policy that the training started from: ``policy:NAME`` or a file.
-    machines, watch
-        See `compare`.
+    A refused policy moves to ``refused.json`` in the same folder. The start is ``policy:NAME`` or a file.
     """
     named = start if start.startswith("policy:") else f"policy:{start}"
     found = compare(env_id, f"policy:{file}", named, machines, watch)

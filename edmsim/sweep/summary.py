@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -214,12 +215,8 @@ def _percent(share: float) -> str:
 
 def _errors(table: pa.Table) -> list[RenderableType]:
     """Return the errors, the most frequent first."""
-    counts: dict[str, int] = {}
-    for error in table["error"].to_pylist():
-        if error is not None:
-            counts[error] = counts.get(error, 0) + 1
-    ordered = sorted(counts.items(), key=lambda item: -item[1])[:MOST_LINES]
-    return [f"{count} failed: {error}" for error, count in ordered]
+    counts = Counter(table["error"].drop_null().to_pylist())
+    return [f"{count} failed: {error}" for error, count in counts.most_common(MOST_LINES)]
 
 
 def pareto_figure(table: pa.Table) -> Drawing:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import posixpath
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -128,21 +128,23 @@ def render_failed(rows: Sequence[Row]) -> RenderableType:
 
 def rows_table(rows: Sequence[Row], base: str = "docs") -> list[str]:
     """Return a Markdown table of rows; links lead from a page in the folder `base`."""
-    lines = ["| fact | published | model | agreement asked for | result | source |", "|---|---|---|---|---|---|"]
-    for row in rows:
-        cells = row.name, row.published, simulated(row), row.tolerance, _result(row, base), row.source
-        lines.append("| " + " | ".join(markdown_cell(cell) for cell in cells) + " |")
-    return lines
+    return _markdown(("fact", "published", "model", "agreement asked for", "result", "source"), (
+        (row.name, row.published, simulated(row), row.tolerance, _result(row, base), row.source) for row in rows
+    ))  # fmt: skip
 
 
 def reasons_table(rows: Sequence[Row]) -> list[str]:
     """Return a Markdown table of the rows that do not count, with the reason of each."""
-    lines = ["| fact | topic | kind | reason |", "|---|---|---|---|"]
-    for row in rows:
-        if row.kind != "judged":
-            cells = row.name, row.topic, row.kind, row.reason
-            lines.append("| " + " | ".join(markdown_cell(cell) for cell in cells) + " |")
-    return lines
+    return _markdown(("fact", "topic", "kind", "reason"), (
+        (row.name, row.topic, row.kind, row.reason) for row in rows if row.kind != "judged"
+    ))  # fmt: skip
+
+
+def _markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a Markdown table."""
+    cells = ([cell.replace("|", "\\|") for cell in row] for row in (heads, *rows))
+    head, *lines = (f"| {' | '.join(row)} |" for row in cells)
+    return [head, "|---" * len(heads) + "|", *lines]
 
 
 def _result(row: Row, base: str) -> str:
@@ -155,11 +157,6 @@ def _result(row: Row, base: str) -> str:
     if not row.note:
         return "**fails**"
     return f"**fails**, [why]({posixpath.relpath(row.note, base)})"
-
-
-def markdown_cell(text: str) -> str:
-    """Return a text as it stands in a cell of a Markdown table."""
-    return text.replace("|", "\\|")
 
 
 def as_json(rows: Sequence[Row], shown: Sequence[Row] | None = None) -> str:

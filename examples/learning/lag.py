@@ -96,21 +96,22 @@ def record(seed: int, file: Path, student: Any = None) -> None:
     second leg and against the first one, and the length cut where errors count.
     """
     task, recorder = Task(ENV_ID), Recorder(student, seed)
-    episode, outcome = Episode(task, PolicyController(recorder), seed, "recorder"), None
+    episode = Episode(task, PolicyController(recorder), seed, "recorder")
     leg = task.scenario.legs_um[0]
     along = (leg[2] - leg[1]) / np.hypot(*(leg[2] - leg[1]))
     across, lag = np.array([-along[1], along[0]]), (leg[0] - leg[1]) / np.hypot(*(leg[1] - leg[0]))
     sums: list[list[float]] = []  # deflections times duration, duration, length
-    while outcome is None and task.path_um < ENOUGH_UM:
-        decision = len(recorder.rows) - 1
-        outcome = episode.step()
-        last = episode.last
+    decision = len(recorder.rows) - 1  # of the window, which is cut before the next decision
+    for window in episode.windows():
         while len(sums) <= decision:
             sums.append([0.0, 0.0, 0.0, 0.0])
-        seconds, bent_um = last.observation.duration_s, last.truth.deflection_um
+        seconds, bent_um = window.observation.duration_s, window.truth.deflection_um
         bent_um_s = [float(np.dot(way, bent_um)) * seconds for way in (across, lag)]
-        more = *bent_um_s, seconds, last.progress_um * last.near
+        more = *bent_um_s, seconds, window.progress_um * window.near
         sums[decision] = [before + each for before, each in zip(sums[decision], more, strict=True)]
+        decision = len(recorder.rows) - 1
+        if task.path_um >= ENOUGH_UM:
+            break
     across_um_s, lag_um_s, seconds_, cut_um = np.array(sums, np.float32).T
     rows = np.array(recorder.rows[: len(sums)])
     np.savez_compressed(

@@ -1,13 +1,11 @@
 """The benchmark's figures are there, positive and of the same run."""
 
-import io
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import gymnasium
 import pytest
-from rich.console import Console
 
 from edmsim.bench import controllers as mcu_speed
 from edmsim.bench import envs as speed
@@ -74,10 +72,3 @@ def test_cold_start_includes_a_window_of_pulses() -> None:
     scope: dict[str, object] = {}
     exec(bench._COLD, scope)
     assert scope["plant"].pulses == 255  # type: ignore[attr-defined]
-
-
-def test_table_shows_every_figure() -> None:
-    written = io.StringIO()
-    Console(width=80, file=written).print(table.render({"pulses_per_s": 1_234_567.0, "cold_start_s": 1.234}))
-    assert "1,234,567" in written.getvalue()
-    assert "1.23" in written.getvalue()

@@ -26,4 +26,3 @@ def test_a_training_is_timed_against_half_cheetah(monkeypatch):
     assert observed == ["first rollouts of 2 environments", "2 environments, 1 of 1"]
     assert all(value > 0.0 for value in found.values())
     assert all(value < 1.0 for name, value in found.items() if "share" in name)
-    assert training.render(found).row_count == 4

@@ -64,12 +64,13 @@ def test_a_law_goes_on_with_the_next_wire(make_task, weak):
     task = make_task("ThinWire", machine=weak, wires=3, episode_s=20.0)
     law = make("climb", period_factor=2.0)
     episode = Episode(task, law, 1, "climb")
-    outcome = None
-    while outcome is None and task.wires_lost < 1:
-        outcome = episode.step()
+    windows = episode.windows()
+    while task.wires_lost < 1:
+        next(windows)
     assert law.period.factor_at(0.0, law) == pytest.approx(2.0 * law.back_factor)
     assert task.wires_lost == 1
-    assert episode.step() is None
+    next(windows)
+    assert episode.outcome is None
     assert task.machine.t_period_us == pytest.approx(100 * law.back_factor, abs=2.5)
 
 

@@ -7,6 +7,7 @@ import math
 import subprocess
 import sys
 from dataclasses import fields
+from itertools import islice
 
 import gymnasium
 import numpy as np
@@ -134,14 +135,10 @@ def test_an_episode_is_the_environments_own() -> None:
 
 def test_an_episode_can_be_watched_window_by_window() -> None:
     watched = started(GAP_FEED, make("fixed", feed_um_s=12.0), 3)
-    assert watched.last is None
-    feeds = []
-    for _ in range(5):
-        assert watched.step() is None
-        assert watched.last is not None
-        feeds.append(watched.last.observation.feed_um_s)
-    assert feeds == pytest.approx([12.0] * 5)
-    assert watched.last.observation.time_s == pytest.approx(5 * 255e-4)
+    windows = [window.observation for window in islice(watched.windows(), 5)]
+    assert watched.outcome is None
+    assert [window.feed_um_s for window in windows] == pytest.approx([12.0] * 5)
+    assert windows[-1].time_s == pytest.approx(5 * 255e-4)
 
 
 def test_straight_cuts_have_no_path_error_corners_and_contours_have(compared: compare.Comparison) -> None:

@@ -111,11 +111,9 @@ def test_a_setting_that_can_hardly_be_the_best_is_not_tried(tmp_path):
 
 
 def test_in_a_shift_settings_are_tried_and_a_new_wire_begins_with_the_first(policy):
-    episode, states, outcome = Episode(Task(ENV_ID, episode_s=4.0), policy, 3, "bandit"), [], None
-    while outcome is None:
-        outcome = episode.step()
-        states.append((policy.setting, policy.clock_s, policy.law.measure.open_target_share))
-    assert outcome == "time"
+    episode = Episode(Task(ENV_ID, episode_s=4.0), policy, 3, "bandit")
+    states = [(policy.setting, policy.clock_s, policy.law.measure.open_target_share) for _ in episode.windows()]
+    assert episode.outcome == "time"
     assert {setting for setting, _, _ in states} == {0, 1, 2}
     for setting, clock_s, target in states:
         assert target == SETTINGS[setting if clock_s >= 0.0 else 0]["open_target_share"]

@@ -50,7 +50,7 @@ def test_tables_are_those_of_the_code(tables: ModuleType) -> None:
 
 def test_the_guide_explains_every_option_of_a_cut(tables: ModuleType) -> None:
     said = set(re.findall(r"--[a-z-]+", " ".join(cells(page("guide/cutting")))))
-    section = "\n".join(tables.commands()).split("## edmsim cut\n")[1].split("\n## ")[0]
+    section = tables.commands().split("## edmsim cut\n")[1].split("\n## ")[0]
     assert said == {name.split()[0] for name in cells(section) if name.startswith("--")} - {"--out"}
 
 
