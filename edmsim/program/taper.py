@@ -21,11 +21,10 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths
 from edmsim.program.arcs import CHORD_TOLERANCE_UM
 from edmsim.program.outline import Corners, Outline, Side, Taper
 
-Floats = NDArray[np.float64]
 Stop = tuple[int, float]  # at which point of a way the wire waits, and how many seconds
 
 MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
@@ -529,7 +528,7 @@ def _inside(piece: _Piece, left_mm: float, begin: Floats, end: Floats, chords: i
     return np.asarray(line)
 
 
-def _joints(outline: Outline, pieces: list[_Piece], left: NDArray[np.float64]) -> list[_Joint]:
+def _joints(outline: Outline, pieces: list[_Piece], left: Floats) -> list[_Joint]:
     """Return what the corner before every piece becomes; `left` (lines, pieces) has all lines beside them."""
     assert outline.taper is not None
     found = []
