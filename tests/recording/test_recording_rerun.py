@@ -16,10 +16,10 @@ import pytest
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS
 from edmsim.recording.rerun.machine import face_mesh, shapes_of, wire_strips
 from edmsim.recording.rerun.viewer import RERUN
-from edmsim.recording.rerun.write import group_starts, grouped, recording_id, write_recording
+from edmsim.recording.rerun.write import group_starts, recording_id, write_recording
 from edmsim.recording.scene import PassFace, Scene, read_scene, write_scene
 from edmsim.recording.stores import Closeups, Frames
-from edmsim.recording.windows import NAMES, WindowTable, column, lag_along_um
+from edmsim.recording.windows import NAMES, WindowTable, column, group_means, lag_along_um
 
 
 def compare(one: Path, two: Path) -> int:
@@ -169,7 +169,7 @@ def test_a_long_cut_is_thinned_by_means(cut: SimpleNamespace, tmp_path: Path) ->
 
 def test_groups_leave_nan_out_and_may_end_short() -> None:
     starts = group_starts(5, 2, np.zeros(0, np.int64))
-    np.testing.assert_array_equal(grouped(np.array([1.0, 3.0, np.nan, 5.0, np.nan]), starts), [2.0, 5.0, np.nan])
+    np.testing.assert_array_equal(group_means(np.array([1.0, 3.0, np.nan, 5.0, np.nan]), starts), [2.0, 5.0, np.nan])
 
 
 def test_rows_around_events_are_not_averaged() -> None:

@@ -14,6 +14,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import wire_setup
@@ -28,7 +29,7 @@ from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
 from edmsim.recording.rerun.stream import indexes, saved
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.stores import AROUND, PULSES, Closeups, Frames
-from edmsim.recording.windows import EQUALISING_COLUMNS, THREADING_S, column, lag_along_um, pause_rows
+from edmsim.recording.windows import EQUALISING_COLUMNS, THREADING_S, column, group_means, lag_along_um, pause_rows
 
 MOST = 300  # most events of a kind that are listed; of more, evenly spaced ones
 _NEAR_MM = 0.5  # the wire passes a corner of the drawing at most this far away
@@ -51,29 +52,31 @@ def events(windows: pa.Table, scene: Scene, report: Report) -> list[Event]:
     scene, origin_um = scene.in_program(), 1e3 * np.array(scene.origin_mm or (0.0, 0.0))
     t_s = column(windows, "t_s")
     place = np.column_stack([column(windows, n) for n in ("x_um", "y_um")]) - origin_um
-    last = len(windows) - 1
-    found = [Event(0, "INFO", f"begins at {_at(place[0])}")]
-    found += _retracts(windows, place)
-    found += _threadings(t_s, place)
-    found += _settings(windows)
-    found += _passes(t_s, report.passes)
-    found += _corners(scene, place)
     kind = "alarm: " if report.outcome == _ALARM else ""
-    found.append(Event(last, _LEVELS[report.outcome], kind + outcome_text(report)))
+    found = [
+        Event(0, "INFO", f"begins at {_at(place[0])}"),
+        *_retracts(windows, place), *_threadings(t_s, place), *_settings(windows), *_passes(t_s, report.passes),
+        *_corners(scene, place),
+        Event(len(windows) - 1, _LEVELS[report.outcome], kind + outcome_text(report)),
+    ]  # fmt: skip
     return sorted(found, key=lambda event: event.row)
 
 
-def _at(place_um: NDArray[np.float64]) -> str:
+def _at(place_um: Floats) -> str:
     x_um, y_um = place_um.tolist()
     return f"X {mm_text(x_um * 1e-3)} Y {mm_text(y_um * 1e-3)} mm"
 
 
 def _thinned(found: list[Event]) -> list[Event]:
-    keep = np.unique(np.linspace(0, len(found) - 1, min(len(found), MOST)).astype(int))
-    return [found[i] for i in keep]
+    return [found[i] for i in _evenly(len(found), MOST)]
 
 
-def _retracts(windows: pa.Table, place: NDArray[np.float64]) -> list[Event]:
+def _evenly(count: int, most: int) -> NDArray[np.intp]:
+    """Return numbers of 0 to ``count - 1`` evenly spaced, the ends among them; of many, `most`."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+
+
+def _retracts(windows: pa.Table, place: Floats) -> list[Event]:
     back = column(windows, "feed_um_s") < 0
     begins = np.flatnonzero(back & ~np.concatenate([[False], back[:-1]]))
     ends = np.flatnonzero(back & ~np.concatenate([back[1:], [False]]))
@@ -87,7 +90,7 @@ def _retracts(windows: pa.Table, place: NDArray[np.float64]) -> list[Event]:
     )  # fmt: skip
 
 
-def _threadings(t_s: NDArray[np.float64], place: NDArray[np.float64]) -> list[Event]:
+def _threadings(t_s: Floats, place: Floats) -> list[Event]:
     gone = pause_rows(t_s)
     return _thinned(
         [Event(int(i), "INFO", f"wire threaded at {_at(place[i])} after {t_s[i] - t_s[i - 1]:.0f} s") for i in gone]
@@ -100,7 +103,7 @@ def _settings(windows: pa.Table) -> list[Event]:
     return _thinned([Event(int(i), "INFO", f"generator set to {on[i]:g} µs of {period[i]:g} µs") for i in changed])
 
 
-def _passes(t_s: NDArray[np.float64], passes: Sequence[PassFigures]) -> list[Event]:
+def _passes(t_s: Floats, passes: Sequence[PassFigures]) -> list[Event]:
     return [
         Event(
             min(int(np.searchsorted(t_s, row.begin_s)), len(t_s) - 1), "INFO",
@@ -110,7 +113,7 @@ def _passes(t_s: NDArray[np.float64], passes: Sequence[PassFigures]) -> list[Eve
     ]  # fmt: skip
 
 
-def _corners(scene: Scene, place: NDArray[np.float64]) -> list[Event]:
+def _corners(scene: Scene, place: Floats) -> list[Event]:
     found = []
     for corner in scene.corners:
         away = np.hypot(*(place / 1000.0 - (corner.x_mm, corner.y_mm)).T)
@@ -273,12 +276,12 @@ def _log_series(
         return group
     pauses = pause_rows(column(windows, "t_s"))
     starts = np.union1d(group_starts(rows, group, event_rows), pauses)  # no mean reaches over a pause
-    t_s, path_um = (grouped(column(windows, name), starts) for name in ("t_s", "path_um"))
+    t_s, path_um = (group_means(column(windows, name), starts) for name in ("t_s", "path_um"))
     for plot in PROCESS + ELECTRICAL:
         for series in plot.series:
             if series.entity in _EQUALISING and series.entity not in windows.column_names:
                 continue
-            values = grouped(_values(windows, series.entity), starts)
+            values = group_means(_values(windows, series.entity), starts)
             entity = f"{plot.origin}/{series.entity}"
             _log_curve(recording, entity, series, (t_s, path_um, values))
             _log_by_pass(recording, entity, passes, (t_s, values))
@@ -287,7 +290,7 @@ def _log_series(
 
 
 def _log_by_pass(
-    recording: rr.RecordingStream, entity: str, passes: Sequence[PassFigures], rows: tuple[NDArray[np.float64], ...]
+    recording: rr.RecordingStream, entity: str, passes: Sequence[PassFigures], rows: tuple[Floats, ...]
 ) -> None:
     """Log a curve on the timeline of each pass, ``pass_1`` and so on; a tab's follow, as ``tab_1``."""
     for row in passes:
@@ -299,9 +302,7 @@ def _log_by_pass(
             recording.send_columns(entity, when, rr.Scalars.columns(scalars=rows[1][mine]))
 
 
-def _log_breaks(
-    recording: rr.RecordingStream, entity: str, t_s: NDArray[np.float64], path_um: NDArray[np.float64]
-) -> None:
+def _log_breaks(recording: rr.RecordingStream, entity: str, t_s: Floats, path_um: Floats) -> None:
     """End a curve where a wire is threaded: a viewer draws no line over what is cleared."""
     before = pause_rows(t_s) - 1
     if len(before):
@@ -319,13 +320,11 @@ def _log_steps(recording: rr.RecordingStream, steps: Steps) -> None:
         for series in plot.series:
             entity = f"{plot.origin}/{series.entity}"
             rows = (steps.t_s, steps.path_um, steps.values[entity])
-            _log_curve(recording, entity, series, tuple(grouped(values, starts) for values in rows))
+            _log_curve(recording, entity, series, tuple(group_means(values, starts) for values in rows))
             _log_breaks(recording, entity, steps.t_s, steps.path_um)
 
 
-def _log_curve(
-    recording: rr.RecordingStream, entity: str, series: Series, rows: tuple[NDArray[np.float64], ...]
-) -> None:
+def _log_curve(recording: rr.RecordingStream, entity: str, series: Series, rows: tuple[Floats, ...]) -> None:
     """Log a curve: time, place along the path and value of its points; NaN is left out."""
     line = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
     recording.log(entity, line, static=True)
@@ -334,7 +333,7 @@ def _log_curve(
     recording.send_columns(entity, indexes(t_s, path_um), rr.Scalars.columns(scalars=values))
 
 
-def _values(windows: pa.Table, name: str) -> NDArray[np.float64]:
+def _values(windows: pa.Table, name: str) -> Floats:
     """Return a column of the table; wire lag along the feed, pulse counts as a share in percent."""
     if name == "lag_um":
         return lag_along_um(windows)
@@ -348,14 +347,8 @@ def group_starts(rows: int, size: int, event_rows: NDArray[np.int64]) -> NDArray
     """Return the first row of every group: `size` rows each, but one only up to `AROUND` rows from an event."""
     # of many events only as many evenly spaced ones count as make `MAX_ROWS` rows
     most = MAX_ROWS // (2 * AROUND + 1)
-    chosen = event_rows[np.unique(np.linspace(0, len(event_rows) - 1, min(len(event_rows), most)).astype(int))]
+    chosen = event_rows[_evenly(len(event_rows), most)]
     near = (chosen[:, None] + np.arange(-AROUND, AROUND + 2)).ravel()
     return np.unique(np.concatenate([np.arange(0, rows, size), near[(near >= 0) & (near < rows)]]))
 
 
-def grouped(values: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the mean of every group of neighbours; `starts` are their first rows. NaN is left out."""
-    known = np.isfinite(values)
-    counts = np.add.reduceat(known.astype(float), starts)
-    sums = np.add.reduceat(np.where(known, values, 0.0), starts)
-    return np.asarray(np.divide(sums, counts, out=np.full(len(starts), np.nan), where=counts > 0))
