@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shapely.ops import substring
 
 from edmsim.errors import InputError
-from edmsim.geometry import Floats, arc_lengths
+from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.program.offset import OffsetOutline, dwells_along
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline
 from edmsim.program.taper import GuideHeights, Lean, Ruled, Way, guides_for
@@ -280,7 +280,7 @@ class _Line:
         dwells: tuple[tuple[int, float], ...] = ()
         if waits:
             every = np.union1d(passed, [at for at, _ in waits])
-            rows = np.column_stack([np.interp(every, passed, column) for column in rows.T])
+            rows = interpolated(every, passed, rows)
             dwells = tuple((int(np.searchsorted(every, at)), seconds) for at, seconds in waits)
         tilt = None
         if self.leg.surfaces is not None and self.leg.guides is not None:
@@ -304,7 +304,7 @@ class _Line:
             return np.asarray(shapely.get_coordinates(substring(self._path, start, stop)), np.float64)
         points = shapely.get_coordinates(self._path)
         passed, rows = arc_lengths(points), np.concatenate([points, self.leg.surfaces[1].slope], axis=1)
-        ends = [[np.interp(at, passed, column) for column in rows.T] for at in (start, stop)]
+        ends = interpolated(np.array([start, stop]), passed, rows)
         inner = (passed > start) & (passed < stop)
         return np.concatenate([ends[:1], rows[inner], ends[1:]])
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError, located
-from edmsim.geometry import Floats, arc_lengths
+from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.program.dialects import AUTO
 from edmsim.program.lead_in import check_approach, clears, own_lead_in
@@ -92,8 +92,7 @@ def _spread(points: Floats, chords: int) -> Floats:
     if len(points) == chords + 1:
         return points
     passed = arc_lengths(points)
-    at = np.linspace(0.0, passed[-1], chords + 1)
-    return np.stack([np.interp(at, passed, column) for column in points.T], axis=1)
+    return interpolated(np.linspace(0.0, passed[-1], chords + 1), passed, points)
 
 
 GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
@@ -618,9 +617,8 @@ def _with_dwells(leg: OffsetOutline, lead: _Lead) -> tuple[Floats, list[tuple[in
     path, count = leg.path, len(leg.outline.approach_mm)
     passed, waits = arc_lengths(path), dwells_along(leg)
     every = np.union1d(passed, [at for at, _ in waits])
-    denser = np.column_stack([np.interp(every, passed, path[:, k]) for k in (0, 1)])
     places = iter(len(lead.points) + int(np.searchsorted(every, at)) for at, _ in waits)
-    return denser, [
+    return interpolated(every, passed, path), [
         (next(places) if i >= count else _lead_place(lead, leg.outline, i), seconds)
         for i, seconds in leg.outline.dwells
     ]

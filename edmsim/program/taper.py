@@ -142,8 +142,7 @@ def _of_angle(outline: Outline, low: float, high: float) -> Ruled:
     vertices: list[int] = []
     count = len(points) - 1
     for i in range(count + 1):
-        before = i - 1 if i > 0 else (count - 1 if outline.closed else 0)
-        after = i if i < count else (0 if outline.closed else count - 1)
+        before, after = _chords_at(i, count, outline.closed)
         above = [points[i] + shift for shift in _shifts(outline, chords, before, after, cylindrical)]
         if outline.closed and i == 0:
             above = above[-1:]  # what the first corner becomes is cut at the end
@@ -179,6 +178,11 @@ def left_normals(points: Floats) -> Floats:
     across = np.stack([-steps[:, 1], steps[:, 0]], axis=1)
     there = length[:, None] > _NOTHING_MM
     return np.asarray(np.divide(across, length[:, None], out=np.zeros_like(across), where=there))
+
+
+def _chords_at(i: int, count: int, closed: bool) -> tuple[int, int]:
+    """Return the chords before and after a point; an end of an open line has one on both sides."""
+    return ((i - 1) % count, i % count) if closed else (max(i - 1, 0), min(i, count - 1))
 
 
 def _shifts(
@@ -297,9 +301,7 @@ def _offsets(normals: Floats, slope: Floats, offset_mm: float, closed: bool) -> 
     count = len(normals)
     found = np.empty((count + 1, 2))
     for i in range(count + 1):
-        before = i - 1 if i > 0 else (count - 1 if closed else 0)
-        after = i if i < count else (0 if closed else count - 1)
-        n1, n2 = normals[before], normals[after]
+        n1, n2 = normals[[*_chords_at(i, count, closed)]]
         d1, d2 = (offset_mm * math.hypot(1.0, float(slope[i] @ n)) for n in (n1, n2))
         found[i] = mitre(n1, n2, d1, d2)
     return found

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.files import check_suffix, make_writable, replacing
-from edmsim.geometry import Floats, arc_lengths
+from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.program.outline import signed_area
 from edmsim.recording.figures import palette
 from edmsim.recording.scene import Scene, grid_triangles
@@ -83,8 +83,7 @@ def is_whole(line: Floats, scene: Scene) -> bool:
 def _dense(line: Floats) -> Floats:
     """Return points along a line, 2 um apart."""
     passed = arc_lengths(line)
-    at = np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1)
-    return np.stack([np.interp(at, passed, column) for column in line.T], axis=1)
+    return interpolated(np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1), passed, line)
 
 
 def _stations(walls: tuple[Floats, ...]) -> Floats:
@@ -97,7 +96,7 @@ def _stations(walls: tuple[Floats, ...]) -> Floats:
 def _on(walls: tuple[Floats, ...], shares: Floats, height_share: float) -> Floats:
     """Return the points (n, 2) at such places and at a share of the height."""
     line = (1 - height_share) * walls[0] + height_share * walls[1]
-    return np.stack([np.interp(shares, np.arange(len(line)), column) for column in line.T], axis=1)
+    return interpolated(shares, np.arange(len(line)), line)
 
 
 def _signed_um(wall: Floats, nominal: Floats, part_side: str) -> Floats:

@@ -12,7 +12,7 @@ from matplotlib.mlab import psd
 
 from edmsim.cosim.straight import PulseSample
 from edmsim.errors import InputError
-from edmsim.geometry import Floats
+from edmsim.geometry import Floats, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import modal_model
 from edmsim.plant.resolution import resolution as named
@@ -114,7 +114,7 @@ def _modes_over_tension(machine: Machine, resolution: str) -> tuple[Floats, Floa
     frequency = np.array([wire_frequencies_hz(machine.with_(tension=float(n)), resolution) for n in known])
     tension = np.linspace(known[0], known[-1], 200)
     # a string's frequency squared is proportional to its tension: lines between the squares are next to exact
-    return tension, np.sqrt(np.stack([np.interp(tension, known, squares) for squares in (frequency**2).T], axis=1))
+    return tension, np.sqrt(interpolated(tension, known, frequency**2))
 
 
 def _draw_waterfall(axes: Axes, samples: Sequence[PulseSample]) -> None:

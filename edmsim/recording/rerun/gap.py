@@ -197,10 +197,10 @@ def _log_scales(recording: rr.RecordingStream, span_us: float, spans: Sequence[t
         lines.append([(x, 0.0), (x, low)])
     recording.log("scope/grid", rr.LineStrips2D(lines, colors=[(52, 60, 70)], radii=on_screen(0.5)), static=True)
     places, labels = [(x, y) for x, y, _ in marks], [text for *_, text in marks]
-    scale = rr.Points2D(
+    numbers = rr.Points2D(
         places, labels=labels, show_labels=True, colors=[palette.rgb(palette.MUTED)], radii=on_screen(0.5)
     )
-    recording.log("scope/scale", scale, static=True)
+    recording.log("scope/scale", numbers, static=True)
 
 
 def _ticks(most: float, count: int, least: float = 0.0) -> list[float]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shapely.geometry import MultiLineString
 from shapely.geometry.base import BaseGeometry
 
-from edmsim.geometry import Floats, arc_lengths
+from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.recording.figures import palette
@@ -375,7 +375,7 @@ def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, Floats]:
     for z_mm, off_um in zip(heights, filled_um, strict=True):
         share = z_mm / scene.height_mm
         wall = (1 - share) * walls[0] + share * walls[1]
-        places = np.stack([np.interp(at, passed, column) for column in wall.T], axis=1)
+        places = interpolated(at, passed, wall)
         off_mm = outward * (off_um * 1e-3 + FACE_OFF_MM)[:, None]
         rows.append(np.column_stack([places + off_mm, np.full(len(places), z_mm)]))
     triangles = grid_triangles(*error.shape)
