@@ -26,16 +26,6 @@ PUNCH_MM2 = 60 - 4 * (1 - math.pi / 4)
 Read = Callable[..., Program]
 
 
-@pytest.fixture
-def read(tmp_path: Path) -> Read:
-    def read_text(text: str, **options: object) -> Program:
-        file = tmp_path / "part.nc"
-        file.write_text(text)
-        return load_program(file, **options)  # type: ignore[arg-type]
-
-    return read_text
-
-
 def example(name: str, **options: object) -> Program:
     return load_program(EXAMPLES / name, **options)  # type: ignore[arg-type]
 
@@ -235,16 +225,14 @@ ONE_PASS = "{}G92 X5. Y-2.\n{}\nG1 X5. Y0.\nX0.\nY6.\nX10.\nY0.\nX5.\nG40 G1 Y-2
         (ONE_PASS.format("D1=0.19\n(by hand for LinuxCNC)\n", "G41 D1"), None),
     ],
 )  # fmt: skip
-def test_a_dialect_is_recognised_and_one_pass_is_cut(
-    read: Read, tmp_path: Path, text: str, dialect: str | None
-) -> None:
+def test_a_dialect_is_recognised_and_one_pass_is_cut(read: Read, text: str, dialect: str | None) -> None:
     program = read(text)
     assert program.dialect == dialect
     assert any("recognised" in notice for notice in program.notices) == (dialect is not None)
     (outline,) = program.outlines
     assert outline.points_mm.tolist() == [[5, 0], [0, 0], [0, 6], [10, 6], [10, 0], [5, 0]]
     assert outline.offset_mm == pytest.approx(0.19, abs=0.006)
-    path = plan_path(tmp_path / "part.nc", auto_offset_mm=0.3)
+    path = plan_path(program, auto_offset_mm=0.3)
     assert path.offset_um == pytest.approx(190, abs=6)
 
 

@@ -10,18 +10,9 @@ from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.program.gcode import read_gcode
+from edmsim.program.outline import signed_area
 
 SQUARE = "G92 X5 Y-2\nG41 D0 G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
-
-
-@pytest.fixture
-def read(tmp_path):
-    def read_text(text, name="part.ngc", **options):
-        file = tmp_path / name
-        file.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_gcode(file, **options)
-
-    return read_text
 
 
 def only(program):
@@ -37,11 +28,6 @@ def refusal(read, text, line, *words):
     for word in words:
         assert word in caught.value.reason
     return caught.value
-
-
-def area(points):
-    x, y = points.T
-    return (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() / 2
 
 
 def test_a_compensated_square_with_lead_in_and_lead_out(read):
@@ -177,14 +163,14 @@ def test_a_full_circle_as_one_arc_or_two(read):
     two = only(read("G0 X20 Y10\nG3 X10 Y10 I-5.0 J0\nG3 X20 Y10 I5 J0\n"))
     for outline in (one, two):
         assert outline.closed
-        assert area(outline.points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
+        assert signed_area(outline.points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
         radius = np.hypot(*(outline.points_mm - [15, 10]).T)
         assert np.allclose(radius, 5, atol=1e-9)
 
 
 def test_absolute_arc_centres_are_found_out_and_reported(read):
     program = read("G0 X20 Y10\nG3 X10 Y10 I15.0 J10\nG3 X20 Y10 I15. J10\n")
-    assert area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
+    assert signed_area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
     assert [notice for notice in program.notices if "absolute" in notice] == [
         "line 2: I J are taken as an absolute arc centre: only so do start and end radius agree (2 times)"
     ]
@@ -192,7 +178,7 @@ def test_absolute_arc_centres_are_found_out_and_reported(read):
 
 def test_both_kinds_of_centre_in_one_program(read):
     program = read("G0 X20 Y10\nG3 X10 Y10 I15.0 J10\nG3 X20 Y10 I5 J0\n")
-    assert area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
+    assert signed_area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
     assert any("line 2" in notice and "absolute" in notice for notice in program.notices)
 
 
@@ -219,7 +205,7 @@ def test_a_program_in_whole_um(read):
                    "G1 X3000\nG2 Y3000 I3000 J2000\nG1 X5000\nM02\n")
     points = only(program).points_mm
     assert np.ptp(points, axis=0).tolist() == pytest.approx([6, 2], abs=2e-3)
-    assert abs(area(points)) == pytest.approx(8 + math.pi, rel=1e-3)
+    assert abs(signed_area(points)) == pytest.approx(8 + math.pi, rel=1e-3)
     assert any("whole um" in notice for notice in program.notices)
 
 
