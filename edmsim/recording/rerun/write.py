@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from edmsim.recording.rerun import machine as log_machine
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, Series, Steps, blueprint, sizes_of
 from edmsim.recording.rerun.machine import KERF_FRAMES, bodies_of, growing_kerf, shapes_of
 from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
-from edmsim.recording.rerun.stream import indexes, saved
+from edmsim.recording.rerun.stream import indexes, log_changing, saved
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.stores import AROUND, PULSES, Closeups, Frames
 from edmsim.recording.windows import EQUALISING_COLUMNS, THREADING_S, column, group_means, lag_along_um, pause_rows
@@ -126,7 +126,6 @@ def _corners(scene: Scene, place: Floats) -> list[Event]:
 
 
 MAX_ROWS = 20_000  # most rows of a series; a longer table is averaged in groups
-_EQUALISING = tuple(extra.name for extra in EQUALISING_COLUMNS)
 
 
 def write_recording(
@@ -161,16 +160,9 @@ def write_recording(
         _log_events(recording, windows, shown)
         if steps is not None:
             _log_steps(recording, steps)
-        recording.log(
-            "about",
-            rr.TextDocument(
-                about(scene, report, title, factor, [
-                    *(_thinning(frames, closeups) if steps is None else steps.notes), _drawn(group, tolerance_mm),
-                ]),
-                media_type=rr.MediaType.MARKDOWN,
-            ),
-            static=True,
-        )
+        notes = [_thinning(frames, closeups)] if steps is None else steps.notes
+        text = about(scene, report, title, factor, [*notes, _drawn(group, tolerance_mm)])
+        recording.log("about", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def _at_mid_height(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]:
@@ -200,13 +192,13 @@ def _log_machine(
     return growth.tolerance_mm
 
 
-def _thinning(frames: Frames, closeups: Closeups) -> list[str]:
+def _thinning(frames: Frames, closeups: Closeups) -> str:
     """Say what of the cut's windows is in the recording and what was left out."""
-    return [
+    return (
         f"The wire's shape and its gas: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
         f"{closeups.stride}; around retracts and corners, and at the end, all of them ({AROUND} before, {AROUND} "
-        f"after; of many retracts, some). Of such a window its last {PULSES} pulses are kept.",
-    ]  # fmt: skip
+        f"after; of many retracts, some). Of such a window its last {PULSES} pulses are kept."
+    )
 
 
 def _drawn(group: int, tolerance_mm: float) -> str:
@@ -269,68 +261,60 @@ def _log_series(
     recording: rr.RecordingStream, windows: pa.Table, event_rows: NDArray[np.int64], passes: Sequence[PassFigures]
 ) -> int:
     """Log every series; return how many windows each of its points is the mean of, away from events."""
-    # each pass has a timeline of its own besides, from its begin on
     rows = len(windows)
     group = max(1, -(-rows // MAX_ROWS))
-    if rows == 0:
-        return group
-    pauses = pause_rows(column(windows, "t_s"))
-    starts = np.union1d(group_starts(rows, group, event_rows), pauses)  # no mean reaches over a pause
-    t_s, path_um = (group_means(column(windows, name), starts) for name in ("t_s", "path_um"))
-    for plot in PROCESS + ELECTRICAL:
-        for series in plot.series:
-            if series.entity in _EQUALISING and series.entity not in windows.column_names:
-                continue
-            values = group_means(_values(windows, series.entity), starts)
-            entity = f"{plot.origin}/{series.entity}"
-            _log_curve(recording, entity, series, (t_s, path_um, values))
-            _log_by_pass(recording, entity, passes, (t_s, values))
-            _log_breaks(recording, entity, column(windows, "t_s"), column(windows, "path_um"))
+    if rows:
+        absent = {extra.name for extra in EQUALISING_COLUMNS} - set(windows.column_names)
+        curves = (
+            (f"{plot.origin}/{series.entity}", series, _values(windows, series.entity))
+            for plot in PROCESS + ELECTRICAL for series in plot.series if series.entity not in absent
+        )  # fmt: skip
+        times = column(windows, "t_s"), column(windows, "path_um")
+        _log_curves(recording, curves, *times, group_starts(rows, group, event_rows), passes)
     return group
-
-
-def _log_by_pass(
-    recording: rr.RecordingStream, entity: str, passes: Sequence[PassFigures], rows: tuple[Floats, ...]
-) -> None:
-    """Log a curve on the timeline of each pass, ``pass_1`` and so on; a tab's follow, as ``tab_1``."""
-    for row in passes:
-        mine = (rows[0] > row.begin_s) & (rows[0] <= row.end_s) & np.isfinite(rows[1])
-        contour = "" if row.contour == 1 else f"_of_contour_{row.contour}"
-        name = f"{'tab' if row.piece == 'tab' else 'pass'}_{row.number}{contour}"
-        if mine.any():
-            when = [rr.TimeColumn(name, duration=rows[0][mine] - row.begin_s)]
-            recording.send_columns(entity, when, rr.Scalars.columns(scalars=rows[1][mine]))
-
-
-def _log_breaks(recording: rr.RecordingStream, entity: str, t_s: Floats, path_um: Floats) -> None:
-    """End a curve where a wire is threaded: a viewer draws no line over what is cleared."""
-    before = pause_rows(t_s) - 1
-    if len(before):
-        when = indexes(t_s[before] + THREADING_S / 2, path_um[before])
-        recording.send_columns(entity, when, rr.Clear.columns(is_recursive=[False] * len(before)))
 
 
 def _log_steps(recording: rr.RecordingStream, steps: Steps) -> None:
     """Log what an environment adds; a long episode as the means of neighbouring steps."""
     starts = np.arange(0, len(steps.t_s), max(1, -(-len(steps.t_s) // MAX_ROWS)))
-    if len(starts) == 0:
-        return
-    starts = np.union1d(starts, pause_rows(steps.t_s))
-    for plot in steps.plots:
-        for series in plot.series:
-            entity = f"{plot.origin}/{series.entity}"
-            rows = (steps.t_s, steps.path_um, steps.values[entity])
-            _log_curve(recording, entity, series, tuple(group_means(values, starts) for values in rows))
-            _log_breaks(recording, entity, steps.t_s, steps.path_um)
+    if len(starts):
+        entities = ((f"{plot.origin}/{series.entity}", series) for plot in steps.plots for series in plot.series)
+        curves = ((entity, series, steps.values[entity]) for entity, series in entities)
+        _log_curves(recording, curves, steps.t_s, steps.path_um, starts)
 
 
-def _log_curve(recording: rr.RecordingStream, entity: str, series: Series, rows: tuple[Floats, ...]) -> None:
-    """Log a curve: time, place along the path and value of its points; NaN is left out."""
-    line = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
-    recording.log(entity, line, static=True)
-    known = np.isfinite(rows[2])
-    t_s, path_um, values = (row[known] for row in rows)
-    recording.send_columns(entity, indexes(t_s, path_um), rr.Scalars.columns(scalars=values))
+def _log_curves(
+    recording: rr.RecordingStream, curves: Iterable[tuple[str, Series, Floats]], t_s: Floats, path_um: Floats,
+    starts: NDArray[np.int64], passes: Sequence[PassFigures] = (),
+) -> None:
+    """Log curves as the means of groups of rows: entity, look and values of each, of which NaN is left out."""
+    # each pass has a timeline of its own besides, from its begin on
+    pauses = pause_rows(t_s)
+    starts = np.union1d(starts, pauses)  # no mean reaches over a pause
+    threaded = indexes(t_s[pauses - 1] + THREADING_S / 2, path_um[pauses - 1])
+    mean_t_s, mean_path_um = group_means(t_s, starts), group_means(path_um, starts)
+    for entity, series, values in curves:
+        look = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
+        mean = group_means(values, starts)
+        known = np.isfinite(mean)
+        when = indexes(mean_t_s[known], mean_path_um[known])
+        log_changing(recording, entity, look, when, rr.Scalars.columns(scalars=mean[known]))
+        _log_by_pass(recording, entity, passes, mean_t_s, mean)
+        if len(pauses):  # a viewer draws no line over what is cleared
+            recording.send_columns(entity, threaded, rr.Clear.columns(is_recursive=[False] * len(pauses)))
+
+
+def _log_by_pass(
+    recording: rr.RecordingStream, entity: str, passes: Sequence[PassFigures], t_s: Floats, values: Floats
+) -> None:
+    """Log a curve on the timeline of each pass, ``pass_1`` and so on; a tab's follow, as ``tab_1``."""
+    for row in passes:
+        mine = (t_s > row.begin_s) & (t_s <= row.end_s) & np.isfinite(values)
+        contour = "" if row.contour == 1 else f"_of_contour_{row.contour}"
+        name = f"{'tab' if row.piece == 'tab' else 'pass'}_{row.number}{contour}"
+        if mine.any():
+            when = [rr.TimeColumn(name, duration=t_s[mine] - row.begin_s)]
+            recording.send_columns(entity, when, rr.Scalars.columns(scalars=values[mine]))
 
 
 def _values(windows: pa.Table, name: str) -> Floats:
@@ -350,5 +334,3 @@ def group_starts(rows: int, size: int, event_rows: NDArray[np.int64]) -> NDArray
     chosen = event_rows[_evenly(len(event_rows), most)]
     near = (chosen[:, None] + np.arange(-AROUND, AROUND + 2)).ravel()
     return np.unique(np.concatenate([np.arange(0, rows, size), near[(near >= 0) & (near < rows)]]))
-
-
