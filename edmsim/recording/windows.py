@@ -273,12 +273,17 @@ def column(table: pa.Table, name: str) -> Floats:
     return np.asarray(table.column(name).to_numpy(), np.float64)
 
 
+def columns(table: pa.Table, *names: str) -> Floats:
+    """Return some columns of a table of windows side by side, as `column` has them: (n, names)."""
+    return np.column_stack([column(table, name) for name in names])
+
+
 def travel_direction(table: pa.Table) -> Floats:
     """Return the direction of travel in every window, unit vectors (n, 2); zero where the wire has not moved."""
     # the chord over 25 um of path on either side: steps of 1 um on two axes say nothing about direction
     # one by one; it never reaches over a pause, to another contour
     path = np.maximum.accumulate(column(table, "path_um"))
-    place = np.column_stack([column(table, name) for name in ("x_um", "y_um")])
+    place = columns(table, "x_um", "y_um")
     chord = np.zeros((len(path), 2))
     for part in stretches(len(path), pause_rows(column(table, "t_s"))):
         s, at = path[part], place[part]
@@ -289,5 +294,4 @@ def travel_direction(table: pa.Table) -> Floats:
 
 def lag_along_um(table: pa.Table) -> Floats:
     """Wire lag of every window in um along the direction of travel: positive against the feed."""
-    lag = np.column_stack([column(table, "lag_x_um"), column(table, "lag_y_um")])
-    return np.asarray(np.einsum("ij,ij->i", lag, travel_direction(table)))
+    return np.asarray(np.einsum("ij,ij->i", columns(table, "lag_x_um", "lag_y_um"), travel_direction(table)))

@@ -18,7 +18,7 @@ from edmsim.recording.figures import palette, style
 from edmsim.recording.figures.profile import draw_errors, label_corners
 from edmsim.recording.report import Report, mm_text
 from edmsim.recording.scene import ErrorMap, Scene
-from edmsim.recording.windows import column
+from edmsim.recording.windows import columns
 
 _COLOURS = palette.SKY, palette.PURPLE, palette.GREEN, palette.BLUE, palette.ORANGE
 _SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may leave them (ours)
@@ -138,8 +138,8 @@ def _chosen_corner(scene: Scene, corner: int | None) -> CornerError:
 
 def _paths_um(windows: pa.Table, place_mm: Floats, reach_mm: float) -> tuple[Floats, Floats]:
     """Guides and wire near a place, relative to it in um: rows (n, 2) in order of time, NaN between visits."""
-    guides = np.column_stack([column(windows, "x_um"), column(windows, "y_um")]) - 1000 * place_mm
-    wire = guides - np.column_stack([column(windows, "lag_x_um"), column(windows, "lag_y_um")])
+    guides = columns(windows, "x_um", "y_um") - 1000 * place_mm
+    wire = guides - columns(windows, "lag_x_um", "lag_y_um")
     away = np.abs(guides).max(axis=1) > 1000 * reach_mm
     return np.where(away[:, None], np.nan, guides), np.where(away[:, None], np.nan, wire)
 
@@ -204,11 +204,11 @@ def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Floats, s: Floats, place_m
     """The wire's displacement from its guides, away from the part, at the nearest place of the edge."""
     from scipy.spatial import cKDTree
 
-    guides = np.column_stack([column(windows, "x_um"), column(windows, "y_um")]) / 1000
+    guides = columns(windows, "x_um", "y_um") / 1000
     near = np.hypot(*(guides - place_mm).T) < 2 * CORNER_REACH_MM
     if not near.any():
         return
-    lag = np.column_stack([column(windows, "lag_x_um"), column(windows, "lag_y_um")])[near]
+    lag = columns(windows, "lag_x_um", "lag_y_um")[near]
     nearest = cKDTree(edge_mm).query(guides[near])[1]
     away = -(lag * outward[nearest]).sum(axis=1)
     places, group = np.unique(nearest, return_inverse=True)

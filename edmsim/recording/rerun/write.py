@@ -29,7 +29,15 @@ from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
 from edmsim.recording.rerun.stream import indexes, log_changing, saved
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.stores import AROUND, PULSES, Closeups, Frames
-from edmsim.recording.windows import EQUALISING_COLUMNS, THREADING_S, column, group_means, lag_along_um, pause_rows
+from edmsim.recording.windows import (
+    EQUALISING_COLUMNS,
+    THREADING_S,
+    column,
+    columns,
+    group_means,
+    lag_along_um,
+    pause_rows,
+)
 
 MOST = 300  # most events of a kind that are listed; of more, evenly spaced ones
 _NEAR_MM = 0.5  # the wire passes a corner of the drawing at most this far away
@@ -51,7 +59,7 @@ def events(windows: pa.Table, scene: Scene, report: Report) -> list[Event]:
         return []
     scene, origin_um = scene.in_program(), 1e3 * np.array(scene.origin_mm or (0.0, 0.0))
     t_s = column(windows, "t_s")
-    place = np.column_stack([column(windows, n) for n in ("x_um", "y_um")]) - origin_um
+    place = columns(windows, "x_um", "y_um") - origin_um
     kind = "alarm: " if report.outcome == _ALARM else ""
     found = [
         Event(0, "INFO", f"begins at {_at(place[0])}"),
@@ -182,7 +190,7 @@ def _log_machine(
     t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
     model = build_model(wire_setup(machine), machine.base.model)
     log_machine.log_bodies(recording, bodies_of(model, scene.guides_z_mm[0]))
-    growth = growing_kerf(scene, np.column_stack([column(windows, "x_um"), column(windows, "y_um")]), path_um)
+    growth = growing_kerf(scene, columns(windows, "x_um", "y_um"), path_um)
     log_machine.log_workpiece(recording, growth, t_s, path_um)
     log_machine.log_drawing(recording, scene)
     log_machine.log_errors(recording, scene)
