@@ -42,17 +42,18 @@ class Mesh(NamedTuple):
     triangles: NDArray[np.uint32]
 
 
+_NOTHING = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32))
+
+
 def joined(meshes: Sequence[Mesh]) -> Mesh:
     """Return several meshes as one."""
+    meshes = [_NOTHING, *meshes]
     starts = np.cumsum([0, *(len(mesh.positions) for mesh in meshes[:-1])])
     return Mesh(
-        np.concatenate([np.zeros((0, 3), np.float32), *(mesh.positions for mesh in meshes)]),
-        np.concatenate([np.zeros((0, 3), np.float32), *(mesh.normals for mesh in meshes)]),
-        np.concatenate(
-            [np.zeros((0, 3), np.uint32),
-             *(mesh.triangles + np.uint32(at) for mesh, at in zip(meshes, starts, strict=True))]
-        ),
-    )  # fmt: skip
+        np.concatenate([mesh.positions for mesh in meshes]),
+        np.concatenate([mesh.normals for mesh in meshes]),
+        np.concatenate([mesh.triangles + np.uint32(at) for mesh, at in zip(meshes, starts, strict=True)]),
+    )
 
 
 def prism(area: BaseGeometry, low_mm: float, high_mm: float) -> Mesh:
