@@ -85,9 +85,15 @@ def test_incremental_and_absolute_give_the_same_path(tmp_path_factory, moves):
     assert np.allclose(outlines[0], outlines[1], atol=1e-9)
 
 
-def test_inches(read):
-    outline = only(read("G20 G0 X0 Y0\nG1 X1. Y.5\n"))
-    assert outline.points_mm[-1].tolist() == pytest.approx([25.4, 12.7])
+@pytest.mark.parametrize(("text", "end_mm"), [
+    ("G20 G0 X0 Y0\nG1 X1. Y.5\n", [25.4, 12.7]),
+    ("G0 X0 Y0\nG1 X20\nG1 Y10\n", [20, 10]),  # whole numbers that fit the table
+    ("G0 X100 Y100\nG1 X110\nG1 Y120\n", [110, 120]),  # so do these, though far from zero
+    ("G0 X0 Y0\nG1 X2000\nG1 Y1.5\n", [2000, 1.5]),  # one decimal point
+    ("G91\nG1 X400\nX400\nY-300\n", [0.8, -0.3]),  # whole um
+])  # fmt: skip
+def test_the_unit_of_a_program(read, text, end_mm):
+    assert only(read(text)).points_mm[-1].tolist() == pytest.approx(end_mm)
 
 
 def test_g92_in_mid_program_shifts_what_follows(read):
@@ -209,23 +215,8 @@ def test_a_program_in_whole_um(read):
     assert any("whole um" in notice for notice in program.notices)
 
 
-def test_whole_numbers_that_fit_the_table_are_mm_and_it_says_so(read):
-    program = read("G0 X0 Y0\nG1 X20\nG1 Y10\n")
-    assert only(program).points_mm[-1].tolist() == [20, 10]
-    assert any("read as mm" in notice for notice in program.notices)
-
-
-def test_far_from_zero_is_still_mm(read):
-    assert only(read("G0 X100 Y100\nG1 X110\nG1 Y120\n")).points_mm[-1].tolist() == [110, 120]
-
-
-def test_one_decimal_point_makes_a_program_mm(read):
-    assert only(read("G0 X0 Y0\nG1 X2000\nG1 Y1.5\n")).points_mm[1].tolist() == [2000, 0]
-
-
-def test_incremental_whole_um(read):
-    outline = only(read("G91\nG1 X400\nX400\nY-300\n"))
-    assert outline.points_mm[-1].tolist() == pytest.approx([0.8, -0.3])
+def test_whole_numbers_that_fit_the_table_are_said_to_be_mm(read):
+    assert any("read as mm" in notice for notice in read("G0 X0 Y0\nG1 X20\nG1 Y10\n").notices)
 
 
 BAD = [
