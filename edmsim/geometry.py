@@ -25,6 +25,11 @@ def arc_lengths(points: ArrayLike) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
+def interpolated(places: Floats, known: Floats | NDArray[np.int64], rows: Floats) -> Floats:
+    """Return at places (n,) the rows (n, k) between those (m, k) that are known at others (m,), in rising order."""
+    return np.stack([np.interp(places, known, column) for column in rows.T], axis=1)
+
+
 class Polyline:
     """A line of straight pieces, open or closed (its last point is the first), asked by arc length in mm."""
 

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from edmsim.errors import InputError
+from edmsim.geometry import Floats
 from edmsim.program.blocks import Block, Units
 from edmsim.program.limits import FARTHEST_MM
 from edmsim.program.outline import JOIN_TOLERANCE_MM
-
-Floats = NDArray[np.float64]
 
 SAME_PLACE_MM = 1e-6  # places closer than this many mm differ by numerical noise only
 

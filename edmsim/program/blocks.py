@@ -135,7 +135,7 @@ _CONDITION = {"C": r"\d{1,4}", "E": r"\d{3,4}", "S": r"\d{1,4}"}
 _ABOVE = frozenset("XYIJ")
 _LONGEST_QUOTE = 12
 _NESTED = re.compile(r"\([^)]*\(")
-_CALL = ("M", 98)
+CALL, RETURN = ("M", 98), ("M", 99)
 _END_CODES = frozenset({("M", 2), ("M", 30)})
 
 
@@ -155,19 +155,19 @@ class UpperWords:
     values: dict[str, float]
 
 
-@dataclass(frozen=True)
+@dataclass
 class Block:
-    """One block of a program, as a rule a line."""
+    """One block of a program, as a rule a line; it is filled word by word."""
 
     line: int  # line in the file, counted from 1
-    codes: tuple[tuple[str, float], ...]  # G and M codes in the order they are written
-    values: dict[str, float]  # all other words but N, as written
-    pointed: bool  # whether any coordinate (X Y I J R) or offset has a decimal point
-    decimals: int | None  # most decimal places of a coordinate; None if there is no coordinate
     deletable: bool  # whether the line begins with the block delete sign ``/``
-    idle: tuple[str, ...] = ()  # words that cannot change a contour, as they stand
-    ignored: tuple[str, ...] = ()  # words the user leaves out
-    offsets: tuple[OffsetValue, ...] = ()  # registers that the block gives a value, ``D1=0.155``
+    codes: list[tuple[str, float]] = field(default_factory=list)  # G and M codes in the order they are written
+    values: dict[str, float] = field(default_factory=dict)  # all other words but N, as written
+    pointed: bool = False  # whether any coordinate (X Y I J R) or offset has a decimal point
+    decimals: int | None = None  # most decimal places of a coordinate; None if there is no coordinate
+    idle: list[str] = field(default_factory=list)  # words that cannot change a contour, as they stand
+    ignored: list[str] = field(default_factory=list)  # words the user leaves out
+    offsets: list[OffsetValue] = field(default_factory=list)  # registers that it gives a value, ``D1=0.155``
     condition: str | None = None  # the machining condition that it calls, as written
     upper: UpperWords | None = None  # the move of the second plane
     label: int | None = None  # its N number, where a subprogram may begin at one
@@ -176,6 +176,19 @@ class Block:
     def ends_program(self) -> bool:
         """Whether the block has M2 or M30."""
         return not _END_CODES.isdisjoint(self.codes)
+
+    def add(self, letter: str, number: str, file: str) -> None:
+        """Take a letter's number, and note how finely a coordinate is written."""
+        if letter in self.values:
+            raise InputError(f"the word {letter} occurs twice in one block: write it once", file, self.line)
+        self.values[letter] = _value(letter, number, file, self.line)
+        self.measure(letter, number)
+
+    def measure(self, letter: str, number: str) -> None:
+        """Note whether a coordinate has a point, and its decimal places."""
+        if letter in "XYIJRUV":
+            self.pointed |= "." in number
+            self.decimals = max(self.decimals or 0, len(number.partition(".")[2]))
 
 
 def read_text(file: Path) -> str:
@@ -251,7 +264,7 @@ def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) 
             last = number
             break
     behind: list[Block] = []
-    if any(_CALL in block.codes for block in blocks):
+    if any(CALL in block.codes for block in blocks):
         while last < len(lines) and not lines[last].lstrip().startswith("%"):
             behind += reader.blocks_of(lines[last], last + 1, labelled=dialect.numbered)
             last += 1
@@ -276,20 +289,19 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
     above: str | None = None
     if dialect.upper == "colon" and ":" in bare:
         bare, _, above = bare.partition(":")
-    deletable = bare.startswith("/")
-    words = _Words()
-    at = int(deletable)
-    while at < len(bare) and not (words.codes and words.codes[-1] in _END_CODES):
+    block = Block(line, bare.startswith("/"))
+    at = int(block.deletable)
+    while at < len(bare) and not block.ends_program:
         found = _OFFSET.match(bare, at)
         plane = _PLANE.match(bare, at) if dialect.planes else None
         if found is not None:
             at = found.end()
-            words.offsets.append(_offset_value(found, file, line))
-            words.pointed |= "." in found[3]
+            block.offsets.append(_offset_value(found, file, line))
+            block.pointed |= "." in found[3]
             continue
         if plane is not None:
             at = plane.end()
-            words.add(plane[1], plane[2], file, line)
+            block.add(plane[1], plane[2], file)
             continue
         word = _WORD.match(bare, at)
         if word is None:
@@ -298,61 +310,26 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
             break
         at, letter, number = word.end(), word[1], word[2]
         if reader.ignored.has(letter, number):
-            words.dropped.append(word[0])
+            block.ignored.append(word[0])
         elif letter == dialect.condition and re.fullmatch(_CONDITION[letter], number):
-            if words.condition is not None:
-                reason = f"{words.condition} and {word[0]} are both conditions: call one in a block"
+            if block.condition is not None:
+                reason = f"{block.condition} and {word[0]} are both conditions: call one in a block"
                 raise InputError(reason, file, line)
-            words.condition = word[0]
+            block.condition = word[0]
         elif letter in "GMT" and (code := code_of(letter, number, dialect)) is not None:
             # whatever ends a program elsewhere ends it as M2 does
-            words.codes.append(("M", 2) if dialect.action_of((letter, code)) == "end" else (letter, code))
-        elif letter in IDLE and letter not in dialect.letters and (letter != "O" or not words.values):
-            words.idle.append(word[0])  # X1O5 has a letter in place of a zero
+            block.codes.append(("M", 2) if dialect.action_of((letter, code)) == "end" else (letter, code))
+        elif letter in IDLE and letter not in dialect.letters and (letter != "O" or not block.values):
+            block.idle.append(word[0])  # X1O5 has a letter in place of a zero
         elif letter not in VALUES and letter not in dialect.letters:
             reader.unknown.append((word[0][:_LONGEST_QUOTE], line))
         elif letter == "N":
-            words.label = int(number) if labelled and number.isdigit() else None
+            block.label = int(number) if labelled and number.isdigit() else None
         else:
-            words.add(letter, number, file, line)
-    upper = None if above is None else _upper_words(above, line, reader, words)
-    block = Block(
-        line, tuple(words.codes), words.values, words.pointed, None if words.decimals < 0 else words.decimals,
-        deletable, tuple(words.idle), tuple(words.dropped), tuple(words.offsets), words.condition, upper, words.label,
-    )  # fmt: skip
-    leaves_a_trace = (
-        words.codes or words.values or words.idle or words.dropped or words.offsets or words.condition
-        or words.label is not None or upper is not None
-    )  # fmt: skip
-    return block if leaves_a_trace else None
-
-
-@dataclass
-class _Words:
-    """The words of a block while it is read."""
-
-    codes: list[tuple[str, float]] = field(default_factory=list)
-    values: dict[str, float] = field(default_factory=dict)
-    idle: list[str] = field(default_factory=list)
-    dropped: list[str] = field(default_factory=list)
-    offsets: list[OffsetValue] = field(default_factory=list)
-    condition: str | None = None
-    label: int | None = None
-    pointed: bool = False
-    decimals: int = -1
-
-    def add(self, letter: str, number: str, file: str, line: int) -> None:
-        """Take a letter's number, and note how finely a coordinate is written."""
-        if letter in self.values:
-            raise InputError(f"the word {letter} occurs twice in one block: write it once", file, line)
-        self.values[letter] = _value(letter, number, file, line)
-        self.measure(letter, number)
-
-    def measure(self, letter: str, number: str) -> None:
-        """Note whether a coordinate has a point, and its decimal places."""
-        if letter in "XYIJRUV":
-            self.pointed |= "." in number
-            self.decimals = max(self.decimals, len(number.partition(".")[2]))
+            block.add(letter, number, file)
+    if above is not None:
+        block.upper = _upper_words(above, reader, block)
+    return None if block == Block(line, block.deletable) else block
 
 
 def _offset_value(found: re.Match[str], file: str, line: int) -> OffsetValue:
@@ -367,8 +344,9 @@ def _offset_value(found: re.Match[str], file: str, line: int) -> OffsetValue:
     return OffsetValue(register(found[1], found[2]), number, tuple(added))
 
 
-def _upper_words(above: str, line: int, reader: _Reader, words: _Words) -> UpperWords:
+def _upper_words(above: str, reader: _Reader, block: Block) -> UpperWords:
     """Read the move behind a colon: X Y I J and G1, G2 or G3."""
+    line = block.line
     code: float | None = None
     values: dict[str, float] = {}
     at = 0
@@ -384,7 +362,7 @@ def _upper_words(above: str, line: int, reader: _Reader, words: _Words) -> Upper
                 reason = f"the word {letter} occurs twice behind the colon: write it once"
                 raise InputError(reason, reader.file, line)
             values[letter] = _value(letter, number, reader.file, line)
-            words.measure(letter, number)
+            block.measure(letter, number)
         else:
             code = code_of(letter, number)
         at = word.end()
@@ -496,7 +474,6 @@ def _extent(blocks: Sequence[Block]) -> float:
     return max(max(values) - min(values) if values else 0.0 for values in reached.values())
 
 
-CALL, RETURN = ("M", 98), ("M", 99)
 _DEEPEST = 10  # calls within calls (ours: controls allow 4 to 10)
 
 
@@ -530,8 +507,8 @@ def _sections(behind: Sequence[Block], file: str) -> dict[int, list[Block]]:
             found[number] = []
         elif names:
             raise InputError(f"subprogram O{number} has no M99 before {names[0]} begins", file, block.line)
-        idle = tuple(word for word in block.idle if word not in names)
-        found[number].append(replace(block, idle=idle, codes=tuple(code for code in block.codes if code != RETURN)))
+        idle = [word for word in block.idle if word not in names]
+        found[number].append(replace(block, idle=idle, codes=[code for code in block.codes if code != RETURN]))
         if RETURN in block.codes:
             number = None
     if number is not None:
@@ -561,8 +538,7 @@ def _run(
             raise InputError(reason, file, block.line)
         called.add(number)
         values = {letter: value for letter, value in block.values.items() if letter in "DH"}
-        rest = replace(block, codes=tuple(code for code in block.codes if code != CALL), values=values)
-        out.append(rest)
+        out.append(replace(block, codes=[code for code in block.codes if code != CALL], values=values))
         for _ in range(times):
             _run(subprograms[number], subprograms, file, out, called, depth + 1)
 

@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths
 from edmsim.program.arcs import CHORD_TOLERANCE_UM, arc_points
 from edmsim.program.limits import FARTHEST_MM, check_count, check_points
 from edmsim.program.outline import JOIN_TOLERANCE_MM
@@ -31,12 +31,12 @@ SAME_MM = 1e-6  # points closer than this many mm are one (ours: what arithmetic
 class Chain:
     """Points of one entity, or of several joined."""
 
-    points: NDArray[np.float64]  # (n, 2): in mm, none within `SAME_MM` of the one before
+    points: Floats  # (n, 2): in mm, none within `SAME_MM` of the one before
     elements: NDArray[np.int64]  # (n - 1,): which line or arc each of the chords belongs to; neighbours differ
     place: int  # place of its first entity in the drawing
 
     @classmethod
-    def of(cls, pieces: Sequence[NDArray[np.float64]], place: int) -> Self:
+    def of(cls, pieces: Sequence[Floats], place: int) -> Self:
         """Join lines and arcs that follow each other."""
         points = np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
         elements = np.repeat(np.arange(len(pieces)), [len(piece) - 1 for piece in pieces])
@@ -69,7 +69,7 @@ class Chain:
         """Whether it lies within the tolerance that joins ends."""
         return is_short(self.points)
 
-    def parts(self) -> list[tuple[NDArray[np.float64], bool]]:
+    def parts(self) -> list[tuple[Floats, bool]]:
         """Return the points of its lines and arcs, the ends of each included, and whether each is short."""
         bounds = [0, *(np.flatnonzero(np.diff(self.elements)) + 1).tolist(), len(self.elements)]
         near = np.hypot(*np.diff(self.points[bounds], axis=0).T) <= JOIN_TOLERANCE_MM
@@ -95,7 +95,7 @@ class Chain:
         return type(self)(self.points[np.concatenate([[True], moves])], self.elements[moves], self.place)
 
 
-def is_short(points: NDArray[np.float64]) -> bool:
+def is_short(points: Floats) -> bool:
     """Say whether points (n, 2) in mm lie within the tolerance of the first or, where they close, of their middle."""
     closes = np.hypot(*(points[0] - points[-1])) <= JOIN_TOLERANCE_MM
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -175,12 +175,12 @@ def _partners(loose: Sequence[Chain], short: Sequence[Chain]) -> dict[_End, _End
     return partner
 
 
-def _ends(chains: Sequence[Chain]) -> tuple[list[_End], NDArray[np.float64]]:
+def _ends(chains: Sequence[Chain]) -> tuple[list[_End], Floats]:
     ends = [(i, end) for i in range(len(chains)) for end in (0, -1)]
     return ends, np.concatenate([chain.points[[0, -1]] for chain in chains])
 
 
-def _near(places: NDArray[np.float64]) -> list[tuple[int, int]]:
+def _near(places: Floats) -> list[tuple[int, int]]:
     """Return pairs of different places within the tolerance, for each the nearest first; of a crowd, some."""
     from scipy.spatial import KDTree
 
@@ -192,7 +192,7 @@ def _near(places: NDArray[np.float64]) -> list[tuple[int, int]]:
     return list(zip(own[within].tolist(), others[within].tolist(), strict=True))
 
 
-def _open_reason(ends: NDArray[np.float64]) -> str:
+def _open_reason(ends: Floats) -> str:
     from scipy.spatial import KDTree
 
     distances, nearest = (np.atleast_2d(values) for values in KDTree(ends).query(ends, k=2))
@@ -228,7 +228,7 @@ def _walk(left: dict[int, Chain], partner: dict[_End, _End], end: _End) -> list[
     return pieces
 
 
-def spot(point: NDArray[np.float64]) -> str:
+def spot(point: Floats) -> str:
     """Return a place in the words of a message."""
     return f"X{point[0]:.3f} Y{point[1]:.3f} mm"
 
@@ -269,7 +269,7 @@ def _are_same(one: Chain, box: _Box, other_box: _Box, other: Chain) -> bool:
     return _lies_on(one.points, other.points, reach) and _lies_on(other.points, one.points, reach)
 
 
-def _lies_on(points: NDArray[np.float64], line: NDArray[np.float64], reach: float) -> bool:
+def _lies_on(points: Floats, line: Floats, reach: float) -> bool:
     spots = np.concatenate([points, (points[1:] + points[:-1]) / 2])
     drawn = shapely.LineString(line)
     shapely.prepare(drawn)
@@ -280,7 +280,7 @@ _MOST_HALVINGS = 16
 _FEWEST_CHORDS = 16
 
 
-def spline_points(entity: Any, tolerance: float) -> NDArray[np.float64]:
+def spline_points(entity: Any, tolerance: float) -> Floats:
     """Return the points (n, 2) of a SPLINE, in drawing units, as chords within a tolerance."""
     # a periodic spline is drawn between the first and last knot that all its control points bear on; one whose
     # control points are written once, for as many knots as if they were repeated, is closed with the first of
@@ -303,10 +303,7 @@ def spline_points(entity: Any, tolerance: float) -> NDArray[np.float64]:
     return _along(knots, control, weights, degree, tolerance)
 
 
-def _along(
-    knots: NDArray[np.float64], control: NDArray[np.float64], weights: NDArray[np.float64], degree: int,
-    tolerance: float,
-) -> NDArray[np.float64]:
+def _along(knots: Floats, control: Floats, weights: Floats, degree: int, tolerance: float) -> Floats:
     from scipy.interpolate import BSpline
 
     curve = BSpline(knots, np.column_stack([control * weights[:, None], weights]), degree)
@@ -314,7 +311,7 @@ def _along(
     return _chords(lambda t: curve(t)[:, :2] / curve(t)[:, 2:], breaks, tolerance)
 
 
-def _through(points: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+def _through(points: Floats, tolerance: float) -> Floats:
     from scipy.interpolate import CubicSpline
 
     ring = points if np.array_equal(points[0], points[-1]) else np.concatenate([points, points[:1]])
@@ -323,7 +320,7 @@ def _through(points: NDArray[np.float64], tolerance: float) -> NDArray[np.float6
     return _chords(CubicSpline(length, ring, bc_type="periodic"), length, tolerance)
 
 
-def _chords(curve: Any, breaks: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+def _chords(curve: Any, breaks: Floats, tolerance: float) -> Floats:
     """Halve the chords between breaks until their middles lie within the tolerance of the curve."""
     t = np.unique(np.linspace(breaks[:-1], breaks[1:], _FEWEST_CHORDS // 4 + 1))
     for _ in range(_MOST_HALVINGS):
@@ -340,7 +337,7 @@ _FRAME = 16  # flag of a vertex that controls a spline and is not on it (DXF ref
 _MESHES = {"AcDbPolygonMesh": "polygon mesh", "AcDbPolyFaceMesh": "polyface mesh"}
 
 
-def polyline_pieces(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
+def polyline_pieces(entity: Any, unit_mm: float) -> list[Floats]:
     """Return the lines and arcs of a polyline, points (n, 2) in mm each; those of no length are left out."""
     corners, bulges, closed, height = _vertices(entity, unit_mm)
     check_points(np.column_stack([corners.real, corners.imag]), f"a {entity.dxftype()}",
@@ -357,7 +354,7 @@ def polyline_pieces(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
     return pieces
 
 
-def _vertices(entity: Any, unit_mm: float) -> tuple[NDArray[np.complex128], NDArray[np.float64], bool, float]:
+def _vertices(entity: Any, unit_mm: float) -> tuple[NDArray[np.complex128], Floats, bool, float]:
     """Return corners in mm, bulges, whether it is closed, and its height in drawing units."""
     if entity.dxftype() == "LWPOLYLINE":
         values = np.array(entity.get_points("xyb"), np.float64).reshape(-1, 3)
@@ -380,11 +377,11 @@ def _vertices(entity: Any, unit_mm: float) -> tuple[NDArray[np.complex128], NDAr
     return _corners(values, unit_mm), np.zeros(len(values)), closed, height
 
 
-def _corners(values: NDArray[np.float64], unit_mm: float) -> NDArray[np.complex128]:
+def _corners(values: Floats, unit_mm: float) -> NDArray[np.complex128]:
     return np.asarray(values[:, :2] @ (1, 1j) * unit_mm, np.complex128)
 
 
-def _segment(start: complex, end: complex, bulge: float) -> NDArray[np.float64]:
+def _segment(start: complex, end: complex, bulge: float) -> Floats:
     """Return the points of a line or arc; the bulge is the tangent of its quarter angle, counter-clockwise."""
     step = end - start
     if not np.isfinite(bulge):
@@ -396,7 +393,7 @@ def _segment(start: complex, end: complex, bulge: float) -> NDArray[np.float64]:
     return np.array([(point.real, point.imag) for point in points])
 
 
-def _flat(entity: Any, points: NDArray[np.float64], height: float, unit_mm: float) -> NDArray[np.float64]:
+def _flat(entity: Any, points: Floats, height: float, unit_mm: float) -> Floats:
     """Return points (n, 2) of an entity's own plane as they lie in the drawing's."""
     if entity.dxftype() == "POLYLINE" and not entity.is_2d_polyline:
         return points
@@ -430,7 +427,7 @@ UNDRAWN = frozenset({
 _FLAT = 0.9999
 
 
-def pieces_of(entity: Any, unit_mm: float) -> list[NDArray[np.float64]]:
+def pieces_of(entity: Any, unit_mm: float) -> list[Floats]:
     """Return the lines and arcs of an entity, points (n, 2) in mm each."""
     kind = entity.dxftype()
     if kind not in CUT:

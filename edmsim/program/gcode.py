@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -45,6 +44,8 @@ from edmsim.program.outline import (
     Side,
     Taper,
     array_of,
+    chords_of,
+    points_of,
     refuse_self_crossing,
     signed_area,
     vertices_of,
@@ -60,13 +61,6 @@ _LEAST_SHARE = 0.5
 with ends of its own; a contour that goes on with another offset retraces none)."""
 
 
-class _Section(NamedTuple):
-    """Moves ``first`` to ``last`` under one compensation."""
-
-    first: int
-    last: int
-
-
 def passes_of(run: Run) -> list[Run]:
     """Split a run where compensation or offset changes: a run for each pass."""
     # moves under an offset of 0 beside some under a greater one are approach and way out, as where they had none
@@ -76,13 +70,13 @@ def passes_of(run: Run) -> list[Run]:
         return [run]
     parts = []
     for number, section in enumerate(sections):
-        begin = sections[number - 1].last if number else 0
+        begin = sections[number - 1].stop if number else 0
         if number:
             _check_goes_back(run, sections[:number], section)
         is_last = number == len(sections) - 1
-        end = len(run.moves) if is_last else section.last
-        until = len(run.moves) if is_last else sections[number + 1].first
-        parts.append(_part(run, begin, end, section.first, until))
+        end = len(run.moves) if is_last else section.stop
+        until = len(run.moves) if is_last else sections[number + 1].start
+        parts.append(_part(run, begin, end, section.start, until))
     return parts
 
 
@@ -93,7 +87,7 @@ def parts_by_condition(run: Run) -> list[Run]:
         return [run]
     changes = [k for k in range(1, len(moves)) if moves[k].state.condition != moves[k - 1].state.condition]
     bounds = [0, *changes, len(moves)]
-    if len(bounds) > 3 and not _retraces(run, [_Section(0, bounds[1])], _Section(bounds[1], bounds[2])):
+    if len(bounds) > 3 and not _retraces(run, [range(bounds[1])], range(bounds[1], bounds[2])):
         del bounds[1]  # the approach has a condition of its own
     return [_part(run, begin, end, begin, end) for begin, end in pairwise(bounds)]
 
@@ -131,16 +125,16 @@ def _without_zero_offsets(run: Run) -> Run:
     return replace(run, moves=moves)
 
 
-def _sections(moves: Sequence[CutMove]) -> list[_Section]:
+def _sections(moves: Sequence[CutMove]) -> list[range]:
     """Return the ranges of moves under one compensation each."""
-    sections: list[_Section] = []
+    sections: list[range] = []
     for k, move in enumerate(moves):
         if move.side is None:
             continue
-        if k and sections and sections[-1].last == k and _compensation(moves[k - 1]) == _compensation(move):
-            sections[-1] = _Section(sections[-1].first, k + 1)
+        if k and sections and sections[-1].stop == k and _compensation(moves[k - 1]) == _compensation(move):
+            sections[-1] = range(sections[-1].start, k + 1)
         else:
-            sections.append(_Section(k, k + 1))
+            sections.append(range(k, k + 1))
     return sections
 
 
@@ -148,11 +142,10 @@ def _compensation(move: CutMove) -> tuple[str | None, float | None]:
     return move.side, None if move.offset is None else move.offset.mm
 
 
-def _check_goes_back(run: Run, earlier: Sequence[_Section], section: _Section) -> None:
+def _check_goes_back(run: Run, earlier: Sequence[range], section: range) -> None:
     """Refuse a change of compensation in the middle of a contour."""
-    moves, first = run.moves, section.first
-    stopped = any(done == first for done in run.stops)
-    if earlier[-1].last < first or stopped or _retraces(run, earlier, section):
+    moves, first = run.moves, section.start
+    if earlier[-1].stop < first or first in run.stops or _retraces(run, earlier, section):
         return
     before, now = moves[first - 1], moves[first]
     reason = (
@@ -162,19 +155,15 @@ def _check_goes_back(run: Run, earlier: Sequence[_Section], section: _Section) -
     raise InputError(f"{reason}: change it after a G0, or after G40 for another pass", line=now.line)
 
 
-def _retraces(run: Run, earlier: Sequence[_Section], section: _Section) -> bool:
+def _retraces(run: Run, earlier: Sequence[range], section: range) -> bool:
     """Say whether most of a section lies on what was cut before."""
     vertices = vertices_of(run)
-    cut = shapely.MultiLineString([
-        array_of([vertices[one.first], *(p for move in run.moves[one.first : one.last] for p in move.points)])
-        for one in earlier
-    ])
-    points = array_of(
-        [vertices[section.first], *(p for move in run.moves[section.first : section.last] for p in move.points)]
+    *cut, points = (
+        array_of(points_of(vertices[one.start], run.moves[one.start : one.stop])) for one in (*earlier, section)
     )
-    chords = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
-    lengths = shapely.length(chords)
-    near = shapely.distance(cut, shapely.points((points[:-1] + points[1:]) / 2)) <= 2 * run.join_mm
+    lengths = shapely.length(chords_of(points))
+    middles = shapely.points((points[:-1] + points[1:]) / 2)
+    near = shapely.distance(shapely.MultiLineString(cut), middles) <= 2 * run.join_mm
     return float(lengths[near].sum()) >= _LEAST_SHARE * float(lengths.sum())
 
 
@@ -187,8 +176,7 @@ _MOST_PASSES = 1_000_000
 
 def length_of(start: complex, moves: Sequence[CutMove]) -> float:
     """Return the length in mm of moves from a place."""
-    points = np.array([start, *(p for move in moves for p in move.points)])
-    return float(np.abs(np.diff(points)).sum())
+    return float(np.abs(np.diff(points_of(start, moves))).sum())
 
 
 def first_loop(
@@ -286,8 +274,7 @@ def _passes(
 
 def _chord_at(start: complex, move: CutMove, place: complex, join_mm: float) -> int:
     """Return the index of the chord of a move that passes a place first."""
-    points = array_of([start, *move.points])
-    chords = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
+    chords = chords_of(array_of([start, *move.points]))
     distances = shapely.distance(chords, shapely.Point(place.real, place.imag))
     return int(np.flatnonzero(distances <= join_mm)[0])
 
@@ -309,8 +296,7 @@ def _swept(start: complex, moves: Sequence[CutMove]) -> list[float]:
 
 
 def _encloses(start: complex, moves: Sequence[CutMove]) -> bool:
-    points = [start, *(p for move in moves for p in move.points)]
-    return abs(signed_area(array_of([*points, start]))) > _LEAST_AREA_MM2
+    return abs(signed_area(array_of([*points_of(start, moves), start]))) > _LEAST_AREA_MM2
 
 
 UNCLEAR_GAP_MM = 0.5
@@ -360,15 +346,15 @@ def closes_on_itself(moves: Sequence[CutMove], start: complex, join_mm: float) -
     loop = first_loop(vertices, moves, 0, len(moves), join_mm)
     if loop is None:
         return False
-    points, _ = _polyline(vertices[loop[0]], moves[loop[0] : loop[1]])
-    area_mm2 = abs(signed_area(array_of([*points, points[0]])))
-    return area_mm2 > join_mm * length_of(points[0], moves[loop[0] : loop[1]])
+    begin, around = vertices[loop[0]], moves[loop[0] : loop[1]]
+    area_mm2 = abs(signed_area(array_of([*points_of(begin, around), begin])))
+    return area_mm2 > join_mm * length_of(begin, around)
 
 
 def _overlap(run: Run, begin: int, end: int) -> int:
     """Count the moves after a loop that run along its edge."""
     vertices = vertices_of(run)
-    edge = shapely.LineString(array_of(_polyline(vertices[begin], run.moves[begin:end])[0]))
+    edge = shapely.LineString(array_of(points_of(vertices[begin], run.moves[begin:end])))
     shapely.prepare(edge)
     for count, move in enumerate(run.moves[end:]):
         points = np.array([vertices[end + count], *move.points])
@@ -431,8 +417,7 @@ def _refuse_unclear_gap(run: Run, begin: int, end: int) -> None:
 
 def _polyline(start: complex, moves: Sequence[CutMove]) -> tuple[list[complex], list[int]]:
     """Return the points with the start, and for every chord its line."""
-    points = [start, *(p for move in moves for p in move.points)]
-    return points, [move.line for move in moves for _ in move.points]
+    return points_of(start, moves), [move.line for move in moves for _ in move.points]
 
 
 def _assemble(run: Run, first: int, begin: int, end: int, closed: bool) -> Outline:
@@ -497,7 +482,7 @@ def _taper(run: Run, begin: int, end: int, closed: bool) -> Taper | None:
     if above:
         start = _upper_start(run, begin)
         upper = [start, *(point for move in moves for point in move.upper)]
-        lower = [vertices_of(run)[begin], *(point for move in moves for point in move.points)]
+        lower = points_of(vertices_of(run)[begin], moves)
         if all(abs(a - b) <= _SAME for a, b in zip(upper, lower, strict=True)):
             return None
         if any(move.state.tilt_deg for move in moves):

@@ -265,45 +265,46 @@ class Motions:
     """What is cut without a break, dwells ``(motions done, seconds)``, stops, and the side in force at its start."""
 
     side_at_start: Side | None
-    motions: list[CuttingMotion]
-    dwells: list[tuple[int, float]]
+    motions: list[CuttingMotion] = field(default_factory=list)
+    dwells: list[tuple[int, float]] = field(default_factory=list)
     stops: list[int] = field(default_factory=list)
 
 
+@dataclass
 class Interpreter:
     """The modal state of a control, and the runs it leaves behind."""
 
-    def __init__(
-        self, units: Units, rounding: Rounding, registers: OffsetRegisters, file: str, dialect: Dialect = ISO,
-        two_planes: bool = False,
-    ) -> None:
-        self.file = file
-        self.dialect = dialect
-        self.two_planes = two_planes
-        self.both_sides: int | None = None
-        self.state = InForce()
-        self.lean = 0
-        self.angle_deg = 0.0
-        self.upper = 0j
-        self.called: dict[str, int] = {}
-        self.registers = registers
-        self.units = units
-        self.unit_mm = units.at_start_mm
-        self.unit_stated = False
-        self.rounding = rounding
-        self.absolute = True
-        self.absolute_centres: bool | None = None
-        self.side: Side | None = None
-        self.motion: int | None = None
-        self.position = 0j
-        self.shift = 0j
-        self.moved = False
-        self.start_known = False
-        self.work_offset: float | None = None
-        self.cut_off: int | None = None
-        self.feed_per_minute = True
-        self.notices = Notices()
-        self.runs = [Motions(None, [], [])]
+    units: Units
+    rounding: Rounding
+    registers: OffsetRegisters
+    file: str
+    dialect: Dialect = ISO
+    two_planes: bool = False  # whether the program has moves of a second plane
+
+    unit_mm: float = field(init=False)
+    unit_stated: bool = False
+    absolute: bool = True  # whether coordinates count from zero (G90)
+    absolute_centres: bool | None = None  # whether I J do; None where the program does not say
+    motion: int | None = None  # number of the G code that is in force, 0 to 3
+    position: complex = 0j  # of the wire, ``x + 1j * y`` in mm
+    upper: complex = 0j  # of the second plane's point
+    shift: complex = 0j  # by which G92 has moved the zero
+    moved: bool = False
+    start_known: bool = False
+    work_offset: float | None = None
+    side: Side | None = None  # of compensation
+    both_sides: int | None = None  # number of the code that leads the wire in two planes
+    lean: int = 0  # to which side the wire leans: 1 left, -1 right
+    angle_deg: float = 0.0
+    state: InForce = field(default_factory=InForce)
+    called: dict[str, int] = field(default_factory=dict)  # conditions, with the line of the first call
+    cut_off: int | None = None  # line on which the wire was cut off, as long as it is
+    feed_per_minute: bool = True
+    notices: Notices = field(default_factory=Notices)
+    runs: list[Motions] = field(default_factory=lambda: [Motions(None)])
+
+    def __post_init__(self) -> None:
+        self.unit_mm = self.units.at_start_mm
 
     def error(self, reason: str, block: Block) -> InputError:
         """Return an error with the program and the line of a block."""
@@ -312,7 +313,7 @@ class Interpreter:
     def _begin_contour(self) -> None:
         """Let what is cut from here on be a contour of its own."""
         if self.runs[-1].motions:
-            self.runs.append(Motions(self.side, [], []))
+            self.runs.append(Motions(self.side))
 
     def run_block(self, block: Block) -> None:
         """Carry out a block; raises `InputError` if it makes no sense."""
@@ -519,7 +520,7 @@ class Interpreter:
 
     def _set_upper_position(self, block: Block, between: complex) -> None:
         """Take over what G92 says of U and V; `between` leads to the second plane's point as it was."""
-        words = {axis: block.values[other] for axis, other in (("X", "U"), ("Y", "V")) if other in block.values}
+        words = _words_of_upper(block)
         if self.moved and self.two_planes and self.dialect.upper != "colon":
             raise self.error("G92 after the first move is not read in a program with U and V: write coordinates that "
                              "count from one place", block)
@@ -559,7 +560,7 @@ class Interpreter:
         if kind == "colon":
             words = None if block.upper is None else block.upper.values
             return end if words is None else self._target(words, self.upper - self.shift, self.absolute) + self.shift
-        words = {axis: block.values[other] for axis, other in (("X", "U"), ("Y", "V")) if other in block.values}
+        words = _words_of_upper(block)
         if kind == "absolute":
             return self._target(words, self.upper - self.shift, self.absolute) + self.shift
         return end + self._target(words, self.upper - self.position, self.absolute)
@@ -642,6 +643,11 @@ def _without_words_of_codes(values: dict[str, float], codes: set[float]) -> dict
     if values.keys() & {"X", "Y"}:
         letters -= {"I", "J"}
     return {letter: value for letter, value in values.items() if letter not in letters}
+
+
+def _words_of_upper(block: Block) -> dict[str, float]:
+    """Return U and V as X and Y of the second plane."""
+    return {axis: block.values[other] for axis, other in (("X", "U"), ("Y", "V")) if other in block.values}
 
 
 def registers_set(blocks: Sequence[Block]) -> set[str]:

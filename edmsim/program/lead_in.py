@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
+from edmsim.geometry import Floats
 
 HOLE_CLEARANCE_MM = 0.05  # least distance in mm between a hole of our choice and any edge (ours)
 
@@ -19,9 +19,8 @@ _TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
 
 
 def own_lead_in(
-    start: NDArray[np.float64], away: NDArray[np.float64], edges: BaseGeometry, offset_mm: float, length_mm: float,
-    hole_radius_mm: float,
-) -> tuple[NDArray[np.float64], list[str]]:
+    start: Floats, away: Floats, edges: BaseGeometry, offset_mm: float, length_mm: float, hole_radius_mm: float,
+) -> tuple[Floats, list[str]]:
     """Choose a thread point off the contour, on the waste side."""
     # straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
     # shorter; the wire keeps the offset from every edge of the job, the hole its radius and a clearance
@@ -39,9 +38,7 @@ def own_lead_in(
                      f"X{x:.3f} Y{y:.3f}: take a smaller hole or another lead-in length")
 
 
-def check_approach(
-    approach: NDArray[np.float64], edge: BaseGeometry, offset_mm: float, hole_radius_mm: float
-) -> None:
+def check_approach(approach: Floats, edge: BaseGeometry, offset_mm: float, hole_radius_mm: float) -> None:
     """Check that on the program's own approach (n, 2) in mm neither wire nor start hole cuts into the part."""
     x, y = approach[0]
     if not clears(approach, edge, offset_mm):
@@ -53,7 +50,7 @@ def check_approach(
                          f"radius {hole_radius_mm:g} mm: move the point or take a smaller hole")
 
 
-def clears(path: NDArray[np.float64], edges: BaseGeometry, offset_mm: float) -> bool:
+def clears(path: Floats, edges: BaseGeometry, offset_mm: float) -> bool:
     """Say whether a path (n, 2) to a contour keeps the offset from the edges; at offset 0, meets none."""
     if offset_mm == 0:
         before = path[-1] + (path[-2] - path[-1]) * 0.01

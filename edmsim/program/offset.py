@@ -21,7 +21,7 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError, located
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths
 from edmsim.program.outline import Outline, Program, Side, chords_of, signed_area
 from edmsim.program.taper import GuideHeights, Ruled, wall_and_wire
 
@@ -38,9 +38,7 @@ _MOST_MITRE = 1e3
 """Length of a tip over the offset up to which it is made before it is cut off (ours: no corner is sharper)."""
 
 
-def offset_edge(
-    edge: NDArray[np.float64], side: Side, distance_mm: float, closed: bool, past_mm: float | None = None
-) -> NDArray[np.float64]:
+def offset_edge(edge: Floats, side: Side, distance_mm: float, closed: bool, past_mm: float | None = None) -> Floats:
     """Return the path beside an edge (n, 2) in mm, in its direction; a closed one begins beside the edge's start."""
     # it goes straight past an outer corner, `past_mm` from it at most; by default round it, on an arc
     if distance_mm == 0:
@@ -56,7 +54,7 @@ def offset_edge(
     return np.asarray(shapely.get_coordinates(shapely.LineString(path).simplify(SIMPLIFY_MM)), np.float64)
 
 
-def _ring(edge: NDArray[np.float64], side: Side, distance_mm: float, past_mm: float | None) -> NDArray[np.float64]:
+def _ring(edge: Floats, side: Side, distance_mm: float, past_mm: float | None) -> Floats:
     """Return the path beside a closed edge, which may begin anywhere."""
     counter_clockwise = signed_area(edge) > 0
     inward = counter_clockwise == (side == "left")
@@ -74,7 +72,7 @@ def _ring(edge: NDArray[np.float64], side: Side, distance_mm: float, past_mm: fl
     return np.asarray(ring if (signed_area(ring) > 0) == counter_clockwise else ring[::-1], np.float64)
 
 
-def _line(edge: NDArray[np.float64], side: Side, distance_mm: float, past_mm: float | None) -> NDArray[np.float64]:
+def _line(edge: Floats, side: Side, distance_mm: float, past_mm: float | None) -> Floats:
     """Return the path beside an open edge."""
     signed = distance_mm if side == "left" else -distance_mm
     curve = shapely.LineString(edge).offset_curve(signed, quad_segs=QUAD_SEGMENTS, **_join(past_mm))
@@ -87,9 +85,7 @@ def _join(past_mm: float | None) -> dict[str, Any]:
     return {"join_style": "round"} if past_mm is None else {"join_style": "mitre", "mitre_limit": _MOST_MITRE}
 
 
-def _blunted(
-    path: NDArray[np.float64], edge: NDArray[np.float64], past_mm: float, *, closed: bool
-) -> NDArray[np.float64] | None:
+def _blunted(path: Floats, edge: Floats, past_mm: float, *, closed: bool) -> Floats | None:
     """Return a path with corners whose tips are cut off on an arc `past_mm` from the edge's corners."""
     # None where a tip has more than two sides within that: the edge has more corners there
     line = shapely.LineString(edge)
@@ -123,7 +119,7 @@ def _blunted(
     return np.concatenate([*found, path[-1:]])
 
 
-def nearest_chords(edge: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.intp]:
+def nearest_chords(edge: Floats, points: Floats) -> NDArray[np.intp]:
     """Return for each point (k, 2) the index of the nearest chord of `edge` (n, 2), the last of equals."""
     of_point, chord = shapely.STRtree(chords_of(edge)).query_nearest(shapely.points(points))
     nearest = np.zeros(len(points), np.intp)
@@ -131,10 +127,10 @@ def nearest_chords(edge: NDArray[np.float64], points: NDArray[np.float64]) -> ND
     return nearest
 
 
-def normal(chord: NDArray[np.float64], side: Side) -> NDArray[np.float64]:
+def normal(chord: Floats, side: Side) -> Floats:
     """Return the unit vector (2,) to the given side of a chord (2, 2)."""
     dx, dy = chord[1] - chord[0]
-    left: NDArray[np.float64] = np.array([-dy, dx]) / np.hypot(dx, dy)
+    left: Floats = np.array([-dy, dx]) / np.hypot(dx, dy)
     return left if side == "left" else -left
 
 
@@ -151,9 +147,7 @@ def _pieces(grown: shapely.Polygon | shapely.MultiPolygon) -> list[shapely.Polyg
     return [shapely.Polygon(ring) for ring in grown.interiors]
 
 
-def _turned_to(
-    ring: NDArray[np.float64], target: NDArray[np.float64], corner: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _turned_to(ring: Floats, target: Floats, corner: Floats) -> Floats:
     """Let a ring begin at the wanted point if it passes there, else (inner corner) nearest to the corner."""
     line = shapely.LineString(ring)
     on_ring = line.distance(shapely.Point(target)) < _ON_RING_MM
@@ -181,8 +175,7 @@ class Unreachable:
 
 
 def check_reach(
-    edge: NDArray[np.float64], path: NDArray[np.float64], distance_mm: float, line_numbers: Sequence[int],
-    elements: Sequence[int],
+    edge: Floats, path: Floats, distance_mm: float, line_numbers: Sequence[int], elements: Sequence[int],
 ) -> list[str]:
     """Name what of an edge the wire cannot make: radii and grooves, the worst first, and sharp inner corners."""
     # within one element, line or arc, there are no corners
@@ -206,8 +199,7 @@ def check_reach(
 
 
 def unreachable(
-    edge: NDArray[np.float64], path: NDArray[np.float64], distance_mm: float, line_numbers: Sequence[int],
-    elements: Sequence[int],
+    edge: Floats, path: Floats, distance_mm: float, line_numbers: Sequence[int], elements: Sequence[int],
 ) -> list[Unreachable]:
     """Return the places of an edge that the wire leaves metal on, the worst first; parameters as `check_reach`."""
     if distance_mm == 0:
@@ -232,7 +224,7 @@ def unreachable(
     return sorted(found, key=lambda place: -place.left_mm)
 
 
-def _sharp(edge: NDArray[np.float64], elements: Sequence[int]) -> NDArray[np.bool_]:
+def _sharp(edge: Floats, elements: Sequence[int]) -> NDArray[np.bool_]:
     """Say of every point of an edge whether two lines or arcs meet there at an angle; of a closed one's last, no."""
     steps = np.diff(edge, axis=0) @ (1, 1j)
     turn = np.abs(np.angle(steps / np.roll(steps, 1)))
@@ -242,7 +234,7 @@ def _sharp(edge: NDArray[np.float64], elements: Sequence[int]) -> NDArray[np.boo
     return np.append(sharp, False)
 
 
-def _runs(missed: NDArray[np.bool_], edge: NDArray[np.float64]) -> list[NDArray[np.intp]]:
+def _runs(missed: NDArray[np.bool_], edge: Floats) -> list[NDArray[np.intp]]:
     """Return the chords in a row that the wire does not touch, run by run, also past a closed edge's end."""
     numbers = np.flatnonzero(missed)
     if not len(numbers):
@@ -252,7 +244,7 @@ def _runs(missed: NDArray[np.bool_], edge: NDArray[np.float64]) -> list[NDArray[
     return [*runs[1:-1], np.concatenate([runs[-1], runs[0]])] if goes_on else runs
 
 
-def _radius_mm(edge: NDArray[np.float64], vertices: NDArray[np.intp], sharp: NDArray[np.bool_]) -> float | None:
+def _radius_mm(edge: Floats, vertices: NDArray[np.intp], sharp: NDArray[np.bool_]) -> float | None:
     """Return the inner radius of a run: 0 with one sharp corner, None with more; else that through three points."""
     corners = int(sharp[vertices].sum())
     if corners or len(vertices) < 3:
@@ -275,7 +267,7 @@ def _at(place: Unreachable) -> str:
     return f"at X{x:.3f} Y{y:.3f}" + (f" (line {place.line})" if place.line else "")
 
 
-def _touched(edge: NDArray[np.float64], path: NDArray[np.float64], distance_mm: float) -> NDArray[np.bool_]:
+def _touched(edge: Floats, path: Floats, distance_mm: float) -> NDArray[np.bool_]:
     """Say for each chord whether the wire touches its middle four fifths."""
     steps = np.diff(edge, axis=0)
     middles = shapely.linestrings(np.stack([edge[:-1] + 0.1 * steps, edge[1:] - 0.1 * steps], axis=1))
@@ -295,8 +287,8 @@ class OffsetOutline:
     # of the wire, and `guides` say where the wire bends
 
     outline: Outline
-    path: NDArray[np.float64]
-    nominal: NDArray[np.float64]
+    path: Floats
+    nominal: Floats
     offset_mm: float
     surfaces: tuple[Ruled, Ruled] | None = None
     guides: GuideHeights | None = None
@@ -395,7 +387,7 @@ def keep_apart(legs: Sequence[OffsetOutline], source: str) -> None:
                 raise InputError(f"{pair}: {reason}; move them apart", source, leg.outline.line)
 
 
-def away(leg: OffsetOutline) -> NDArray[np.float64]:
+def away(leg: OffsetOutline) -> Floats:
     """Return the unit vector from the part to the start of the wire path."""
     waste: Side = "right" if leg.outline.part_side == "left" else "left"
     compensated = leg.outline.wire_side is not None

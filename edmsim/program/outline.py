@@ -142,6 +142,11 @@ def vertices_of(run: Run) -> list[complex]:
     return [run.start, *(move.points[-1] for move in run.moves)]
 
 
+def points_of(start: complex, moves: Sequence[CutMove]) -> list[complex]:
+    """Return a place and all points of the moves from there."""
+    return [start, *(point for move in moves for point in move.points)]
+
+
 def array_of(points: Sequence[complex]) -> NDArray[np.float64]:
     """Return places ``x + 1j * y`` as an array (n, 2)."""
     values = np.asarray(points, np.complex128)
@@ -177,9 +182,9 @@ def refuse_self_crossing(points: NDArray[np.float64], line_numbers: Sequence[int
     raise InputError(reason, line=numbers[1] or None)
 
 
-def chords_of(points: NDArray[np.float64]) -> list[shapely.LineString]:
-    """Return the ``n - 1`` chords of a polyline (n, 2)."""
-    return list(np.asarray(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)), np.object_))
+def chords_of(points: NDArray[np.float64]) -> NDArray[np.object_]:
+    """Return the ``n - 1`` chords of a polyline (n, 2), each a `shapely.LineString`."""
+    return np.asarray(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)), np.object_)
 
 
 def _crossing_chords(points: NDArray[np.float64]) -> tuple[int, int]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shapely.ops import substring
 
 from edmsim.errors import InputError
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.program.offset import OffsetOutline, dwells_along
 from edmsim.program.outline import JOIN_TOLERANCE_MM, Outline
 from edmsim.program.taper import GuideHeights, Lean, Ruled, Way, guides_for
@@ -119,7 +119,7 @@ class CutPass:
 class Tilt(NamedTuple):
     """How the wire of a stretch leans: by how much per height at each of its points, beside which wall and guides."""
 
-    slope: NDArray[np.float64]
+    slope: Floats
     wall: Ruled
     guides: GuideHeights
 
@@ -132,7 +132,7 @@ class Stretch:
 
     number: int
     piece: Piece
-    points: NDArray[np.float64]
+    points: Floats
     offset_mm: float
     reversed: bool
     stops_before: bool = False
@@ -273,21 +273,21 @@ class _Line:
         waits = tuple((0, seconds) for i, seconds in self.leg.outline.dwells if i < own and number > 1)
         return replace(way, reversed=back, dwells=(*waits, *way.dwells))
 
-    def _between(self, number: int, piece: Piece, start_mm: float, rows: NDArray[np.float64]) -> Stretch:
+    def _between(self, number: int, piece: Piece, start_mm: float, rows: Floats) -> Stretch:
         """Return a stretch of points, and slopes where the wire leans, which begins at a length of the path."""
         passed = start_mm + arc_lengths(rows[:, :2])
         waits = [(at, seconds) for at, seconds in dwells_along(self.leg) if passed[0] <= at <= passed[-1]]
         dwells: tuple[tuple[int, float], ...] = ()
         if waits:
             every = np.union1d(passed, [at for at, _ in waits])
-            rows = np.column_stack([np.interp(every, passed, column) for column in rows.T])
+            rows = interpolated(every, passed, rows)
             dwells = tuple((int(np.searchsorted(every, at)), seconds) for at, seconds in waits)
         tilt = None
         if self.leg.surfaces is not None and self.leg.guides is not None:
             tilt = Tilt(rows[:, 2:], self.leg.surfaces[0], self.leg.guides)
         return Stretch(number, piece, rows[:, :2], self.leg.offset_mm, False, tilt=tilt, dwells=dwells)
 
-    def _parts(self, start: float, stop: float) -> NDArray[np.float64]:
+    def _parts(self, start: float, stop: float) -> Floats:
         """Return the points (n, 2) between two lengths of the path, with slopes (n, 4) where the wire leans."""
         if not self._closed:
             return self._part(start, stop)
@@ -299,12 +299,12 @@ class _Line:
         fresh = np.append(True, (np.diff(rows, axis=0) != 0).any(axis=1))
         return np.asarray(rows[fresh])
 
-    def _part(self, start: float, stop: float) -> NDArray[np.float64]:
+    def _part(self, start: float, stop: float) -> Floats:
         if self.leg.surfaces is None:
             return np.asarray(shapely.get_coordinates(substring(self._path, start, stop)), np.float64)
         points = shapely.get_coordinates(self._path)
         passed, rows = arc_lengths(points), np.concatenate([points, self.leg.surfaces[1].slope], axis=1)
-        ends = [[np.interp(at, passed, column) for column in rows.T] for at in (start, stop)]
+        ends = interpolated(np.array([start, stop]), passed, rows)
         inner = (passed > start) & (passed < stop)
         return np.concatenate([ends[:1], rows[inner], ends[1:]])
 
@@ -362,7 +362,7 @@ def ways_of_group(legs: Sequence[OffsetOutline]) -> list[Stretch]:
 
 
 def on_grid(
-    ways: Sequence[Stretch], lead: NDArray[np.float64], grid_um: int, waits: Sequence[tuple[int, float]] = ()
+    ways: Sequence[Stretch], lead: Floats, grid_um: int, waits: Sequence[tuple[int, float]] = ()
 ) -> tuple[CutPass, ...]:
     """Join ways to passes in whole um, each beginning where the one before ended, the first at the lead's begin."""
     # the lead (k, 2) leads from the start hole to the first way's begin; `waits` are by index into it
@@ -383,7 +383,7 @@ def on_grid(
     return tuple(passes)
 
 
-def _guided(known_mm: NDArray[np.float64], way: Stretch, leads: int, before: CutPass | None, grid_um: int) -> Way:
+def _guided(known_mm: Floats, way: Stretch, leads: int, before: CutPass | None, grid_um: int) -> Way:
     """Put a way on the grid behind `leads` points that lead to it: vertical ones, or where the pass before ended."""
     if way.tilt is None:
         return Way(np.round(known_mm * 1000 / grid_um).astype(np.int64) * grid_um)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError, located
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.program.dialects import AUTO
 from edmsim.program.lead_in import check_approach, clears, own_lead_in
@@ -35,8 +35,6 @@ from edmsim.program.outline import Corners, Outline, Program, Taper, signed_area
 from edmsim.program.passes import CutPass, PassPlan, Stretch, grouped, on_grid, ways_of, ways_of_group
 from edmsim.program.tables import GREATEST_MM, in_um
 from edmsim.program.taper import GuideHeights, Lean, Way, guides_for, leaning
-
-Floats = NDArray[np.float64]
 
 
 def ruled_between(below: Program, above: Program) -> Program:
@@ -94,8 +92,7 @@ def _spread(points: Floats, chords: int) -> Floats:
     if len(points) == chords + 1:
         return points
     passed = arc_lengths(points)
-    at = np.linspace(0.0, passed[-1], chords + 1)
-    return np.stack([np.interp(at, passed, column) for column in points.T], axis=1)
+    return interpolated(np.linspace(0.0, passed[-1], chords + 1), passed, points)
 
 
 GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".iso", ".txt")
@@ -176,7 +173,7 @@ class WireContour:
     points_um: NDArray[np.int64]
     lead_in_moves: int  # number of moves from the start hole to the contour
     # (m, 2): the part's edge as drawn, in mm on the table; first and last point are equal if ``closed``
-    nominal_mm: NDArray[np.float64]
+    nominal_mm: Floats
     closed: bool  # whether the nominal edge closes on itself
     part_side: Literal["left", "right"]  # side of the part, looking along the cut
     dwells: tuple[tuple[int, float], ...] = ()  # ``(i, seconds)``: the wire waits at ``points_um[i]`` (G4)
@@ -308,7 +305,7 @@ class CutPath:
 class _Lead:
     """The way to the path's start, the start not in it, and the program line of every move."""
 
-    points: NDArray[np.float64]
+    points: Floats
     lines: tuple[int, ...]
 
 
@@ -615,14 +612,13 @@ def _elements(leg: OffsetOutline) -> tuple[tuple[int, int], ...]:
     return tuple(drawn[i] for i in nearest_chords(outline.points_mm, (leg.nominal[1:] + leg.nominal[:-1]) / 2))
 
 
-def _with_dwells(leg: OffsetOutline, lead: _Lead) -> tuple[NDArray[np.float64], list[tuple[int, float]]]:
+def _with_dwells(leg: OffsetOutline, lead: _Lead) -> tuple[Floats, list[tuple[int, float]]]:
     """Return the path with a point wherever the wire dwells, and the dwells by index into lead and path."""
     path, count = leg.path, len(leg.outline.approach_mm)
     passed, waits = arc_lengths(path), dwells_along(leg)
     every = np.union1d(passed, [at for at, _ in waits])
-    denser = np.column_stack([np.interp(every, passed, path[:, k]) for k in (0, 1)])
     places = iter(len(lead.points) + int(np.searchsorted(every, at)) for at, _ in waits)
-    return denser, [
+    return interpolated(every, passed, path), [
         (next(places) if i >= count else _lead_place(lead, leg.outline, i), seconds)
         for i, seconds in leg.outline.dwells
     ]
@@ -641,9 +637,7 @@ def _shift_um(contours: Sequence[WireContour], table_um: int, grid_um: int, sour
     return np.asarray((table_um - low - high) // (2 * grid_um) * grid_um, np.int64)
 
 
-def _check_fits(
-    what: str, points_um: Floats | NDArray[np.int64], most_um: float, table_um: int, source: str
-) -> None:
+def _check_fits(what: str, points_um: Floats | NDArray[np.int64], most_um: float, table_um: int, source: str) -> None:
     """Refuse what spans more than a length; say how large the table is."""
     x, y = np.ptp(points_um, axis=0)
     if max(x, y) > most_um:

@@ -21,11 +21,10 @@ import shapely
 from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths
 from edmsim.program.arcs import CHORD_TOLERANCE_UM
 from edmsim.program.outline import Corners, Outline, Side, Taper
 
-Floats = NDArray[np.float64]
 Stop = tuple[int, float]  # at which point of a way the wire waits, and how many seconds
 
 MOST_DEG = 45.0  # greatest angle that is looked at (ours: wire guides of taper machines end at 30 to 45 degrees)
@@ -143,8 +142,7 @@ def _of_angle(outline: Outline, low: float, high: float) -> Ruled:
     vertices: list[int] = []
     count = len(points) - 1
     for i in range(count + 1):
-        before = i - 1 if i > 0 else (count - 1 if outline.closed else 0)
-        after = i if i < count else (0 if outline.closed else count - 1)
+        before, after = _chords_at(i, count, outline.closed)
         above = [points[i] + shift for shift in _shifts(outline, chords, before, after, cylindrical)]
         if outline.closed and i == 0:
             above = above[-1:]  # what the first corner becomes is cut at the end
@@ -180,6 +178,11 @@ def left_normals(points: Floats) -> Floats:
     across = np.stack([-steps[:, 1], steps[:, 0]], axis=1)
     there = length[:, None] > _NOTHING_MM
     return np.asarray(np.divide(across, length[:, None], out=np.zeros_like(across), where=there))
+
+
+def _chords_at(i: int, count: int, closed: bool) -> tuple[int, int]:
+    """Return the chords before and after a point; an end of an open line has one on both sides."""
+    return ((i - 1) % count, i % count) if closed else (max(i - 1, 0), min(i, count - 1))
 
 
 def _shifts(
@@ -298,9 +301,7 @@ def _offsets(normals: Floats, slope: Floats, offset_mm: float, closed: bool) -> 
     count = len(normals)
     found = np.empty((count + 1, 2))
     for i in range(count + 1):
-        before = i - 1 if i > 0 else (count - 1 if closed else 0)
-        after = i if i < count else (0 if closed else count - 1)
-        n1, n2 = normals[before], normals[after]
+        n1, n2 = normals[[*_chords_at(i, count, closed)]]
         d1, d2 = (offset_mm * math.hypot(1.0, float(slope[i] @ n)) for n in (n1, n2))
         found[i] = mitre(n1, n2, d1, d2)
     return found
@@ -529,7 +530,7 @@ def _inside(piece: _Piece, left_mm: float, begin: Floats, end: Floats, chords: i
     return np.asarray(line)
 
 
-def _joints(outline: Outline, pieces: list[_Piece], left: NDArray[np.float64]) -> list[_Joint]:
+def _joints(outline: Outline, pieces: list[_Piece], left: Floats) -> list[_Joint]:
     """Return what the corner before every piece becomes; `left` (lines, pieces) has all lines beside them."""
     assert outline.taper is not None
     found = []

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from edmsim.errors import InputError
 from edmsim.files import check_suffix, make_writable, replacing
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.program.outline import signed_area
 from edmsim.recording.figures import palette
 from edmsim.recording.scene import Scene, grid_triangles
 
 # The cut face of the part as a mesh for other programs: STL or glTF, its points found slice by slice.
 
-Floats = NDArray[np.float64]
 
 FACE_STEP_MM = 0.02  # distance of the points along the edge (ours: that of the profile error)
 FARTHEST_MM = 0.15  # further from the edge as drawn there is no wall of it (ours: half a kerf)
@@ -76,7 +75,7 @@ def cut_faces(scene: Scene) -> list[Face]:
     return found
 
 
-def is_whole(line: NDArray[np.float64], scene: Scene) -> bool:
+def is_whole(line: Floats, scene: Scene) -> bool:
     """Whether a closed edge is more than a speck."""
     return abs(signed_area(line)) >= scene.speck_mm2
 
@@ -84,8 +83,7 @@ def is_whole(line: NDArray[np.float64], scene: Scene) -> bool:
 def _dense(line: Floats) -> Floats:
     """Return points along a line, 2 um apart."""
     passed = arc_lengths(line)
-    at = np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1)
-    return np.stack([np.interp(at, passed, column) for column in line.T], axis=1)
+    return interpolated(np.linspace(0.0, passed[-1], max(int(passed[-1] / 0.002), 1) + 1), passed, line)
 
 
 def _stations(walls: tuple[Floats, ...]) -> Floats:
@@ -98,7 +96,7 @@ def _stations(walls: tuple[Floats, ...]) -> Floats:
 def _on(walls: tuple[Floats, ...], shares: Floats, height_share: float) -> Floats:
     """Return the points (n, 2) at such places and at a share of the height."""
     line = (1 - height_share) * walls[0] + height_share * walls[1]
-    return np.stack([np.interp(shares, np.arange(len(line)), column) for column in line.T], axis=1)
+    return interpolated(shares, np.arange(len(line)), line)
 
 
 def _signed_um(wall: Floats, nominal: Floats, part_side: str) -> Floats:
@@ -174,7 +172,7 @@ def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None
         write(layers, partial)
 
 
-def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[NDArray[np.float64]]]:
+def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[Floats]]:
     if not 0 <= height_mm <= scene.height_mm:
         raise InputError(
             f"there is no contour {height_mm:g} mm high: the workpiece has 0 to {scene.height_mm:g} mm", target
@@ -187,11 +185,11 @@ def _at_height(scene: Scene, height_mm: float, target: Path) -> dict[str, list[N
     }
 
 
-def _is_closed(line: NDArray[np.float64]) -> bool:
+def _is_closed(line: Floats) -> bool:
     return len(line) > 2 and bool(np.allclose(line[0], line[-1], atol=1e-6))
 
 
-def _write_dxf(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
+def _write_dxf(layers: Mapping[str, Sequence[Floats]], file: Path) -> None:
     from ezdxf.filemanagement import new
 
     document = new("R2010", units=4)
@@ -204,7 +202,7 @@ def _write_dxf(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) 
     document.saveas(file)
 
 
-def _write_csv(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
+def _write_csv(layers: Mapping[str, Sequence[Floats]], file: Path) -> None:
     with file.open("w", newline="", encoding="utf-8") as opened:
         rows = csv.writer(opened)
         rows.writerow(["layer", "line", "x_mm", "y_mm"])
@@ -213,7 +211,7 @@ def _write_csv(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) 
                 rows.writerows([layer, number, f"{x:.5f}", f"{y:.5f}"] for x, y in line)
 
 
-def _write_svg(layers: Mapping[str, Sequence[NDArray[np.float64]]], file: Path) -> None:
+def _write_svg(layers: Mapping[str, Sequence[Floats]], file: Path) -> None:
     points = np.concatenate([line for lines in layers.values() for line in lines])
     (x0, y0), (x1, y1) = points.min(axis=0) - 0.5, points.max(axis=0) + 0.5
     width, height = x1 - x0, y1 - y0

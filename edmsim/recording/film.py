@@ -23,6 +23,7 @@ from PIL.Image import Image as Picture
 
 from edmsim.errors import InputError
 from edmsim.files import check_suffix, make_writable, replacing
+from edmsim.geometry import Floats
 from edmsim.recording.figures import palette
 from edmsim.recording.report import duration_text
 from edmsim.recording.rerun.blueprint import Sizes
@@ -221,7 +222,7 @@ class Film:
         return self._move(axes, axes.axvline(0.0, color=TEXT, linewidth=0.9))
 
 
-def _thinned(line: NDArray[np.float64]) -> NDArray[np.float64]:
+def _thinned(line: Floats) -> Floats:
     """Return about as many points (n, 2) of a line as it has pixels, and the NaN at which it breaks."""
     step = max(1, len(line) // _MOST_POINTS)
     chosen = np.isnan(line[:, 1])
@@ -229,7 +230,7 @@ def _thinned(line: NDArray[np.float64]) -> NDArray[np.float64]:
     return line[chosen]
 
 
-def rgb01(colours: NDArray[Any]) -> NDArray[np.float64]:
+def rgb01(colours: NDArray[Any]) -> Floats:
     """Return recorded colours, 0xRRGGBBAA, as (n, 4) shares of 0 to 1."""
     bits = np.asarray(colours, np.uint32)
     return np.stack([(bits >> shift) & 0xFF for shift in (24, 16, 8, 0)], axis=-1) / 255.0

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError
 from edmsim.files import replacing
-from edmsim.geometry import CORNER_DEG
+from edmsim.geometry import CORNER_DEG, Floats
 from edmsim.plant.gap.equalising import pulse_lengths_us
 from edmsim.plant.kernel.state import ARC, OPEN, PULSE, SHORT, SPARK
 from edmsim.snapshots import ArraySnapshots
@@ -301,9 +301,7 @@ _KINDS = {OPEN: "open", SPARK: "spark", ARC: "arc", SHORT: "short"}
 _TOGETHER = 32  # windows written at once (ours: some half a million samples, a few MB)
 
 
-def traces(
-    closeups: NDArray[np.void], count: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def traces(closeups: NDArray[np.void], count: int) -> tuple[Floats, Floats, Floats]:
     """Return time, voltage and current of the last pulses of every close-up, each (n, count, 7 or 9) corners."""
     # voltage is open until ignition, then burns; a pulse without ignition shows it for as long as it was waited, a
     # short circuit none. An equalising pulse follows at once, of the other polarity; the last pulse shows none, as it
@@ -334,7 +332,7 @@ def traces(
     return time, voltage, current
 
 
-def _opposite_us(closeups: NDArray[np.void]) -> NDArray[np.float64]:
+def _opposite_us(closeups: NDArray[np.void]) -> Floats:
     """Length of the equalising pulse behind every pulse kept, (n, pulses); 0 behind the last, which has no pause."""
     pulses = closeups["pulses"]
     start, delay, on, open_V = (
@@ -372,7 +370,7 @@ def write_traces(closeups: NDArray[np.void], file: str | Path, every_us: float) 
             writer.write_table(pa.Table.from_arrays([*arrays, coded], schema=schema))
 
 
-def _samples(closeup: NDArray[np.void], every_us: float) -> tuple[NDArray[np.float64], ...]:
+def _samples(closeup: NDArray[np.void], every_us: float) -> tuple[Floats, ...]:
     """Return the columns of the file for one close-up (1,), as float64 arrays of equal length."""
     count = int(closeup["count"][0])
     pulses = closeup["pulses"][0, :count]

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError
 from edmsim.files import replacing
+from edmsim.geometry import Floats
 from edmsim.snapshots import ArraySnapshots
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 
-Floats = NDArray[np.float64]
 
 THREADING_S = 1.0  # least time that it takes to thread a wire (ours)
 _JUMP_UM = 20.0
@@ -84,6 +84,14 @@ def stretches(count: int, breaks: NDArray[np.intp]) -> list[slice]:
 def broken(values: Floats, breaks: NDArray[np.intp]) -> Floats:
     """Return values (n, ...) with NaN before every break, so that a line drawn through them stops there."""
     return np.insert(values, breaks, np.nan, axis=0)
+
+
+def group_means(values: Floats, starts: NDArray[np.integer]) -> Floats:
+    """Return the mean of every group of neighbours; `starts` are their first rows. NaN is left out."""
+    known = np.isfinite(values)
+    counts = np.add.reduceat(known.astype(float), starts)
+    sums = np.add.reduceat(np.where(known, values, 0.0), starts)
+    return np.asarray(np.divide(sums, counts, out=np.full(len(starts), np.nan), where=counts > 0))
 
 
 class Column(NamedTuple):
@@ -148,7 +156,7 @@ class WindowTable(ArraySnapshots, Observer):
     def __init__(self, equalising: bool = False) -> None:
         self._more = EQUALISING_COLUMNS if equalising else ()
         self._width = len(ROW_NAMES) + len(self._more)
-        self._blocks: list[NDArray[np.float64]] = []
+        self._blocks: list[Floats] = []
         self._used = _BLOCK
 
     def __len__(self) -> int:
@@ -176,14 +184,14 @@ class WindowTable(ArraySnapshots, Observer):
         self._used += 1
 
     @property
-    def rows(self) -> NDArray[np.float64]:
+    def rows(self) -> Floats:
         """A copy of all rows, columns as `append` takes them."""
         if not self._blocks:
             return np.empty((0, self._width))
         return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
 
     @rows.setter
-    def rows(self, rows: NDArray[np.float64]) -> None:
+    def rows(self, rows: Floats) -> None:
         self._blocks = []
         for start in range(0, len(rows), _BLOCK):
             block = np.empty((_BLOCK, self._width))
@@ -191,17 +199,17 @@ class WindowTable(ArraySnapshots, Observer):
             self._blocks.append(block)
         self._used = len(rows) - (len(self._blocks) - 1) * _BLOCK if self._blocks else _BLOCK
 
-    def columns(self) -> dict[str, NDArray[np.float64]]:
+    def columns(self) -> dict[str, Floats]:
         """Return a copy of all columns by name."""
         return dict(zip((*ROW_NAMES, *(column.name for column in self._more)), self.rows.T, strict=True))
 
-    def ways_um(self) -> tuple[NDArray[np.float64], ...]:
+    def ways_um(self) -> tuple[Floats, ...]:
         """Return commanded position, following error and wire lag, (len(self), 2) each, time in s, and path in um."""
         values = self.rows
         x, following, lag, time, path = map(ROW_NAMES.index, ("x_um", "following_x_um", "lag_x_um", "t_s", "path_um"))
         return *(values[:, k : k + 2] for k in (x, following, lag)), values[:, time], values[:, path]
 
-    def to_arrow(self, error_um: NDArray[np.float64] | None = None) -> pa.Table:
+    def to_arrow(self, error_um: Floats | None = None) -> pa.Table:
         """Return the table as `windows.parquet` holds it; the metadata of each field say ``unit`` and ``meaning``."""
         import pyarrow as pa
 
@@ -260,17 +268,22 @@ def read_windows(file: str | Path) -> pa.Table:
     return table
 
 
-def column(table: pa.Table, name: str) -> NDArray[np.float64]:
+def column(table: pa.Table, name: str) -> Floats:
     """Return one column of a table of windows as a float64 array."""
     return np.asarray(table.column(name).to_numpy(), np.float64)
 
 
-def travel_direction(table: pa.Table) -> NDArray[np.float64]:
+def columns(table: pa.Table, *names: str) -> Floats:
+    """Return some columns of a table of windows side by side, as `column` has them: (n, names)."""
+    return np.column_stack([column(table, name) for name in names])
+
+
+def travel_direction(table: pa.Table) -> Floats:
     """Return the direction of travel in every window, unit vectors (n, 2); zero where the wire has not moved."""
     # the chord over 25 um of path on either side: steps of 1 um on two axes say nothing about direction
     # one by one; it never reaches over a pause, to another contour
     path = np.maximum.accumulate(column(table, "path_um"))
-    place = np.column_stack([column(table, name) for name in ("x_um", "y_um")])
+    place = columns(table, "x_um", "y_um")
     chord = np.zeros((len(path), 2))
     for part in stretches(len(path), pause_rows(column(table, "t_s"))):
         s, at = path[part], place[part]
@@ -279,7 +292,6 @@ def travel_direction(table: pa.Table) -> NDArray[np.float64]:
     return np.asarray(np.divide(chord, length[:, None], out=np.zeros_like(chord), where=length[:, None] > 0))
 
 
-def lag_along_um(table: pa.Table) -> NDArray[np.float64]:
+def lag_along_um(table: pa.Table) -> Floats:
     """Wire lag of every window in um along the direction of travel: positive against the feed."""
-    lag = np.column_stack([column(table, "lag_x_um"), column(table, "lag_y_um")])
-    return np.asarray(np.einsum("ij,ij->i", lag, travel_direction(table)))
+    return np.asarray(np.einsum("ij,ij->i", columns(table, "lag_x_um", "lag_y_um"), travel_direction(table)))

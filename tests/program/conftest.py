@@ -1,4 +1,4 @@
-"""Drawings made and read back."""
+"""Programs and drawings made and read back."""
 
 from __future__ import annotations
 
@@ -9,8 +9,21 @@ from typing import Any
 import ezdxf
 import pytest
 
+from edmsim.program import load_program
 from edmsim.program.dxf import read_dxf
 from edmsim.program.outline import Program
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Callable[..., Program]:
+    """Return a function that reads G-code; it is in ``part.ngc`` then."""
+
+    def read_text(text: str | bytes, **options: Any) -> Program:
+        file = tmp_path / "part.ngc"
+        file.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return load_program(file, **options)
+
+    return read_text
 
 
 @pytest.fixture

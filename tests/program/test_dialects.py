@@ -26,22 +26,19 @@ PUNCH_MM2 = 60 - 4 * (1 - math.pi / 4)
 Read = Callable[..., Program]
 
 
-@pytest.fixture
-def read(tmp_path: Path) -> Read:
-    def read_text(text: str, **options: object) -> Program:
-        file = tmp_path / "part.nc"
-        file.write_text(text)
-        return load_program(file, **options)  # type: ignore[arg-type]
-
-    return read_text
-
-
 def example(name: str, **options: object) -> Program:
     return load_program(EXAMPLES / name, **options)  # type: ignore[arg-type]
 
 
 def summary(outlines: tuple[Outline, ...]) -> list[tuple[object, ...]]:
     return [(o.wire_side, o.offset_mm, o.condition, o.adaptive, o.continues, o.stops_after) for o in outlines]
+
+
+def upper_mm(outline: Outline) -> np.ndarray:
+    """Return the points of the second plane."""
+    assert outline.taper is not None
+    assert outline.taper.upper_mm is not None
+    return outline.taper.upper_mm
 
 
 PASSES = {
@@ -145,34 +142,31 @@ def test_charmilles_takes_offsets_by_number_from_a_table() -> None:
 
 def test_two_planes_by_a_colon() -> None:
     (outline,) = example("planes-sodick.nc").outlines
-    taper = outline.taper
+    upper, taper = upper_mm(outline), outline.taper
     assert taper is not None
-    assert taper.upper_mm is not None
     assert (taper.program_plane_mm, taper.second_plane_mm) == (0.0, 20.0)
-    assert len(taper.upper_mm) == len(outline.points_mm) == len(outline.elements) + 1
-    below, above = shapely.Polygon(outline.points_mm), shapely.Polygon(taper.upper_mm)
+    assert len(upper) == len(outline.points_mm) == len(outline.elements) + 1
+    below, above = shapely.Polygon(outline.points_mm), shapely.Polygon(upper)
     assert below.area == pytest.approx(64 - (4 - math.pi), abs=0.005)
     assert above.area == pytest.approx(36 - 4 * (4 - math.pi), abs=0.01)
     ends = np.flatnonzero(np.diff([0, *outline.elements, 0]))  # where elements meet below they meet above
-    assert taper.upper_mm[ends][:4] == pytest.approx(np.array([[4, 1], [3, 1], [1, 3], [1, 5]]))
+    assert upper[ends][:4] == pytest.approx(np.array([[4, 1], [3, 1], [1, 3], [1, 5]]))
 
 
 def test_upper_arcs_of_fanuc_have_their_centre_from_the_lower_one() -> None:
     (outline,) = example("cone-fanuc.nc").outlines
-    assert outline.taper is not None
-    assert outline.taper.upper_mm is not None
+    upper = upper_mm(outline) - [0.5, 0]
     assert np.hypot(*outline.points_mm.T) == pytest.approx(5.0, abs=1e-9)
-    assert np.hypot(*(outline.taper.upper_mm - [0.5, 0]).T) == pytest.approx(4.0, abs=1e-9)
-    angle = [np.arctan2(*p.T) for p in (outline.points_mm, outline.taper.upper_mm - [0.5, 0])]
+    assert np.hypot(*upper.T) == pytest.approx(4.0, abs=1e-9)
+    angle = [np.arctan2(*p.T) for p in (outline.points_mm, upper)]
     assert np.exp(1j * angle[0]) == pytest.approx(np.exp(1j * angle[1]))
 
 
 def test_the_upper_plane_of_linuxcnc_has_coordinates_of_its_own() -> None:
     (outline,) = example("wedge-linuxcnc.ngc").outlines
     assert outline.points_mm.tolist() == [[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]
+    assert upper_mm(outline).tolist() == [[2, 2], [8, 2], [8, 8], [2, 8], [2, 2]]
     assert outline.taper is not None
-    assert outline.taper.upper_mm is not None
-    assert outline.taper.upper_mm.tolist() == [[2, 2], [8, 2], [8, 8], [2, 8], [2, 2]]
     assert (outline.taper.program_plane_mm, outline.taper.second_plane_mm) == (0.0, 20.0)
 
 
@@ -180,19 +174,13 @@ UV = "G92 X0. Y0.{0}\nG1 X5. U1. V2.\nG1 Y5. U1.\nX0. Y5.\n"
 
 
 def test_u_and_v_count_from_x_and_y_or_are_coordinates(read: Read) -> None:
-    relative = read(UV.format(" U0. V0."), dialect="fanuc").outlines[0].taper
-    absolute = read(UV.format(""), dialect="linuxcnc").outlines[0].taper
-    assert relative is not None
-    assert absolute is not None
-    assert relative.upper_mm is not None
-    assert absolute.upper_mm is not None
-    assert relative.upper_mm.tolist() == [[0, 0], [6, 2], [6, 7], [1, 7]]
-    assert absolute.upper_mm.tolist() == [[0, 0], [1, 2], [1, 2], [1, 2]]
+    relative = read(UV.format(" U0. V0."), dialect="fanuc").outlines[0]
+    absolute = read(UV.format(""), dialect="linuxcnc").outlines[0]
+    assert upper_mm(relative).tolist() == [[0, 0], [6, 2], [6, 7], [1, 7]]
+    assert upper_mm(absolute).tolist() == [[0, 0], [1, 2], [1, 2], [1, 2]]
     turned = read(UV.format("").replace("G1 X5.", "G91 G1 X5."), dialect="mitsubishi").outlines[0]
     assert turned.points_mm.tolist() == [[0, 0], [5, 0], [5, 5], [5, 10]]
-    assert turned.taper is not None
-    assert turned.taper.upper_mm is not None
-    assert turned.taper.upper_mm.tolist() == [[0, 0], [6, 2], [7, 7], [7, 12]]
+    assert upper_mm(turned).tolist() == [[0, 0], [6, 2], [7, 7], [7, 12]]
 
 
 def test_the_tip_of_a_cone_is_one_point_under_an_arc(read: Read) -> None:
@@ -200,9 +188,7 @@ def test_the_tip_of_a_cone_is_one_point_under_an_arc(read: Read) -> None:
     with pytest.raises(InputError, match=r"second plane ends 5\.000 mm from where it began"):
         read(cone)
     (outline,) = read(cone.replace("Y0 : X5. Y0\n", "Y0 : X5. Y5.\n")).outlines
-    assert outline.taper is not None
-    assert outline.taper.upper_mm is not None
-    assert (outline.taper.upper_mm == [5, 5]).all()
+    assert (upper_mm(outline) == [5, 5]).all()
     assert shapely.Polygon(outline.points_mm).area == pytest.approx(25 * math.pi, rel=1e-3)
 
 
@@ -235,16 +221,14 @@ ONE_PASS = "{}G92 X5. Y-2.\n{}\nG1 X5. Y0.\nX0.\nY6.\nX10.\nY0.\nX5.\nG40 G1 Y-2
         (ONE_PASS.format("D1=0.19\n(by hand for LinuxCNC)\n", "G41 D1"), None),
     ],
 )  # fmt: skip
-def test_a_dialect_is_recognised_and_one_pass_is_cut(
-    read: Read, tmp_path: Path, text: str, dialect: str | None
-) -> None:
+def test_a_dialect_is_recognised_and_one_pass_is_cut(read: Read, text: str, dialect: str | None) -> None:
     program = read(text)
     assert program.dialect == dialect
     assert any("recognised" in notice for notice in program.notices) == (dialect is not None)
     (outline,) = program.outlines
     assert outline.points_mm.tolist() == [[5, 0], [0, 0], [0, 6], [10, 6], [10, 0], [5, 0]]
     assert outline.offset_mm == pytest.approx(0.19, abs=0.006)
-    path = plan_path(tmp_path / "part.nc", auto_offset_mm=0.3)
+    path = plan_path(program, auto_offset_mm=0.3)
     assert path.offset_um == pytest.approx(190, abs=6)
 
 

@@ -9,6 +9,7 @@ import shapely
 
 from edmsim.errors import InputError
 from edmsim.program.dxf import read_dxf
+from edmsim.program.outline import signed_area
 
 
 def square(space, size=10.0, at=(0.0, 0.0)):
@@ -18,8 +19,7 @@ def square(space, size=10.0, at=(0.0, 0.0)):
 
 
 def area(outline):
-    x, y = outline.points_mm.T
-    return (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() / 2
+    return signed_area(outline.points_mm)
 
 
 def chord_error(outline, curve):

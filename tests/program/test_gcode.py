@@ -10,18 +10,9 @@ from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.program.gcode import read_gcode
+from edmsim.program.outline import signed_area
 
 SQUARE = "G92 X5 Y-2\nG41 D0 G1 X5 Y0\nX0\nY8\nX10\nY0\nX5\nG40 Y-2\nM02\n"
-
-
-@pytest.fixture
-def read(tmp_path):
-    def read_text(text, name="part.ngc", **options):
-        file = tmp_path / name
-        file.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_gcode(file, **options)
-
-    return read_text
 
 
 def only(program):
@@ -37,11 +28,6 @@ def refusal(read, text, line, *words):
     for word in words:
         assert word in caught.value.reason
     return caught.value
-
-
-def area(points):
-    x, y = points.T
-    return (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() / 2
 
 
 def test_a_compensated_square_with_lead_in_and_lead_out(read):
@@ -99,9 +85,15 @@ def test_incremental_and_absolute_give_the_same_path(tmp_path_factory, moves):
     assert np.allclose(outlines[0], outlines[1], atol=1e-9)
 
 
-def test_inches(read):
-    outline = only(read("G20 G0 X0 Y0\nG1 X1. Y.5\n"))
-    assert outline.points_mm[-1].tolist() == pytest.approx([25.4, 12.7])
+@pytest.mark.parametrize(("text", "end_mm"), [
+    ("G20 G0 X0 Y0\nG1 X1. Y.5\n", [25.4, 12.7]),
+    ("G0 X0 Y0\nG1 X20\nG1 Y10\n", [20, 10]),  # whole numbers that fit the table
+    ("G0 X100 Y100\nG1 X110\nG1 Y120\n", [110, 120]),  # so do these, though far from zero
+    ("G0 X0 Y0\nG1 X2000\nG1 Y1.5\n", [2000, 1.5]),  # one decimal point
+    ("G91\nG1 X400\nX400\nY-300\n", [0.8, -0.3]),  # whole um
+])  # fmt: skip
+def test_the_unit_of_a_program(read, text, end_mm):
+    assert only(read(text)).points_mm[-1].tolist() == pytest.approx(end_mm)
 
 
 def test_g92_in_mid_program_shifts_what_follows(read):
@@ -177,14 +169,14 @@ def test_a_full_circle_as_one_arc_or_two(read):
     two = only(read("G0 X20 Y10\nG3 X10 Y10 I-5.0 J0\nG3 X20 Y10 I5 J0\n"))
     for outline in (one, two):
         assert outline.closed
-        assert area(outline.points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
+        assert signed_area(outline.points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
         radius = np.hypot(*(outline.points_mm - [15, 10]).T)
         assert np.allclose(radius, 5, atol=1e-9)
 
 
 def test_absolute_arc_centres_are_found_out_and_reported(read):
     program = read("G0 X20 Y10\nG3 X10 Y10 I15.0 J10\nG3 X20 Y10 I15. J10\n")
-    assert area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
+    assert signed_area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
     assert [notice for notice in program.notices if "absolute" in notice] == [
         "line 2: I J are taken as an absolute arc centre: only so do start and end radius agree (2 times)"
     ]
@@ -192,7 +184,7 @@ def test_absolute_arc_centres_are_found_out_and_reported(read):
 
 def test_both_kinds_of_centre_in_one_program(read):
     program = read("G0 X20 Y10\nG3 X10 Y10 I15.0 J10\nG3 X20 Y10 I5 J0\n")
-    assert area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
+    assert signed_area(only(program).points_mm) == pytest.approx(25 * math.pi, rel=1e-3)
     assert any("line 2" in notice and "absolute" in notice for notice in program.notices)
 
 
@@ -219,27 +211,12 @@ def test_a_program_in_whole_um(read):
                    "G1 X3000\nG2 Y3000 I3000 J2000\nG1 X5000\nM02\n")
     points = only(program).points_mm
     assert np.ptp(points, axis=0).tolist() == pytest.approx([6, 2], abs=2e-3)
-    assert abs(area(points)) == pytest.approx(8 + math.pi, rel=1e-3)
+    assert abs(signed_area(points)) == pytest.approx(8 + math.pi, rel=1e-3)
     assert any("whole um" in notice for notice in program.notices)
 
 
-def test_whole_numbers_that_fit_the_table_are_mm_and_it_says_so(read):
-    program = read("G0 X0 Y0\nG1 X20\nG1 Y10\n")
-    assert only(program).points_mm[-1].tolist() == [20, 10]
-    assert any("read as mm" in notice for notice in program.notices)
-
-
-def test_far_from_zero_is_still_mm(read):
-    assert only(read("G0 X100 Y100\nG1 X110\nG1 Y120\n")).points_mm[-1].tolist() == [110, 120]
-
-
-def test_one_decimal_point_makes_a_program_mm(read):
-    assert only(read("G0 X0 Y0\nG1 X2000\nG1 Y1.5\n")).points_mm[1].tolist() == [2000, 0]
-
-
-def test_incremental_whole_um(read):
-    outline = only(read("G91\nG1 X400\nX400\nY-300\n"))
-    assert outline.points_mm[-1].tolist() == pytest.approx([0.8, -0.3])
+def test_whole_numbers_that_fit_the_table_are_said_to_be_mm(read):
+    assert any("read as mm" in notice for notice in read("G0 X0 Y0\nG1 X20\nG1 Y10\n").notices)
 
 
 BAD = [

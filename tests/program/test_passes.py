@@ -198,11 +198,15 @@ def test_the_passes_of_two_contours_go_round_as_often(tmp_path: Path) -> None:
 AGAIN = "G0 X-1.5 Y2\n{} G1 X0 {}\n{}G40\n"
 
 
+def twice(first_mm: float, second_mm: float, code: str = "G41", way: str = ROUND) -> str:
+    """Return a program that cuts a square, and again under a code and along a way."""
+    head = f"G21 G90\nD1={first_mm}\nD2={second_mm}\n"
+    return head + AGAIN.format("G41", "D1", ROUND) + AGAIN.format(code, "D2", way) + "M2\n"
+
+
 def test_a_program_that_cuts_an_edge_twice_has_passes(tmp_path: Path) -> None:
     """Forward with G41 at D1, back on the same edge with G42 at D2."""
-    back = "Y0\nX4\nY4\nX0\nY2\n"
-    text = "G21 G90\nD1=0.25\nD2=0.2\n" + AGAIN.format("G41", "D1", ROUND) + AGAIN.format("G42", "D2", back) + "M2\n"
-    path = plan(tmp_path, text)
+    path = plan(tmp_path, twice(0.25, 0.2, "G42", "Y0\nX4\nY4\nX0\nY2\n"))
     assert len(path.contours) == 1
     assert [(p.offset_um, p.reversed) for p in path.contours[0].passes] == [(250.0, False), (200.0, True)]
     assert path.contours[0].offset_um == 200.0
@@ -240,9 +244,8 @@ def test_passes_want_an_edge(tmp_path: Path) -> None:
 
 
 def test_offsets_of_a_program_may_not_grow(tmp_path: Path) -> None:
-    text = "G21 G90\nD1=0.2\nD2=0.25\n" + AGAIN.format("G41", "D1", ROUND) + AGAIN.format("G41", "D2", ROUND) + "M2\n"
     with pytest.raises(InputError, match="the offset grows from pass 1 to pass 2") as refused:
-        plan(tmp_path, text)
+        plan(tmp_path, twice(0.2, 0.25))
     assert refused.value.line == 14
 
 
@@ -265,8 +268,7 @@ def test_planned_trims_go_straight_past_outer_corners_no_further_out_than_the_ro
 
 
 def test_a_programs_own_trims_go_round_as_its_rough_pass_does(tmp_path: Path) -> None:
-    text = "G21 G90\nD1=0.25\nD2=0.2\n" + AGAIN.format("G41", "D1", ROUND) + AGAIN.format("G41", "D2", ROUND) + "M2\n"
-    contour = plan(tmp_path, text).contours[0]
+    contour = plan(tmp_path, twice(0.25, 0.2)).contours[0]
     edge = shapely.LineString(contour.nominal_mm)
     for one in contour.passes:
         places = shapely.points(one.points_um[one.approach_moves :] * 1e-3)

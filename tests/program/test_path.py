@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from edmsim.errors import InputError
 from edmsim.program import load_program, plan_path
+from edmsim.program.outline import signed_area
 from edmsim.program.path import STOCK_MARGIN_MM
 
 OFFSET_MM = 0.155
@@ -49,11 +50,6 @@ def cut_points(contour):
 
 def distances(contour, points):
     return shapely.distance(shapely.LineString(contour.nominal_mm), shapely.points(points))
-
-
-def signed_area(points):
-    x, y = points.T
-    return (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() / 2
 
 
 def check_offset(contour, offset_mm):

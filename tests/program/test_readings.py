@@ -21,16 +21,6 @@ AUTO = {"auto_offset_mm": 0.155}
 Read = Callable[..., Program]
 
 
-@pytest.fixture
-def read(tmp_path: Path) -> Read:
-    def read_text(text: str | bytes) -> Program:
-        file = tmp_path / "part.ngc"
-        file.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return load_program(file)
-
-    return read_text
-
-
 def planned(program: Program, offset: str = "auto") -> CutPath:
     return plan_path(program.source, offset, **AUTO)
 

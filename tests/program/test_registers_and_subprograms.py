@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +28,7 @@ def plan(folder: Path, text: str, offset: str | float = "auto", table: str | Non
     return plan_path(program, offset, auto_offset_mm=0.2)
 
 
-def read(folder: Path, text: str) -> Program:
-    (folder / "a.ngc").write_text(text)
-    return load_program(folder / "a.ngc")
+Read = Callable[..., Program]
 
 
 @pytest.mark.parametrize(
@@ -160,9 +159,9 @@ def test_a_drawing_has_no_registers(tmp_path: Path) -> None:
 HOLE = "G91 G1 X1.5\nG3 X0 Y0 I-1.5 J0\nG0 X3.5\n"
 
 
-def test_a_subprogram_is_cut_where_and_as_often_as_it_is_called(tmp_path: Path) -> None:
-    called = read(tmp_path, f"%\nO1\nG92 X0 Y0\nG42 D1\nM98 P100 L3\nM30\nO0100\n{HOLE}M99\n%\n")
-    spelt = read(tmp_path, "G92 X0 Y0\nG42 D1\n" + 3 * HOLE + "M30\n")
+def test_a_subprogram_is_cut_where_and_as_often_as_it_is_called(read: Read) -> None:
+    called = read(f"%\nO1\nG92 X0 Y0\nG42 D1\nM98 P100 L3\nM30\nO0100\n{HOLE}M99\n%\n")
+    spelt = read("G92 X0 Y0\nG42 D1\n" + 3 * HOLE + "M30\n")
     assert len(called.outlines) == 3
     for one, other in zip(called.outlines, spelt.outlines, strict=True):
         assert np.array_equal(one.points_mm, other.points_mm)
@@ -171,9 +170,9 @@ def test_a_subprogram_is_cut_where_and_as_often_as_it_is_called(tmp_path: Path) 
     assert called.outlines[2].line_numbers[0] == 9
 
 
-def test_subprograms_call_others_and_idle_ones_are_named(tmp_path: Path) -> None:
+def test_subprograms_call_others_and_idle_ones_are_named(read: Read) -> None:
     text = f"G92 X0 Y0\nM98 P1\nM2\nO1\nM98 P2\nM98 P2\nM99\nO2\n{HOLE}M99\nO3\nG4 P1\nM99\n"
-    program = read(tmp_path, text)
+    program = read(text)
     assert len(program.outlines) == 2
     assert "line 13: nobody calls subprogram O3" in program.notices
 
@@ -196,26 +195,26 @@ def test_subprograms_call_others_and_idle_ones_are_named(tmp_path: Path) -> None
         ("M98 P1\nM2\nO1\nV3\nM99\n", 4, "unknown word 'V3'"),
     ],
 )
-def test_calls_that_make_no_sense(tmp_path: Path, text: str, line: int, named: str) -> None:
+def test_calls_that_make_no_sense(read: Read, text: str, line: int, named: str) -> None:
     with pytest.raises(InputError, match=named) as refused:
-        read(tmp_path, text)
+        read(text)
     assert refused.value.line == line
 
 
-def test_calls_of_calls_do_not_grow_without_end(tmp_path: Path) -> None:
+def test_calls_of_calls_do_not_grow_without_end(read: Read) -> None:
     text = "M98 P1 L999\nM2\n" + "".join(f"O{k}\nM98 P{k + 1} L999\nM99\n" for k in range(1, 9)) + "O9\nG4 P1\nM99\n"
     with pytest.raises(InputError, match="too many"):
-        read(tmp_path, text)
+        read(text)
 
 
-def test_without_calls_what_stands_behind_the_end_is_left_out_as_ever(tmp_path: Path) -> None:
-    program = read(tmp_path, "G92 X0 Y0\nG1 X5\nM2\nO1\nanything\n")
+def test_without_calls_what_stands_behind_the_end_is_left_out_as_ever(read: Read) -> None:
+    program = read("G92 X0 Y0\nG1 X5\nM2\nO1\nanything\n")
     assert any("text after the end of the program" in notice for notice in program.notices)
 
 
-def test_a_contour_that_crosses_itself_says_so_and_where(tmp_path: Path) -> None:
+def test_a_contour_that_crosses_itself_says_so_and_where(read: Read) -> None:
     eight = "G92 X0. Y-2\nG41 D1 G1 X0 Y0\nX4 Y4\nX0 Y8\nX-4 Y12\nX0 Y16\nX4 Y12\nX0 Y8\nX-4 Y4\nX0 Y0\nG40\nM2\n"
     with pytest.raises(InputError, match=r"has met itself at X0\.000 Y8\.000 \(lines 5 and 8\)"):
-        read(tmp_path, eight)
+        read(eight)
     with pytest.raises(InputError, match=r"crosses or retraces itself at X2\.000 Y2\.000 \(lines 3 and 5\)"):
-        read(tmp_path, "G92 X0. Y-2\nG41 D1 G1 X0 Y0\nX4 Y4\nX4 Y0\nX0 Y4\nX-3 Y4\nX0 Y0\nG40\nM2\n")
+        read("G92 X0. Y-2\nG41 D1 G1 X0 Y0\nX4 Y4\nX4 Y0\nX0 Y4\nX-3 Y4\nX0 Y0\nG40\nM2\n")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +15,8 @@ from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import CornerError
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording.report import Corner, Kerf, Origin, ProfileErrors, Report, Surface, Totals, build_report
+from edmsim.recording.rerun.playback import Playback
+from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.scene import ErrorMap, Scene, polylines
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import WindowTable
@@ -179,6 +184,30 @@ def cut() -> SimpleNamespace:
         part=part,
         report=report,
     )
+
+
+@pytest.fixture(scope="session")
+def record(cut: SimpleNamespace) -> Callable[..., Path]:
+    """Return a function that writes a recording of the made-up cut into a file; some of the cut may be changed."""
+
+    def write(file: Path, **changed: Any) -> Path:
+        names = ("scene", "windows", "frames", "closeups", "machine", "report")
+        arguments = {name: getattr(cut, name) for name in names} | changed
+        write_recording(file, **arguments, title="punch.ngc")
+        return file
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def recording(record: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recording of the made-up cut, not to be changed."""
+    return record(tmp_path_factory.mktemp("recording") / "cut.rrd")
+
+
+@pytest.fixture(scope="session")
+def play(recording: Path) -> Playback:
+    return Playback(recording)
 
 
 @pytest.fixture(autouse=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,7 +23,6 @@ from edmsim.recording.figures.style import NotebookFigure
 from edmsim.recording.film import Film
 from edmsim.recording.rerun.machine import growing_kerf
 from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.windows import (
     ROW_NAMES,
     WindowTable,
@@ -162,12 +162,11 @@ def test_a_cut_without_a_pause_has_no_mark(cut: SimpleNamespace) -> None:
 
 
 @pytest.mark.slow
-def test_recording_and_film_break_their_curves(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_recording_and_film_break_their_curves(
+    cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
+) -> None:
     windows = threaded(cut.windows)
-    write_recording(
-        tmp_path / "cut.rrd", cut.scene, windows, cut.frames, cut.closeups, cut.machine, cut.report, "rectangle.ngc"
-    )
-    play = Playback(tmp_path / "cut.rrd")
+    play = Playback(record(tmp_path / "cut.rrd", windows=windows))
     time = column(windows, "t_s")
     row = int(pause_rows(time)[0])
     (cleared,) = play.rows("/feed/feed_um_s", "Clear:is_recursive").t_s

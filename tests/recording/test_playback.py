@@ -8,6 +8,7 @@ import shutil
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,22 +23,14 @@ from edmsim.recording.film import Film, render
 from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.viewer import SHARES, take_screenshots
-from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import WindowTable
 
 
-@pytest.fixture(scope="module")
-def written(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    file = tmp_path_factory.mktemp("written") / "cut.rrd"
-    write_recording(file, cut.scene, cut.windows, cut.frames, cut.closeups, cut.machine, cut.report, "punch.ngc")
-    return file
-
-
 @pytest.fixture
-def folder(written: Path, tmp_path: Path) -> Path:
+def folder(recording: Path, tmp_path: Path) -> Path:
     """A folder with a recording, which may be damaged."""
-    shutil.copy(written, tmp_path)
+    shutil.copy(recording, tmp_path)
     return tmp_path
 
 
@@ -208,20 +201,9 @@ def test_the_viewers_exit_status_is_stored(tmp_path: Path) -> None:
 # ``edmsim report --film``: films that play, pictures without a screen, and what cannot be done in one line.
 
 
-def write(folder: Path, cut: SimpleNamespace, **changed: object) -> Path:
-    arguments = {name: getattr(cut, name) for name in ("scene", "windows", "frames", "closeups", "machine", "report")}
-    write_recording(folder / "cut.rrd", **(arguments | changed), title="punch.ngc")
-    return folder / "cut.rrd"
-
-
-@pytest.fixture(scope="module")
-def recording(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write(tmp_path_factory.mktemp("recording"), cut)
-
-
 @pytest.mark.slow
-def test_legends_of_a_film_cover_no_curve(recording: Path) -> None:
-    film = Film(Playback(recording), 60)
+def test_legends_of_a_film_cover_no_curve(play: Playback) -> None:
+    film = Film(play, 60)
     legends = [(axes, axes.get_legend()) for axes in film._figure.axes if axes.get_legend() is not None]
     assert len(legends) == 2
     for axes, legend in legends:
@@ -256,8 +238,7 @@ def test_an_mp4_plays_the_cut(recording: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pictures_show_the_kerf_grow_and_are_the_same_again(recording: Path) -> None:
-    play = Playback(recording)
+def test_pictures_show_the_kerf_grow_and_are_the_same_again(play: Playback) -> None:
     film = Film(play, 60)
     begin, end = (film.picture(share * play.end_s) for share in (0.02, 1.0))
     ground = np.all(begin[60:250, 20:230] < 60, axis=2).sum(), np.all(end[60:250, 20:230] < 60, axis=2).sum()
@@ -288,10 +269,12 @@ def test_mp4_without_its_package_says_what_to_install(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(
+    cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
+) -> None:
     (tmp_path / "file").write_text("")
-    empty = write(
-        tmp_path, cut, windows=WindowTable().to_arrow(), frames=Frames(9), closeups=Closeups(9, 32, 4),
+    empty = record(
+        tmp_path / "cut.rrd", windows=WindowTable().to_arrow(), frames=Frames(9), closeups=Closeups(9, 32, 4),
         scene=dataclasses.replace(cut.scene, cut_edges_mm=()),
     )  # fmt: skip
     with pytest.raises(InputError, match="cannot be written"):

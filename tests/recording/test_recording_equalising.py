@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +20,6 @@ from edmsim.recording.figures.pulses import pulses_figure
 from edmsim.recording.report import build_report, summary
 from edmsim.recording.rerun.gap import SCOPE_PULSES, VOLTAGE_HEIGHT
 from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.stores import Closeups, traces
 from edmsim.recording.windows import NAMES, WindowTable, column, read_windows, write_windows
 
@@ -137,12 +138,13 @@ def test_the_report_says_what_is_left_and_what_it_takes(equalised, cut: SimpleNa
 
 
 def test_the_oscilloscope_has_its_0_above_the_pulses_of_the_other_polarity(
-    equalised, cut: SimpleNamespace, tmp_path
+    equalised: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
 ) -> None:
     store = equalised.store
-    file = tmp_path / "cut.rrd"
-    stores = store.frames, store.closeups
-    write_recording(file, cut.scene, equalised.table, *stores, equalised.machine, cut.report, "x")
+    file = record(
+        tmp_path / "cut.rrd", windows=equalised.table, frames=store.frames, closeups=store.closeups,
+        machine=equalised.machine,
+    )  # fmt: skip
     play = Playback(file)
     t_s = float(store.closeups.table()["t_s"][-1])
     strips = np.array(play.strips("/scope/voltage", "LineStrips2D:strips", t_s))

@@ -11,15 +11,7 @@ import pytest
 from edmsim.plant.kernel.state import OPEN
 from edmsim.recording.rerun.gap import AGES, SCOPE_PULSES, discharges, faded
 from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.stores import traces
-
-
-@pytest.fixture(scope="module")
-def play(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Playback:
-    file = tmp_path_factory.mktemp("recording") / "cut.rrd"
-    write_recording(file, cut.scene, cut.windows, cut.frames, cut.closeups, cut.machine, cut.report, "punch.ngc")
-    return Playback(file)
 
 
 def test_traces_show_delay_burning_and_short(cut: SimpleNamespace) -> None:

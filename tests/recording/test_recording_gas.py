@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,23 +21,11 @@ from edmsim.recording.report import Coverage, render_table
 from edmsim.recording.rerun.gap import SMALLEST, travel_at
 from edmsim.recording.rerun.machine import shapes_of, wire_strips
 from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.rerun.write import write_recording
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import WindowTable, column
 
 RADIUS_UM, GAP_UM = 125.0, 15.0
 """Of the made-up cut."""
-
-
-def recording(cut: SimpleNamespace, folder: Path, closeups: Closeups) -> Playback:
-    file = folder / "cut.rrd"
-    write_recording(file, cut.scene, cut.windows, cut.frames, closeups, cut.machine, cut.report, "punch.ngc")
-    return Playback(file)
-
-
-@pytest.fixture(scope="module")
-def play(cut: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Playback:
-    return recording(cut, tmp_path_factory.mktemp("recording"), cut.closeups)
 
 
 def test_a_plant_tells_the_gas_in_every_slice_and_keeps_its_own() -> None:
@@ -107,7 +96,9 @@ def test_bubbles_stand_on_the_front_of_the_drawn_wire(cut: SimpleNamespace, play
 
 
 @pytest.mark.slow
-def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(
+    cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
+) -> None:
     closeups = Closeups(9, 32, 4)
     covered = np.array([0.0, 0.02, 0.06, 0.3, 0.5, 0.6, 0.1, 0.2, 0.9], np.float32)
     for old in cut.closeups.table()[:8]:
@@ -117,7 +108,7 @@ def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(cut: Sim
         closeups.row["pulses"]["ray"] = np.arange(96) % 16
         closeups.row["pulses"]["slice"] = np.where(np.arange(96) % 4 == 1, -1, np.arange(96) // 4 % 8)  # 8 has none
         closeups.keep()
-    play, row = recording(cut, tmp_path, closeups), closeups.table()[5]
+    play, row = Playback(record(tmp_path / "cut.rrd", closeups=closeups)), closeups.table()[5]
     strips = [line * (1.0, -1.0) for line in play.strips("/top/gas", "LineStrips2D:strips", float(row["t_s"]))]
     radii = play.points("/top/gas", "LineStrips2D:radii", float(row["t_s"]))
     middle = RADIUS_UM + GAP_UM / 2
@@ -132,30 +123,32 @@ def test_the_top_view_has_a_bubble_at_the_last_discharge_of_every_slice(cut: Sim
 
 
 @pytest.mark.slow
-def test_a_film_shows_gas_where_there_is_some(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_a_film_shows_gas_where_there_is_some(
+    cut: SimpleNamespace, play: Playback, record: Callable[..., Path], tmp_path: Path
+) -> None:
     dry = Closeups(9, 32, 4)
     for row in cut.closeups.table():
         for name in row.dtype.names:
             dry.row[name] = 0.0 if name == "coverage" else row[name]
         dry.keep()
-    pictures, t_s = [], float(cut.closeups.table()["t_s"][50])
-    for name, closeups in (("gas", cut.closeups), ("dry", dry)):
-        (tmp_path / name).mkdir()
-        pictures.append(Film(recording(cut, tmp_path / name, closeups), 60).picture(t_s).astype(int))
-    rows, columns = np.nonzero(np.abs(pictures[0] - pictures[1]).max(axis=2) > 20)
+    t_s, without = float(cut.closeups.table()["t_s"][50]), Playback(record(tmp_path / "dry.rrd", closeups=dry))
+    wet, dried = (Film(shown, 60).picture(t_s).astype(int) for shown in (play, without))
+    rows, columns = np.nonzero(np.abs(wet - dried).max(axis=2) > 20)
     assert len(rows) > 10
-    height, width, _ = pictures[0].shape
+    height, width, _ = wet.shape
     assert rows.max() < 0.7 * height  # in the picture of the gap only
     assert columns.min() > 0.3 * width
     assert columns.max() < 0.65 * width
 
 
-def test_a_cut_without_windows_has_no_gas(cut: SimpleNamespace, tmp_path: Path) -> None:
-    empty = SimpleNamespace(**vars(cut) | {
-        "windows": WindowTable().to_arrow(), "frames": Frames(9),
-        "scene": dataclasses.replace(cut.scene, cut_edges_mm=()),
-    })  # fmt: skip
-    play = recording(empty, tmp_path, Closeups(9, 32, 4))
+def test_a_cut_without_windows_has_no_gas(
+    cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
+) -> None:
+    empty = record(
+        tmp_path / "cut.rrd", windows=WindowTable().to_arrow(), frames=Frames(9), closeups=Closeups(9, 32, 4),
+        scene=dataclasses.replace(cut.scene, cut_edges_mm=()),
+    )  # fmt: skip
+    play = Playback(empty)
     for entity, component in (("/world/gas", "Ellipsoids3D:centers"), ("/top/gas", "LineStrips2D:strips"),
                               ("/slices/coverage", "Scalars:scalars")):  # fmt: skip
         assert (entity, component) not in play

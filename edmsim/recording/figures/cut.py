@@ -8,10 +8,9 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
 from edmsim.errors import InputError
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths
 from edmsim.metrology.edges import filled
 from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
@@ -19,9 +18,7 @@ from edmsim.recording.figures import palette, style
 from edmsim.recording.figures.profile import draw_errors, label_corners
 from edmsim.recording.report import Report, mm_text
 from edmsim.recording.scene import ErrorMap, Scene
-from edmsim.recording.windows import column
-
-Array = NDArray[np.float64]
+from edmsim.recording.windows import columns
 
 _COLOURS = palette.SKY, palette.PURPLE, palette.GREEN, palette.BLUE, palette.ORANGE
 _SHOWN = 99.0  # percentile of all errors that the axes hold; single corners may leave them (ours)
@@ -52,7 +49,7 @@ def shares_figure(scene: Scene) -> Figure:
     return figure
 
 
-def _joined(split: list[ErrorMap]) -> tuple[Array, Array, Array]:
+def _joined(split: list[ErrorMap]) -> tuple[Floats, Floats, Floats]:
     """Way along the edges, error and shares of several contours in a row, NaN between them."""
     ways, errors, shares, begin = [], [], [], 0.0
     for edge in split:
@@ -139,15 +136,15 @@ def _chosen_corner(scene: Scene, corner: int | None) -> CornerError:
     return scene.corners[corner]
 
 
-def _paths_um(windows: pa.Table, place_mm: Array, reach_mm: float) -> tuple[Array, Array]:
+def _paths_um(windows: pa.Table, place_mm: Floats, reach_mm: float) -> tuple[Floats, Floats]:
     """Guides and wire near a place, relative to it in um: rows (n, 2) in order of time, NaN between visits."""
-    guides = np.column_stack([column(windows, "x_um"), column(windows, "y_um")]) - 1000 * place_mm
-    wire = guides - np.column_stack([column(windows, "lag_x_um"), column(windows, "lag_y_um")])
+    guides = columns(windows, "x_um", "y_um") - 1000 * place_mm
+    wire = guides - columns(windows, "lag_x_um", "lag_y_um")
     away = np.abs(guides).max(axis=1) > 1000 * reach_mm
     return np.where(away[:, None], np.nan, guides), np.where(away[:, None], np.nan, wire)
 
 
-def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array) -> None:
+def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) -> None:
     reach = 1000 * CORNER_REACH_MM
     style.dress(axes, "X from the corner, µm", "Y from the corner, µm")
     axes.grid(visible=False)
@@ -181,7 +178,7 @@ def _draw_detail(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array) -
     style.legend(axes, above=True, columns=2)
 
 
-def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array) -> None:
+def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Floats) -> None:
     """How far wire and metal edge are off, over the distance from the corner along the nominal edge."""
     style.dress(axes, "along the nominal edge from the corner, µm", "off, µm")
     axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
@@ -203,15 +200,15 @@ def _draw_deviation(axes: Axes, scene: Scene, windows: pa.Table, place_mm: Array
     style.legend(axes, above=True)
 
 
-def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Array, s: Array, place_mm: Array, outward: Array) -> None:
+def _draw_lag(axes: Axes, windows: pa.Table, edge_mm: Floats, s: Floats, place_mm: Floats, outward: Floats) -> None:
     """The wire's displacement from its guides, away from the part, at the nearest place of the edge."""
     from scipy.spatial import cKDTree
 
-    guides = np.column_stack([column(windows, "x_um"), column(windows, "y_um")]) / 1000
+    guides = columns(windows, "x_um", "y_um") / 1000
     near = np.hypot(*(guides - place_mm).T) < 2 * CORNER_REACH_MM
     if not near.any():
         return
-    lag = np.column_stack([column(windows, "lag_x_um"), column(windows, "lag_y_um")])[near]
+    lag = columns(windows, "lag_x_um", "lag_y_um")[near]
     nearest = cKDTree(edge_mm).query(guides[near])[1]
     away = -(lag * outward[nearest]).sum(axis=1)
     places, group = np.unique(nearest, return_inverse=True)

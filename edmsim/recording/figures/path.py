@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import arc_lengths, interpolated
 from edmsim.program.path import CutPath, WireContour
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, METAL, MUTED, VERMILION
 from edmsim.recording.figures.passes import pass_colour
@@ -68,7 +68,7 @@ def _draw_wires(axes: Axes, below: np.ndarray, above: np.ndarray) -> None:
     """Draw the wire in some places, from the lower face to the upper one."""
     passed = arc_lengths((below + above) / 2)
     at = np.linspace(0.0, passed[-1], _WIRES)
-    ends = [np.stack([np.interp(at, passed, column) for column in way.T], axis=1) for way in (below, above)]
+    ends = [interpolated(at, passed, way) for way in (below, above)]
     wires = LineCollection(list(np.stack(ends, axis=1)), color=GREEN, linewidth=0.4, zorder=3, label="wire")
     axes.add_collection(wires)
 

@@ -14,15 +14,15 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
+from edmsim.geometry import Floats
 from edmsim.metrology.edges import filled
 from edmsim.metrology.profile import CornerError
 from edmsim.recording.figures import palette
 from edmsim.recording.figures.style import ERROR_COLOURS, NotebookFigure, figure_png, fill, quiet
 from edmsim.recording.report import Report, duration_text, rate_text
 from edmsim.recording.scene import Scene, round_number
-from edmsim.recording.windows import column, lag_along_um, pause_rows, stretches
+from edmsim.recording.windows import column, group_means, lag_along_um, pause_rows, stretches
 
 BINS = 800  # most points a series is drawn with
 
@@ -30,31 +30,27 @@ BINS = 800  # most points a series is drawn with
 class Band(NamedTuple):
     """A series in bins: where each bin lies, and the mean, least and largest value in it."""
 
-    x: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+    x: Floats
+    mean: Floats
+    low: Floats
+    high: Floats
 
 
-def binned(x: NDArray[np.float64], values: NDArray[np.float64], bins: int = BINS) -> Band:
+def binned(x: Floats, values: Floats, bins: int = BINS) -> Band:
     """Put a series into at most `bins` bins of equally many rows, without NaN; a bin with nothing else is NaN."""
     edges = np.linspace(0, len(x), min(len(x), bins) + 1).astype(int)
     starts, known = edges[:-1], np.isfinite(values)
     if len(starts) == 0:
         return Band(*(np.zeros(0) for _ in range(4)))
-    counts = np.add.reduceat(known.astype(float), starts)
-    sums = np.add.reduceat(np.where(known, values, 0.0), starts)
     low = np.minimum.reduceat(np.where(known, values, np.inf), starts)
     high = np.maximum.reduceat(np.where(known, values, -np.inf), starts)
-    empty = counts == 0
-    mean = np.divide(sums, counts, out=np.full(len(starts), np.nan), where=~empty)
+    mean = group_means(values, starts)
+    empty = np.isnan(mean)
     place = np.add.reduceat(x, starts) / np.diff(edges)
     return Band(place, mean, np.where(empty, np.nan, low), np.where(empty, np.nan, high))
 
 
-def bands(
-    t: NDArray[np.float64], values: NDArray[np.float64], t_s: NDArray[np.float64], bins: int = BINS
-) -> list[Band]:
+def bands(t: Floats, values: Floats, t_s: Floats, bins: int = BINS) -> list[Band]:
     """Put a series into bins, stretch by stretch between the pauses in times `t_s`: nothing crosses one."""
     share = bins / max(len(t_s), 1)
     return [
@@ -63,7 +59,7 @@ def bands(
     ]
 
 
-def mark_pauses(axes: Axes, t_s: NDArray[np.float64], seconds: float, label: str | None = None) -> None:
+def mark_pauses(axes: Axes, t_s: Floats, seconds: float, label: str | None = None) -> None:
     """Hatch the pauses of an axis over machine time, `seconds` long units; the first has a label."""
     for number, row in enumerate(pause_rows(t_s)):
         axes.axvspan(
@@ -76,10 +72,11 @@ def draw_series(panels: list[Axes], windows: pa.Table) -> None:
     """Draw the main series of the windows over machine time, one of `PANELS` on each of the axes."""
     t_s = column(windows, "t_s")
     unit, seconds = time_unit(float(t_s[-1]) if len(t_s) else 0.0)
-    for axes, draw in zip(panels, PANELS, strict=True):
+    for axes, (label, draw) in zip(panels, PANELS.items(), strict=True):
         quiet(axes)
         mark_pauses(axes, t_s, seconds, "threading" if axes is panels[0] else None)
         draw(axes, t_s / seconds, windows)
+        _label(axes, label)
         axes.margins(x=0.005)
         axes.yaxis.set_label_coords(-0.052, 0.5)
         axes.tick_params(labelbottom=axes is panels[-1])
@@ -99,15 +96,13 @@ def time_unit(longest_s: float) -> tuple[str, float]:
     return ("min", 60.0) if longest_s < 3 * 3600 else ("h", 3600.0)
 
 
-def _band(
-    axes: Axes, t: NDArray[np.float64], values: NDArray[np.float64], windows: pa.Table, colour: str, label: str
-) -> None:
+def _band(axes: Axes, t: Floats, values: Floats, windows: pa.Table, colour: str, label: str) -> None:
     for number, band in enumerate(bands(t, values, column(windows, "t_s"))):
         axes.fill_between(band.x, band.low, band.high, color=colour, alpha=0.18, linewidth=0)
         axes.plot(band.x, band.mean, color=colour, linewidth=1.1, label=None if number else label)
 
 
-def draw_shares(axes: Axes, t: NDArray[np.float64], windows: pa.Table, bins: int = BINS) -> None:
+def draw_shares(axes: Axes, t: Floats, windows: pa.Table, bins: int = BINS) -> None:
     """Draw what became of the pulses in percent, one class on the other."""
     counts = np.array([column(windows, kind) for kind in palette.SHARE_COLOURS])
     shares = 100.0 * counts / np.maximum(counts.sum(axis=0), 1.0)
@@ -120,7 +115,7 @@ def draw_shares(axes: Axes, t: NDArray[np.float64], windows: pa.Table, bins: int
     axes.set_ylim(0, 100)
 
 
-def _finish(axes: Axes, label: str) -> None:
+def _label(axes: Axes, label: str) -> None:
     axes.set_ylabel(label, color=palette.MUTED, fontsize=8.5)
     if len(axes.get_legend_handles_labels()[0]) > 1:
         axes.legend(
@@ -129,37 +124,30 @@ def _finish(axes: Axes, label: str) -> None:
         )
 
 
-def _panel_feed(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+def _panel_feed(axes: Axes, t: Floats, windows: pa.Table) -> None:
     _band(axes, t, column(windows, "feed_um_s"), windows, palette.BLUE, "feed")
-    _finish(axes, "feed\nµm/s")
 
 
-def _panel_pulses(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
-    draw_shares(axes, t, windows)
-    _finish(axes, "pulses\n%")
-
-
-def _panel_gap(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+def _panel_gap(axes: Axes, t: Floats, windows: pa.Table) -> None:
     _band(axes, t, column(windows, "gap_um"), windows, palette.BLUE, "gap")
     _band(axes, t, lag_along_um(windows), windows, palette.ORANGE, "wire lag")
     axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
-    _finish(axes, "gap, lag\nµm")
 
 
-def _panel_error(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+def _panel_error(axes: Axes, t: Floats, windows: pa.Table) -> None:
     _band(axes, t, column(windows, "error_um"), windows, palette.VERMILION, "error")
     axes.axhline(0.0, color=palette.MUTED, linewidth=0.6)
-    _finish(axes, "profile error\nµm")
 
 
-def _panel_wire(axes: Axes, t: NDArray[np.float64], windows: pa.Table) -> None:
+def _panel_wire(axes: Axes, t: Floats, windows: pa.Table) -> None:
     _band(axes, t, column(windows, "wire_temperature_K"), windows, palette.VERMILION, "wire")
-    _finish(axes, "wire temp.\nK")
 
 
-PANELS: tuple[Callable[[Axes, NDArray[np.float64], pa.Table], None], ...] = (
-    _panel_feed, _panel_pulses, _panel_gap, _panel_error, _panel_wire
-)
+PANELS: dict[str, Callable[[Axes, Floats, pa.Table], None]] = {
+    "feed\nµm/s": _panel_feed, "pulses\n%": draw_shares, "gap, lag\nµm": _panel_gap,
+    "profile error\nµm": _panel_error, "wire temp.\nK": _panel_wire,
+}  # fmt: skip
+"""Panels over machine time by their labels, from above."""
 
 
 Box = tuple[float, float, float, float]
@@ -230,19 +218,15 @@ def _draw_metal(axes: Axes, scene: Scene) -> None:
     fill(axes, kerf)
     fill(axes, bored)
     rims = [shapely.get_coordinates(ring) for ring in shapely.get_rings(bored)]
-    axes.add_collection(_lines(rims, color=palette.MUTED, linewidth=0.6, zorder=2), autolim=False)
-    lines = _lines(edges, color="#3d4852", linewidth=0.7, zorder=3)
-    lines.set_label(f"cut edge, {scene.middle_mm():.3g} mm high" if scene.terraces else "cut edge, mid height")
-    axes.add_collection(lines, autolim=False)
-    as_drawn = [edge.nominal_mm for edge in scene.maps]
-    nominal = _lines(as_drawn, color=palette.INK, linewidth=0.7, linestyle=(0, (5, 3)), zorder=4)
-    nominal.set_label("nominal edge")
-    axes.add_collection(nominal, autolim=False)
+    _draw_lines(axes, rims, color=palette.MUTED, linewidth=0.6, zorder=2)
+    height = f"{scene.middle_mm():.3g} mm high" if scene.terraces else "mid height"
+    _draw_lines(axes, edges, color="#3d4852", linewidth=0.7, zorder=3, label=f"cut edge, {height}")
+    nominal, dashes = [edge.nominal_mm for edge in scene.maps], (0, (5, 3))
+    _draw_lines(axes, nominal, color=palette.INK, linewidth=0.7, linestyle=dashes, zorder=4, label="nominal edge")
     for face, (colour, name) in enumerate(((palette.BLUE, "edge below"), (palette.VERMILION, "edge above"))):
         if scene.walls_mm:
-            drawn = _lines([wall[face] for wall in scene.walls_mm], color=colour, linewidth=0.7, zorder=4)
-            drawn.set_label(name)
-            axes.add_collection(drawn, autolim=False)
+            walls = [wall[face] for wall in scene.walls_mm]
+            _draw_lines(axes, walls, color=colour, linewidth=0.7, zorder=4, label=name)
     _draw_steps(axes, scene)
 
 
@@ -250,15 +234,16 @@ def _draw_steps(axes: Axes, scene: Scene) -> None:
     """Outline the levels of a stepped workpiece, with their heights."""
     outlines = [line for terrace in scene.terraces for line in terrace.outlines_mm]
     if outlines:
-        lines = _lines(outlines, color=palette.MUTED, linewidth=0.6, linestyle=":", zorder=2)
         levels = [f"{terrace.height_mm:.3g}" for terrace in scene.terraces]
         heights = ", ".join(levels) if len(levels) <= NAMED_LEVELS else f"{levels[0]} to {levels[-1]}"
-        lines.set_label(f"steps, {heights} mm high")
-        axes.add_collection(lines, autolim=False)
+        label = f"steps, {heights} mm high"
+        _draw_lines(axes, outlines, color=palette.MUTED, linewidth=0.6, linestyle=":", zorder=2, label=label)
 
 
-def _lines(lines: Any, **style: Any) -> LineCollection:
-    return LineCollection([np.asarray(line) for line in lines], **style)
+def _draw_lines(axes: Axes, lines: Any, **style: Any) -> LineCollection:
+    drawn = LineCollection([np.asarray(line) for line in lines], **style)
+    axes.add_collection(drawn, autolim=False)
+    return drawn
 
 
 def draw_errors(
@@ -274,12 +259,11 @@ def draw_errors(
         smooth = edge.smooth()
         error = edge.reached_um()
         fans = np.stack([edge.points_mm, shown], axis=1)
-        axes.add_collection(
-            _lines(fans, array=error, linewidth=widths[0], alpha=alpha, zorder=zorder, **style), autolim=False
-        )
+        _draw_lines(axes, fans, array=error, linewidth=widths[0], alpha=alpha, zorder=zorder, **style)
         pieces, mean = np.stack([shown[:-1], shown[1:]], axis=1)[smooth], ((error[:-1] + error[1:]) / 2)[smooth]
-        lines = _lines(pieces, array=mean, linewidth=widths[1], capstyle="round", zorder=zorder + 1, **style)
-        axes.add_collection(lines, autolim=False)
+        lines = _draw_lines(
+            axes, pieces, array=mean, linewidth=widths[1], capstyle="round", zorder=zorder + 1, **style
+        )
     return lines
 
 
@@ -287,9 +271,8 @@ def _draw_out_of_reach(axes: Axes, scene: Scene) -> None:
     """Mark where the round wire leaves metal even on its exact path: no error is drawn there."""
     runs = [run for edge in scene.maps for run in edge.out_of_reach_mm()]
     if runs:
-        lines = _lines(runs, color=palette.PURPLE, linewidth=2.2, capstyle="round", zorder=5)
-        lines.set_label("out of the wire's reach")
-        axes.add_collection(lines, autolim=False)
+        label = "out of the wire's reach"
+        _draw_lines(axes, runs, color=palette.PURPLE, linewidth=2.2, capstyle="round", zorder=5, label=label)
 
 
 def _colour_bar(axes: Axes, lines: LineCollection) -> None:
@@ -328,7 +311,7 @@ def label_corners(axes: Axes, scene: Scene, most: int, font_pt: float, box: dict
 
 
 def label_places(
-    axes: Axes, corners: Sequence[CornerError], middle: NDArray[np.float64], font_pt: float
+    axes: Axes, corners: Sequence[CornerError], middle: Floats, font_pt: float
 ) -> Iterator[tuple[CornerError, tuple[float, float]]]:
     """Choose places of labels, in points from their corners, that cover neither each other nor a corner."""
     # best toward the middle of the part: outside, the exaggerated error is drawn; one without room has no label

@@ -8,15 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import NDArray
 
 from edmsim.cosim.straight import KINDS, PulseSample
+from edmsim.geometry import Floats
 from edmsim.recording.figures.palette import BLUE, GREEN, INK, LINE, MUTED, ORANGE, PURPLE, SKY, VERMILION
 from edmsim.recording.figures.profile import bands, draw_shares, mark_pauses, time_unit
 from edmsim.recording.figures.style import LABEL_PT, colour_bar, column_figure, dress, legend, nothing_to_show
 from edmsim.recording.windows import column
-
-Array = NDArray[np.float64]
 
 BINS = 250  # most points a series is drawn with: two a pixel at one column's width
 PATH_STEPS = 120  # points of the controller's path (ours: few enough to be followed by eye)
@@ -60,7 +58,7 @@ def pulses_figure(windows: pa.Table) -> Figure:
 
 
 def _draw_band(
-    axes: Axes, t: Array, t_s: Array, values: Array, colour: str, label: str, name: str | None = None
+    axes: Axes, t: Floats, t_s: Floats, values: Floats, colour: str, label: str, name: str | None = None
 ) -> None:
     dress(axes, "", label)
     for number, band in enumerate(bands(t, values, t_s, BINS)):
@@ -135,7 +133,7 @@ def delay_figure(sample: PulseSample, windows: pa.Table | None = None) -> Figure
     return figure
 
 
-def _draw_survival(axes: Axes, delay_us: Array, open_: int) -> None:
+def _draw_survival(axes: Axes, delay_us: Floats, open_: int) -> None:
     """Share of pulses not yet ignited; open ones never do."""
     ordered = np.sort(delay_us)
     pulses = len(ordered) + open_

@@ -9,33 +9,31 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.mlab import psd
-from numpy.typing import NDArray
 
 from edmsim.cosim.straight import PulseSample
 from edmsim.errors import InputError
+from edmsim.geometry import Floats, interpolated
 from edmsim.machine.machine import Machine
 from edmsim.plant.constants import modal_model
 from edmsim.plant.resolution import resolution as named
 from edmsim.recording.figures.palette import BLUE, GRID, INK, ORANGE, VERMILION
 from edmsim.recording.figures.style import TICK_PT, column_figure, dress, legend
 
-Array = NDArray[np.float64]
-
 TENSIONS = 5  # tensions the modes are computed at; between them they are interpolated
 SEGMENTS = 8  # stretches of a sample whose spectra are averaged (Welch): lines are smoother, and wider
 
 
-def wire_frequencies_hz(machine: Machine, resolution: str) -> Array:
+def wire_frequencies_hz(machine: Machine, resolution: str) -> Floats:
     """Return the undamped frequencies of the wire's modes in Hz, lowest first, as the plant has them."""
     return np.asarray(modal_model(machine, named(resolution)).wire_omega / (2 * np.pi))
 
 
-def folded_hz(frequency_hz: Array, sampling_hz: float) -> Array:
+def folded_hz(frequency_hz: Floats, sampling_hz: float) -> Floats:
     """Return where frequencies appear when looked at once a pulse: between 0 and half the pulse frequency."""
     return np.asarray(np.abs((frequency_hz + sampling_hz / 2) % sampling_hz - sampling_hz / 2))
 
 
-def spectrum(sample: PulseSample) -> tuple[Array, Array, Array]:
+def spectrum(sample: PulseSample) -> tuple[Floats, Floats, Floats]:
     """Return frequencies in Hz, and power spectra along and across the feed in um^2/Hz, averaged over the slices."""
     # Welch's method of matplotlib: to load scipy.signal takes longer than to draw the whole figure
     length = max(len(sample.deflection_um) // SEGMENTS, 2)
@@ -110,13 +108,13 @@ def _draw_modes(axes: Axes, sample: PulseSample, sampling_hz: float, resolution:
     axes.set_xlim(tension[0], tension[-1])
 
 
-def _modes_over_tension(machine: Machine, resolution: str) -> tuple[Array, Array]:
+def _modes_over_tension(machine: Machine, resolution: str) -> tuple[Floats, Floats]:
     """Return tensions in N up to what the wire holds, and the modes' frequencies there, (tensions, modes) in Hz."""
     known = np.linspace(0.25, min(1.75, 0.99 * machine.breaking_force / machine.tension), TENSIONS) * machine.tension
     frequency = np.array([wire_frequencies_hz(machine.with_(tension=float(n)), resolution) for n in known])
     tension = np.linspace(known[0], known[-1], 200)
     # a string's frequency squared is proportional to its tension: lines between the squares are next to exact
-    return tension, np.sqrt(np.stack([np.interp(tension, known, squares) for squares in (frequency**2).T], axis=1))
+    return tension, np.sqrt(interpolated(tension, known, frequency**2))
 
 
 def _draw_waterfall(axes: Axes, samples: Sequence[PulseSample]) -> None:

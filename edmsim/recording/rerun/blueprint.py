@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
+from edmsim.geometry import Floats
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.gap import CURRENT_HEIGHT, SCOPE_SPACE, SCOPE_WIDTH, VOLTAGE_HEIGHT
 from edmsim.recording.rerun.stream import CLASS_COLOURS, PATH, TIME
@@ -268,15 +268,14 @@ class Steps(NamedTuple):
     """What an environment adds to the recording of its cut, step by step."""
 
     plots: tuple[Plot, ...]  # views, whose curves are logged under their origins
-    values: Mapping[str, NDArray[np.float64]]  # of every curve, by ``origin/entity``, its values (n,)
-    t_s: NDArray[np.float64]  # t_s, path_um: machine time and place along the path at the end of every step
-    path_um: NDArray[np.float64]
+    values: Mapping[str, Floats]  # of every curve, by ``origin/entity``, its values (n,)
+    t_s: Floats  # t_s, path_um: machine time and place along the path at the end of every step
+    path_um: Floats
     notes: Sequence[str]  # how the cut was thinned, for the text about the recording
 
 
 def steps_of(
-    groups: Sequence[tuple[str, str, Sequence[str], NDArray[np.float64]]], t_s: NDArray[np.float64],
-    path_um: NDArray[np.float64], notes: Sequence[str],
+    groups: Sequence[tuple[str, str, Sequence[str], Floats]], t_s: Floats, path_um: Floats, notes: Sequence[str],
 ) -> Steps:
     """Lay out curves in views: of each its origin, title with unit, names of curves, and values (n, curves)."""
     # NaN is not drawn, and curves that are 0 throughout are left out

@@ -13,11 +13,12 @@ import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
+from edmsim.geometry import Floats
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.plant.kernel.state import ARC, SPARK
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun.machine import wire_strips
-from edmsim.recording.rerun.stream import class_rgb, faded, indexes, on_screen, turned
+from edmsim.recording.rerun.stream import class_rgb, faded, indexes, log_changing, on_screen, turned
 from edmsim.recording.scene import Scene
 from edmsim.recording.stores import traces
 from edmsim.recording.windows import column, travel_direction
@@ -36,7 +37,7 @@ _NARROW_UM = 10.0  # a ray with a gap up to this is drawn in the colour of short
 # --- discharges ---------------------------------------------------------------------------------------------
 
 
-def discharges(closeups: Closeups, radius_um: float) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+def discharges(closeups: Closeups, radius_um: float) -> tuple[NDArray[np.bool_], Floats]:
     """Return which pulses have a place (n, pulses), and where on the metal it is: (n, pulses, 2) in um."""
     pulses = closeups["pulses"]
     known = (np.arange(pulses.shape[1]) < closeups["count"][:, None]) & (pulses["slice"] >= 0)
@@ -58,9 +59,7 @@ def log_discharges(recording: rr.RecordingStream, scene: Scene, closeups: Closeu
         led -= scene.lead_mm(closeups["path_um"], np.array([0.5 * scene.height_mm]))
         at_slice = np.clip(closeups["pulses"]["slice"], 0, n_slices - 1).astype(np.int64)[..., None]
         place = place + 1e3 * np.take_along_axis(led, at_slice, axis=1)
-    points: list[NDArray[np.float32]] = []
-    colours: list[NDArray[np.uint8]] = []
-    radii: list[NDArray[np.float32]] = []
+    points, colours, radii = [], [], []
     lengths = np.zeros(len(closeups), np.int64)
     for i in range(len(closeups)):
         for age in range(min(AGES, i + 1)):
@@ -89,20 +88,16 @@ def log_gap(recording: rr.RecordingStream, scene: Scene, closeups: Closeups) -> 
         return
     when = indexes(closeups["t_s"], closeups["path_um"])
     wire = turned(closeups["wire_um"] - closeups["guides_um"])
-    recording.log(
-        "top/wire",
-        rr.Points2D.from_fields(colors=[_WIRE], radii=[scene.wire_diameter_um / 2], draw_order=10.0),
-        static=True,
-    )
-    recording.send_columns("top/wire", when, rr.Points2D.columns(positions=wire))
+    look = rr.Points2D.from_fields(colors=[_WIRE], radii=[scene.wire_diameter_um / 2], draw_order=10.0)
+    log_changing(recording, "top/wire", look, when, rr.Points2D.columns(positions=wire))
     _log_walls(recording, scene, closeups, wire)
     known, place = discharges(closeups, scene.wire_diameter_um / 2)
     shift = turned(place - closeups["guides_um"][:, None, :])
     left = np.linspace(0.25, 1.0, known.shape[1])
     colours = faded(class_rgb(closeups["pulses"]["kind"][known]), np.broadcast_to(left, known.shape)[known])
     columns = rr.Points2D.columns(positions=shift[known], colors=colours, radii=np.full(known.sum(), 4.0))
-    recording.log("top/discharges", rr.Points2D.from_fields(draw_order=60.0), static=True)
-    recording.send_columns("top/discharges", when, columns.partition(known.sum(axis=1)))
+    look = rr.Points2D.from_fields(draw_order=60.0)
+    log_changing(recording, "top/discharges", look, when, columns.partition(known.sum(axis=1)))
     away = np.column_stack([-turned(closeups["guides_um"]), np.zeros(len(closeups))])
     recording.send_columns("top/part", when, rr.Transform3D.columns(translation=away))
 
@@ -131,7 +126,7 @@ def _log_gap_marks(recording: rr.RecordingStream, scene: Scene) -> None:
         recording.log("top/part/nominal", lines, static=True)
 
 
-def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, wire: NDArray[np.float64]) -> None:
+def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, wire: Floats) -> None:
     """Log every ray that meets metal, and the metal's edge as a line through their ends."""
     gaps = closeups["walls_um"].astype(np.float64)
     angle = 2 * np.pi * np.arange(gaps.shape[1]) / max(gaps.shape[1], 1)
@@ -151,10 +146,9 @@ def _log_walls(recording: rr.RecordingStream, scene: Scene, closeups: Closeups, 
     wall = meets & meets[:, after] & (np.abs(gaps - gaps[:, after]) < radius)
     behind = wire[:, None, :] + (radius + gaps + WALL_UM)[..., None] * way
     pieces = np.stack([behind[wall], behind[:, after][wall]], axis=1)
-    recording.log(
-        "top/metal", rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[WALL_UM]), static=True
-    )
-    recording.send_columns("top/metal", when, rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1)))
+    look = rr.LineStrips2D.from_fields(colors=[palette.rgb(palette.MUTED)], radii=[WALL_UM])
+    columns = rr.LineStrips2D.columns(strips=pieces).partition(wall.sum(axis=1))
+    log_changing(recording, "top/metal", look, when, columns)
 
 
 # --- the oscilloscope ---------------------------------------------------------------------------------------
@@ -174,9 +168,9 @@ def log_scope(recording: rr.RecordingStream, closeups: Closeups) -> None:
     for name, values, (foot, scale) in zip(("voltage", "current"), (voltage, current), _feet(spans), strict=True):
         across = time * (SCOPE_WIDTH / max(span_us, 1e-9))
         strips = np.stack([across, foot - values * scale], axis=-1).astype(np.float32)
-        recording.log(f"scope/{name}", rr.LineStrips2D.from_fields(radii=on_screen(1.3)), static=True)
+        look = rr.LineStrips2D.from_fields(radii=on_screen(1.3))
         columns = rr.LineStrips2D.columns(strips=strips.reshape(-1, time.shape[-1], 2), colors=colours)
-        recording.send_columns(f"scope/{name}", when, columns.partition([SCOPE_PULSES] * len(closeups)))
+        log_changing(recording, f"scope/{name}", look, when, columns.partition([SCOPE_PULSES] * len(closeups)))
     _log_scales(recording, span_us, spans)
 
 
@@ -203,13 +197,10 @@ def _log_scales(recording: rr.RecordingStream, span_us: float, spans: Sequence[t
         lines.append([(x, 0.0), (x, low)])
     recording.log("scope/grid", rr.LineStrips2D(lines, colors=[(52, 60, 70)], radii=on_screen(0.5)), static=True)
     places, labels = [(x, y) for x, y, _ in marks], [text for *_, text in marks]
-    recording.log(
-        "scope/scale",
-        rr.Points2D(
-            places, labels=labels, show_labels=True, colors=[palette.rgb(palette.MUTED)], radii=on_screen(0.5)
-        ),
-        static=True,
+    numbers = rr.Points2D(
+        places, labels=labels, show_labels=True, colors=[palette.rgb(palette.MUTED)], radii=on_screen(0.5)
     )
+    recording.log("scope/scale", numbers, static=True)
 
 
 def _ticks(most: float, count: int, least: float = 0.0) -> list[float]:
@@ -225,7 +216,7 @@ SMALLEST = 0.05  # slices of which gas covers less than this have no bubble: it 
 _OPACITY = 150  # of 255
 
 
-def travel_at(windows: pa.Table, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+def travel_at(windows: pa.Table, t_s: Floats) -> Floats:
     """Return the direction of travel (n, 2) at the ends (n,) of some of the windows."""
     row = np.searchsorted(column(windows, "t_s"), t_s)
     return travel_direction(windows)[np.minimum(row, len(windows) - 1)]
@@ -239,14 +230,13 @@ def log_coverage(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np
     high = np.linspace(0.0, 1.0, slices)[:, None]
     colours = palette.rgb(palette.PURPLE) * (1 - high) + np.array(palette.rgb(palette.GREEN)) * high
     names = [f"{scene.height_mm * (s + 0.5) / slices:.1f} mm" for s in range(slices)]
-    lines = rr.SeriesLines(names=names, colors=colours.astype(np.uint8), widths=[0.8] * slices)
-    recording.log("slices/coverage", lines, static=True)
+    look = rr.SeriesLines(names=names, colors=colours.astype(np.uint8), widths=[0.8] * slices)
     curves = rr.Scalars.columns(scalars=shapes["coverage"].ravel()).partition([slices] * n)
-    recording.send_columns("slices/coverage", indexes(shapes["t_s"], shapes["path_um"]), curves)
+    log_changing(recording, "slices/coverage", look, indexes(shapes["t_s"], shapes["path_um"]), curves)
 
 
 def log_bubbles(
-    recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], travel: NDArray[np.float64], factor: float
+    recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], travel: Floats, factor: float
 ) -> None:
     """Log a bubble for every slice on the front of the drawn wire, in mm."""
     # in a slice covered wholly it is as wide as the slice is high; the area of others is that share of its
@@ -260,10 +250,9 @@ def log_bubbles(
     look = rr.Ellipsoids3D.from_fields(
         colors=[(*palette.rgb(palette.GAS), _OPACITY)], fill_mode=rr.components.FillMode.Solid
     )  # fmt: skip
-    recording.log("world/gas", look, static=True)
     columns = rr.Ellipsoids3D.columns(half_sizes=np.repeat(radius_mm[:, None], 3, axis=1), centers=centre[shown])
     when = indexes(shapes["t_s"], shapes["path_um"])
-    recording.send_columns("world/gas", when, columns.partition(shown.sum(axis=1)))
+    log_changing(recording, "world/gas", look, when, columns.partition(shown.sum(axis=1)))
 
 
 def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArray[np.void]) -> None:
@@ -289,8 +278,6 @@ def log_top_bubbles(recording: rr.RecordingStream, scene: Scene, closeups: NDArr
     # sunk into the ground and below the rays: lines of this view are never translucent
     pale = faded(np.array([palette.rgb(palette.GAS)], np.uint8), np.array([0.65]))
     look = rr.LineStrips2D.from_fields(colors=pale, draw_order=15.0)
-    recording.log("top/gas", look, static=True)
     columns = rr.LineStrips2D.columns(strips=turned(strips).astype(np.float32), radii=width / 2)
-    recording.send_columns(
-        "top/gas", indexes(closeups["t_s"], closeups["path_um"]), columns.partition(shown.sum(axis=1))
-    )  # fmt: skip
+    when = indexes(closeups["t_s"], closeups["path_um"])
+    log_changing(recording, "top/gas", look, when, columns.partition(shown.sum(axis=1)))

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from shapely.geometry import MultiLineString
 from shapely.geometry.base import BaseGeometry
 
-from edmsim.geometry import arc_lengths
+from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.metrology.edges import filled
 from edmsim.plant.constants import RAY_RANGE_UM
 from edmsim.recording.figures import palette
-from edmsim.recording.rerun.stream import at_height, indexes, log_lines, log_points, on_screen
+from edmsim.recording.rerun.stream import at_height, indexes, log_changing, log_lines, log_points, on_screen
 from edmsim.recording.scene import PassFace, Scene, grid_triangles
 from edmsim.recording.stores import Frames
 from edmsim.recording.windows import jump_rows, stretches
@@ -42,17 +42,18 @@ class Mesh(NamedTuple):
     triangles: NDArray[np.uint32]
 
 
+_NOTHING = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32))
+
+
 def joined(meshes: Sequence[Mesh]) -> Mesh:
     """Return several meshes as one."""
+    meshes = [_NOTHING, *meshes]
     starts = np.cumsum([0, *(len(mesh.positions) for mesh in meshes[:-1])])
     return Mesh(
-        np.concatenate([np.zeros((0, 3), np.float32), *(mesh.positions for mesh in meshes)]),
-        np.concatenate([np.zeros((0, 3), np.float32), *(mesh.normals for mesh in meshes)]),
-        np.concatenate(
-            [np.zeros((0, 3), np.uint32),
-             *(mesh.triangles + np.uint32(at) for mesh, at in zip(meshes, starts, strict=True))]
-        ),
-    )  # fmt: skip
+        np.concatenate([mesh.positions for mesh in meshes]),
+        np.concatenate([mesh.normals for mesh in meshes]),
+        np.concatenate([mesh.triangles + np.uint32(at) for mesh, at in zip(meshes, starts, strict=True)]),
+    )
 
 
 def prism(area: BaseGeometry, low_mm: float, high_mm: float) -> Mesh:
@@ -69,12 +70,12 @@ def prism(area: BaseGeometry, low_mm: float, high_mm: float) -> Mesh:
     return joined([*caps, *(_walls(shapely.get_coordinates(ring), low_mm, high_mm) for ring in rings)])
 
 
-def _placed(positions: NDArray[np.float64], normal: Sequence[float], triangles: NDArray[np.int64]) -> Mesh:
+def _placed(positions: Floats, normal: Sequence[float], triangles: NDArray[np.int64]) -> Mesh:
     normals = np.broadcast_to(np.array(normal, np.float32), positions.shape)
     return Mesh(positions.astype(np.float32), normals, triangles.astype(np.uint32))
 
 
-def _walls(ring: NDArray[np.float64], low_mm: float, high_mm: float) -> Mesh:
+def _walls(ring: Floats, low_mm: float, high_mm: float) -> Mesh:
     """Return the upright walls over a closed line (n + 1, 2), a rectangle per side."""
     start, end = ring[:-1], ring[1:]
     along = end - start
@@ -91,7 +92,7 @@ def _walls(ring: NDArray[np.float64], low_mm: float, high_mm: float) -> Mesh:
     return Mesh(positions.reshape(-1, 3), normals.reshape(-1, 3), triangles.reshape(-1, 3))
 
 
-def box(half_mm: NDArray[np.float64]) -> Mesh:
+def box(half_mm: Floats) -> Mesh:
     """Return a box around the origin, of half sides (3,) in mm."""
     x, y, z = half_mm
     return prism(shapely.box(-x, -y, x, y), -z, z)
@@ -104,7 +105,7 @@ def cylinder(radius_mm: float, half_length_mm: float) -> Mesh:
     return prism(shapely.Polygon(rim), -half_length_mm, half_length_mm)
 
 
-def moved(mesh: Mesh, rotation: NDArray[np.float64], to_mm: NDArray[np.float64]) -> Mesh:
+def moved(mesh: Mesh, rotation: Floats, to_mm: Floats) -> Mesh:
     """Return a mesh turned by a matrix (3, 3) and shifted."""
     return Mesh(
         (mesh.positions @ rotation.T + to_mm).astype(np.float32),
@@ -121,7 +122,7 @@ class Growth(NamedTuple):
     tolerance_mm: float  # within which the kerf's edge was drawn
 
 
-def growing_kerf(scene: Scene, places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> Growth:
+def growing_kerf(scene: Scene, places_um: Floats, path_um: Floats) -> Growth:
     """Return the workpiece's solid at up to `KERF_FRAMES` times of a cut."""
     # the kerf is the finished cut's at mid height, uncovered as far as the wire's rays reach from where it has
     # been; that of a leaning wire is drawn slice by slice
@@ -166,7 +167,7 @@ def _layers(scene: Scene) -> list[_Layer]:
     return [_Layer(number, *ends) for number, ends in enumerate(pairwise(edges))]
 
 
-def _way(places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> BaseGeometry:
+def _way(places_um: Floats, path_um: Floats) -> BaseGeometry:
     """Return where the wire has been in mm, without the ways between contours."""
     parts = [places_um[part] / 1000.0 for part in stretches(len(path_um), jump_rows(places_um, path_um))]
     return shapely.GeometryCollection([
@@ -174,7 +175,7 @@ def _way(places_um: NDArray[np.float64], path_um: NDArray[np.float64]) -> BaseGe
     ])  # fmt: skip
 
 
-def _steps(ahead_um: NDArray[np.float64], most: int) -> list[tuple[int, int]]:
+def _steps(ahead_um: Floats, most: int) -> list[tuple[int, int]]:
     """Return the first and last window of each piece of path; at most `most` pieces, about equally long."""
     if len(ahead_um) == 0 or ahead_um[-1] <= ahead_um[0]:
         return []
@@ -289,9 +290,7 @@ def log_bodies(recording: rr.RecordingStream, bodies: Bodies) -> None:
     recording.log("world/table/plate", plate, static=True)
 
 
-def log_workpiece(
-    recording: rr.RecordingStream, growth: Growth, t_s: NDArray[np.float64], path_um: NDArray[np.float64]
-) -> None:
+def log_workpiece(recording: rr.RecordingStream, growth: Growth, t_s: Floats, path_um: Floats) -> None:
     """Log the workpiece as a solid while the kerf grows; `t_s` and `path_um` are the windows'."""
     recording.log("world/table/workpiece", rr.Mesh3D.from_fields(albedo_factor=STEEL), static=True)
     t_s, path_um = (values[growth.rows] if len(values) else np.zeros(1) for values in (t_s, path_um))
@@ -360,7 +359,7 @@ def log_faces(recording: rr.RecordingStream, scene: Scene) -> None:
         _send_meshes(recording, f"world/table/face/{contour}", when, [mesh for mesh, _ in meshes], colours)
 
 
-def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, NDArray[np.float64]]:
+def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, Floats]:
     """Return the mesh of a face, just before its metal, and for every vertex how many um it is off the mean."""
     edge, count = scene.maps[face.contour], len(face.error_um)
     error = np.concatenate([face.error_um[:1], face.error_um, face.error_um[-1:]])
@@ -377,7 +376,7 @@ def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, NDArray[np.float64]]:
     for z_mm, off_um in zip(heights, filled_um, strict=True):
         share = z_mm / scene.height_mm
         wall = (1 - share) * walls[0] + share * walls[1]
-        places = np.stack([np.interp(at, passed, column) for column in wall.T], axis=1)
+        places = interpolated(at, passed, wall)
         off_mm = outward * (off_um * 1e-3 + FACE_OFF_MM)[:, None]
         rows.append(np.column_stack([places + off_mm, np.full(len(places), z_mm)]))
     triangles = grid_triangles(*error.shape)
@@ -391,28 +390,19 @@ def face_mesh(scene: Scene, face: PassFace) -> tuple[Mesh, NDArray[np.float64]]:
 def log_marks(recording: rr.RecordingStream, scene: Scene, factor: float) -> None:
     """Log corners with their errors, start holes, where the machine stopped, and the guides."""
     known = [c for c in scene.corners if np.isfinite(c.error_um)]
-    log_points(
-        recording,
-        "world/table/corners",
-        [(c.x_mm, c.y_mm, scene.height_mm) for c in known],
-        [f"{c.error_um:+.1f}" for c in known],  # short: the viewer lets labels cover each other
-        palette.ORANGE,
-    )
+    corners = [(c.x_mm, c.y_mm, scene.height_mm) for c in known]
+    errors = [f"{c.error_um:+.1f}" for c in known]  # short: the viewer lets labels cover each other
+    log_points(recording, "world/table/corners", corners, errors, palette.ORANGE)
     starts = [(float(x), float(y), scene.height_mm) for x, y in scene.starts_mm]
     log_points(recording, "world/table/starts", starts, ["start"] * len(starts), palette.GREEN)
     if scene.stop_mm is not None:
-        log_points(
-            recording, "world/table/stop", [(*scene.stop_mm, scene.height_mm)], ["stopped here"], palette.VERMILION
-        )
-    guides = [(0.0, 0.0, z_mm) for z_mm in scene.guides_z_mm]
-    recording.log(
-        "world/guides",
-        rr.Points3D(
-            guides, colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0), show_labels=True,
-            labels=["lower guide", f"upper guide, wire deflection × {factor:g}"],
-        ),
-        static=True,
+        stop = [(*scene.stop_mm, scene.height_mm)]
+        log_points(recording, "world/table/stop", stop, ["stopped here"], palette.VERMILION)
+    guides = rr.Points3D(
+        [(0.0, 0.0, z_mm) for z_mm in scene.guides_z_mm], colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0),
+        show_labels=True, labels=["lower guide", f"upper guide, wire deflection × {factor:g}"],
     )  # fmt: skip
+    recording.log("world/guides", guides, static=True)
 
 
 def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], factor: float) -> None:
@@ -423,23 +413,18 @@ def log_motion(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.v
     when = indexes(shapes["t_s"], shapes["path_um"])
     recording.send_columns("world/cross", when, rr.Transform3D.columns(translation=-at * (1.0, 0.0, 0.0)))
     recording.send_columns("world/table", when, rr.Transform3D.columns(translation=-at))
-    recording.log(
-        "world/wire",
-        rr.LineStrips3D.from_fields(colors=[palette.rgb(palette.ORANGE)], radii=[scene.wire_diameter_um / 2000.0]),
-        static=True,
+    look = rr.LineStrips3D.from_fields(
+        colors=[palette.rgb(palette.ORANGE)], radii=[scene.wire_diameter_um / 2000.0]
     )
-    recording.send_columns("world/wire", when, rr.LineStrips3D.columns(strips=wire_strips(scene, shapes, factor)))
+    wire = rr.LineStrips3D.columns(strips=wire_strips(scene, shapes, factor))
+    log_changing(recording, "world/wire", look, when, wire)
     _log_deflection(recording, scene, shapes, factor)
-    recording.log(
-        "world/table/done",
-        rr.LineStrips3D.from_fields(colors=[palette.rgb(palette.VERMILION)], radii=on_screen(1.2)),
-        static=True,
-    )
+    look = rr.LineStrips3D.from_fields(colors=[palette.rgb(palette.VERMILION)], radii=on_screen(1.2))
     top = at + np.array([0.0, 0.0, scene.height_mm])
     steps = np.stack([np.vstack([top[:1], top[:-1]]), top], axis=1)
     threaded = jump_rows(shapes["guides_um"], shapes["path_um"])  # nothing is cut on the way to the next contour
     steps[threaded, 0] = top[threaded]
-    recording.send_columns("world/table/done", when, rr.LineStrips3D.columns(strips=steps))
+    log_changing(recording, "world/table/done", look, when, rr.LineStrips3D.columns(strips=steps))
 
 
 def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: NDArray[np.void], factor: float) -> None:
@@ -447,17 +432,11 @@ def _log_deflection(recording: rr.RecordingStream, scene: Scene, shapes: NDArray
     middle = shapes["deflection_um"][:, shapes["deflection_um"].shape[1] // 2] * (factor / 1000.0)
     vectors = np.column_stack([middle, np.zeros(len(shapes))])
     origin = [(0.0, 0.0, scene.height_mm)]
-    recording.log(
-        "world/deflection",
-        rr.Arrows3D.from_fields(origins=origin, colors=[palette.rgb(palette.ORANGE)], radii=on_screen(2.0)),
-        static=True,
-    )
-    recording.send_columns(
-        "world/deflection", indexes(shapes["t_s"], shapes["path_um"]), rr.Arrows3D.columns(vectors=vectors)
-    )
-    recording.log(
-        "world/axis", rr.Points3D(origin, colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0)), static=True
-    )
+    look = rr.Arrows3D.from_fields(origins=origin, colors=[palette.rgb(palette.ORANGE)], radii=on_screen(2.0))
+    when = indexes(shapes["t_s"], shapes["path_um"])
+    log_changing(recording, "world/deflection", look, when, rr.Arrows3D.columns(vectors=vectors))
+    axis = rr.Points3D(origin, colors=[palette.rgb(palette.PURPLE)], radii=on_screen(4.0))
+    recording.log("world/axis", axis, static=True)
 
 
 def wire_strips(scene: Scene, shapes: NDArray[np.void], factor: float) -> NDArray[np.float32]:

@@ -12,6 +12,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from edmsim.files import replacing
+from edmsim.geometry import Floats
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 from edmsim.recording.figures import palette
 
@@ -45,18 +46,18 @@ def class_rgb(kind: NDArray[np.int16]) -> NDArray[np.uint8]:
     return np.asarray(table[kind], np.uint8)
 
 
-def faded(colours: NDArray[np.uint8], left: NDArray[np.float64]) -> NDArray[np.uint8]:
+def faded(colours: NDArray[np.uint8], left: Floats) -> NDArray[np.uint8]:
     """Return colours (n, 3) sunk into the ground to a share `left` (n,) of 0 to 1."""
     ground = np.array(palette.rgb(palette.INK), float)
     return np.asarray(np.round(ground + (colours - ground) * left[:, None]), np.uint8)
 
 
-def indexes(t_s: NDArray[np.float64], path_um: NDArray[np.float64]) -> list[rr.TimeColumn]:
+def indexes(t_s: Floats, path_um: Floats) -> list[rr.TimeColumn]:
     """Return both timelines of rows."""
     return [rr.TimeColumn(TIME, duration=t_s), rr.TimeColumn(PATH, sequence=np.round(path_um).astype(np.int64))]
 
 
-def turned(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def turned(points: Floats) -> Floats:
     """Return points (..., 2) as a view of two dimensions needs them: rerun counts y downwards there."""
     return np.asarray(points * np.array([1.0, -1.0]), np.float64)
 
@@ -66,12 +67,21 @@ def on_screen(points: float) -> list[float]:
     return [-points]
 
 
-def at_height(lines: Iterable[NDArray[np.float64]], z_mm: float) -> list[NDArray[np.float64]]:
+def log_changing(
+    recording: rr.RecordingStream, entity: str, look: rr.AsComponents, when: list[rr.TimeColumn],
+    columns: rr.ComponentColumnList,
+) -> None:
+    """Log what stays of an entity, its look, and what changes."""
+    recording.log(entity, look, static=True)
+    recording.send_columns(entity, when, columns)
+
+
+def at_height(lines: Iterable[Floats], z_mm: float) -> list[Floats]:
     """Return lines (n, 2) as lines (n, 3) at a height."""
     return [np.column_stack([line, np.full(len(line), z_mm)]) for line in lines]
 
 
-def log_lines(recording: rr.RecordingStream, entity: str, strips: list[NDArray[np.float64]], colour: str) -> None:
+def log_lines(recording: rr.RecordingStream, entity: str, strips: list[Floats], colour: str) -> None:
     """Log lines in space that stay."""
     if strips:
         lines = rr.LineStrips3D(strips, colors=[palette.rgb(colour)], radii=on_screen(0.8))

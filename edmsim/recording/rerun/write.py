@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from edmsim.cosim.stops import WORDS, StopCause
+from edmsim.geometry import Floats
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import wire_setup
@@ -25,10 +26,18 @@ from edmsim.recording.rerun import machine as log_machine
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, Series, Steps, blueprint, sizes_of
 from edmsim.recording.rerun.machine import KERF_FRAMES, bodies_of, growing_kerf, shapes_of
 from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
-from edmsim.recording.rerun.stream import indexes, saved
+from edmsim.recording.rerun.stream import indexes, log_changing, saved
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.stores import AROUND, PULSES, Closeups, Frames
-from edmsim.recording.windows import EQUALISING_COLUMNS, THREADING_S, column, lag_along_um, pause_rows
+from edmsim.recording.windows import (
+    EQUALISING_COLUMNS,
+    THREADING_S,
+    column,
+    columns,
+    group_means,
+    lag_along_um,
+    pause_rows,
+)
 
 MOST = 300  # most events of a kind that are listed; of more, evenly spaced ones
 _NEAR_MM = 0.5  # the wire passes a corner of the drawing at most this far away
@@ -50,30 +59,32 @@ def events(windows: pa.Table, scene: Scene, report: Report) -> list[Event]:
         return []
     scene, origin_um = scene.in_program(), 1e3 * np.array(scene.origin_mm or (0.0, 0.0))
     t_s = column(windows, "t_s")
-    place = np.column_stack([column(windows, n) for n in ("x_um", "y_um")]) - origin_um
-    last = len(windows) - 1
-    found = [Event(0, "INFO", f"begins at {_at(place[0])}")]
-    found += _retracts(windows, place)
-    found += _threadings(t_s, place)
-    found += _settings(windows)
-    found += _passes(t_s, report.passes)
-    found += _corners(scene, place)
+    place = columns(windows, "x_um", "y_um") - origin_um
     kind = "alarm: " if report.outcome == _ALARM else ""
-    found.append(Event(last, _LEVELS[report.outcome], kind + outcome_text(report)))
+    found = [
+        Event(0, "INFO", f"begins at {_at(place[0])}"),
+        *_retracts(windows, place), *_threadings(t_s, place), *_settings(windows), *_passes(t_s, report.passes),
+        *_corners(scene, place),
+        Event(len(windows) - 1, _LEVELS[report.outcome], kind + outcome_text(report)),
+    ]  # fmt: skip
     return sorted(found, key=lambda event: event.row)
 
 
-def _at(place_um: NDArray[np.float64]) -> str:
+def _at(place_um: Floats) -> str:
     x_um, y_um = place_um.tolist()
     return f"X {mm_text(x_um * 1e-3)} Y {mm_text(y_um * 1e-3)} mm"
 
 
 def _thinned(found: list[Event]) -> list[Event]:
-    keep = np.unique(np.linspace(0, len(found) - 1, min(len(found), MOST)).astype(int))
-    return [found[i] for i in keep]
+    return [found[i] for i in _evenly(len(found), MOST)]
 
 
-def _retracts(windows: pa.Table, place: NDArray[np.float64]) -> list[Event]:
+def _evenly(count: int, most: int) -> NDArray[np.intp]:
+    """Return numbers of 0 to ``count - 1`` evenly spaced, the ends among them; of many, `most`."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+
+
+def _retracts(windows: pa.Table, place: Floats) -> list[Event]:
     back = column(windows, "feed_um_s") < 0
     begins = np.flatnonzero(back & ~np.concatenate([[False], back[:-1]]))
     ends = np.flatnonzero(back & ~np.concatenate([back[1:], [False]]))
@@ -87,7 +98,7 @@ def _retracts(windows: pa.Table, place: NDArray[np.float64]) -> list[Event]:
     )  # fmt: skip
 
 
-def _threadings(t_s: NDArray[np.float64], place: NDArray[np.float64]) -> list[Event]:
+def _threadings(t_s: Floats, place: Floats) -> list[Event]:
     gone = pause_rows(t_s)
     return _thinned(
         [Event(int(i), "INFO", f"wire threaded at {_at(place[i])} after {t_s[i] - t_s[i - 1]:.0f} s") for i in gone]
@@ -100,7 +111,7 @@ def _settings(windows: pa.Table) -> list[Event]:
     return _thinned([Event(int(i), "INFO", f"generator set to {on[i]:g} µs of {period[i]:g} µs") for i in changed])
 
 
-def _passes(t_s: NDArray[np.float64], passes: Sequence[PassFigures]) -> list[Event]:
+def _passes(t_s: Floats, passes: Sequence[PassFigures]) -> list[Event]:
     return [
         Event(
             min(int(np.searchsorted(t_s, row.begin_s)), len(t_s) - 1), "INFO",
@@ -110,7 +121,7 @@ def _passes(t_s: NDArray[np.float64], passes: Sequence[PassFigures]) -> list[Eve
     ]  # fmt: skip
 
 
-def _corners(scene: Scene, place: NDArray[np.float64]) -> list[Event]:
+def _corners(scene: Scene, place: Floats) -> list[Event]:
     found = []
     for corner in scene.corners:
         away = np.hypot(*(place / 1000.0 - (corner.x_mm, corner.y_mm)).T)
@@ -123,7 +134,6 @@ def _corners(scene: Scene, place: NDArray[np.float64]) -> list[Event]:
 
 
 MAX_ROWS = 20_000  # most rows of a series; a longer table is averaged in groups
-_EQUALISING = tuple(extra.name for extra in EQUALISING_COLUMNS)
 
 
 def write_recording(
@@ -158,16 +168,9 @@ def write_recording(
         _log_events(recording, windows, shown)
         if steps is not None:
             _log_steps(recording, steps)
-        recording.log(
-            "about",
-            rr.TextDocument(
-                about(scene, report, title, factor, [
-                    *(_thinning(frames, closeups) if steps is None else steps.notes), _drawn(group, tolerance_mm),
-                ]),
-                media_type=rr.MediaType.MARKDOWN,
-            ),
-            static=True,
-        )
+        notes = [_thinning(frames, closeups)] if steps is None else steps.notes
+        text = about(scene, report, title, factor, [*notes, _drawn(group, tolerance_mm)])
+        recording.log("about", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def _at_mid_height(scene: Scene, closeups: NDArray[np.void]) -> NDArray[np.void]:
@@ -187,7 +190,7 @@ def _log_machine(
     t_s, path_um = column(windows, "t_s"), column(windows, "path_um")
     model = build_model(wire_setup(machine), machine.base.model)
     log_machine.log_bodies(recording, bodies_of(model, scene.guides_z_mm[0]))
-    growth = growing_kerf(scene, np.column_stack([column(windows, "x_um"), column(windows, "y_um")]), path_um)
+    growth = growing_kerf(scene, columns(windows, "x_um", "y_um"), path_um)
     log_machine.log_workpiece(recording, growth, t_s, path_um)
     log_machine.log_drawing(recording, scene)
     log_machine.log_errors(recording, scene)
@@ -197,13 +200,13 @@ def _log_machine(
     return growth.tolerance_mm
 
 
-def _thinning(frames: Frames, closeups: Closeups) -> list[str]:
+def _thinning(frames: Frames, closeups: Closeups) -> str:
     """Say what of the cut's windows is in the recording and what was left out."""
-    return [
+    return (
         f"The wire's shape and its gas: one window of {frames.stride}. Discharges, top view and oscilloscope: one of "
         f"{closeups.stride}; around retracts and corners, and at the end, all of them ({AROUND} before, {AROUND} "
-        f"after; of many retracts, some). Of such a window its last {PULSES} pulses are kept.",
-    ]  # fmt: skip
+        f"after; of many retracts, some). Of such a window its last {PULSES} pulses are kept."
+    )
 
 
 def _drawn(group: int, tolerance_mm: float) -> str:
@@ -266,75 +269,63 @@ def _log_series(
     recording: rr.RecordingStream, windows: pa.Table, event_rows: NDArray[np.int64], passes: Sequence[PassFigures]
 ) -> int:
     """Log every series; return how many windows each of its points is the mean of, away from events."""
-    # each pass has a timeline of its own besides, from its begin on
     rows = len(windows)
     group = max(1, -(-rows // MAX_ROWS))
-    if rows == 0:
-        return group
-    pauses = pause_rows(column(windows, "t_s"))
-    starts = np.union1d(group_starts(rows, group, event_rows), pauses)  # no mean reaches over a pause
-    t_s, path_um = (grouped(column(windows, name), starts) for name in ("t_s", "path_um"))
-    for plot in PROCESS + ELECTRICAL:
-        for series in plot.series:
-            if series.entity in _EQUALISING and series.entity not in windows.column_names:
-                continue
-            values = grouped(_values(windows, series.entity), starts)
-            entity = f"{plot.origin}/{series.entity}"
-            _log_curve(recording, entity, series, (t_s, path_um, values))
-            _log_by_pass(recording, entity, passes, (t_s, values))
-            _log_breaks(recording, entity, column(windows, "t_s"), column(windows, "path_um"))
+    if rows:
+        absent = {extra.name for extra in EQUALISING_COLUMNS} - set(windows.column_names)
+        curves = (
+            (f"{plot.origin}/{series.entity}", series, _values(windows, series.entity))
+            for plot in PROCESS + ELECTRICAL for series in plot.series if series.entity not in absent
+        )  # fmt: skip
+        times = column(windows, "t_s"), column(windows, "path_um")
+        _log_curves(recording, curves, *times, group_starts(rows, group, event_rows), passes)
     return group
-
-
-def _log_by_pass(
-    recording: rr.RecordingStream, entity: str, passes: Sequence[PassFigures], rows: tuple[NDArray[np.float64], ...]
-) -> None:
-    """Log a curve on the timeline of each pass, ``pass_1`` and so on; a tab's follow, as ``tab_1``."""
-    for row in passes:
-        mine = (rows[0] > row.begin_s) & (rows[0] <= row.end_s) & np.isfinite(rows[1])
-        contour = "" if row.contour == 1 else f"_of_contour_{row.contour}"
-        name = f"{'tab' if row.piece == 'tab' else 'pass'}_{row.number}{contour}"
-        if mine.any():
-            when = [rr.TimeColumn(name, duration=rows[0][mine] - row.begin_s)]
-            recording.send_columns(entity, when, rr.Scalars.columns(scalars=rows[1][mine]))
-
-
-def _log_breaks(
-    recording: rr.RecordingStream, entity: str, t_s: NDArray[np.float64], path_um: NDArray[np.float64]
-) -> None:
-    """End a curve where a wire is threaded: a viewer draws no line over what is cleared."""
-    before = pause_rows(t_s) - 1
-    if len(before):
-        when = indexes(t_s[before] + THREADING_S / 2, path_um[before])
-        recording.send_columns(entity, when, rr.Clear.columns(is_recursive=[False] * len(before)))
 
 
 def _log_steps(recording: rr.RecordingStream, steps: Steps) -> None:
     """Log what an environment adds; a long episode as the means of neighbouring steps."""
     starts = np.arange(0, len(steps.t_s), max(1, -(-len(steps.t_s) // MAX_ROWS)))
-    if len(starts) == 0:
-        return
-    starts = np.union1d(starts, pause_rows(steps.t_s))
-    for plot in steps.plots:
-        for series in plot.series:
-            entity = f"{plot.origin}/{series.entity}"
-            rows = (steps.t_s, steps.path_um, steps.values[entity])
-            _log_curve(recording, entity, series, tuple(grouped(values, starts) for values in rows))
-            _log_breaks(recording, entity, steps.t_s, steps.path_um)
+    if len(starts):
+        entities = ((f"{plot.origin}/{series.entity}", series) for plot in steps.plots for series in plot.series)
+        curves = ((entity, series, steps.values[entity]) for entity, series in entities)
+        _log_curves(recording, curves, steps.t_s, steps.path_um, starts)
 
 
-def _log_curve(
-    recording: rr.RecordingStream, entity: str, series: Series, rows: tuple[NDArray[np.float64], ...]
+def _log_curves(
+    recording: rr.RecordingStream, curves: Iterable[tuple[str, Series, Floats]], t_s: Floats, path_um: Floats,
+    starts: NDArray[np.int64], passes: Sequence[PassFigures] = (),
 ) -> None:
-    """Log a curve: time, place along the path and value of its points; NaN is left out."""
-    line = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
-    recording.log(entity, line, static=True)
-    known = np.isfinite(rows[2])
-    t_s, path_um, values = (row[known] for row in rows)
-    recording.send_columns(entity, indexes(t_s, path_um), rr.Scalars.columns(scalars=values))
+    """Log curves as the means of groups of rows: entity, look and values of each, of which NaN is left out."""
+    # each pass has a timeline of its own besides, from its begin on
+    pauses = pause_rows(t_s)
+    starts = np.union1d(starts, pauses)  # no mean reaches over a pause
+    threaded = indexes(t_s[pauses - 1] + THREADING_S / 2, path_um[pauses - 1])
+    mean_t_s, mean_path_um = group_means(t_s, starts), group_means(path_um, starts)
+    for entity, series, values in curves:
+        look = rr.SeriesLines(names=[series.name], colors=[palette.rgb(series.colour)], widths=[1.3])
+        mean = group_means(values, starts)
+        known = np.isfinite(mean)
+        when = indexes(mean_t_s[known], mean_path_um[known])
+        log_changing(recording, entity, look, when, rr.Scalars.columns(scalars=mean[known]))
+        _log_by_pass(recording, entity, passes, mean_t_s, mean)
+        if len(pauses):  # a viewer draws no line over what is cleared
+            recording.send_columns(entity, threaded, rr.Clear.columns(is_recursive=[False] * len(pauses)))
 
 
-def _values(windows: pa.Table, name: str) -> NDArray[np.float64]:
+def _log_by_pass(
+    recording: rr.RecordingStream, entity: str, passes: Sequence[PassFigures], t_s: Floats, values: Floats
+) -> None:
+    """Log a curve on the timeline of each pass, ``pass_1`` and so on; a tab's follow, as ``tab_1``."""
+    for row in passes:
+        mine = (t_s > row.begin_s) & (t_s <= row.end_s) & np.isfinite(values)
+        contour = "" if row.contour == 1 else f"_of_contour_{row.contour}"
+        name = f"{'tab' if row.piece == 'tab' else 'pass'}_{row.number}{contour}"
+        if mine.any():
+            when = [rr.TimeColumn(name, duration=t_s[mine] - row.begin_s)]
+            recording.send_columns(entity, when, rr.Scalars.columns(scalars=values[mine]))
+
+
+def _values(windows: pa.Table, name: str) -> Floats:
     """Return a column of the table; wire lag along the feed, pulse counts as a share in percent."""
     if name == "lag_um":
         return lag_along_um(windows)
@@ -348,14 +339,6 @@ def group_starts(rows: int, size: int, event_rows: NDArray[np.int64]) -> NDArray
     """Return the first row of every group: `size` rows each, but one only up to `AROUND` rows from an event."""
     # of many events only as many evenly spaced ones count as make `MAX_ROWS` rows
     most = MAX_ROWS // (2 * AROUND + 1)
-    chosen = event_rows[np.unique(np.linspace(0, len(event_rows) - 1, min(len(event_rows), most)).astype(int))]
+    chosen = event_rows[_evenly(len(event_rows), most)]
     near = (chosen[:, None] + np.arange(-AROUND, AROUND + 2)).ravel()
     return np.unique(np.concatenate([np.arange(0, rows, size), near[(near >= 0) & (near < rows)]]))
-
-
-def grouped(values: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the mean of every group of neighbours; `starts` are their first rows. NaN is left out."""
-    known = np.isfinite(values)
-    counts = np.add.reduceat(known.astype(float), starts)
-    sums = np.add.reduceat(np.where(known, values, 0.0), starts)
-    return np.asarray(np.divide(sums, counts, out=np.full(len(starts), np.nan), where=counts > 0))
