@@ -17,7 +17,7 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
 from edmsim.controllers.axis.parameters import ServoChip
-from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor, command_in, number_in
+from edmsim.controllers.axis.serial_line import LineEditor, command_in, lines_of, number_in
 
 DATA = data_of("uhu")
 
@@ -165,7 +165,7 @@ class Dialogue:
         self._pending = ""
         state = "OK" if bank_is_good else "Error!"
         lines = f"UHU Servo Controller 3.00 (c) Snr: {self._serial_number}", f"EEPROM: {state}", "Help by (?)"
-        return _text(*lines) + PROMPT
+        return _reply(*lines)
 
     def take(self, chip: Uhu, byte: int) -> bytes:
         """Take a byte from the terminal, act on it if it ends a line, and return what is sent back."""
@@ -224,7 +224,7 @@ class Dialogue:
             return PROMPT
         if letter in "#?":
             parameters = [self._line(chip, shown) for shown in self._labels]
-            return _text(*parameters, *_COMMAND_LINES.values(), *_LAST_LINES) + PROMPT
+            return _reply(*parameters, *_COMMAND_LINES.values(), *_LAST_LINES)
         actions: dict[str, Callable[[], None]] = {"R": chip.soft_reset, "Z": lambda: chip.stream(False)}
         if letter not in actions:
             return _reply(_UNKNOWN)
@@ -232,12 +232,8 @@ class Dialogue:
         return _reply(_OK)
 
 
-def _text(*lines: str) -> bytes:
-    return b"".join(line.encode("ascii") + NEW_LINE for line in lines)
-
-
-def _reply(line: str) -> bytes:
-    return _text(line) + PROMPT
+def _reply(*lines: str) -> bytes:
+    return lines_of(lines) + PROMPT
 
 
 _DUTY_RANGE = 0  # place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase
