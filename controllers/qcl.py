@@ -362,10 +362,7 @@ class Statement(NamedTuple):
     at: tuple[Expression, ...] = ()  # recipe and step of a data group's variable
 
 
-class QclProgram(NamedTuple):
-    """A program: its statements."""
-
-    statements: tuple[Statement, ...]
+QclProgram = tuple[Statement, ...]
 
 
 def read_program(text: str, configuration: Configuration, file: str | None = None) -> QclProgram:
@@ -424,13 +421,12 @@ class _Reader:
         elif "=" in words[1:-1]:
             equals = words.index("=", 1)
             target, at = self._target(words[:equals])
-            self._add(number, "assign", target, self._expression(words[equals + 1 :]))
-            self._statements[-1] = self._statements[-1]._replace(at=at)
+            self._statements.append(Statement(number, "assign", target, self._expression(words[equals + 1 :]), at=at))
         else:
             raise InputError(f"{line!r} is not a statement; a comment begins with ;")
 
-    def _add(self, number: int, verb: str, target: tuple[str, ...] = (), value: Expression = ()) -> None:
-        self._statements.append(Statement(number, verb, target, value))
+    def _add(self, number: int, verb: str, target: tuple[str, ...] = ()) -> None:
+        self._statements.append(Statement(number, verb, target))
 
     def _block(self, number: int, verb: str) -> None:
         if verb == "END":
@@ -454,7 +450,7 @@ class _Reader:
                 problems.append(Problem(self._statements[place].line, f"there is no label {label!r} to jump to"))
         if problems:
             raise QclError(problems, file)
-        return QclProgram(tuple(self._statements))
+        return tuple(self._statements)
 
     def _device(self, name: str) -> str:
         if name.lower() not in self._configuration.devices:
@@ -606,8 +602,7 @@ class Control:
     @property
     def line(self) -> int:
         """Line of the next statement, 0 after the end."""
-        statements = self._program.statements
-        return statements[self._next].line if self._next < len(statements) else 0
+        return self._program[self._next].line if self._next < len(self._program) else 0
 
     def restart(self) -> None:
         """Restart as at power-up; SYSTEM variables and data groups keep their values."""
@@ -631,12 +626,11 @@ class Control:
         InputError
             A division by zero, or a value out of its variable's range; the error names the line.
         """
-        statements = self._program.statements
         for _ in range(LONGEST_PASS):
-            if self._next >= len(statements) or statements[self._next].verb == "end":
-                self._next = len(statements)
+            if self._next >= len(self._program) or self._program[self._next].verb == "end":
+                self._next = len(self._program)
                 return None
-            line, verb, target, value, to, at = statements[self._next]
+            line, verb, target, value, to, at = self._program[self._next]
             try:
                 if verb == "wait":
                     self._next += 1 if self._value(value) else 0
