@@ -541,17 +541,19 @@ class Session:
 
     def host_lines(self) -> Iterable[bytes]:
         """Lines the host sends through the second serial channel (row T-59)."""
-        if self._host is None:
-            raise InputError("no host is connected; edmsim console 1982 --host FILE connects one")
+        host = self._connected_host()
         if self._rig.moving:
             raise InputError("the machine moves; a program is loaded while it stands still")
-        return read_host(self._host, self._lines)
+        return read_host(host, self._lines)
 
     def _sent_by_host(self) -> bytes:
         """The host's bytes for the monitor."""
+        return self._lines.heard_from_host(bytes_of(self._connected_host()))
+
+    def _connected_host(self) -> Path:
         if self._host is None:
             raise InputError("no host is connected; edmsim console 1982 --host FILE connects one")
-        return self._lines.heard_from_host(bytes_of(self._host))
+        return self._host
 
     def monitor(self) -> None:
         """Let the monitor take what is typed next; the machine goes on."""
