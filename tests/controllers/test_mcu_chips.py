@@ -375,12 +375,11 @@ def test_a_board_continues_from_its_snapshot():
             b.now_ns += rng.randrange(10**6)
 
     first, second = board(), board()
-    for b in (first,):
-        b.mean_current_A, b.open_V = 1.8, 100.0
-        b.bus.write(bus.CPORT2, ppi.BASIC_OUTPUTS)
-        b.bus.write(bus.CPORT3, ppi.STROBED_INPUTS)
-        b.bus.write(bus.TIMERS + 3, pit.control_word(0, pit.RATE))
-        disturb(b, random.Random(1))
+    first.mean_current_A, first.open_V = 1.8, 100.0
+    first.bus.write(bus.CPORT2, ppi.BASIC_OUTPUTS)
+    first.bus.write(bus.CPORT3, ppi.STROBED_INPUTS)
+    first.bus.write(bus.TIMERS + 3, pit.control_word(0, pit.RATE))
+    disturb(first, random.Random(1))
     first.switches.trip(X_END)
     second.restore(json.loads(json.dumps(first.snapshot())))
     assert second.snapshot() == first.snapshot()
