@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -228,12 +229,9 @@ def _constant(found: Configuration, fields: list[str]) -> None:
     found.constants[_new(found, name)] = number
 
 
-def _variables(retained: bool) -> Callable[[Configuration, list[str]], None]:
-    def declare(found: Configuration, fields: list[str]) -> None:
-        variable = _variable(found, fields, retained)
-        found.variables[variable.name] = variable
-
-    return declare
+def _add_variable(found: Configuration, fields: list[str], retained: bool) -> None:
+    variable = _variable(found, fields, retained)
+    found.variables[variable.name] = variable
 
 
 def _variable(found: Configuration, fields: list[str], retained: bool) -> Variable:
@@ -285,15 +283,12 @@ def _slot(found: Configuration, fields: list[str]) -> None:
     found.cards[int(fields[0])] = None if fields[1] == ":" else fields[1]
 
 
-def _terminal(kind: str) -> Callable[[Configuration, list[str]], None]:
-    def declare(found: Configuration, fields: list[str]) -> None:
-        name, size, address = _fields(fields, "NAME", "F", f"SLOT.{kind}NN")
-        if size.upper() != "F":
-            raise InputError(f"{name} has size {size!r}; an input or output is a flag, F")
-        group = found.inputs if kind == "INP" else found.outputs
-        group[_new(found, name)] = _address(found, address, kind)
-
-    return declare
+def _terminal(found: Configuration, fields: list[str], kind: str) -> None:
+    name, size, address = _fields(fields, "NAME", "F", f"SLOT.{kind}NN")
+    if size.upper() != "F":
+        raise InputError(f"{name} has size {size!r}; an input or output is a flag, F")
+    group = found.inputs if kind == "INP" else found.outputs
+    group[_new(found, name)] = _address(found, address, kind)
 
 
 def _address(found: Configuration, text: str, kind: str) -> str:
@@ -328,9 +323,9 @@ def _device(found: Configuration, fields: list[str]) -> None:
 
 
 _SECTIONS: dict[str, Callable[[Configuration, list[str]], None]] = {
-    "CONST": _constant, "SYSTEM": _variables(True), "GLOBAL": _variables(False), "TIMER": _timer,
-    "DATAGROUP": _data, "BUS": _slot, "INPUT": _terminal("INP"), "OUTPUT": _terminal("OUT"),
-    "INTDEVICE": _device,
+    "CONST": _constant, "SYSTEM": partial(_add_variable, retained=True),
+    "GLOBAL": partial(_add_variable, retained=False), "TIMER": _timer, "DATAGROUP": _data, "BUS": _slot,
+    "INPUT": partial(_terminal, kind="INP"), "OUTPUT": partial(_terminal, kind="OUT"), "INTDEVICE": _device,
 }  # fmt: skip
 
 

@@ -115,7 +115,7 @@ class Steppers(Snapshots):
 
     def busy(self, t_states: int) -> None:
         """Let the main program compute for so long."""
-        self.free_ns = self.board.now_ns + nanoseconds(t_states)
+        self.free_ns = self.board.now_ns + tstates.nanoseconds(t_states)
 
     def run_until(self, end_ns: int, to_the_end: bool = True) -> None:
         """Let the timers run up to a time, or the move's end, and serve interrupts; a routine begun is finished."""
@@ -182,7 +182,7 @@ class Steppers(Snapshots):
         self.t_states += t_states
         if not self.own:
             return  # a planner's times are those of the edges
-        before_ns, spent_ns = self.board.now_ns, nanoseconds(t_states)
+        before_ns, spent_ns = self.board.now_ns, tstates.nanoseconds(t_states)
         if self.free_ns > before_ns:
             self.free_ns += spent_ns
         self._pass(before_ns + spent_ns, self._clock.before(before_ns + spent_ns + 1))
@@ -204,8 +204,3 @@ class Steppers(Snapshots):
     def _load(self, axis: int, count: int) -> None:
         self.board.bus.write(TIMERS + axis, count & BYTE)
         self.board.bus.write(TIMERS + axis, count >> 8 & BYTE)
-
-
-def nanoseconds(t_states: int) -> int:
-    """Time that a number of T-states takes, in whole ns."""
-    return t_states * 1_000_000_000 // tstates.CPU_HZ
