@@ -120,10 +120,7 @@ class _Number(NamedTuple):
 
 
 class Monitor:
-    """The monitor's commands, a character at a time; `tapes` is the folder in which tapes lie.
-
-    `from_host` returns what the host sends, and `go` starts at an address, or goes back to MAIN where there is none.
-    """
+    """The monitor's commands, a character at a time; `go` starts at an address, or goes back to MAIN for None."""
 
     prompt = ". "
 
