@@ -261,6 +261,14 @@ def check_command(controller: str, command: object) -> FeedCommand:
     return command
 
 
+def check_window(start_ns: int, end_ns: int, speed_units: int, max_speed: int | None) -> None:
+    """Refuse a planner's window that runs backwards in time, and a speed beyond the greatest (None for none)."""
+    if end_ns < start_ns:
+        raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
+    if max_speed is not None and not -max_speed <= speed_units <= max_speed:
+        raise InputError(f"the path speed must be -{max_speed}..{max_speed} units, not {speed_units}")
+
+
 def check_feed(controller: str, name: str, feed_um_s: float, max_feed_um_s: float) -> None:
     """Refuse a feed above the machine's largest."""
     if feed_um_s > max_feed_um_s:

@@ -26,11 +26,6 @@ class PulseCounts(NamedTuple):
     short: int
     open: int
 
-    @property
-    def erosion(self) -> int:
-        """Pulses that eroded: the rest of the 255."""
-        return WINDOW_PULSES - self.short - self.open
-
 
 class PulseCounters(Snapshots, ABC):
     """The three counters of a cycle; `missed` counts results that nobody had read before the next (row T-44)."""

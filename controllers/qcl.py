@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -228,12 +229,9 @@ def _constant(found: Configuration, fields: list[str]) -> None:
     found.constants[_new(found, name)] = number
 
 
-def _variables(retained: bool) -> Callable[[Configuration, list[str]], None]:
-    def declare(found: Configuration, fields: list[str]) -> None:
-        variable = _variable(found, fields, retained)
-        found.variables[variable.name] = variable
-
-    return declare
+def _add_variable(found: Configuration, fields: list[str], retained: bool) -> None:
+    variable = _variable(found, fields, retained)
+    found.variables[variable.name] = variable
 
 
 def _variable(found: Configuration, fields: list[str], retained: bool) -> Variable:
@@ -285,15 +283,12 @@ def _slot(found: Configuration, fields: list[str]) -> None:
     found.cards[int(fields[0])] = None if fields[1] == ":" else fields[1]
 
 
-def _terminal(kind: str) -> Callable[[Configuration, list[str]], None]:
-    def declare(found: Configuration, fields: list[str]) -> None:
-        name, size, address = _fields(fields, "NAME", "F", f"SLOT.{kind}NN")
-        if size.upper() != "F":
-            raise InputError(f"{name} has size {size!r}; an input or output is a flag, F")
-        group = found.inputs if kind == "INP" else found.outputs
-        group[_new(found, name)] = _address(found, address, kind)
-
-    return declare
+def _terminal(found: Configuration, fields: list[str], kind: str) -> None:
+    name, size, address = _fields(fields, "NAME", "F", f"SLOT.{kind}NN")
+    if size.upper() != "F":
+        raise InputError(f"{name} has size {size!r}; an input or output is a flag, F")
+    group = found.inputs if kind == "INP" else found.outputs
+    group[_new(found, name)] = _address(found, address, kind)
 
 
 def _address(found: Configuration, text: str, kind: str) -> str:
@@ -328,9 +323,9 @@ def _device(found: Configuration, fields: list[str]) -> None:
 
 
 _SECTIONS: dict[str, Callable[[Configuration, list[str]], None]] = {
-    "CONST": _constant, "SYSTEM": _variables(True), "GLOBAL": _variables(False), "TIMER": _timer,
-    "DATAGROUP": _data, "BUS": _slot, "INPUT": _terminal("INP"), "OUTPUT": _terminal("OUT"),
-    "INTDEVICE": _device,
+    "CONST": _constant, "SYSTEM": partial(_add_variable, retained=True),
+    "GLOBAL": partial(_add_variable, retained=False), "TIMER": _timer, "DATAGROUP": _data, "BUS": _slot,
+    "INPUT": partial(_terminal, kind="INP"), "OUTPUT": partial(_terminal, kind="OUT"), "INTDEVICE": _device,
 }  # fmt: skip
 
 
@@ -362,10 +357,7 @@ class Statement(NamedTuple):
     at: tuple[Expression, ...] = ()  # recipe and step of a data group's variable
 
 
-class QclProgram(NamedTuple):
-    """A program: its statements."""
-
-    statements: tuple[Statement, ...]
+QclProgram = tuple[Statement, ...]
 
 
 def read_program(text: str, configuration: Configuration, file: str | None = None) -> QclProgram:
@@ -424,13 +416,12 @@ class _Reader:
         elif "=" in words[1:-1]:
             equals = words.index("=", 1)
             target, at = self._target(words[:equals])
-            self._add(number, "assign", target, self._expression(words[equals + 1 :]))
-            self._statements[-1] = self._statements[-1]._replace(at=at)
+            self._statements.append(Statement(number, "assign", target, self._expression(words[equals + 1 :]), at=at))
         else:
             raise InputError(f"{line!r} is not a statement; a comment begins with ;")
 
-    def _add(self, number: int, verb: str, target: tuple[str, ...] = (), value: Expression = ()) -> None:
-        self._statements.append(Statement(number, verb, target, value))
+    def _add(self, number: int, verb: str, target: tuple[str, ...] = ()) -> None:
+        self._statements.append(Statement(number, verb, target))
 
     def _block(self, number: int, verb: str) -> None:
         if verb == "END":
@@ -454,7 +445,7 @@ class _Reader:
                 problems.append(Problem(self._statements[place].line, f"there is no label {label!r} to jump to"))
         if problems:
             raise QclError(problems, file)
-        return QclProgram(tuple(self._statements))
+        return tuple(self._statements)
 
     def _device(self, name: str) -> str:
         if name.lower() not in self._configuration.devices:
@@ -606,8 +597,7 @@ class Control:
     @property
     def line(self) -> int:
         """Line of the next statement, 0 after the end."""
-        statements = self._program.statements
-        return statements[self._next].line if self._next < len(statements) else 0
+        return self._program[self._next].line if self._next < len(self._program) else 0
 
     def restart(self) -> None:
         """Restart as at power-up; SYSTEM variables and data groups keep their values."""
@@ -631,12 +621,11 @@ class Control:
         InputError
             A division by zero, or a value out of its variable's range; the error names the line.
         """
-        statements = self._program.statements
         for _ in range(LONGEST_PASS):
-            if self._next >= len(statements) or statements[self._next].verb == "end":
-                self._next = len(statements)
+            if self._next >= len(self._program) or self._program[self._next].verb == "end":
+                self._next = len(self._program)
                 return None
-            line, verb, target, value, to, at = statements[self._next]
+            line, verb, target, value, to, at = self._program[self._next]
             try:
                 if verb == "wait":
                     self._next += 1 if self._value(value) else 0

@@ -31,6 +31,8 @@ class HasRecord(Protocol):
 class Registers(MutableMapping[str, int]):
     """Registers of a drive's record by name; `places` has of each its number and its least and largest value."""
 
+    OWNER: ClassVar[str] = "drive"  # in messages
+
     def __init__(self, owner: HasRecord, places: Mapping[str, tuple[int, int, int]]) -> None:
         self._owner, self._places = owner, dict(places)
 
@@ -40,11 +42,11 @@ class Registers(MutableMapping[str, int]):
     def __setitem__(self, name: str, value: int) -> None:
         place, low, high = self._place(name)
         if not low <= value <= high or value != int(value):
-            raise InputError(f"the drive's {name} is {value}; it must be a whole number {low} to {high}")
+            raise InputError(f"the {self.OWNER}'s {name} is {value}; it must be a whole number {low} to {high}")
         self._reg[place] = int(value)
 
     def __delitem__(self, name: str) -> None:
-        raise InputError(f"the drive's {name} cannot be taken away; set it to another value")
+        raise InputError(f"the {self.OWNER}'s {name} cannot be taken away; set it to another value")
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._places)
@@ -59,7 +61,7 @@ class Registers(MutableMapping[str, int]):
 
     def _place(self, name: str) -> tuple[int, int, int]:
         if name not in self._places:
-            raise InputError(f"the drive has no {name!r}; it has {', '.join(self._places)}")
+            raise InputError(f"the {self.OWNER} has no {name!r}; it has {', '.join(self._places)}")
         return self._places[name]
 
 
@@ -111,11 +113,6 @@ class ServoChip(ABC):
         """Return a drive tuned for an axis of `axis_row`; its EEPROM has the parameters, with overrides by `changes`.
 
         With a machine's screw, a step is the machine's, rounded to a whole number of counts.
-
-        Raises
-        ------
-        InputError
-            No tuning exists for that axis, or a parameter is unknown.
         """
         tuned = cls.data["tuned"]
         if axis not in tuned:

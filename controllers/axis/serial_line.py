@@ -8,6 +8,7 @@ neither noise nor a wrong baud rate sets a parameter or moves a motor.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import NamedTuple
 
 RETURN, LINE_FEED = 0x0D, 0x0A
@@ -65,6 +66,11 @@ class LineEditor:
 
     def _sent(self, echo: bytes) -> bytes:
         return echo if self._echo else b""
+
+
+def lines_of(texts: Iterable[str]) -> bytes:
+    """Return lines of text as a drive sends them."""
+    return b"".join(text.encode("ascii") + NEW_LINE for text in texts)
 
 
 def command_in(text: str) -> Command | None:

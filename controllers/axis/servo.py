@@ -37,6 +37,7 @@ class PositionServo:
     """
 
     name = "servo"
+    sample: SampleFunction = _servo
 
     def __init__(self) -> None:
         data = data_of(self.name)
@@ -46,11 +47,6 @@ class PositionServo:
             loop["counts_per_edge"], loop["kp"], loop["kd"], 0, loop["largest_error"],
         )
         self.motor: NDArray[np.void] | None = axis_row("table", **data["motor"])
-
-    @property
-    def sample(self) -> SampleFunction:
-        """The compiled sample, the same for all servos."""
-        return _servo
 
     @property
     def counts_per_step(self) -> float:

@@ -16,7 +16,7 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
 from edmsim.controllers.axis.parameters import WORD, ServoChip, decode, encode
-from edmsim.controllers.axis.serial_line import NEW_LINE, Command, LineEditor, command_in
+from edmsim.controllers.axis.serial_line import Command, LineEditor, command_in, lines_of
 
 # The servo processor module's registers: the words of ``DRIVE.reg`` that its loop and its dialogue share.
 
@@ -542,7 +542,7 @@ class ServoModule(ServoChip):
             if typed is not None:
                 sent += answer(reg, typed)
         _obey(self.record)
-        return b"".join(line.encode("ascii") + NEW_LINE for line in sent)
+        return lines_of(sent)
 
     def power_up(self) -> bytes:
         """Start with the EEPROM's parameters; if they are invalid, with the defaults and the motor off."""
@@ -558,8 +558,7 @@ class ServoModule(ServoChip):
             fresh["lines"] = axis_rows.FREEWHEEL
         restart(self.record, fresh)
         self._editor.clear()
-        said = [_CHIP["message"]] if words is not None else [_CHIP["message"], _CHIP["bad_memory"]]
-        return b"".join(line.encode("ascii") + NEW_LINE for line in said)
+        return lines_of([_CHIP["message"]] if words is not None else [_CHIP["message"], _CHIP["bad_memory"]])
 
     def receive_error(self) -> None:
         """Set the receive error in the status; the current line becomes an unknown command."""

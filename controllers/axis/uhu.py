@@ -17,7 +17,7 @@ from edmsim.compiled.jit import exactly_compiled
 from edmsim.controllers.axis import extensions, parameters
 from edmsim.controllers.axis.drive import data_of, new_record, restart, set_period
 from edmsim.controllers.axis.parameters import ServoChip
-from edmsim.controllers.axis.serial_line import NEW_LINE, LineEditor, command_in, number_in
+from edmsim.controllers.axis.serial_line import LineEditor, command_in, lines_of, number_in
 
 DATA = data_of("uhu")
 
@@ -150,99 +150,14 @@ _BANKS = range(3)
 _WORDS = range(1 << 16)
 
 
-class Dialogue:
-    """The terminal of one drive; `labels` precede the parameters' values, in the order of the help."""
-
-    def __init__(self, labels: dict[str, str], serial_number: int) -> None:
-        self._labels = labels
-        self._serial_number = serial_number
-        self._editor = LineEditor(echo=True)
-        self._pending = ""
-
-    def start(self, bank_is_good: bool) -> bytes:
-        """Return the start-up text, and forget what was typed."""
-        self._editor.clear()
-        self._pending = ""
-        state = "OK" if bank_is_good else "Error!"
-        lines = f"UHU Servo Controller 3.00 (c) Snr: {self._serial_number}", f"EEPROM: {state}", "Help by (?)"
-        return _text(*lines) + PROMPT
-
-    def take(self, chip: Uhu, byte: int) -> bytes:
-        """Take a byte from the terminal, act on it if it ends a line, and return what is sent back."""
-        echo, line = self._editor.take(byte)
-        return echo if line is None else echo + self._answer(chip, line)
-
-    def receive_error(self) -> None:
-        """Let the line that is being typed count for nothing: a byte of it was not received well."""
-        self._editor.spoil()
-
-    def _answer(self, chip: Uhu, line: str) -> bytes:
-        pending, self._pending = self._pending, ""
-        if not line:
-            return PROMPT
-        if pending:
-            return self._set(chip, pending, number_in(line))
-        if line == _COUNTER:
-            return _reply(f"{_LAST_LINES[0]:13}{chip.position}")
-        command = command_in(line)
-        if command is None:
-            return _reply(_UNKNOWN)
-        letter, number = command
-        if letter in self._labels or letter in _COMMAND_LINES:
-            return self._ask(chip, letter) if number is None else self._set(chip, letter, number)
-        return self._act(chip, letter) if number is None else _reply(_UNKNOWN)
-
-    def _ask(self, chip: Uhu, letter: str) -> bytes:
-        self._pending = letter
-        return f"{self._line(chip, letter)}: ".encode("ascii")
-
-    def _line(self, chip: Uhu, letter: str) -> str:
-        return _COMMAND_LINES.get(letter) or f"{self._labels[letter]}{chip.value(letter)}"
-
-    def _set(self, chip: Uhu, letter: str, number: int | None) -> bytes:
-        if letter == _GO:
-            known = number is not None and abs(number) <= _LARGEST_GO
-        else:
-            known = number in (_BANKS if letter in _COMMAND_LINES else _WORDS)
-        if number is None or not known:
-            return _reply(_UNKNOWN)
-        if letter == _LOAD:
-            return _reply(_OK if chip.load(number) else _BAD_BANK)
-        if letter == _SAVE:
-            chip.save(number)
-        elif letter == _GO:
-            chip.go(number)
-        else:
-            chip.enter(letter, number)
-        return _reply(_OK)
-
-    def _act(self, chip: Uhu, letter: str) -> bytes:
-        if letter == "+":
-            return chip.power_up()
-        if letter == "A":
-            chip.stream(True)
-            return PROMPT
-        if letter in "#?":
-            parameters = [self._line(chip, shown) for shown in self._labels]
-            return _text(*parameters, *_COMMAND_LINES.values(), *_LAST_LINES) + PROMPT
-        actions: dict[str, Callable[[], None]] = {"R": chip.soft_reset, "Z": lambda: chip.stream(False)}
-        if letter not in actions:
-            return _reply(_UNKNOWN)
-        actions[letter]()
-        return _reply(_OK)
-
-
-def _text(*lines: str) -> bytes:
-    return b"".join(line.encode("ascii") + NEW_LINE for line in lines)
-
-
-def _reply(line: str) -> bytes:
-    return _text(line) + PROMPT
+def _reply(*lines: str) -> bytes:
+    return lines_of(lines) + PROMPT
 
 
 _DUTY_RANGE = 0  # place in ``real``: the share of the supply that is the full swing of duty, in locked antiphase
 _N_BANKS = 3
 _TABLE = DATA["parameter"]
+_LABELS = {row["letter"]: row["label"] for row in _TABLE}  # what precedes the values in the help
 _NAMES = {row["letter"]: row["name"] for row in _TABLE}
 _STORED = [name for name in _NAMES.values() if name != "overruns"]
 
@@ -348,7 +263,7 @@ class Uhu(ServoChip):
 
     def _deliver(self, stored: Mapping[str, int] | None) -> None:
         self.extensions = extensions.Extensions(self, wraps=False)
-        self._dialogue = Dialogue({row["letter"]: row["label"] for row in _TABLE}, DATA["identity"]["serial_number"])
+        self._editor = LineEditor(echo=True)
         for bank in range(_N_BANKS):
             self.save(bank, false_checksum=True)
         if stored is not None:
@@ -371,11 +286,15 @@ class Uhu(ServoChip):
 
     def line(self, text: bytes) -> bytes:
         """Receive typed text; return its echo and the answers."""
-        return b"".join(self._dialogue.take(self, byte) for byte in text)
+        sent = b""
+        for byte in text:
+            echo, line = self._editor.take(byte)
+            sent += echo if line is None else echo + self._answer(line)
+        return sent
 
     def receive_error(self) -> None:
         """Discard the current line, as a byte came without a stop bit."""
-        self._dialogue.receive_error()
+        self._editor.spoil()
 
     def power_up(self) -> bytes:
         """Start as after power-up, a low reset pin or ``+``: load bank 0 and return the start-up text (row U-39)."""
@@ -387,7 +306,11 @@ class Uhu(ServoChip):
             self._use(stored.words)
         set_period(self.record, *_period_ns(self.parameters["cycle"]))
         self._reg[LATCHED] = 0 if stored.valid else BAD_BANK
-        return self._dialogue.start(stored.valid)
+        self._editor.clear()
+        self._pending = ""  # letter whose number the next line is to bring
+        state = "OK" if stored.valid else "Error!"
+        number = DATA["identity"]["serial_number"]
+        return _reply(f"UHU Servo Controller 3.00 (c) Snr: {number}", f"EEPROM: {state}", "Help by (?)")
 
     @property
     def position(self) -> int:
@@ -452,6 +375,60 @@ class Uhu(ServoChip):
 
     def _use(self, words: tuple[int, ...]) -> None:
         self.parameters.update(zip(_STORED, words, strict=True))
+
+    def _answer(self, line: str) -> bytes:
+        pending, self._pending = self._pending, ""
+        if not line:
+            return PROMPT
+        if pending:
+            return self._set(pending, number_in(line))
+        if line == _COUNTER:
+            return _reply(f"{_LAST_LINES[0]:13}{self.position}")
+        command = command_in(line)
+        if command is None:
+            return _reply(_UNKNOWN)
+        letter, number = command
+        if letter in _LABELS or letter in _COMMAND_LINES:
+            return self._ask(letter) if number is None else self._set(letter, number)
+        return self._act(letter) if number is None else _reply(_UNKNOWN)
+
+    def _ask(self, letter: str) -> bytes:
+        self._pending = letter
+        return f"{self._help_line(letter)}: ".encode("ascii")
+
+    def _help_line(self, letter: str) -> str:
+        return _COMMAND_LINES.get(letter) or f"{_LABELS[letter]}{self.value(letter)}"
+
+    def _set(self, letter: str, number: int | None) -> bytes:
+        if letter == _GO:
+            known = number is not None and abs(number) <= _LARGEST_GO
+        else:
+            known = number in (_BANKS if letter in _COMMAND_LINES else _WORDS)
+        if number is None or not known:
+            return _reply(_UNKNOWN)
+        if letter == _LOAD:
+            return _reply(_OK if self.load(number) else _BAD_BANK)
+        if letter == _SAVE:
+            self.save(number)
+        elif letter == _GO:
+            self.go(number)
+        else:
+            self.enter(letter, number)
+        return _reply(_OK)
+
+    def _act(self, letter: str) -> bytes:
+        if letter == "+":
+            return self.power_up()
+        if letter == "A":
+            self.stream(True)
+            return PROMPT
+        if letter in "#?":
+            return _reply(*map(self._help_line, _LABELS), *_COMMAND_LINES.values(), *_LAST_LINES)
+        actions: dict[str, Callable[[], None]] = {"R": self.soft_reset, "Z": lambda: self.stream(False)}
+        if letter not in actions:
+            return _reply(_UNKNOWN)
+        actions[letter]()
+        return _reply(_OK)
 
     def _time_next(self) -> None:
         """Let C be the length of the intervals after the present one."""

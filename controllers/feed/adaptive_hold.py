@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.feed.law import ServoLaw
+from edmsim.controllers.feed.law import ServoLaw, low_pass_weight
 from edmsim.controllers.feed.periods import FluxGauge, HoldHeat
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.machine.machine import Machine
@@ -121,7 +121,7 @@ class AdaptiveHold(HoldHeat):
         period_us = super().next_us(window, law)
         level = math.log(min(max(_near(law), LEAST_HOLD), MOST_HOLD))
         last = level if self.level is None else self.level
-        self.level = last - math.expm1(-window.duration_s / SLOW_S) * (level - last)
+        self.level = last + low_pass_weight(window.duration_s, SLOW_S) * (level - last)
         self.seconds += window.duration_s
         self.level_s += self.level * window.duration_s
         if self.seconds >= DECISION_S:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.feed.law import CornerRule
+from edmsim.controllers.feed.law import CornerRule, low_pass_weight
 from edmsim.controllers.protocols import GapWindow, WindowObservation
 from edmsim.geometry import CORNER_DEG, Polyline, left_of
 from edmsim.machine.machine import Machine
@@ -146,7 +146,7 @@ class TrueBend(Corners):
 
     def look(self, window: WindowObservation) -> None:
         """Average the deflection."""
-        weight = -math.expm1((self.last_s - window.time_s) / self.average_s) if self.average_s else 1.0
+        weight = low_pass_weight(window.time_s - self.last_s, self.average_s)
         self.mean_um = self.mean_um + weight * (np.array(self.bent_um) - self.mean_um)
         self.last_s = window.time_s
 

@@ -16,7 +16,7 @@ from edmsim.controllers.feed.law import PERSISTENT_SHORT
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.optimise import ALARM, ERROR, SHARE, TICK_NS, Settings, State, optimise
 from edmsim.controllers.mcu.firmware.timers import SPEED_UNIT_NM_S
-from edmsim.controllers.mcu.firmware.tstates import CPU_HZ
+from edmsim.controllers.mcu.firmware.tstates import nanoseconds
 from edmsim.controllers.protocols import FeedCommand, WindowObservation, check_feed, check_parameters
 from edmsim.controllers.pulse_counters import PulseAnalyser
 from edmsim.errors import InputError
@@ -95,7 +95,7 @@ class CountsController(Snapshots):
         if cpu.clock_ns >= cpu.busy_until_ns:
             tick = cpu.clock_ns // TICK_NS & WORD
             cpu.units, t_states = self._decide(tick, window.path_um)
-            cpu.busy_until_ns = cpu.clock_ns + t_states * 1_000_000_000 // CPU_HZ
+            cpu.busy_until_ns = cpu.clock_ns + nanoseconds(t_states)
         return self._command(window.path_um)
 
     def settings(self, max_feed_um_s: float) -> Settings:

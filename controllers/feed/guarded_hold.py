@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers.feed.adaptive_hold import AdaptiveHold
-from edmsim.controllers.feed.law import ServoLaw, shorted
+from edmsim.controllers.feed.law import ServoLaw, low_pass_weight, shorted
 from edmsim.controllers.feed.periods import BOILING_K, FluxGauge
 from edmsim.controllers.protocols import WindowObservation
 from edmsim.machine.machine import Machine
@@ -105,7 +105,7 @@ class GuardedHold(AdaptiveHold):
         assert isinstance(gauge, StreamGauge)
         if any(window.fifths):
             new_s = gauge.now * window.duration_s / sum(window.fifths)
-            self.ignition_s -= math.expm1(-window.duration_s / USUAL_S) * (new_s - self.ignition_s)
+            self.ignition_s += low_pass_weight(window.duration_s, USUAL_S) * (new_s - self.ignition_s)
         if shorted(window):
             period_us = max(period_us, 1e6 * self.restart_share * self.ignition_s / self.hold)
         self.relieving = self.reliefs_per_s > 0.0 and gauge.now > self.hold * math.exp(self.log_guard)

@@ -38,6 +38,11 @@ def shorted(window: protocols.WindowObservation) -> bool:
     return window.short >= SHORTED_SHARE * WINDOW_PULSES
 
 
+def low_pass_weight(duration_s: float, time_constant_s: float) -> float:
+    """Return the weight of a new value in a low-pass filter after a time; 1 without a filter."""
+    return -math.expm1(-duration_s / time_constant_s) if time_constant_s else 1.0
+
+
 class Gains(NamedTuple):
     """Gains of a servo."""
 
@@ -91,7 +96,7 @@ class GapServo(Part):
 
     def weight(self, duration_s: float) -> float:
         """Weight of a window in the low-pass filter."""
-        return -math.expm1(-duration_s / self.filter_s) if self.filter_s else 1.0
+        return low_pass_weight(duration_s, self.filter_s)
 
     def update(self, window: protocols.WindowObservation, error: float, gains: Gains) -> protocols.FeedCommand:
         """Return the command for the next window; `error` is positive if the gap is too wide."""
@@ -108,8 +113,7 @@ class GapServo(Part):
             self.retracting = False
             self.error = error
             self.integral_um_s *= self.integral_share
-        weight = -math.expm1(-window.duration_s / gains.filter_s) if gains.filter_s else 1.0
-        self.error += weight * (error - self.error)
+        self.error += low_pass_weight(window.duration_s, gains.filter_s) * (error - self.error)
         growth = gains.integral * self.error * window.duration_s
         self.integral_um_s = min(max(self.integral_um_s + growth, 0.0), self.max_feed_um_s)
         feed = self.integral_um_s + gains.proportional * self.error

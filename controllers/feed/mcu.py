@@ -24,7 +24,6 @@ from edmsim.controllers.mcu.computer import EMERGENCY, Computer
 from edmsim.controllers.mcu.firmware import memory_map
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import before_corner
-from edmsim.controllers.mcu.firmware.optimise import Settings
 from edmsim.controllers.mcu.firmware.poscal import Unit, check_1982, unit_for, unit_um
 from edmsim.controllers.mcu.path_run import PathRun
 from edmsim.controllers.planner.kinds import LITERAL
@@ -118,7 +117,8 @@ class McuController(CountsController):
             self._computer.set_position(*setup.points[0])
         self._computer.set_pulse_codes(*setup.codes)
         memory = self._computer.board.bus
-        memory_map.set_constants(memory, self._law())
+        assert self._settings is not None
+        memory_map.set_constants(memory, self._settings)
         memory_map.set_variables(memory, self._state)
         self._computer.start()
         self._move, self._run = -1, None
@@ -186,7 +186,3 @@ class McuController(CountsController):
         if code != self._computer.pulse_codes[0]:
             self._computer.set_pulse_codes(code, t_p)
         return command._replace(t_on_us=setup.t_on_us if code == t_i else setup.pulses.times_us(code, t_p)[0])
-
-    def _law(self) -> Settings:
-        assert self._settings is not None
-        return self._settings

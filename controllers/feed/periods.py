@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw, shorted
+from edmsim.controllers.feed.law import Gauge, PeriodRule, ServoLaw, low_pass_weight, shorted
 from edmsim.controllers.protocols import GapWindow, WindowObservation
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, least_period_us, pulse_form
@@ -94,7 +94,7 @@ class NormalPulses(PeriodRule):
         if self.travel_um <= 0:
             return
         h_mm = self.height_factor * self.charge / self.travel_um
-        weight = -math.expm1(-self.seconds / self.height_filter_s) if self.height_filter_s else 1.0
+        weight = low_pass_weight(self.seconds, self.height_filter_s)
         self.height_mm = h_mm if not self.height_mm else self.height_mm + weight * (h_mm - self.height_mm)
 
 
@@ -210,7 +210,7 @@ class HoldHeat(RisingPeriod):
     def _refills(self, window: WindowObservation) -> bool:
         """Return whether the gap is still wider than usual after a retract or a break."""
         share = window.open / WINDOW_PULSES
-        self.usual_open += -math.expm1(-window.duration_s / USUAL_S) * (share - self.usual_open)
+        self.usual_open += low_pass_weight(window.duration_s, USUAL_S) * (share - self.usual_open)
         self.refilling_s = max(self.refilling_s - window.duration_s, 0.0)
         return self.refilling_s > 0.0 and share > self.usual_open + WIDER
 
@@ -238,8 +238,7 @@ class FluxGauge(Gauge):
     def near(self, window: WindowObservation) -> float:
         """Return the greatest flux of a fifth over the critical one."""
         flux = self._per_ignition @ np.array(window.fifths, np.float64) / window.duration_s
-        weight = -math.expm1(-window.duration_s / self.flux_filter_s) if self.flux_filter_s else 1.0
-        self.flux += weight * (flux - self.flux)
+        self.flux += low_pass_weight(window.duration_s, self.flux_filter_s) * (flux - self.flux)
         return float(self.flux.max())
 
 

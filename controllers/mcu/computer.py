@@ -16,7 +16,7 @@ from edmsim.controllers.mcu.firmware.optimise import optimise
 from edmsim.controllers.mcu.firmware.poscal import Unit
 from edmsim.controllers.mcu.firmware.steppers import Steppers
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
-from edmsim.controllers.mcu.firmware.tstates import CPU_HZ, EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T
+from edmsim.controllers.mcu.firmware.tstates import CPU_HZ, EMERGENCY_T, INIT_T, KEYBOARD_T, READ_OUT_T, nanoseconds
 from edmsim.controllers.protocols import Step
 from edmsim.errors import InputError
 from edmsim.machine.setting import WINDOW_PULSES
@@ -166,7 +166,7 @@ class MachineCode:
                 self.running = False
                 raise
             spent += cost
-            board.now_ns = begin_ns + spent * 1_000_000_000 // CPU_HZ if cost else end_ns
+            board.now_ns = begin_ns + nanoseconds(spent) if cost else end_ns
 
     def _routine(self, address: int) -> int:
         """Run a routine in EPROM; 0 T-states if it lacks a character."""

@@ -13,7 +13,7 @@ from itertools import accumulate, pairwise
 from edmsim.controllers.mcu.computer import RUNNING, Computer, check_place
 from edmsim.controllers.mcu.firmware.poscal import unit_um
 from edmsim.controllers.mcu.firmware.timers import MAX_FEED_UM_S, MAX_SPEED, SPEED_UNIT_NM_S
-from edmsim.controllers.protocols import Step
+from edmsim.controllers.protocols import Step, check_window
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
@@ -81,10 +81,7 @@ class PathRun(Snapshots):
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
         """Let the machine run for a window; a routine under way at its end is finished, its step comes next."""
-        if end_ns < start_ns:
-            raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
-        if not -MAX_SPEED <= speed_units <= MAX_SPEED:
-            raise InputError(f"the path speed must be -{MAX_SPEED}..{MAX_SPEED} units, not {speed_units}")
+        check_window(start_ns, end_ns, speed_units, MAX_SPEED)
         computer, steppers, board = self._computer, self._steppers, self._computer.board
         self._requested = speed_units
         steps = computer.run_until(start_ns)

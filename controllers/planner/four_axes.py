@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from edmsim.controllers.mcu.firmware.poscal import STEP_UM, Unit
 from edmsim.controllers.planner.kinds import EXACT, FINE_PER_UM, LITERAL
 from edmsim.controllers.planner.registry import Planner, kind_of, make_planner
-from edmsim.controllers.protocols import Step
+from edmsim.controllers.protocols import Step, check_window
 from edmsim.errors import InputError
 from edmsim.snapshots import Snapshots
 
@@ -82,6 +82,8 @@ class ExactAxes(Snapshots):
         self._first: list[int] = grid.astype(int).tolist()
         self._counts = [0] * len(self._first)
         self._behind = 0
+        self._begin: int = math.ceil(self._along[0] * FINE_PER_UM)
+        self._end: int = math.floor(self._along[-1] * FINE_PER_UM)
 
     @property
     def position_um(self) -> tuple[float, float]:
@@ -95,22 +97,13 @@ class ExactAxes(Snapshots):
         return self._behind / FINE_PER_UM
 
     @property
-    def _begin(self) -> int:
-        return math.ceil(self._along[0] * FINE_PER_UM)
-
-    @property
-    def _end(self) -> int:
-        return math.floor(self._along[-1] * FINE_PER_UM)
-
-    @property
     def done(self) -> bool:
         """Whether the path's end is reached."""
         return self._behind >= self._end
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
         """Steps in a window of time; see `Planner.advance`."""
-        if end_ns < start_ns:
-            raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
+        check_window(start_ns, end_ns, speed_units, None)
         feed, place = speed_units * 1e-3, self._behind / FINE_PER_UM
         end = min(max(place + feed * (end_ns - start_ns) * 1e-9, self._along[0]), self._along[-1])
         found: list[Step] = []
@@ -158,6 +151,7 @@ class Following(Snapshots):
         begin = int(np.searchsorted(along_um, 0.0))
         start = int(moving[: begin + 1].sum()) - 1
         self._planner = make_planner(name, places_um[moving, :2], unit=unit, step_um=step_um, start=start)
+        self.speed_unit_nm_s, self.max_feed_um_s = self._planner.speed_unit_nm_s, self._planner.max_feed_um_s
         ways = ways[ways > 0.0]
         behind = -np.cumsum(ways[:start][::-1])[::-1]
         self._way_um: Floats = np.concatenate([behind, [0.0], np.cumsum(ways[start:])])
@@ -167,18 +161,7 @@ class Following(Snapshots):
         self._leads[-1] = places_um[-1, 2:]
         self._step_um = step_um
         self._led: list[int] = np.rint(places_um[begin, 2:] / step_um).astype(int).tolist()
-        kind = kind_of(name)
-        self._most = kind.max_speed or 0
-
-    @property
-    def speed_unit_nm_s(self) -> float:
-        """Unit of the path speed in nm/s."""
-        return self._planner.speed_unit_nm_s
-
-    @property
-    def max_feed_um_s(self) -> float:
-        """Greatest path speed in um/s."""
-        return self._planner.max_feed_um_s
+        self._most = kind_of(name).max_speed or 0
 
     @property
     def position_um(self) -> tuple[float, float]:

@@ -145,12 +145,6 @@ def run_dda(row: Row, points: Floats, lengths: Ints, tick: int, last: int, speed
 
 
 @exactly_compiled
-def dda_path_um(row: Row, along: Floats) -> float:
-    """Length run, in um."""
-    return float(along[row.move] + row.along * row.step_um / TIMER_COUNT)
-
-
-@exactly_compiled
 def _nm(um: float) -> int:
     return round(um * NM)
 
@@ -204,17 +198,10 @@ def run_exact(row: Row, points: Floats, along: Floats, start_ns: int, end_ns: in
     feed, place = speed * 1e-3, row.along / FINE_PER_UM
     end = min(max(place + feed * (end_ns - start_ns) * 1e-9, along[0]), along[row.last_move + 1])
     made = _steps(row, points, along, place, end, feed, start_ns, end_ns, out)
-    behind = row.along + speed * (end_ns - start_ns)
-    row.along = min(max(behind, path_begin(along)), path_end(row, along))
+    begin: float = along[0] * FINE_PER_UM  # below 0 if the planner began at a later point than the path's first
+    row.along = min(max(row.along + speed * (end_ns - start_ns), math.ceil(begin)), path_end(row, along))
     row.move = segment_at(along, row.last_move, row.along / FINE_PER_UM, row.move)
     return made
-
-
-@exactly_compiled
-def path_begin(along: Floats) -> int:
-    """Length at the path's first point in attometres, below 0 if the planner began at a later one."""
-    begin: float = along[0] * FINE_PER_UM
-    return math.ceil(begin)
 
 
 @exactly_compiled
@@ -293,12 +280,6 @@ def _steps(
 
 
 @exactly_compiled
-def begin_literal(row: Row, points: Floats) -> None:
-    """Stand at the path's start and aim at the end of its first move."""
-    _aim(row, points, 1)
-
-
-@exactly_compiled
 def run_literal(row: Row, points: Floats, tick: int, last: int, speed: int, out: Ints) -> int:
     """Run from one tick to another; return the number of steps."""
     made, heading = 0, 1 if speed > 0 else -1
@@ -318,12 +299,6 @@ def run_literal(row: Row, points: Floats, tick: int, last: int, speed: int, out:
                     count(row, axis, direction)
                     made = note(row, out, made, tick, axis, direction)
     return made
-
-
-@exactly_compiled
-def literal_done(row: Row, points: Floats) -> bool:
-    """Whether the last move is over: each axis at its target, or lost by REDUC."""
-    return row.move == row.last_move and not (_to_go(row, points, 0, 1) or _to_go(row, points, 1, 1))
 
 
 @exactly_compiled
@@ -368,13 +343,6 @@ QUARTER = 4  # vectors are aimed in quarters of 1 um
 CARROT_UM = 32  # distance of the carrot ahead of the wire in um (ours): 128 quarters, which suits POSCAL's 8 bits
 
 SMALLEST_VECTOR = 91  # vectors with a shorter longer component are doubled before their length is taken (row T-G10)
-
-
-@exactly_compiled
-def begin_poscal(row: Row, points: Floats) -> None:
-    """Stand at the path's start and aim along it."""
-    row.heading = 1
-    _steer(row, points)
 
 
 @exactly_compiled
@@ -520,9 +488,10 @@ def _root(n: int) -> int:
 def begin(row: Row, points: Floats) -> None:
     """Aim along the path from its start."""
     if row.kind in (POSCAL, SINE_TABLE):
-        begin_poscal(row, points)
+        row.heading = 1
+        _steer(row, points)
     elif row.kind == LITERAL:
-        begin_literal(row, points)
+        _aim(row, points, 1)
 
 
 @exactly_compiled
@@ -551,11 +520,13 @@ def done(row: Row, points: Floats, along: Floats, lengths: Ints) -> bool:
     """Whether the path's end is reached."""
     if row.kind == EXACT:
         return bool(row.along >= path_end(row, along))
-    if row.kind == LITERAL:
-        return literal_done(row, points)
+    if row.move != row.last_move:
+        return False
+    if row.kind == LITERAL:  # each axis is at its target, or lost by REDUC
+        return not (_to_go(row, points, 0, 1) or _to_go(row, points, 1, 1))
     if row.kind == DDA:
-        return bool(row.move == row.last_move and row.along == lengths[row.last_move])
-    return bool(row.move == row.last_move and near(row, points, row.last_move + 1))
+        return bool(row.along == lengths[row.last_move])
+    return near(row, points, row.last_move + 1)
 
 
 @exactly_compiled
@@ -564,7 +535,7 @@ def path_um(row: Row, points: Floats, along: Floats) -> float:
     if row.kind == EXACT:
         return float(row.along / FINE_PER_UM)
     if row.kind == DDA:
-        return dda_path_um(row, along)
+        return float(along[row.move] + row.along * row.step_um / TIMER_COUNT)
     x0, y0 = int(points[row.move, 0]), int(points[row.move, 1])
     x1, y1 = int(points[row.move + 1, 0]), int(points[row.move + 1, 1])
     length = along[row.move + 1] - along[row.move]

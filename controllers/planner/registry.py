@@ -14,7 +14,7 @@ from edmsim.controllers.mcu.firmware.timers import MAX_SPEED, SPEED_UNIT_NM_S
 from edmsim.controllers.planner import kinds
 from edmsim.controllers.planner.course import Course
 from edmsim.controllers.planner.kinds import CHANGES, DDA, EXACT, LIMIT, LITERAL, NM, POSCAL, SINE_TABLE, position_um
-from edmsim.controllers.protocols import Step
+from edmsim.controllers.protocols import Step, check_window
 from edmsim.errors import InputError, one_of
 
 __all__ = ["PLANNERS", "Kind", "Planner", "kind_of", "make_planner", "position_unit"]
@@ -71,17 +71,12 @@ _ROOM = 64  # steps of a window for which there is room at first
 class RowPlanner:
     """Runs a course by compiled code; see `Planner` and `make_planner`."""
 
-    def __init__(self, course: Course, speed_unit_nm_s: float, max_speed: int | None) -> None:
-        self.speed_unit_nm_s = speed_unit_nm_s
-        self._max_speed = max_speed
+    def __init__(self, course: Course, kind: Kind) -> None:
+        self.speed_unit_nm_s, self.max_feed_um_s = kind.speed_unit_nm_s, kind.max_feed_um_s
+        self._max_speed = kind.max_speed
         self._course = course
         self._row = course.row[0]
         self._room = np.zeros((_ROOM, 3), np.int64)
-
-    @property
-    def max_feed_um_s(self) -> float:
-        """Greatest path speed in um/s."""
-        return math.inf if self._max_speed is None else self._max_speed * self.speed_unit_nm_s / 1000
 
     @property
     def position_um(self) -> tuple[float, float]:
@@ -103,7 +98,7 @@ class RowPlanner:
 
     def advance(self, start_ns: int, end_ns: int, speed_units: int) -> list[Step]:
         """Steps in a window of time; see `Planner.advance`."""
-        self._check_window(start_ns, end_ns, speed_units)
+        check_window(start_ns, end_ns, speed_units, self._max_speed)
         _, points, along, lengths = self._course
         before = self._row.copy()
         made = kinds.advance(self._row, points, along, lengths, start_ns, end_ns, speed_units, self._room)
@@ -124,14 +119,6 @@ class RowPlanner:
         """Continue where `snapshot` was taken."""
         for name in CHANGES:
             self._row[name] = state[name]
-
-    def _check_window(self, start_ns: int, end_ns: int, speed_units: int) -> None:
-        """Refuse a window that runs backwards in time and a speed beyond the greatest."""
-        if end_ns < start_ns:
-            raise InputError(f"a window must not end before it starts, but {end_ns} ns is before {start_ns} ns")
-        most = self._max_speed
-        if most is not None and not -most <= speed_units <= most:
-            raise InputError(f"the path speed must be -{most}..{most} units, not {speed_units}")
 
 
 MOST_STEP_UM = 16  # longest motor step of the planners that steer (ours: half the distance at which they look ahead)
@@ -200,7 +187,7 @@ def make_planner(
     if speed_unit_nm_s is not None:
         kind = kind._replace(speed_unit_nm_s=speed_unit_nm_s)
     course = Course.of(kind.number, points_um, kind.speed_unit_nm_s, unit, step_um, start)
-    return RowPlanner(course, kind.speed_unit_nm_s, kind.max_speed)
+    return RowPlanner(course, kind)
 
 
 def _check_step(name: str, kind: Kind, step_um: float) -> None:

@@ -308,20 +308,13 @@ def test_a_plant_with_another_drive_compiles_nothing(machine):
 MECHANICS = ("modal", "mujoco")
 
 
-def plant_of(machine, mechanics, drive):
-    return edmsim.Plant(
-        machine, 1, stock=FAR, position_um=(10_000.0, 20_000.0), resolution="fast", mechanics=mechanics,
-        drives={"x": drive},
-    )
-
-
 def drives_of(plant) -> Drives:
     return plant._drives
 
 
 def course(machine, mechanics, drive, steps_of_window, windows=4):
     """Place of the table and current of the motor at the end of every window."""
-    plant = plant_of(machine, mechanics, drive)
+    plant = plant_with(machine, {"x": drive}, mechanics)
     found = []
     for k in range(windows):
         plant.advance(steps_of_window(k, plant.time_ns))
@@ -349,7 +342,7 @@ def test_both_integrators_let_a_pushed_table_freewheel_alike(machine):
     """As delivered the UHU's output is off: a push by hand moves table and rotor against friction alone."""
     places = []
     for mechanics in MECHANICS:
-        plant = plant_of(machine, mechanics, axes.make("uhu"))
+        plant = plant_with(machine, {"x": axes.make("uhu")}, mechanics)
         row = drives_of(plant).axes.rows[0]
         row["hand_Nm"] = 0.02
         plant.advance()
@@ -361,7 +354,7 @@ def test_both_integrators_let_a_pushed_table_freewheel_alike(machine):
 
 
 def test_the_screw_of_x_and_y_is_the_machine_s(machine):
-    plant = plant_of(machine, "modal", axes.Uhu(axis_row("bench")))
+    plant = plant_with(machine, {"x": axes.Uhu(axis_row("bench"))})
     motor = drives_of(plant).axes.motors[0]
     assert motor["um_per_rad"] == pytest.approx(63.662, rel=1e-4)
     assert motor["table_kg"] == pytest.approx(45.3)

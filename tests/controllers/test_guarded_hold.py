@@ -9,13 +9,13 @@ from edmsim import controllers
 from edmsim.controllers import FeedCommand
 from edmsim.controllers.feed.guarded_hold import GuardedHold, stream_share
 from edmsim.controllers.feed.law import ServoLaw
+from edmsim.controllers.feed.periods import heat_per_ignition_s
 from edmsim.controllers.protocols import WindowObservation, tell
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.constants import critical_W_m2
 from edmsim.plant.resolution import resolution
 
-PATH = np.zeros((2, 2))
 EVEN = (45,) * 5
 BURST = (40, 40, 100, 25, 20)
 
@@ -25,15 +25,20 @@ def production_machine(**choices: float) -> Machine:
     return Machine.load("production", generator="production", wire="brass-300", **options)
 
 
+def law_on_production_machine(name: str, **parameters: float) -> ServoLaw:
+    law = controllers.make(name, **parameters)
+    assert isinstance(law, ServoLaw)
+    tell(law, production_machine(), np.zeros((2, 2)), 0.0)
+    law.reset(400.0)
+    return law
+
+
 class Cut:
     """A cut whose windows last as long as the law's periods make them."""
 
-    def __init__(self, **parameters: float) -> None:
-        law = controllers.make("guarded-hold", **parameters)
-        assert isinstance(law, ServoLaw)
-        tell(law, production_machine(), PATH, 0.0)
-        self.law, self.period_us, self.time_s = law, 90.0, 0.0
-        law.reset(400.0)
+    def __init__(self, name: str = "guarded-hold", **parameters: float) -> None:
+        self.law = law_on_production_machine(name, **parameters)
+        self.period_us, self.time_s = 90.0, 0.0
 
     @property
     def rule(self) -> GuardedHold:
@@ -51,6 +56,9 @@ class Cut:
             self.period_us = commands[-1].t_period_us or 0.0
         return commands
 
+    def periods_us(self, count: int, fifths: tuple[int, ...] = EVEN, short: int = 20) -> list[float]:
+        return [command.t_period_us or 0.0 for command in self.windows(count, fifths, short)]
+
 
 @pytest.mark.parametrize("pressures", [(200e3, 200e3), (60e3, 240e3), (250e3, 100e3)])
 def test_where_the_stream_bears_more_heat_follows_from_the_pressures_as_in_the_plant(pressures):
@@ -63,9 +71,11 @@ def test_without_flushing_the_water_is_still():
     assert stream_share(production_machine(flushing_lower_Pa=0.0, flushing_upper_Pa=0.0)) == pytest.approx(1.0)
 
 
-def test_constants_of_the_machine_at_work_are_not_looked_at():
-    drawn = production_machine().sample(np.random.default_rng(3), ["cooling", "dielectric"])
-    assert np.array_equal(stream_share(drawn), stream_share(production_machine()))
+@pytest.mark.parametrize("known", [stream_share, heat_per_ignition_s])
+def test_constants_of_the_machine_at_work_are_not_looked_at(known):
+    parts = ["cooling", "wire", "material", "guides", "dielectric"]
+    drawn = production_machine().sample(np.random.default_rng(3), parts)
+    assert np.array_equal(known(drawn), known(production_machine()))
 
 
 def test_one_window_of_long_periods_follows_a_burst_and_the_feed_falls_with_it():

@@ -8,17 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from edmsim.controllers.mcu.firmware import arithmetic
-from edmsim.controllers.mcu.firmware.poscal import (
-    SINE,
-    cosine,
-    direction,
-    look_up,
-    poscal,
-    positi,
-    resolve,
-    sine,
-    velocm,
-)
+from edmsim.controllers.mcu.firmware.poscal import SINE, look_up, poscal, positi, resolve, velocm
 from edmsim.controllers.planner.kinds import lengthened
 from edmsim.errors import InputError
 
@@ -130,18 +120,13 @@ def test_255_entries_of_8_bits_are_right_to_half_a_percent():  # T-72, T-A7
     assert 0.49 < error <= 0.5
 
 
-def test_sine_and_cosine_are_mirrored_and_rise():  # T-72
-    assert (sine(0), sine(254), cosine(0), cosine(254)) == (0, 255, 255, 0)
-    assert all(sine(i) <= sine(i + 1) for i in range(254))
-    assert all(cosine(i) == sine(254 - i) for i in range(255))
-
-
-def test_the_search_finds_the_nearest_entry_of_every_8_bit_vector():  # T-72
-    entries = np.array([(cosine(i), sine(i)) for i in range(255)])
+def test_the_table_finds_the_nearest_entry_of_every_8_bit_vector():  # T-72
+    entries = np.array([(SINE[254 - i], SINE[i]) for i in range(255)])  # cosine and sine
     for x in range(0, 256, 3):
         for y in range(1, 256, 2):
-            aside = np.abs(y * entries[:, 0] - x * entries[:, 1])
-            assert aside[direction(x, y)] == aside.min()
+            found, aside = look_up(x, y, 1, 1), np.abs(y * entries[:, 0] - x * entries[:, 1])
+            assert abs(y * found.x - x * found.y) == aside.min()
+            assert [found.x, found.y] in entries.tolist()
 
 
 @given(st.integers(0, 65_535), st.integers(0, 65_535))
@@ -159,8 +144,3 @@ def test_axis_speeds_from_the_table():  # T-72, T-68
     assert velocm(look_up(3000, 4000, 1, -1), 127) == (76, -101)
     assert velocm(look_up(0, 900, -1, 1), 64) == (0, 64)
     assert velocm(look_up(0, 0, 1, 1), 127) == (0, 0)
-
-
-def test_the_table_takes_8_bits():
-    with pytest.raises(InputError, match=r"0\.\.255"):
-        direction(256, 1)

@@ -14,6 +14,8 @@ from edmsim.controllers.protocols import SeesBreaks, tell
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 
+from .test_guarded_hold import EVEN, Cut, law_on_production_machine, production_machine
+
 LEFT = np.array([(0.0, 0.0), (300.0, 0.0), (300.0, 300.0)])
 START_UM = 50.0
 
@@ -114,13 +116,7 @@ def test_pauses_at_corners_grow_with_the_root_of_what_the_wire_bends(machine):
         assert controller.update(window(START_UM + 260.0)).t_period_us == round(factor * first), slack_um
 
 
-PATH = np.zeros((2, 2))
 WINDOW_S = 0.02
-
-
-def production_machine(**choices: float) -> Machine:
-    options = {"height_mm": 60.0, "tension": 22.0, **choices}
-    return Machine.load("production", generator="production", wire="brass-300", **options)
 
 
 def observed(time_s: float, fifths: tuple[int, ...] = (30,) * 5) -> WindowObservation:
@@ -129,9 +125,7 @@ def observed(time_s: float, fifths: tuple[int, ...] = (30,) * 5) -> WindowObserv
 
 
 def periods(name: str, fifths: tuple[int, ...], seconds: float = 3.0, **parameters: float) -> list[float]:
-    controller = controllers.make(name, **parameters)
-    tell(controller, production_machine(), PATH, 0.0)
-    controller.reset(400.0)
+    controller = law_on_production_machine(name, **parameters)
     count = round(seconds / WINDOW_S)
     answers = [controller.update(observed((k + 1) * WINDOW_S, fifths)) for k in range(count)]
     return [answer.t_period_us or 0.0 for answer in answers]
@@ -148,11 +142,6 @@ def test_heat_of_an_ignition_is_that_of_its_spark_and_of_its_current() -> None:
     expected = (spark_J + joule_J) / (patch_m2 * cooling.critical_W_m2.value)
     assert heat_per_ignition_s(m)[:, 2].sum() == pytest.approx(expected, rel=1e-3)
     assert heat_per_ignition_s(production_machine(height_mm=30.0))[0, 0] > 1.4 * heat_per_ignition_s(m)[0, 0]
-
-
-def test_constants_of_the_machine_at_work_are_not_looked_at() -> None:
-    drawn = production_machine().sample(np.random.default_rng(3), ["cooling", "wire", "material", "guides"])
-    assert np.array_equal(heat_per_ignition_s(drawn), heat_per_ignition_s(production_machine()))
 
 
 def test_sparks_in_one_place_ask_for_a_longer_period_than_as_many_all_over() -> None:
@@ -183,12 +172,9 @@ def test_a_fresh_wire_comes_to_its_period_slowly(name: str) -> None:
 
 def test_what_broke_a_wire_is_held_no_more() -> None:
     sparks = (30,) * 5
-    once, again = (controllers.make("heat-flux", hold_share=0.3, break_hold_share=share) for share in (1.0, 0.5))
     found = []
-    for controller in (once, again):
-        tell(controller, production_machine(), PATH, 0.0)
-        controller.reset(400.0)
-        assert isinstance(controller, SeesBreaks)
+    for share in (1.0, 0.5):
+        controller = law_on_production_machine("heat-flux", hold_share=0.3, break_hold_share=share)
         controller.wire_lost()
         found.append([controller.update(observed((k + 1) * WINDOW_S, sparks)).t_period_us for k in range(300)][-1])
     assert found[1] > 1.2 * found[0]
@@ -197,26 +183,13 @@ def test_what_broke_a_wire_is_held_no_more() -> None:
 @pytest.mark.parametrize("name", ["heat-flux", "climbing-hold", "adaptive-hold"])
 def test_sparks_that_clear_a_short_find_no_shorter_period_than_those_before_it(name: str) -> None:
     """A short heats no wire, so that a hold would shorten the period; wires broke as such shorts cleared."""
-    controller = controllers.make(name, shortest_us=18.0, recovery_s=0.5)
-    tell(controller, production_machine(), PATH, 0.0)
-    controller.reset(400.0)
-    period_us = 90.0
-
-    def cut(windows: int, short: int, fifths: tuple[int, ...]) -> list[float]:
-        found = []
-        for _ in range(windows):
-            nonlocal period_us
-            window = observed(0.0, fifths)._replace(duration_s=255e-6 * period_us, short=short)
-            period_us = controller.update(window).t_period_us or 0.0
-            found.append(period_us)
-        return found
-
-    before_us = cut(300, 20, (45,) * 5)[-1]
+    cut = Cut(name, shortest_us=18.0, recovery_s=0.5)
+    before_us = cut.periods_us(300)[-1]
     assert before_us > 25.0
-    shorted_us = cut(50, 255, (0,) * 5)
+    shorted_us = cut.periods_us(50, (0,) * 5, short=255)
     assert min(shorted_us) >= 0.99 * before_us
     assert shorted_us[-1] > 1.2 * before_us
-    after_us = cut(300, 20, (45,) * 5)
+    after_us = cut.periods_us(300)
     assert after_us[0] > 0.85 * before_us
     assert after_us[-1] == pytest.approx(before_us, rel=0.1)
 
@@ -226,19 +199,9 @@ def test_a_gap_that_is_still_wide_after_a_short_does_not_shorten_the_period(name
     """Wires broke as such a gap closed again, at the shortest period."""
     found = []
     for refill_s in (0.0, 60.0):
-        controller = controllers.make(name, refill_s=refill_s, shortest_us=12.0)
-        tell(controller, production_machine(), PATH, 0.0)
-        controller.reset(400.0)
-        period_us, ends_us = 90.0, []
-        for windows, short, open_, fifth in (
-            (500, 20, 10, 45), (50, 255, 0, 0), (150, 0, 155, 20), (150, 20, 10, 45),
-        ):  # fmt: skip
-            for _ in range(windows):
-                window = observed(0.0, (fifth,) * 5)
-                window = window._replace(duration_s=255e-6 * period_us, short=short, open=open_)
-                period_us = controller.update(window).t_period_us or 0.0
-            ends_us.append(period_us)
-        found.append(ends_us)
+        cut = Cut(name, refill_s=refill_s, shortest_us=12.0)
+        phases = (500, EVEN, 20), (50, (0,) * 5, 255), (150, (20,) * 5, 0), (150, EVEN, 20)
+        found.append([cut.periods_us(*phase)[-1] for phase in phases])
     (usual_us, _, wide_us, _), (_, _, limited_us, closed_us) = found
     assert wide_us < 0.6 * usual_us
     assert limited_us > 0.9 * usual_us

@@ -7,7 +7,7 @@ Its registers, commands and states are the manual's (`registers`). `sample` runs
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
@@ -52,7 +52,7 @@ class Resources(NamedTuple):
     output: bool = True  # an analogue output; without it, no motor is driven
 
 
-class Parameters(MutableMapping[str, int]):
+class Parameters(Registers):
     """The 45 parameters of a device by the manual's names.
 
     A value outside the manual's limits is accepted with warning 3. A value written while its condition does not hold
@@ -64,16 +64,14 @@ class Parameters(MutableMapping[str, int]):
         A name is unknown, or a value is not a whole number that fits into the parameter's size.
     """
 
-    def __init__(self, owner: Eanpos) -> None:
-        self._owner = owner
+    OWNER = "device"
 
-    def __getitem__(self, name: str) -> int:
-        return int(self._owner.record["reg"][0, at.PARAMETERS.index(parameter_name(name))])
+    def __init__(self, owner: Eanpos) -> None:
+        super().__init__(owner, {name: (k, *_SIZES[_TABLE[name]["size"]]) for k, name in enumerate(at.PARAMETERS)})
 
     def __setitem__(self, name: str, value: int) -> None:
         name, value = parameter_name(name), _fitting(name, value)
-        entry, reg = _TABLE[name], self._owner.record["reg"][0]
-        place = at.PARAMETERS.index(name)
+        entry, reg, (place, *_) = _TABLE[name], self._reg, self._place(name)
         if not all(_holds(reg, condition) for condition in entry["write"]):
             _warn(reg, at.NOT_WRITTEN, place)
             return
@@ -83,17 +81,11 @@ class Parameters(MutableMapping[str, int]):
         reg[place] = value
         reg[at.WRITTEN] |= _SIGNALS.get(name, 0)
 
-    def __delitem__(self, name: str) -> None:
-        raise InputError(f"the device's {name} cannot be taken away; set it to another value")
-
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and _plain(name) in at.PARAMETERS
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(at.PARAMETERS)
-
-    def __len__(self) -> int:
-        return len(at.PARAMETERS)
+    def _place(self, name: str) -> tuple[int, int, int]:
+        return super()._place(parameter_name(name))
 
 
 class States(Mapping[str, bool]):

@@ -378,11 +378,8 @@ def _put_out(reg: Words, real: Reals) -> None:
     error = _following_error(reg, real)
     if reg[at.ST_REGOFF] == 1:
         return
-    if reg[at.ST_EMRG] == 1:
-        share = 0.0
-        reg[at.FFWDREG] = reg[at.PROPREG] = reg[at.INTEG] = reg[at.DERREG] = 0
-    elif reg[at.ST_CAL] == 1:
-        share = reg[at.VOUT] * 0.01
+    if reg[at.ST_EMRG] == 1 or reg[at.ST_CAL] == 1:
+        share = 0.0 if reg[at.ST_EMRG] == 1 else reg[at.VOUT] * 0.01
         reg[at.FFWDREG] = reg[at.PROPREG] = reg[at.INTEG] = reg[at.DERREG] = 0
     else:
         share = _regulate(reg, real, error)

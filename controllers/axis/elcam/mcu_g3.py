@@ -223,6 +223,7 @@ class AxisLoop:
 
     name = "mcu-g3"
     counts_per_step = 0.0  # its control writes the target
+    sample: SampleFunction = _hold
 
     def __init__(self, motor: NDArray[np.void] | None = None) -> None:
         data = DATA["axis"]
@@ -234,11 +235,6 @@ class AxisLoop:
         if motor is None:
             bench = axis_row("bench")
             self.motor = axis_row("bench", counts_per_rad=float(bench["um_per_rad"][0]))
-
-    @property
-    def sample(self) -> SampleFunction:
-        """The compiled loop, the same for all axes."""
-        return _hold
 
     def line(self, text: bytes) -> bytes:
         """Answer nothing: the control talks to its axes without a line."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -227,21 +227,6 @@ class Elcam:
         self.faults = ControlFaults()
         self._firmware = version_of(firmware or data["firmware"])
         self._library = version_of(library or data["library"])
-        self._readers: dict[Function, Callable[[CamTable], int]] = {
-            Function.ERROR: self._error, Function.RESET: lambda table: 0,
-            Function.BUFFER_SIZE: lambda table: len(table.points), Function.MODE: lambda table: int(table.mode),
-            Function.COMPENSATION: lambda table: int(table.marked and table.compensates),
-            Function.INTERPOLATE_ROWS: lambda table: int(Mode.INTERPOLATE_ROWS in table.mode),
-        }
-        self._writers: dict[Function, Callable[[CamTable, Any], CallStatus]] = {
-            Function.ERROR: self._clear_error, Function.RESET: self._reset, Function.BUFFER_SIZE: self._reserve,
-            Function.GAIN: self._set_gain, Function.SHIFT: self._set_shift, Function.MODE: self._set_mode,
-            Function.ADD_MASTER: lambda table, value: _done(table.add_master(value)),
-            Function.ADD_FOLLOW: lambda table, value: _done(table.add_follow(value)),
-            Function.ROW_COUNT: self._set_row_count, Function.TABLE_SIZE: self._set_size,
-            Function.COMPENSATION: lambda table, value: _done(table.mark(bool(value))),
-            Function.INTERPOLATE_ROWS: lambda table, value: _done(table.set_bit(Mode.INTERPOLATE_ROWS, bool(value))),
-        }
 
     def has(self, what: str) -> bool:
         """Return whether the firmware has ELCAM and a later feature, by its key in the data."""
@@ -336,16 +321,41 @@ class Elcam:
         old = access.since != "" and not self.has(access.since)
         return None if access.kind is not kind or right not in access.rights or old else function
 
-    def _write(self, to: Descriptor, value: float, kind: type) -> CallStatus:
+    def _write(self, to: Descriptor, value: Any, kind: type) -> CallStatus:
         function = self._function(to, kind, "w")
         if function is None or (not math.isfinite(value) and function is not Function.ADD_MASTER):
             return CallStatus.REFUSED
         table = self.tables.setdefault(to.index, CamTable())
         if table.runs and not ACCESS[function].while_running:
             return CallStatus.BUSY
-        if function in self._writers:
-            return self._writers[function](table, value)
-        setattr(table, ACCESS[function].name, value)
+        match function:
+            case Function.ERROR:
+                table.error = Error(0)
+            case Function.RESET:
+                table.clear()
+            case Function.BUFFER_SIZE:
+                return self._reserve(table, value)
+            case Function.GAIN:
+                table.change_gain(value, *(self._places(table) if table.runs else (0.0, 0.0)))
+            case Function.SHIFT:
+                table.base += value - table.shift
+                table.shift = value
+            case Function.MODE:
+                return self._set_mode(table, value)
+            case Function.ADD_MASTER:
+                return CallStatus.OK if table.add_master(value) else CallStatus.REFUSED
+            case Function.ADD_FOLLOW:
+                return CallStatus.OK if table.add_follow(value) else CallStatus.REFUSED
+            case Function.ROW_COUNT:
+                return self._set_row_count(table, value)
+            case Function.TABLE_SIZE:
+                return self._set_size(table, value)
+            case Function.COMPENSATION:
+                table.mark(bool(value))
+            case Function.INTERPOLATE_ROWS:
+                table.set_bit(Mode.INTERPOLATE_ROWS, bool(value))
+            case _:
+                setattr(table, ACCESS[function].name, value)
         return CallStatus.OK
 
     def _read(self, of: Descriptor, kind: type) -> ObjectAnswer:
@@ -353,23 +363,29 @@ class Elcam:
         if function is None:
             return ObjectAnswer(CallStatus.REFUSED, 0)
         table = self.tables.setdefault(of.index, CamTable())
-        if function is Function.TARGET_POSITION:
-            return self._target_position(table)
-        name = ACCESS[function].name
-        return ObjectAnswer(CallStatus.OK, getattr(table, name) if name else self._readers[function](table))
+        match function:
+            case Function.TARGET_POSITION:
+                return self._target_position(table)
+            case Function.ERROR:
+                value = self._error(table)
+            case Function.RESET:
+                value = 0
+            case Function.BUFFER_SIZE:
+                value = len(table.points)
+            case Function.MODE:
+                value = int(table.mode)
+            case Function.COMPENSATION:
+                value = int(table.marked and table.compensates)
+            case Function.INTERPOLATE_ROWS:
+                value = int(Mode.INTERPOLATE_ROWS in table.mode)
+            case _:
+                value = getattr(table, ACCESS[function].name)
+        return ObjectAnswer(CallStatus.OK, value)
 
     def _error(self, table: CamTable) -> int:
         """Return the register ERROR: with points entered, also what would forbid to run with the present bits."""
         entered = table.size_master + table.size_follow > 0
         return int(table.error | table.faults(len(self.axes)) if entered else table.error)
-
-    def _clear_error(self, table: CamTable, _: int) -> CallStatus:
-        table.error = Error(0)
-        return CallStatus.OK
-
-    def _reset(self, table: CamTable, _: int) -> CallStatus:
-        table.clear()
-        return CallStatus.OK
 
     def _reserve(self, table: CamTable, count: int) -> CallStatus:
         """Reserve room for points: once, in the control's memory or in a piece of the computer's."""
@@ -389,15 +405,6 @@ class Elcam:
             table.error |= Error.MEMORY
             return CallStatus.REFUSED
         table.points = np.zeros((count, 2), table.dtype)
-        return CallStatus.OK
-
-    def _set_gain(self, table: CamTable, gain: float) -> CallStatus:
-        table.change_gain(gain, *(self._places(table) if table.runs else (0.0, 0.0)))
-        return CallStatus.OK
-
-    def _set_shift(self, table: CamTable, shift: float) -> CallStatus:
-        table.base += shift - table.shift
-        table.shift = shift
         return CallStatus.OK
 
     def _set_row_count(self, table: CamTable, count: int) -> CallStatus:
@@ -469,7 +476,3 @@ class Elcam:
         if actual not in mode:
             return axis.setpoint
         return axis.auxiliary if auxiliary in mode and axis.auxiliary is not None else axis.actual
-
-
-def _done(fine: bool) -> CallStatus:
-    return CallStatus.OK if fine else CallStatus.REFUSED

@@ -109,15 +109,14 @@ class CamTable:
         """Whether it acts as a cam; with only the mark, or only the bit, it does nothing."""
         return self.runs and not self.compensates and not self.marked
 
-    def set_bit(self, bit: Mode, on: bool) -> bool:
+    def set_bit(self, bit: Mode, on: bool) -> None:
         """Set or clear a bit of MODE."""
         self.mode = self.mode | bit if on else self.mode & ~bit
-        return True
 
-    def mark(self, on: bool) -> bool:
+    def mark(self, on: bool) -> None:
         """Make it a table of errors, or none (function 30); its bit of MODE follows."""
         self.marked = on
-        return self.set_bit(Mode.COMPENSATION, on)
+        self.set_bit(Mode.COMPENSATION, on)
 
     def put(self, points: NDArray[Any]) -> None:
         """Take all points at once, without a look at them."""

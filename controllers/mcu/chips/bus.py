@@ -18,7 +18,7 @@ PORT2A, PORT2B, PORT2C, CPORT2 = 0x4020, 0x4021, 0x4022, 0x4023
 PORT3A, PORT3B, PORT3C, CPORT3 = 0x4030, 0x4031, 0x4032, 0x4033
 TIMERS, INTERRUPTS, DISPLAY, TERMINAL, HOST = 0x4000, 0x4008, 0x4010, 0x4018, 0x401C
 """First addresses of the 8253, the 8259, the 8279 and both 8251 (ours)."""
-FLOATING = 0xFF  # what is read where nothing answers
+FLOATING = 0xFF  # what is read where nothing answers, and in EPROM, whose bytes of 1982 are lost
 
 
 class Chip(Protocol):
@@ -38,7 +38,6 @@ class Bus(Snapshots):
 
     def __init__(self) -> None:
         self.ram = bytearray(len(RAM))
-        self._eprom = bytes([FLOATING]) * len(EPROM)
         self._chips: dict[int, tuple[Chip, int]] = {}
 
     def attach(self, first: int, size: int, chip: Chip) -> None:
@@ -52,9 +51,7 @@ class Bus(Snapshots):
         if found is not None:
             return found[0].read(found[1])
         _check(address, WORD, "an address")
-        if address in RAM:
-            return self.ram[address - RAM.start]
-        return self._eprom[address] if address in EPROM else FLOATING
+        return self.ram[address - RAM.start] if address in RAM else FLOATING
 
     def write(self, address: int, byte: int) -> None:
         """Put a byte at an address."""

@@ -50,11 +50,6 @@ class Ppi8255(Snapshots):
         """IBF A and IBF B."""
         return self._strobed[A].full, self._strobed[B].full
 
-    @property
-    def requests(self) -> tuple[bool, bool]:
-        """INTR A and INTR B."""
-        return self._strobed[A].request, self._strobed[B].request
-
     def strobe(self, port: int, byte: int) -> None:
         """STB A or STB B goes low and up again: the latch takes the byte over, IBF rises."""
         latch = self._strobed[port]

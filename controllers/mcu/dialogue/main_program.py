@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 from edmsim.controllers.mcu.chips.bus import Bus
-from edmsim.controllers.mcu.chips.dac import time_text
+from edmsim.controllers.mcu.chips.dac import PulseSettings, time_text
 from edmsim.controllers.mcu.dialogue import part_program
 from edmsim.controllers.mcu.dialogue.line_input import InputBuffer, skip
 from edmsim.controllers.mcu.firmware import memory_map as at
@@ -252,8 +252,8 @@ class MachinePort(Protocol):
     """What MAIN can do to the machine. Everything that cannot be done raises `InputError` and does nothing."""
 
     @property
-    def codes(self) -> part_program.Codes:
-        """How us become codes."""
+    def pulse_settings(self) -> PulseSettings:
+        """What codes mean."""
 
     def status(self) -> Status:
         """What the machine shows."""
@@ -419,7 +419,7 @@ class MainProgram:
         self._new_place.write([part_program.read_move(self._word, buffer)])
 
     def _set(self, buffer: InputBuffer) -> None:
-        self._machine.set(part_program.read_setting(self._word, buffer, self._machine.codes))
+        self._machine.set(part_program.read_setting(self._word, buffer, self._machine.pulse_settings))
         now = self._machine.status()
         self._say(f"{pulses(now)}   SPEED {now.speed}")
 
@@ -446,7 +446,7 @@ class MainProgram:
         self._desk.wait(seconds)
 
     def _load(self) -> None:
-        program = part_program.read_program(self._desk.host_lines(), self._machine.codes)
+        program = part_program.read_program(self._desk.host_lines(), self._machine.pulse_settings)
         self._program.write(program)
         moves = sum(isinstance(entry, part_program.Move) for entry in program)
         self._say(f"LOADED: {moves} MOVES, {len(program) - moves} SETTINGS")
@@ -499,17 +499,17 @@ class MainProgram:
 
     def _take(self, question: int, buffer: InputBuffer) -> None:
         """Take an answer over; t(i) waits for t(p), as the two may not be set independently (row T-34)."""
-        codes = self._machine.codes
+        pulse_settings = self._machine.pulse_settings
         if question == _T_I:
-            t_i = part_program.read_code(buffer, codes.of_t_i, "t(i) in us")
+            t_i = part_program.read_code(buffer, pulse_settings.code_of_t_i, "t(i) in us")
             part_program.at_end(buffer)
             self._t_i = t_i
         elif question == _T_P:
-            t_p = part_program.read_code(buffer, codes.of_t_p, "t(p) in us")
+            t_p = part_program.read_code(buffer, pulse_settings.code_of_t_p, "t(p) in us")
             part_program.at_end(buffer)
             self._set_pulses(t_p)
         elif question == _SPEED:
-            self._machine.set(part_program.read_setting("SPEED", buffer, codes))
+            self._machine.set(part_program.read_setting("SPEED", buffer, pulse_settings))
         elif question == _NEW:
             self._new_place.write([part_program.read_move("NEW", buffer)])
         else:

@@ -13,10 +13,12 @@ address, kind, bytes and checksum add up to 0 in eight bits.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from pathlib import Path
 from textwrap import fill
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from edmsim.controllers.mcu.chips import bus
+from edmsim.controllers.mcu.computer import Computer
 from edmsim.controllers.mcu.dialogue.line_input import CANCEL, LINE_FEED, RETURN, SPACE, normal
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD
@@ -117,35 +119,19 @@ class _Number(NamedTuple):
     end: int
 
 
-class Bench(Protocol):
-    """What the monitor works on."""
-
-    def read(self, address: int) -> int:
-        """Byte at an address."""
-
-    def write(self, address: int, byte: int) -> None:
-        """Put a byte at an address; raises `InputError` where none can be written."""
-
-    def tape(self, name: str) -> bytes:
-        """Content of a tape."""
-
-    def put_away(self, name: str, text: str) -> None:
-        """Keep a tape that was punched."""
-
-    def from_host(self) -> bytes:
-        """What the host sends."""
-
-    def go(self, address: int | None) -> None:
-        """Start at an address, or go back to MAIN."""
-
-
 class Monitor:
-    """The monitor's commands, a character at a time."""
+    """The monitor's commands, a character at a time; `go` starts at an address, or goes back to MAIN for None."""
 
     prompt = ". "
 
-    def __init__(self, bench: Bench, out: Callable[[bytes], None], say: Callable[[str], None]) -> None:
-        self._bench = bench
+    def __init__(
+        self, computer: Computer, tapes: Path, from_host: Callable[[], bytes], go: Callable[[int | None], None],
+        out: Callable[[bytes], None], say: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self._computer = computer
+        self._tapes = tapes
+        self._from_host = from_host
+        self._start = go
         self._out = out
         self._say = say
         self._commands: dict[str, Callable[[], _Typing]] = {
@@ -266,7 +252,7 @@ class Monitor:
         self._new_line()
         for begin in range(first & -BYTES_A_LINE, last + 1, BYTES_A_LINE):
             addresses = range(max(begin, first), min(begin + BYTES_A_LINE, last + 1))
-            self._say(f"{addresses[0]:04X}  " + " ".join(f"{self._bench.read(a):02X}" for a in addresses))
+            self._say(f"{addresses[0]:04X}  " + " ".join(f"{self._computer.read(a):02X}" for a in addresses))
 
     def _substitute(self) -> _Typing:
         address = yield from self._address()
@@ -277,10 +263,10 @@ class Monitor:
             self._new_line()
             self._show(b"%04X " % place)
         while True:
-            self._show(b"%02X-" % self._bench.read(place))
+            self._show(b"%02X-" % self._computer.read(place))
             new = yield from self._byte()
             if new.value is not None:
-                self._bench.write(place, new.value)
+                self._write(place, new.value)
             if new.end in _ENDS:
                 break
             place = place + 1 & WORD
@@ -302,12 +288,16 @@ class Monitor:
     def _read(self) -> _Typing:
         name = yield from self._name()
         self._new_line()
-        self._load(self._bench.tape(name))
+        try:
+            text = (self._tapes / name).read_bytes()
+        except OSError as error:
+            raise InputError(f"the tape {name} cannot be read: {error.strerror}") from None
+        self._load(text)
 
     def _host(self) -> _Typing:
         yield from self._end()
         self._new_line()
-        self._load(self._bench.from_host())
+        self._load(self._from_host())
 
     def _load(self, text: bytes) -> None:
         tape = read_tape(text)
@@ -315,7 +305,7 @@ class Monitor:
         if outside:
             raise InputError(f"the tape is for {outside[0]:04X}H, which is not RAM; nothing was loaded")
         for address, byte in tape.bytes.items():
-            self._bench.write(address, byte)
+            self._write(address, byte)
         where = f", {min(tape.bytes):04X}H TO {max(tape.bytes):04X}H" if tape.bytes else ""
         self._say(f"{len(tape.bytes)} BYTES{where}" + (f", TO BE STARTED AT {tape.start:04X}H" if tape.start else ""))
 
@@ -325,15 +315,29 @@ class Monitor:
         self._new_line()
         if last not in bus.RAM and last not in bus.EPROM:
             raise InputError(f"{last:04X}H is not memory; {bus.EPROM[0]:04X}H to {bus.RAM[-1]:04X}H are punched")
-        self._bench.put_away(name, punch(bytes(map(self._bench.read, range(first, last + 1))), first))
+        self._put_away(name, punch(bytes(map(self._computer.read, range(first, last + 1))), first))
         self._say(f"{last - first + 1} BYTES ON TAPE {name}")
+
+    def _write(self, address: int, byte: int) -> None:
+        self._computer.board.bus.check_writable(address)
+        self._computer.write(address, byte)
+
+    def _put_away(self, name: str, text: str) -> None:
+        """Keep a tape that was punched; one that was punched before is not punched again."""
+        try:
+            with (self._tapes / name).open("x", encoding="ascii") as file:
+                file.write(text)
+        except FileExistsError:
+            raise InputError(f"there is a tape {name} already, and no hole can be closed: name another") from None
+        except OSError as error:
+            raise InputError(f"the tape {name} cannot be punched: {error.strerror}") from None
 
     def _go(self) -> _Typing:
         address = yield from self._address()
         if address.end not in _ENDS:
             yield from self._end()
         self._new_line()
-        self._bench.go(address.value)
+        self._start(address.value)
 
     def _map(self) -> _Typing:
         yield from self._end()

@@ -16,7 +16,7 @@ import re
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from edmsim.controllers.mcu.chips.dac import MOST_CODE
+from edmsim.controllers.mcu.chips.dac import MOST_CODE, PulseSettings
 from edmsim.controllers.mcu.dialogue.line_input import SEPARATORS, InputBuffer, getnum, gnumhx, skip
 from edmsim.controllers.mcu.firmware.memory_map import PROGRAM_ENTRIES
 from edmsim.controllers.mcu.firmware.timers import MAX_SPEED
@@ -54,13 +54,6 @@ class Setting(NamedTuple):
 
 
 Entry = Move | Setting
-
-
-class Codes(NamedTuple):
-    """How times in whole us become the nearest codes of the two DACs."""
-
-    of_t_i: Callable[[int], int]
-    of_t_p: Callable[[int], int]
 
 
 def read_word(buffer: InputBuffer) -> str:
@@ -110,16 +103,16 @@ def read_move(word: str, buffer: InputBuffer) -> Move:
     return Move((x, y), (xc, yc), word == "CW")
 
 
-def read_setting(word: str, buffer: InputBuffer, codes: Codes) -> Setting:
+def read_setting(word: str, buffer: InputBuffer, pulses: PulseSettings) -> Setting:
     """Read one or more of TI, TP and SPEED with their numbers: decimal us, or hexadecimal codes (``4DH``)."""
     found: dict[str, int] = {}
     while word:
         if word == "SPEED":
             found["speed"] = check_speed(read_numbers(buffer, 1, f"SPEED 1 to {MAX_SPEED} in units")[0])
         elif word == "TI":
-            found["t_i"] = read_code(buffer, codes.of_t_i, "TI in us or as a code 0H to 1FFH")
+            found["t_i"] = read_code(buffer, pulses.code_of_t_i, "TI in us or as a code 0H to 1FFH")
         elif word == "TP":
-            found["t_p"] = read_code(buffer, codes.of_t_p, "TP in us or as a code 0H to 1FFH")
+            found["t_p"] = read_code(buffer, pulses.code_of_t_p, "TP in us or as a code 0H to 1FFH")
         else:
             raise InputError(f"{word} cannot stand beside settings; TI, TP and SPEED can")
         word = read_word(buffer)
@@ -148,7 +141,7 @@ def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> 
     return code
 
 
-def read_program(lines: Iterable[bytes], codes: Codes) -> list[Entry]:
+def read_program(lines: Iterable[bytes], pulses: PulseSettings) -> list[Entry]:
     """Read the host's lines, in capitals, up to END; an error names its line."""
     entries: list[Entry] = []
     for number, text in enumerate(lines, 1):
@@ -157,7 +150,7 @@ def read_program(lines: Iterable[bytes], codes: Codes) -> list[Entry]:
                 raise InputError("the host's program moves nothing")
             return entries
         try:
-            entry = _read_line(InputBuffer(text), codes)
+            entry = _read_line(InputBuffer(text), pulses)
         except InputError as error:
             raise InputError(f"line {number} of the host's program: {error.reason}") from None
         if entry is not None:
@@ -167,12 +160,12 @@ def read_program(lines: Iterable[bytes], codes: Codes) -> list[Entry]:
     raise InputError("the host's program ends without END")
 
 
-def _read_line(buffer: InputBuffer, codes: Codes) -> Entry | None:
+def _read_line(buffer: InputBuffer, pulses: PulseSettings) -> Entry | None:
     if not skip(buffer) or buffer.rest.startswith(COMMENT):
         return None
     word = read_word(buffer)
     if word in ("NEW", "CW", "CCW"):
         return read_move(word, buffer)
     if word in ("TI", "TP", "SPEED"):
-        return read_setting(word, buffer, codes)
+        return read_setting(word, buffer, pulses)
     raise InputError(f"{word or buffer.rest.decode('ascii')} is not one of NEW, CW, CCW, TI, TP, SPEED, END")

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from edmsim.compiled.jit import exactly_compiled
-from edmsim.controllers.mcu.firmware.arithmetic import BYTE, WORD, divide, reduc, reduc2, sqrt, subsgn
+from edmsim.controllers.mcu.firmware.arithmetic import WORD, divide, reduc, reduc2, sqrt, subsgn
 from edmsim.errors import InputError
 
 STEP_UM = 2  # table travel in um of one motor step of the machine of 1982 (row T-16)
@@ -140,26 +140,9 @@ SINE = bytes(round(FULL_SCALE * math.sin(math.pi / 2 * i / LAST)) for i in range
 _ENTRIES = np.frombuffer(SINE, np.uint8).astype(np.int64)
 
 
-def sine(index: int) -> int:
-    """Sine of ``index / 254`` of 90 degrees, 0..255 for 0..1."""
-    return SINE[index]
-
-
-def cosine(index: int) -> int:
-    """Cosine of ``index / 254`` of 90 degrees, 0..255 for 0..1."""
-    return SINE[LAST - index]
-
-
-def direction(x: int, y: int) -> int:
-    """Index of the entry nearest to a vector's direction: 0 (along x) to 254 (along y), of magnitudes of 8 bits."""
-    if not (0 <= x <= BYTE and 0 <= y <= BYTE):
-        raise InputError(f"the sine table takes magnitudes of 8 bits, 0..255, not {x} and {y}")
-    return _nearest(x, y)
-
-
 @exactly_compiled
 def _nearest(x: int, y: int) -> int:
-    """Index of the entry whose direction lies nearest."""
+    """Index of the entry nearest to a vector's direction, 0 (along x) to 254 (along y), of magnitudes of 8 bits."""
     low, high = 0, LAST
     while high - low > 1:
         middle = (low + high) >> 1

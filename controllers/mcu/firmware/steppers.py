@@ -71,11 +71,10 @@ class Steppers(Snapshots):
 
     def aim(self, x: int, y: int, heading: int = 1) -> int:
         """Note the target and resolve the way there (POSCAL, row T-69); returns T-states with VELOCM."""
-        bus, distances = self.board.bus, []
+        bus = self.board.bus
         self.lead_to(x, y)
-        for area, target in zip(at.AREAS, (x, y), strict=True):
-            distances.append(subsgn(target, bus.word(area + at.POSITION)))
-        (dx, x_direction), (dy, y_direction) = distances
+        dx, x_direction = subsgn(x, bus.word(at.XPOS))
+        dy, y_direction = subsgn(y, bus.word(at.YPOS))
         self._aim = resolve(dx, dy, x_direction * heading, y_direction * heading, self._wrap)
         cost = tstates.poscal_t_states(dx, dy, bus.word(at.MAXVEL))
         self.t_states += cost
@@ -83,8 +82,8 @@ class Steppers(Snapshots):
 
     def lead_to(self, x: int, y: int) -> None:
         """Note the target alone: the way stays the one resolved before."""
-        for area, target in zip(at.AREAS, (x, y), strict=True):
-            self.board.bus.store(area + at.TARGET, target)
+        self.board.bus.store(at.NEWX, x)
+        self.board.bus.store(at.NEWY, y)
 
     def look_to(self, x: int, y: int) -> None:
         """Note where a planner leads the wire: XVELOC and YVELOC point there, and it makes the steps."""
@@ -116,7 +115,7 @@ class Steppers(Snapshots):
 
     def busy(self, t_states: int) -> None:
         """Let the main program compute for so long."""
-        self.free_ns = self.board.now_ns + nanoseconds(t_states)
+        self.free_ns = self.board.now_ns + tstates.nanoseconds(t_states)
 
     def run_until(self, end_ns: int, to_the_end: bool = True) -> None:
         """Let the timers run up to a time, or the move's end, and serve interrupts; a routine begun is finished."""
@@ -169,21 +168,21 @@ class Steppers(Snapshots):
             self._load(axis, reload_count(abs(velocity)))
         self._spend(tstates.LOAD_T + tstates.PULSE_T)
         direction, pulse = self._bits[axis]
-        write = self.board.bus.write
-        write(CPORT2, direction << 1 | (velocity > 0))
-        write(CPORT2, pulse << 1 | 1)
-        write(CPORT2, pulse << 1)
-        self._positi(area, velocity > 0)
+        bus = self.board.bus
+        bus.write(CPORT2, direction << 1 | (velocity > 0))
+        bus.write(CPORT2, pulse << 1 | 1)
+        bus.write(CPORT2, pulse << 1)
+        bus.store(area, positi(bus.word(area), 1 if velocity > 0 else -1, self._wrap, self.unit))
         self._spend(tstates.POSITI_T + tstates.RETURN_T)
         if self.own and not self._to_go(area, velocity):
-            self.board.bus.store(area + at.VELOCITY, 0)
+            bus.store(area + at.VELOCITY, 0)
 
     def _spend(self, t_states: int) -> None:
         """Let a routine take its time: the timers run on, and the main program waits."""
         self.t_states += t_states
         if not self.own:
             return  # a planner's times are those of the edges
-        before_ns, spent_ns = self.board.now_ns, nanoseconds(t_states)
+        before_ns, spent_ns = self.board.now_ns, tstates.nanoseconds(t_states)
         if self.free_ns > before_ns:
             self.free_ns += spent_ns
         self._pass(before_ns + spent_ns, self._clock.before(before_ns + spent_ns + 1))
@@ -196,11 +195,6 @@ class Steppers(Snapshots):
                 board.interrupts.request(pic.X_STEPPER + axis)
         board.now_ns, self._tick = time_ns, tick
 
-    def _positi(self, area: int, forward: bool) -> None:
-        """POSITI: the counter follows the pulse (row T-70)."""
-        bus = self.board.bus
-        bus.store(area, positi(bus.word(area), 1 if forward else -1, self._wrap, self.unit))
-
     def _to_go(self, area: int, velocity: int) -> bool:
         """Whether an axis is more than half a step from its target."""
         bus = self.board.bus
@@ -210,8 +204,3 @@ class Steppers(Snapshots):
     def _load(self, axis: int, count: int) -> None:
         self.board.bus.write(TIMERS + axis, count & BYTE)
         self.board.bus.write(TIMERS + axis, count >> 8 & BYTE)
-
-
-def nanoseconds(t_states: int) -> int:
-    """Time that a number of T-states takes, in whole ns."""
-    return t_states * 1_000_000_000 // tstates.CPU_HZ

@@ -46,6 +46,11 @@ def seconds(t_states: int) -> float:
     return t_states / CPU_HZ
 
 
+def nanoseconds(t_states: int) -> int:
+    """Time that a number of T-states takes, in whole ns, rounded down."""
+    return t_states * 1_000_000_000 // CPU_HZ
+
+
 def divide_t_states(dividend: int, divisor: int) -> int:
     """Cost of one DIVIDE: by the bits of its quotient."""
     quotient = dividend // divisor if divisor else 0

@@ -7,12 +7,13 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from edmsim.consoles.computer_1982.rig import END_SWITCHES, Point, Rig, lay_out
 from edmsim.controllers.mcu.board import Board
+from edmsim.controllers.mcu.chips.dac import PulseSettings
 from edmsim.controllers.mcu.chips.display import CTRL, SCAN_NS, SHIFT
 from edmsim.controllers.mcu.chips.switches import STOP_BUTTON
 from edmsim.controllers.mcu.computer import OFF
 from edmsim.controllers.mcu.dialogue.front_panel import KEYS, FrontPanel, read_keys
 from edmsim.controllers.mcu.dialogue.main_program import Status
-from edmsim.controllers.mcu.dialogue.part_program import Codes, Entry, Setting
+from edmsim.controllers.mcu.dialogue.part_program import Entry, Setting
 from edmsim.controllers.mcu.firmware import memory_map as at
 from edmsim.controllers.mcu.firmware.arithmetic import WORD
 from edmsim.controllers.mcu.firmware.generator_control import set_tension
@@ -103,9 +104,9 @@ class Operation:
         return "\n".join([*lines, "HELP LEADS THROUGH A JOB; BYE LEAVES"])
 
     @property
-    def codes(self) -> Codes:
-        """How us become codes."""
-        return Codes(self.rig.board.settings.code_of_t_i, self.rig.board.settings.code_of_t_p)
+    def pulse_settings(self) -> PulseSettings:
+        """What codes mean."""
+        return self.rig.board.settings
 
     def status(self) -> Status:
         """State of the machine."""

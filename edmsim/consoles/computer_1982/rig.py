@@ -262,8 +262,11 @@ class Rig:
 
     def begin_cut(self, route: Route) -> None:
         """Start timers and generator along a route from the wire's position."""
-        own = PathRun(self.computer, route.corners) if self._literal else None
-        self.resume_cut(own or self._plan(self._planner_name, route.corners), route)
+        if self._literal:
+            self.resume_cut(PathRun(self.computer, route.corners), route)
+        else:
+            corners_um = np.array(route.corners) * self.unit_um
+            self.resume_cut(make_planner(self._planner_name, corners_um, unit=self.unit), route)
 
     def resume_cut(self, planner: Planner, route: Route) -> None:
         """Start timers and generator at a planner's position on its route."""
@@ -278,10 +281,6 @@ class Rig:
         self.computer.start(generator=False)
         self._planner, self.way = PathRun(self.computer, [self.computer.position, target]), JOGGING
         self._run_at(MAX_SPEED)
-
-    def _plan(self, name: str, corners: list[Point]) -> Planner:
-        """Make a planner from corner points by the counters."""
-        return make_planner(name, np.array(corners) * self.unit_um, unit=self.unit)
 
     def _run_at(self, units: int) -> None:
         self._units = units

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Self
@@ -189,65 +189,6 @@ def bytes_of(file: Path) -> bytes:
         raise InputError(f"the host's file cannot be read: {error.strerror}", file) from None
 
 
-class MonitorBench:
-    """See `edmsim.controllers.mcu.dialogue.monitor.Bench`."""
-
-    def __init__(
-        self, operation: Operation, tapes: Path, from_host: Callable[[], bytes], reset: Callable[[], None],
-        to_main: Callable[[bool], None],
-    ) -> None:
-        self._operation = operation
-        self._computer = operation.rig.computer
-        self._tapes = tapes
-        self.from_host = from_host
-        self._reset = reset
-        self._to_main = to_main
-
-    def read(self, address: int) -> int:
-        """Byte at an address."""
-        return self._computer.read(address)
-
-    def write(self, address: int, byte: int) -> None:
-        """Put a byte at an address; raises `InputError` where none can be written."""
-        self._computer.board.bus.check_writable(address)
-        self._computer.write(address, byte)
-
-    def tape(self, name: str) -> bytes:
-        """Content of a tape."""
-        try:
-            return (self._tapes / name).read_bytes()
-        except OSError as error:
-            raise InputError(f"the tape {name} cannot be read: {error.strerror}") from None
-
-    def put_away(self, name: str, text: str) -> None:
-        """Keep a tape that was punched; one that was punched before is not punched again."""
-        try:
-            with (self._tapes / name).open("x", encoding="ascii") as file:
-                file.write(text)
-        except FileExistsError:
-            raise InputError(f"there is a tape {name} already, and no hole can be closed: name another") from None
-        except OSError as error:
-            raise InputError(f"the tape {name} cannot be punched: {error.strerror}") from None
-
-    def go(self, address: int | None) -> None:
-        """Start at an address, or go back to MAIN."""
-        code = self._computer.code
-        if address is None or address == at.MAIN:
-            self._to_main(address is not None)
-        elif address == at.MONITOR:
-            self._reset()
-        elif address == at.INIT:
-            self._operation.init()
-        elif address == at.EMERGENCY_ROUTINE:
-            self._operation.rig.stop_all("CALLED FROM THE MONITOR")
-        elif address in STARTS:
-            code.call(address)
-        elif address in bus.RAM:
-            code.begin(address)
-        else:
-            raise InputError(f"there is no 8085 code at {address:04X}H: the listings are lost; M shows what starts")
-
-
 ETX, EOT, RESET = 0x03, 0x04, 0x1C
 """Ctrl-C as a character is the emergency stop, Ctrl-D on an empty line leaves, Ctrl-\\ is the reset button."""
 FINE, REFUSED, STOPPED = 0, 2, 3
@@ -281,8 +222,9 @@ class Session:
         self._buffer = line_input.InputBuffer(streams=rig.computer.streams)
         self._line = line_input.Line(self._buffer, self._transmit)
         self._main = MainProgram(self._operation, self, self._say, rig.board.bus)
-        bench = MonitorBench(self._operation, tapes or Path(), self._sent_by_host, self._press_reset, self._to_main)
-        self._monitor = Monitor(bench, self._transmit, self._say)
+        self._monitor = Monitor(
+            rig.computer, tapes or Path(), self._sent_by_host, self._go, self._transmit, self._say
+        )
         self._begins_in_monitor = self._in_monitor = monitor
         self._main_waits = False
         self._character = line_input.LINE_FEED
@@ -541,21 +483,41 @@ class Session:
 
     def host_lines(self) -> Iterable[bytes]:
         """Lines the host sends through the second serial channel (row T-59)."""
-        if self._host is None:
-            raise InputError("no host is connected; edmsim console 1982 --host FILE connects one")
+        host = self._connected_host()
         if self._rig.moving:
             raise InputError("the machine moves; a program is loaded while it stands still")
-        return read_host(self._host, self._lines)
+        return read_host(host, self._lines)
 
     def _sent_by_host(self) -> bytes:
         """The host's bytes for the monitor."""
+        return self._lines.heard_from_host(bytes_of(self._connected_host()))
+
+    def _connected_host(self) -> Path:
         if self._host is None:
             raise InputError("no host is connected; edmsim console 1982 --host FILE connects one")
-        return self._lines.heard_from_host(bytes_of(self._host))
+        return self._host
 
     def monitor(self) -> None:
         """Let the monitor take what is typed next; the machine goes on."""
         self._in_monitor = self._main_waits = True
+
+    def _go(self, address: int | None) -> None:
+        """Start at an address, or go back to MAIN."""
+        code = self._rig.computer.code
+        if address is None or address == at.MAIN:
+            self._to_main(address is not None)
+        elif address == at.MONITOR:
+            self._press_reset()
+        elif address == at.INIT:
+            self._operation.init()
+        elif address == at.EMERGENCY_ROUTINE:
+            self._rig.stop_all("CALLED FROM THE MONITOR")
+        elif address in STARTS:
+            code.call(address)
+        elif address in bus.RAM:
+            code.begin(address)
+        else:
+            raise InputError(f"there is no 8085 code at {address:04X}H: the listings are lost; M shows what starts")
 
     def _to_main(self, from_its_beginning: bool) -> None:
         """Give the terminal to MAIN, which begins with INIT (row T-52)."""
