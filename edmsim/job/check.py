@@ -163,7 +163,7 @@ def lines_of(found: Check) -> Sequence[tuple[str, str]]:
         x, y = contour.points_um[0] / 1e3 - origin
         across, up = extent_mm(contour.nominal_mm, [number for number, _ in contour.elements])
         kind = "closed" if contour.closed else "open"
-        thread = f"threaded at X {mm_text(x)} Y {mm_text(y)}"
+        thread = f"{'continues from' if contour.continues else 'threaded at'} X {mm_text(x)} Y {mm_text(y)}"
         size = f"{kind}, {across:.3f} x {up:.3f} mm, part on the {contour.part_side}, {thread}"
         rows.append((f"contour {number}", size))
     limit = {"machine": "the machine's greatest feed", "generator": "all that the generator can remove"}

@@ -529,18 +529,19 @@ class _Run:
         try:
             result.write(self._folder, tell)
         except OSError as error:
-            self._save()
+            saved = self._save()
+            held = "the checkpoint holds the cut: make room and take it up with --resume"
             raise EdmsimError(
-                f"{self._folder}: the results could not be written: {error.strerror or error}; the checkpoint holds "
-                "the cut: make room and take it up with --resume"
+                f"{self._folder}: the results could not be written: {error.strerror or error}; "
+                f"{held if saved else 'nor could a checkpoint: the cut is lost'}"
             ) from None
         self._signals.only_note()
         (self._folder / checkpoint.NAME).unlink(missing_ok=True)
 
-    def _save(self) -> None:
-        """Write a checkpoint; where that fails, the last one stays and the cut goes on."""
+    def _save(self) -> bool:
+        """Write a checkpoint and say whether there is one; where that fails, the last one stays."""
         if self._folder is None:
-            return
+            return False
         self._saved = time.monotonic()
         try:
             checkpoint.save(self._simulation, self._folder, self._made_with, self.wall_time_s)
@@ -549,6 +550,7 @@ class _Run:
                 f"{self._folder}: no checkpoint could be written: {error.strerror or error}; the cut goes on",
                 stacklevel=2,
             )
+        return (self._folder / checkpoint.NAME).exists()
 
 
 def _digest(content: bytes) -> str:

@@ -129,7 +129,9 @@ _TERM = r"(?:(?:\d+\.?\d*|\.\d+)|[DH]\d{1,4})"
 _OFFSET = re.compile(rf"([DH])(\d{{1,4}})=([+-]?{_TERM}(?:[+-]{_TERM})*)")
 _ADDED = re.compile(rf"([+-]?)({_TERM})")
 _PLANE = re.compile(r"(T[PN])=?([+-]?(?:\d+\.?\d*|\.\d+))")
-_WORDS = re.compile(r"(?:[A-Z]=?[+-]?[\d.]+(?:=[-+\dDH.]+)?)+")
+_BEGINS_BLOCK = re.compile(r"\s*(?:[/:]|(?:T[PN]|[A-Z])\s*=?\s*[-+]?\s*\.?\d)")
+_MOVES = re.compile(r"(?:[GXYIJR][-+]?[\d.]+)+")
+_PROGRAM_NUMBER = re.compile(r"\s*:\s*(\d+)\s*$")
 _CONDITION = {"C": r"\d{1,4}", "E": r"\d{3,4}", "S": r"\d{1,4}"}
 """Numbers of conditions by letter. E has three digits or four, for ``X1E2`` may be meant as a number."""
 _ABOVE = frozenset("XYIJ")
@@ -232,15 +234,22 @@ class _Reader:
     dialect: Dialect
     table: ConditionTable
     unknown: list[tuple[str, int]] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
 
     def blocks_of(self, raw: str, line: int, labelled: bool = False) -> list[Block]:
         """Return the blocks of a line: one, none, or more where ``;`` ends blocks."""
         if self.table.read_line(raw, line):
             return []
-        parts = [raw]
+        parts = [_PROGRAM_NUMBER.sub(r"O\1", raw)]  # as tapes have it
+        first, *others = re.sub(r"\([^()]*\)", "", raw).upper().split(";")
         if self.dialect.ends_blocks:
-            first, *others = re.sub(r"\([^()]*\)", "", raw).split(";")
-            parts = [first, *(part for part in others if _WORDS.fullmatch("".join(part.split()).upper()))]
+            # what begins as a block is one: a slip of the pen in it must not make it a comment
+            parts = [first, *(part for part in others if _BEGINS_BLOCK.match(part))]
+        elif first.strip():
+            self.notices += [
+                f"line {line}: {part.strip()} behind ';' is a comment; --dialect sodick reads it as a block"
+                for part in others if _MOVES.fullmatch("".join(part.split()))
+            ]  # fmt: skip
         found = [_read_block(part, line, self, labelled) for part in parts]
         return [block for block in found if block is not None]
 
@@ -272,7 +281,7 @@ def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) 
         raise UnknownWordsError(reader.unknown, file)
     if not blocks:
         raise InputError("the program is empty: no word of G-code in it", file)
-    return ProgramBlocks(blocks, behind, _left_out(lines, last), reader.table.values)
+    return ProgramBlocks(blocks, behind, [*reader.notices, *_left_out(lines, last)], reader.table.values)
 
 
 def _left_out(lines: list[str], last: int) -> list[str]:
@@ -446,7 +455,7 @@ def _scale(blocks: Sequence[Block], file: str, unit_mm: float) -> tuple[float, l
 
 def _metric_unit(blocks: Sequence[Block], file: str, has_inches: bool) -> tuple[float, list[str]]:
     """Decide between mm and whole um: um if no coordinate has a point and the table is too small for mm."""
-    extent = 0.0 if has_inches or any(block.pointed for block in blocks) else _extent(blocks)
+    extent = 0.0 if has_inches or any(_is_pointed(block) for block in blocks) else _extent(blocks)
     if extent == 0:
         return 1.0, []
     span = f"no coordinate has a decimal point and they span {extent:g}"
@@ -455,6 +464,11 @@ def _metric_unit(blocks: Sequence[Block], file: str, has_inches: bool) -> tuple[
     if extent < LEAST_WHOLE_UM:
         raise InputError(f"{span}: too much in mm, too little in um; write decimal points", file)
     return 0.001, [f"{span}: they are read as whole um"]
+
+
+def _is_pointed(block: Block) -> bool:
+    """Whether a length has a decimal point; the X of a dwell is a time."""
+    return block.pointed and ("G", 4) not in block.codes
 
 
 def _extent(blocks: Sequence[Block]) -> float:

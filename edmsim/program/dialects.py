@@ -37,6 +37,7 @@ class Dialect:
     planes: bool = False  # whether TP and TN give the heights of the two planes
     registers_in_um: bool = False  # whether ``H001=100`` are um, in whatever unit the coordinates are
     ends_blocks: bool = False  # whether ``;`` ends a block, so that another may follow on the line
+    dwells_in_ms: bool = False  # whether the P of G4 is in ms, and its X without a decimal point
     numbered: bool = False  # whether subprograms begin at N numbers as well as at O numbers
     # what the dialect is recognised by: regular expressions of which all of one tuple are found in the program,
     # in upper case, without comments and blanks
@@ -74,7 +75,7 @@ CHARMILLES = Dialect(
     codes={**TAPER, ("G", 28): "conical", ("G", 29): "cylindrical", ("M", 20): "thread", ("M", 21): "cut off"},
     condition="S",
     angle="A",
-    evidence=((r"G2[89](?!\d)",),),
+    evidence=((r"(?<!G91)G2[89](?![\dXYZ])",),),  # elsewhere the reference point, with its axes
 )  # fmt: skip
 
 
@@ -87,6 +88,7 @@ FANUC = Dialect(
     condition="S",
     angle="T",
     upper="relative",
+    dwells_in_ms=True,
     evidence=(
         (r"G5[12](?!\d).*?T[\d.]+",), (r"[UV][-+\d.]+.*?[KL][-+\d.]+",), (r"[KL][-+\d.]+.*?[UV][-+\d.]+",),
         (r"S0*1(?!\d)", r"S0*2(?!\d)", r"D0*1(?![\d=])", r"D0*2(?![\d=])"),
@@ -155,6 +157,7 @@ MITSUBISHI = Dialect(
     angle="A",
     signed_angle=True,
     upper="relative",
+    dwells_in_ms=True,
     evidence=((r"H\d{1,4}=[-+\d.]*\+H\d{1,4}",), (r"E\d{3,4}(?![\d=])", r"M(?:2[01]|58|78|8[0-9]|9[01])(?!\d)")),
 )  # fmt: skip
 
@@ -191,7 +194,7 @@ SODICK = Dialect(
     numbered=True,
     evidence=(
         (r"^C\d{3}=",), (r"H\d{3}(?!\d)", r"C\d{3}(?!\d)"), (r"G14[012](?!\d)",), (r"T[PN]=?[-+\d.]",),
-        (r"M199(?!\d)",), (r"G5[12](?!\d)", r"A[\d.]", r"H\d{3}(?!\d)"),
+        (r"M199(?!\d)",), (r"G5[12](?!\d)", r"A[\d.]", r"(?<![-+])H\d{3}(?![\d=])"),
     ),
 )  # fmt: skip
 

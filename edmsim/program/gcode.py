@@ -553,7 +553,7 @@ def read_gcode(
     notices = [*read.notices, *unused]
     in_inches = found is dialects.FREECAD and dialects.has_inch_comment(text)
     units, unit_notices = units_of(blocks, str(path), found, in_inches)
-    registers = OffsetRegisters(offsets or {}, registers_set(blocks), str(path), zero=found is not dialects.ISO)
+    registers = OffsetRegisters(offsets or {}, registers_set(blocks), str(path))
     two_planes = any(block.upper is not None or block.values.keys() & {"U", "V"} for block in blocks)
     control = Interpreter(units, rounding_of(blocks, units), registers, str(path), found, two_planes)
     if found is dialects.LINUXCNC:

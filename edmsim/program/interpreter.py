@@ -236,6 +236,7 @@ _SAID_OTHERWISE = frozenset({("G", 17), ("M", 50), ("M", 60), *(("G", code) for 
 _SIDES: dict[float, Side | None] = {40: None, 41: "left", 42: "right", 140: None, 141: "left", 142: "right"}
 _LEANS: dict[Action, int] = {"no taper": 0, "taper left": 1, "taper right": -1}
 _BOTH_SIDES: dict[Action, int | None] = {"two planes off": None, "two planes left": 141, "two planes right": 142}
+_LONG_DWELL_S = 100.0  # from here on a dwell may be meant in ms (ours)
 _STEEPEST_DEG = 60.0  # angle of a taper (ours: no guides let a wire lean so far)
 _LENGTHS = frozenset("XYIJRUVK")
 _ALSO = frozenset("FDH")
@@ -295,6 +296,7 @@ class Interpreter:
     side: Side | None = None  # of compensation
     both_sides: int | None = None  # number of the code that leads the wire in two planes
     lean: int = 0  # to which side the wire leans: 1 left, -1 right
+    early_angle: str = ""  # the T word that stood before a taper was switched on
     angle_deg: float = 0.0
     state: InForce = field(default_factory=InForce)
     called: dict[str, int] = field(default_factory=dict)  # conditions, with the line of the first call
@@ -386,6 +388,7 @@ class Interpreter:
         if angle is not None and self.lean == 0 and not self.dialect.signed_angle:
             if letter == "T" and angle != 0:  # of a tank or a tool, elsewhere
                 self.notices.add("the word T has no effect on the contour", block.line)
+                self.early_angle = f"T{angle:g} of line {block.line}"
                 angle = None
             elif angle != 0:
                 raise self.error(f"{letter}{angle:g} is given without G51 or G52: they say to which side", block)
@@ -398,6 +401,10 @@ class Interpreter:
             self.angle_deg = angle
         if any(self.dialect.action_of(code) == "no taper" for code in block.codes):
             self.angle_deg = 0.0
+        if self.early_angle and self.lean:
+            if self.angle_deg == 0:
+                self.notices.add(f"the taper has no angle: write {self.early_angle} behind G51 or G52", block.line)
+            self.early_angle = ""
         leans = self.lean or (1 if self.dialect.signed_angle else 0)
         self.state = replace(self.state, tilt_deg=leans * self.angle_deg + 0.0)  # no -0
 
@@ -484,10 +491,14 @@ class Interpreter:
 
     def _dwell(self, block: Block) -> None:
         times = [block.values[letter] for letter in "PX" if letter in block.values]
+        if self.dialect.dwells_in_ms and ("P" in block.values or not block.pointed):
+            times = [time / 1e3 for time in times]
         if len(times) != 1 or times[0] < 0 or not block.values.keys() <= {"P", "X", *_ALSO}:
             raise self.error("G4 wants its time in seconds, 0 or more, as P or X and nothing else", block)
         if times[0] > LONGEST_DWELL_S:
             raise self.error(f"a dwell of {times[0]:g} s is too long: at most {LONGEST_DWELL_S:g} s", block)
+        if times[0] >= _LONG_DWELL_S:
+            self.notices.add(f"a dwell of {times[0]:g} s: P and X are seconds here", block.line)
         self.runs[-1].dwells.append((len(self.runs[-1].motions), times[0]))
 
     def _set_register(self, block: Block) -> None:

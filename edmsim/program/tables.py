@@ -76,9 +76,8 @@ class Offset(NamedTuple):
 class OffsetRegisters:
     """The registers of a program while it is read; what the program itself says comes before those of a file."""
 
-    def __init__(self, offsets: Mapping[str, float], defined: Collection[str], file: str, zero: bool = False) -> None:
+    def __init__(self, offsets: Mapping[str, float], defined: Collection[str], file: str) -> None:
         self._table = dict(offsets)
-        self._zero = zero
         self._defined = frozenset(defined)
         self._file = file
         self._called: str | None = None
@@ -98,7 +97,7 @@ class OffsetRegisters:
 
     def call(self, names: list[str], line: int) -> list[str]:
         """Take D and H words of a block, and return what to tell of them."""
-        if self._zero and self._table:
+        if self._table:
             self._table |= {name: 0.0 for name in names if name in _ZERO and name not in self._table}
         known = [name for name in names if name in self._table]
         if len(known) > 1:

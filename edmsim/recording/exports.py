@@ -69,7 +69,10 @@ def cut_faces(scene: Scene) -> list[Face]:
             wall[:, 2] = height
             rows.append(wall)
             errors.append(_signed_um(wall[:, :2], nominal, edge.part_side))
-        rows = [rows[0] * (1, 1, 0), *rows, rows[-1] * (1, 1, 0) + (0, 0, scene.height_mm)]
+        half = 0.5 / count  # from the outermost slices to the faces, in shares of the height
+        low = _continued(rows[0], walls, shares, (half, 0.0))
+        high = _continued(rows[-1], walls, shares, (1 - half, 1.0))
+        rows = [low * (1, 1, 0), *rows, high * (1, 1, 0) + (0, 0, scene.height_mm)]
         closed = bool(np.allclose(edge.nominal_mm[0], edge.nominal_mm[-1]))
         found.append(Face(np.stack(rows), np.stack([errors[0], *errors, errors[-1]]), closed))
     return found
@@ -97,6 +100,14 @@ def _on(walls: tuple[Floats, ...], shares: Floats, height_share: float) -> Float
     """Return the points (n, 2) at such places and at a share of the height."""
     line = (1 - height_share) * walls[0] + height_share * walls[1]
     return interpolated(shares, np.arange(len(line)), line)
+
+
+def _continued(row: Floats, walls: tuple[Floats, ...], shares: Floats, between: tuple[float, float]) -> Floats:
+    """Return a slice's points moved from one share of the height to another, along the walls as they are drawn."""
+    begin, end = between
+    moved = np.zeros_like(row)
+    moved[:, :2] = _on(walls, shares, end) - _on(walls, shares, begin)
+    return np.asarray(row + moved)
 
 
 def _signed_um(wall: Floats, nominal: Floats, part_side: str) -> Floats:

@@ -389,6 +389,63 @@ def test_unknown_words_are_named_at_once_with_the_dialects_that_know_them(read: 
     assert refused.value.words == {"Q2": [3], "U1.": [4], "B2": [4]} or list(refused.value.words) == ["U1.", "B2"]
 
 
+SIDES = "Y4.{}\nX-3.\nY-3.\nX3.\nY0\nG40 G1 X0\nM2\n"
+
+
+def test_a_block_behind_a_semicolon_is_read_or_refused(read: Read) -> None:
+    text = TABLE + "G92 X0 Y0\nC001 G41 H1 G1 X3.;\n" + SIDES
+    (outline,) = read(text.format("; X2. Y5.")).outlines
+    assert [2, 5] in outline.points_mm.tolist()
+    assert [2, 5] not in read(text.format("; corner of X 2")).outlines[0].points_mm.tolist()
+    with pytest.raises(InputError, match="variables"):
+        read(text.format("; X2. Y5. #1"))
+    with pytest.raises(UnknownWordsError, match="O"):
+        read(text.format("; X2. Y5.O"))
+    planes = read(TABLE + "TP0; TN10.;\nG92 X0 Y0\nG141 G1 X3. : X4.\nY3. : Y3.; X1. : X0.\nM2\n").outlines[0]
+    assert upper_mm(planes)[-1].tolist() == [0, 3]
+    assert planes.taper is not None
+    assert planes.taper.second_plane_mm == 10.0
+
+
+def test_a_block_in_a_comment_is_named_where_comments_begin_so(read: Read) -> None:
+    text = "G92 X0 Y0\nG41 D1 G1 X3.\n" + SIDES
+    assert any(notice.startswith("line 3: X2. Y5. behind ';'") for notice in read(text.format("; X2. Y5.")).notices)
+    assert not any("behind" in notice for notice in read(text.format("; X2. Y5. old")).notices)
+
+
+@pytest.mark.parametrize(("dwell", "dialect", "seconds"), [
+    ("P2000", "fanuc", 2.0), ("X1500", "mitsubishi", 1.5), ("X1.5", "fanuc", 1.5), ("P2", "iso", 2.0),
+    ("P2000", "iso", 2000.0),
+])  # fmt: skip
+def test_a_dwell_is_in_ms_where_the_control_has_it_so(read: Read, dwell: str, dialect: str, seconds: float) -> None:
+    program = read(f"G92 X0. Y0\nG1 X3.\nG4 {dwell}\nX5.\nM2\n", dialect=dialect)
+    assert [dwell for _, dwell in program.outlines[0].dwells] == [seconds]
+    assert any("P and X are seconds" in notice for notice in program.notices) == (seconds == 2000)
+
+
+def test_a_dwell_does_not_decide_the_unit(read: Read) -> None:
+    program = read("G92 X0 Y0\nG1 X3000\nG4 X0.5\nX5000\nM2\n")
+    assert program.outlines[0].points_mm[-1].tolist() == [5, 0]
+
+
+def test_words_of_other_controls_do_not_make_a_dialect(read: Read) -> None:
+    mitsubishi = "H175=0.\nH1=.2+H175\nG90 G92 X0. Y0.\nE1221 M90 G41 H1 G52 A2. G1 X3.\n" + SIDES.format("")
+    assert "dialect mitsubishi" in read(mitsubishi).notices[0]
+    with pytest.raises(UnknownWordsError, match="G28"):  # the reference point elsewhere
+        read("G92 X0 Y0\nG41 D1 G1 X3.\n" + SIDES.format("").replace("M2", "G28 X0. Y0.\nM2"))
+
+
+def test_a_tape_begins_with_its_number_and_ends_with_offset_0(read: Read) -> None:
+    program = read("%\n:0012\nD1=.16\nG92 X0 Y0\nG41 D1 G1 X3.\n" + SIDES.format("").replace("G40", "G40 D0"))
+    assert program.outlines[0].offset_mm == 0.16
+
+
+def test_an_angle_before_its_taper_is_named(read: Read) -> None:
+    text = "G92 X0 Y0\nG41 D1\nT2.\nG51\nG1 X3.\n" + SIDES.format("")
+    notices = read(text, dialect="fanuc").notices
+    assert "line 4: the taper has no angle: write T2 of line 3 behind G51 or G52" in notices
+
+
 def test_subprograms_may_begin_at_their_n_number_where_controls_have_it(read: Read) -> None:
     text = TABLE + "G92 X0. Y0\nM98 P0007 H0\nM02\nN0007\nN10 G1 X5.\nN20 Y5.\nM99\nM199\n"
     assert read(text).outlines[0].points_mm.tolist() == [[0, 0], [5, 0], [5, 5]]

@@ -42,6 +42,8 @@ def test_a_face_follows_the_wall_slice_by_slice(scene):
     assert face.points_mm.shape[0] == SLICES + 2
     assert face.points_mm[0, :, 2].max() == 0.0
     assert face.points_mm[-1, :, 2].min() == HEIGHT_MM
+    for k, half in ((0, SIDE_MM / 2), (-1, SIDE_MM / 2 - LEAN_MM)):  # the faces lie beyond the outer slices
+        assert np.abs(face.points_mm[k, :, :2]).max() == pytest.approx(half + LEFT_UM * 1e-3, abs=2e-3)
     inner = np.abs(np.abs(face.points_mm[3, :, :2]).min(axis=1)) < 1.5  # away from corners
     np.testing.assert_allclose(face.error_um[3][inner], LEFT_UM, atol=0.1)
     at = face.at(2.0)  # between two slices
