@@ -352,6 +352,7 @@ def _move(reg: NDArray[np.int64], command: Command) -> list[str]:
     limit = reg[ERROR_LIMIT]
     if reg[STATUS] & FAULT_BIT == 0 and limit <= NO_ERROR_LIMIT and command.number > limit:
         stop(reg, FOLLOWING_BIT)
+        reg[PEAK] = max(reg[PEAK], abs(narrowed(reg, wrapped(reg[SETPOINT] - reg[POSITION], 32), 16)))
     return [f"Move {command.letter}{command.number}"]
 
 
