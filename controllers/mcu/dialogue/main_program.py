@@ -481,6 +481,8 @@ class MainProgram:
         """Whether a line answers the question; a word ends the questions instead, but for yes and no."""
         if self._question == _START:
             return buffer.rest.strip() in (b"Y", b"YES", b"N", b"NO")
+        if self._question in (_T_I, _T_P) and part_program.is_code(part_program.until_separator(buffer.rest)):
+            return True
         return not chr(buffer.waiting).isalpha()
 
     def _answer(self, question: int, buffer: InputBuffer) -> None:

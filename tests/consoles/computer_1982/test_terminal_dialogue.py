@@ -87,6 +87,18 @@ def test_a_pair_above_2_A_is_refused_and_requested_again(operate):
     assert session.lines[-4].startswith("t(i) 30 us")
 
 
+# T-34, T-56
+def test_a_code_ends_at_every_separator_and_may_begin_with_a_letter(operate):
+    session = operate("TI 30;TP;AAH", "MAIN", "", "32600 32500", "99H", "AAH", "", "NO", "STATUS")
+    assert session.after("TI 30;TP;AAH").startswith("t(i) 30 us (99H)   t(p) 100 us (AAH)")
+    assert session.refusals == []
+    assert session.lines[-4].startswith("t(i) 30 us (99H)   t(p) 100 us (AAH)")
+
+
+def test_keys_take_the_separators_of_all_numbers(operate):  # T-57
+    assert operate("KEY 300,Y+", "WAIT").rig.place_um == (32_500.0, 32_800.0)
+
+
 def test_a_pair_above_2_A_leaves_the_old_pair(operate):
     session = operate(SET, "TI 40", "STATUS", "TI 40 TP 150", "STATUS")
     assert "draws 2.6" in session.after("TI 40")
