@@ -25,6 +25,13 @@ def emergencies(lines: list[str]) -> list[str]:
     return [line for line in lines if line.startswith("EMERGENCY")]
 
 
+# T-49
+def test_an_emergency_stop_in_a_script_forgets_the_line_that_is_begun(rig):
+    status, lines, _ = run_script(rig, "NEW 3\x03INIT", "STATUS")
+    assert (status, [line for line in lines if line.startswith("? ")]) == (0, [])
+    assert any(line.startswith("STAND-BY") for line in lines)
+
+
 # T-49, T-51: nothing moves after an emergency stop until INIT
 def test_nothing_moves_after_an_emergency_stop_until_init(rig):
     cut = SET, "NEW 33000 32500", "START", "WAIT 1", "EM"
