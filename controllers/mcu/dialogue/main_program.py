@@ -181,7 +181,9 @@ MON             leads to the monitor, which shows and alters memory and the
                 on meanwhile.""",
     "MORE": MORE,
     "WIRE": """\
-WIRE            threads a new wire where the old one was; takes a minute""",
+WIRE            threads a new wire where the old one was; takes a minute.
+                Refused where that is inside the workpiece: jog back with X
+                or Y first""",
     "TENSION": """\
 TENSION LOW     halves the wire's tension
 TENSION FULL    gives it back; so does INIT""",
