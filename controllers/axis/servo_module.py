@@ -525,6 +525,13 @@ class ServoModule(ServoChip):
         reg = self.record["reg"][0]
         return float((reg[MULTIPLIER] + 1) * reg[STEP_SENSE] * reg[ENCODER_SENSE])
 
+    @property
+    def recording(self) -> bool:
+        """Whether the recorder fills its memory or sends it; not while it waits for its trigger, or the loop is off."""
+        reg = self.record["reg"][0]
+        fills = bool(reg[STATUS] & TRIGGERED_BIT and not reg[STATUS] & FAULT_BIT)
+        return fills or reg[DUMPING] != 0
+
     def why_stopped(self) -> str:
         """Return why its loop is off, except by the fault input."""
         reg = self.record["reg"][0]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import sys
 
 import pytest
 from rich.console import Console
 
-from edmsim.consoles.computer_1982.devices import Interrupts
+from edmsim.consoles.computer_1982.devices import Interrupts, Pipe
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.session import Session, panel
 from edmsim.controllers.mcu.dialogue.main_program import ALIASES, JOB, WORDS, MainProgram
@@ -15,6 +16,14 @@ from edmsim.controllers.mcu.dialogue.main_program import ALIASES, JOB, WORDS, Ma
 from .conftest import Script
 
 SET = "TI 30 TP 100"
+
+
+def test_a_closed_input_has_ended_and_a_closed_output_drops_all(monkeypatch, capfd):
+    monkeypatch.setattr(sys, "stdin", None)
+    monkeypatch.setattr(sys, "stdout", None)
+    pipe = Pipe(Interrupts())
+    pipe.write(b"READY\r\n")
+    assert (pipe.at_end, pipe.read(None), capfd.readouterr().out) == (True, b"", "")
 
 
 # T-51, T-52
