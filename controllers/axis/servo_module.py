@@ -527,7 +527,7 @@ class ServoModule(ServoChip):
 
     @property
     def recording(self) -> bool:
-        """Whether the recorder fills its memory or sends it; not while it waits for its trigger, or the loop is off."""
+        """Whether the recorder fills its memory or sends it; not before its trigger, or with the loop off."""
         reg = self.record["reg"][0]
         fills = bool(reg[STATUS] & TRIGGERED_BIT and not reg[STATUS] & FAULT_BIT)
         return fills or reg[DUMPING] != 0

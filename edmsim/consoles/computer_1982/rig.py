@@ -211,7 +211,8 @@ class Rig:
     def in_metal(self) -> bool:
         """Whether the middle of a wire would be inside the workpiece: in a kerf, a wire that bends leads by less."""
         field, place = self.plant.field, np.array([self.place_um])
-        blank = field.stock.fraction(*place.T, field.cell_um)[0, 0]  # metal of which no tile is made yet
+        # where no tile is made yet, the stock says whether there is metal
+        blank = field.stock.fraction(place[:, 0], place[:, 1], field.cell_um)[0, 0]
         return bool(min(blank, metal_at(field, place).max()) >= 0.5)
 
     @property

@@ -26,7 +26,7 @@ def emergencies(lines: list[str]) -> list[str]:
 
 
 # T-49
-def test_an_emergency_stop_in_a_script_forgets_the_line_that_is_begun(rig):
+def test_an_emergency_stop_in_a_script_forgets_the_partial_line(rig):
     status, lines, _ = run_script(rig, "NEW 3\x03INIT", "STATUS")
     assert (status, [line for line in lines if line.startswith("? ")]) == (0, [])
     assert any(line.startswith("STAND-BY") for line in lines)
@@ -152,7 +152,8 @@ def test_with_a_stuck_wire_sensor_the_cut_goes_on_in_the_open_until_its_end(mach
     hot = machine.with_(tension=0.98 * machine.breaking_force)
     rig = stuck(hot, "stuck-wire-sensor")
     cut = (SET, "NEW 32900 32500", "START", "WAIT")
-    lines = run_script(rig, *cut, "STATUS", "GEN ON", "WAIT 1", "STATUS", "GEN OFF", "WIRE", "X -400", "WAIT", "WIRE", "WIRE").lines
+    after = ("STATUS", "GEN ON", "WAIT 1", "STATUS", "GEN OFF", "WIRE", "X -400", "WAIT", "WIRE", "WIRE")
+    lines = run_script(rig, *cut, *after).lines
     assert emergencies(lines) == []
     assert "READY   X 32900 Y 32500 um" in lines
     assert "? the wire's place is inside the workpiece; jog back first" in lines
