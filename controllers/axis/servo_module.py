@@ -352,6 +352,7 @@ def _move(reg: NDArray[np.int64], command: Command) -> list[str]:
     limit = reg[ERROR_LIMIT]
     if reg[STATUS] & FAULT_BIT == 0 and limit <= NO_ERROR_LIMIT and command.number > limit:
         stop(reg, FOLLOWING_BIT)
+        reg[PEAK] = max(reg[PEAK], abs(narrowed(reg, wrapped(reg[SETPOINT] - reg[POSITION], 32), 16)))
     return [f"Move {command.letter}{command.number}"]
 
 
@@ -523,6 +524,13 @@ class ServoModule(ServoChip):
         """Encoder counts per step edge, X + 1."""
         reg = self.record["reg"][0]
         return float((reg[MULTIPLIER] + 1) * reg[STEP_SENSE] * reg[ENCODER_SENSE])
+
+    @property
+    def recording(self) -> bool:
+        """Whether the recorder fills its memory or sends it; not before its trigger, or with the loop off."""
+        reg = self.record["reg"][0]
+        fills = bool(reg[STATUS] & TRIGGERED_BIT and not reg[STATUS] & FAULT_BIT)
+        return fills or reg[DUMPING] != 0
 
     def why_stopped(self) -> str:
         """Return why its loop is off, except by the fault input."""

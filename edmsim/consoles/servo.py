@@ -19,6 +19,7 @@ from edmsim.consoles.computer_1982.devices import Interrupts, Keyboard, is_termi
 from edmsim.controllers.axis import CHIPS
 from edmsim.controllers.axis import tuned as tuned_drive
 from edmsim.controllers.axis.drive import axis_names, axis_row, data_of
+from edmsim.controllers.axis.servo_module import ServoModule
 from edmsim.controllers.axis.uhu import Uhu
 from edmsim.errors import InputError, one_of
 from edmsim.files import check_suffix, make_writable
@@ -201,7 +202,7 @@ def serve(
     """Serve the terminal of the drive on x: a person's at a speed, a pseudo-terminal, or a script without pauses."""
     if speed is not None and not speed > 0:
         raise InputError(f"--speed is above 0, in simulated seconds per second, not {speed:g}")
-    interrupts = Interrupts()
+    interrupts = Interrupts() if pty or is_terminal() else Interrupts(patience=0)
     with interrupts.caught():
         if pty:
             port = PseudoTerminal()
@@ -248,7 +249,11 @@ def _read_script() -> bytes:
 
 
 def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:
-    """Send a script line by line, each when the drive has answered the one before, and print all it sends."""
+    """Send a script line by line, each when the drive has answered the one before, and print all it sends.
+
+    Records of a servo module are the answer to its Z; one without its trigger waits for a line that moves the axis.
+    """
+    drive = bench.drive()
     _pause(bench, _START_S, scope)
     for line in script.splitlines():
         bench.send(line + b"\r")
@@ -256,7 +261,8 @@ def run_script(bench: AxisBench, script: bytes, scope: Scope | None) -> None:
         while quiet < 3:
             heard = _advance(bench, scope)
             _print(heard)
-            quiet = 0 if any(byte < _DATA for byte in heard) or bench.sending() else quiet + 1
+            busy = bench.sending() or (isinstance(drive, ServoModule) and drive.recording)
+            quiet = 0 if busy or any(byte < _DATA for byte in heard) else quiet + 1
     _pause(bench, _LAST_S, scope)
 
 
@@ -267,7 +273,7 @@ def _pause(bench: AxisBench, seconds: float, scope: Scope | None) -> None:
 
 
 def _print(data: bytes) -> None:
-    view = memoryview(data)
+    view = memoryview(b"" if sys.stdout is None else data)
     while view:
         view = view[os.write(sys.stdout.fileno(), view) :]
 

@@ -137,8 +137,8 @@ def since_s(reg: Words) -> float:
 
 @exactly_compiled
 def in_first_ramp(reg: Words, real: Reals) -> bool:
-    """Say whether the axis is in the profile's first ramp."""
-    return bool(reg[at.MOVE] != at.RESTING and since_s(reg) < real[at.FIRST_S])
+    """Say whether the axis is in the profile's first ramp, which begins after a pause."""
+    return bool(reg[at.MOVE] != at.RESTING and 0.0 <= since_s(reg) < real[at.FIRST_S])
 
 
 @exactly_compiled

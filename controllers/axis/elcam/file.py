@@ -45,6 +45,7 @@ PATH = "path"  # the length of path behind the wire, in mm: the control has it a
 PLACES = (*NAMES, PATH)  # what a table can look up, in the order of the control's numbers
 CAM_AXES = NAMES[2:]
 _STEEPEST = 1.0  # travel of a follower over that of its master, at most (ours): it then is no faster than the wire
+_GREATEST_UM = 10_000.0  # error of an axis, at most (ours): far beyond any machine, and within a table's travel
 
 
 Real = Annotated[float, Strict(), AllowInfNan(False)]
@@ -57,7 +58,21 @@ def _rising(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return pairs
 
 
+def _gentle(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    for (before, error_um), (place, next_um) in pairwise(pairs):
+        if abs(next_um - error_um) > 1e3 * _STEEPEST * (place - before):
+            raise ValueError(
+                f"the error changes by {abs(next_um - error_um):g} um from {before:g} to {place:g} mm; it must be at "
+                f"most {1e3 * _STEEPEST:g} um for each mm"
+            )
+    return pairs
+
+
+Micrometres = Annotated[Real, Field(ge=-_GREATEST_UM, le=_GREATEST_UM)]
 Points = Annotated[list[tuple[Real, Real]], Field(min_length=2), AfterValidator(_rising)]
+Errors = Annotated[
+    list[tuple[Real, Micrometres]], Field(min_length=2), AfterValidator(_rising), AfterValidator(_gentle)
+]
 
 
 class _Section(BaseModel, extra="forbid", frozen=True):
@@ -71,8 +86,8 @@ class _Section(BaseModel, extra="forbid", frozen=True):
 class _Line(_Section, frozen=True):
     """Errors along the master."""
 
-    reversal_um: Real = 0.0
-    points: Points
+    reversal_um: Micrometres = 0.0
+    points: Errors
 
     def read(self) -> ErrorTable:
         return ErrorTable(self.axis, self.master, np.array(self.points), self.reversal_um, self.cubic)
@@ -81,11 +96,11 @@ class _Line(_Section, frozen=True):
 class _Grid(_Section, frozen=True):
     """Errors along the master and a third axis."""
 
-    reversal_um: Real = 0.0
+    reversal_um: Micrometres = 0.0
     row_axis: Literal["x", "y", "u", "v", "path"]
     row_range_mm: tuple[Real, Real]
     interpolate_rows: StrictBool = False
-    rows: Annotated[list[Points], Field(min_length=1)]
+    rows: Annotated[list[Errors], Field(min_length=1)]
 
     def read(self) -> ErrorTable:
         first_mm, last_mm = self.row_range_mm

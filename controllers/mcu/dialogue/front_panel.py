@@ -7,10 +7,12 @@ terminal's word of the same name.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 from edmsim.controllers.mcu.chips.display import BANK, BLANK, SHIFT, write_digit
 from edmsim.controllers.mcu.computer import Computer
+from edmsim.controllers.mcu.dialogue.line_input import SEPARATORS
 from edmsim.controllers.mcu.dialogue.main_program import MachinePort
 from edmsim.controllers.mcu.dialogue.part_program import Move, Setting, check_speed
 from edmsim.controllers.mcu.firmware import memory_map as at
@@ -37,7 +39,7 @@ def read_keys(text: str) -> list[int]:
     """Return the codes of keys by their names, ``300 X SHIFT Y``; SHIFT belongs to the key after it."""
     codes: list[int] = []
     shift = 0
-    for name in text.split():
+    for name in re.findall(f"[^{SEPARATORS.decode('ascii')}]+", text):
         if name == _SHIFT:
             shift = SHIFT
             continue

@@ -181,7 +181,9 @@ MON             leads to the monitor, which shows and alters memory and the
                 on meanwhile.""",
     "MORE": MORE,
     "WIRE": """\
-WIRE            threads a new wire where the old one was; takes a minute""",
+WIRE            threads a new wire where the old one was; takes a minute.
+                Refused where that is inside the workpiece: jog back with X
+                or Y first""",
     "TENSION": """\
 TENSION LOW     halves the wire's tension
 TENSION FULL    gives it back; so does INIT""",
@@ -481,6 +483,8 @@ class MainProgram:
         """Whether a line answers the question; a word ends the questions instead, but for yes and no."""
         if self._question == _START:
             return buffer.rest.strip() in (b"Y", b"YES", b"N", b"NO")
+        if self._question in (_T_I, _T_P) and part_program.is_code(part_program.until_separator(buffer.rest)):
+            return True
         return not chr(buffer.waiting).isalpha()
 
     def _answer(self, question: int, buffer: InputBuffer) -> None:

@@ -66,13 +66,23 @@ def read_word(buffer: InputBuffer) -> str:
     return word
 
 
+def until_separator(text: bytes) -> bytes:
+    """Return what stands before the first separator."""
+    return re.split(rb"[%b]" % re.escape(SEPARATORS), text)[0]
+
+
+def is_code(text: bytes) -> bool:
+    """Say whether a text is a code, hexadecimal digits and an H; the codes from AH on begin like a word."""
+    return re.fullmatch(rb"[0-9A-F]+H", text) is not None
+
+
 def read_number(buffer: InputBuffer) -> int:
     """Read a decimal number of 16 bits that ends where it should: at a separator or the end of the line."""
-    column, written = buffer.column, buffer.rest.decode("ascii")
+    column, written = buffer.column, buffer.rest
     number = getnum(buffer)
     if buffer.waiting and buffer.waiting not in SEPARATORS:
-        found = re.split("[ ,;=]", written)[0]
-        raise InputError(f"a decimal number must stand at column {column}, not {found}")
+        found = until_separator(written)
+        raise InputError(f"a decimal number must stand at column {column}, not {found.decode('ascii')}")
     return number
 
 
@@ -131,7 +141,7 @@ def read_code(buffer: InputBuffer, code_of: Callable[[int], int], what: str) -> 
     """Read a time in us, turned into its code, or the code itself."""
     if not skip(buffer):
         raise InputError(f"{what} is wanted")
-    number = buffer.rest.replace(b",", b" ").split()[0]
+    number = until_separator(buffer.rest)
     if not number.endswith(b"H"):
         return code_of(read_number(buffer))
     code = gnumhx(buffer)

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from edmsim.consoles.computer_1982.operation import Operation
 
 _CHUNK = 4096
+_INPUT, _OUTPUT = 0, 1
 _POLL_S = 0.2  # a wait for input is broken this often, to see whether Ctrl-C was pressed
 
 
 class Interrupts:
-    """Ctrl-C as the emergency stop, counted where it can be asked for; a third that nobody asked for raises."""
+    """Ctrl-C as the emergency stop, counted where it can be asked for; one more than `patience` of them raises."""
 
-    _PATIENCE = 2
-
-    def __init__(self) -> None:
+    def __init__(self, patience: int = 2) -> None:
+        self._patience = patience
         self._count = 0
 
     def take(self) -> bool:
@@ -42,7 +42,7 @@ class Interrupts:
     def press(self) -> None:
         """Count one."""
         self._count += 1
-        if self._count > self._PATIENCE:
+        if self._count > self._patience:
             raise KeyboardInterrupt
 
     @contextmanager
@@ -64,12 +64,16 @@ class Interrupts:
 
 
 class Pipe:
-    """Input from a pipe or file, output to standard output."""
+    """Input from a pipe or file, output to standard output; a closed input has ended, a closed output drops all.
 
-    def __init__(self, interrupts: Interrupts, source: int = 0, sink: int = 1) -> None:
+    The number of a closed one may be that of another file by now, so Python's streams are asked.
+    """
+
+    def __init__(self, interrupts: Interrupts, source: int = _INPUT, sink: int = _OUTPUT) -> None:
         self._interrupts = interrupts
         self._source, self._sink = source, sink
-        self.at_end = False
+        self._drops = sink == _OUTPUT and sys.stdout is None
+        self.at_end = source == _INPUT and sys.stdin is None
 
     def read(self, timeout_s: float | None) -> bytes:
         """Bytes that have come; empty after the timeout (None waits for ever), at the end, and after Ctrl-C."""
@@ -95,7 +99,7 @@ class Pipe:
 
     def write(self, data: bytes) -> None:
         """Print; the display adds the CR before every LF."""
-        view = memoryview(data.replace(b"\r\n", b"\n"))
+        view = memoryview(b"" if self._drops else data.replace(b"\r\n", b"\n"))
         try:
             while view:
                 view = view[os.write(self._sink, view) :]

@@ -241,6 +241,8 @@ class Operation:
         self._check_still()
         if self.rig.wire:
             raise InputError("the wire is whole")
+        if self.rig.in_metal:
+            raise InputError("the wire's place is inside the workpiece; jog back first")
         self.rig.thread()
         self.rig.say("NEW WIRE")
 

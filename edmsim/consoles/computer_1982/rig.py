@@ -32,6 +32,7 @@ from edmsim.cosim.stops import switches_open
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES, discharge_current_A, open_V
+from edmsim.metrology.edges import metal_at
 from edmsim.plant.constants import table_mechanics
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PlantError, PulseWindow
@@ -205,6 +206,14 @@ class Rig:
     def misses_wire(self) -> bool:
         """Whether the sensor reports a broken wire; a stuck one does not."""
         return not self.wire and WIRE_BREAK not in self.board.switches.stuck
+
+    @property
+    def in_metal(self) -> bool:
+        """Whether the middle of a wire would be inside the workpiece: in a kerf, a wire that bends leads by less."""
+        field, place = self.plant.field, np.array([self.place_um])
+        # where no tile is made yet, the stock says whether there is metal
+        blank = field.stock.fraction(place[:, 0], place[:, 1], field.cell_um)[0, 0]
+        return bool(min(blank, metal_at(field, place).max()) >= 0.5)
 
     @property
     def moving(self) -> bool:

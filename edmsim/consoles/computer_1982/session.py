@@ -357,6 +357,7 @@ class Session:
         """Give a character to LINE, which gives a finished line to MAIN, or to the monitor at once."""
         self._character = character
         if character == ETX:
+            self._forget_line()
             self._stop_everything()
         elif character == EOT:
             self._leaving |= not self._typed

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import sys
 
 import pytest
 from rich.console import Console
 
-from edmsim.consoles.computer_1982.devices import Interrupts
+from edmsim.consoles.computer_1982.devices import Interrupts, Pipe
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.session import Session, panel
 from edmsim.controllers.mcu.dialogue.main_program import ALIASES, JOB, WORDS, MainProgram
@@ -15,6 +16,14 @@ from edmsim.controllers.mcu.dialogue.main_program import ALIASES, JOB, WORDS, Ma
 from .conftest import Script
 
 SET = "TI 30 TP 100"
+
+
+def test_a_closed_input_has_ended_and_a_closed_output_drops_all(monkeypatch, capfd):
+    monkeypatch.setattr(sys, "stdin", None)
+    monkeypatch.setattr(sys, "stdout", None)
+    pipe = Pipe(Interrupts())
+    pipe.write(b"READY\r\n")
+    assert (pipe.at_end, pipe.read(None), capfd.readouterr().out) == (True, b"", "")
 
 
 # T-51, T-52
@@ -85,6 +94,18 @@ def test_a_pair_above_2_A_is_refused_and_requested_again(operate):
     assert len(session.refusals) == 1
     assert "above the generator's 2 A" in session.refusals[0]
     assert session.lines[-4].startswith("t(i) 30 us")
+
+
+# T-34, T-56
+def test_a_code_ends_at_every_separator_and_may_begin_with_a_letter(operate):
+    session = operate("TI 30;TP;AAH", "MAIN", "", "32600 32500", "99H", "AAH", "", "NO", "STATUS")
+    assert session.after("TI 30;TP;AAH").startswith("t(i) 30 us (99H)   t(p) 100 us (AAH)")
+    assert session.refusals == []
+    assert session.lines[-4].startswith("t(i) 30 us (99H)   t(p) 100 us (AAH)")
+
+
+def test_keys_take_the_separators_of_all_numbers(operate):  # T-57
+    assert operate("KEY 300,Y+", "WAIT").rig.place_um == (32_500.0, 32_800.0)
 
 
 def test_a_pair_above_2_A_leaves_the_old_pair(operate):

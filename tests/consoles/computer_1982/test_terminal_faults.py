@@ -9,7 +9,7 @@ import pytest
 import edmsim
 from edmsim.consoles.computer_1982.operation import Operation
 from edmsim.consoles.computer_1982.rig import Rig
-from edmsim.consoles.computer_1982.session import choose_faults
+from edmsim.consoles.computer_1982.session import REFUSED, choose_faults
 from edmsim.controllers.mcu.board import Faults
 from edmsim.controllers.mcu.chips.faults import DropOut, SerialNoise
 from edmsim.controllers.mcu.firmware import memory_map as at
@@ -23,6 +23,13 @@ MOVING_WORDS = ("X 20", "Y -20", "START", "GO", "GEN ON", "POS 1 1", SET, "SPEED
 
 def emergencies(lines: list[str]) -> list[str]:
     return [line for line in lines if line.startswith("EMERGENCY")]
+
+
+# T-49
+def test_an_emergency_stop_in_a_script_forgets_the_partial_line(rig):
+    status, lines, _ = run_script(rig, "NEW 3\x03INIT", "STATUS")
+    assert (status, [line for line in lines if line.startswith("? ")]) == (0, [])
+    assert any(line.startswith("STAND-BY") for line in lines)
 
 
 # T-49, T-51: nothing moves after an emergency stop until INIT
@@ -145,14 +152,15 @@ def test_with_a_stuck_wire_sensor_the_cut_goes_on_in_the_open_until_its_end(mach
     hot = machine.with_(tension=0.98 * machine.breaking_force)
     rig = stuck(hot, "stuck-wire-sensor")
     cut = (SET, "NEW 32900 32500", "START", "WAIT")
-    lines = run_script(rig, *cut, "STATUS", "GEN ON", "WAIT 1", "STATUS", "GEN OFF", "WIRE", "WIRE").lines
+    after = ("STATUS", "GEN ON", "WAIT 1", "STATUS", "GEN OFF", "WIRE", "X -400", "WAIT", "WIRE", "WIRE")
+    lines = run_script(rig, *cut, *after).lines
     assert emergencies(lines) == []
     assert "READY   X 32900 Y 32500 um" in lines
-    assert rig.place_um == (32_900.0, 32_500.0)
+    assert "? the wire's place is inside the workpiece; jog back first" in lines
     (gap,) = re.findall(r"GENERATOR ON   GAP (\d+) V (\S+) A", "\n".join(lines))
     assert int(gap[0]) == 0.3 * machine.generator.open_voltage_V.value  # 30 of every 100 us, all of them open
     assert float(gap[1]) == 0.0
-    assert lines.count("NEW WIRE   X 32900 Y 32500 um") == 1
+    assert lines.count("NEW WIRE   X 32500 Y 32500 um") == 1
     assert "? the wire is whole" in lines
 
 
@@ -163,10 +171,11 @@ def test_an_unknown_fault_is_refused_with_those_there_are():
 
 @pytest.mark.slow
 def test_a_wire_pressed_into_the_workpiece_breaks_and_can_be_brought_out(rig):
-    status, lines, _ = run_script(rig, "X 1200", "WAIT", "INIT", "X -1200", "WAIT", "WIRE", "X 20", "WAIT")
+    status, lines, _ = run_script(rig, "X 1200", "WAIT", "INIT", "WIRE", "X -1200", "WAIT", "WIRE", "X 20", "WAIT")
     assert emergencies(lines)[0].startswith("EMERGENCY: THE WIRE WAS PRESSED AGAINST THE WORKPIECE AND BROKE")
     assert lines[-2].startswith("READY") or "READY" in lines[-3]
-    assert status == 0
+    refused = [line for line in lines if line.startswith("? ")]
+    assert (status, refused) == (REFUSED, ["? the wire's place is inside the workpiece; jog back first"])
 
 
 def test_a_short_that_stays_stops_the_machine(machine):

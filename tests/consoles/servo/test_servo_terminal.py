@@ -7,6 +7,7 @@ import select
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import edmsim
-from edmsim.consoles.servo import Scope, bench_for, run_script, sent_for
+from edmsim.consoles.servo import Scope, bench_for, run_script, sent_for, serve
 from edmsim.errors import InputError
 from edmsim.recording.rerun import viewer
 
@@ -54,6 +55,40 @@ def test_a_closed_input_is_an_empty_script_and_a_reader_that_leaves_ends_it_quie
     script = '{ yes "#" | head -500; } | "$0" "$@" | head -c 5'
     left = subprocess.run(["sh", "-c", script, *COMMAND, "uhu"], capture_output=True, check=False)
     assert (left.stdout, left.stderr) == (b"UHU S", b"")
+    silent = subprocess.run(
+        ["sh", "-c", '"$0" "$@" >&- </dev/null', *COMMAND, "uhu"], stderr=subprocess.PIPE, check=False
+    )
+    assert (silent.returncode, silent.stderr) == (0, b"")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", [b"Z24\n", b"L4\nZ157\nGE\n"])
+def test_a_script_waits_for_all_records_of_the_module(script, piped):  # M-30, M-31
+    lines = piped(script, "console", "servo", "servo-module").stdout.split(b"\r\n")
+    first = lines.index(b"Recorder ON") + 1
+    assert all(line.lstrip(b"-").isdigit() for line in lines[first : first + 128])
+    assert lines[first + 128 :] == ([b"Error: 0", b""] if b"GE" in script else [b""])
+
+
+def test_records_that_wait_for_their_trigger_end_no_script_late(piped):  # M-30
+    lines = piped(b"Z0\n", "console", "servo", "servo-module").stdout.split(b"\r\n")
+    assert lines[-2:] == [b"Recorder ON", b""]
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_script_whose_pipe_stays_open():
+    bench, before, (reading, writing) = bench_for("uhu", "bench", False), os.dup(0), os.pipe()
+    os.dup2(reading, 0)
+    interrupt = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    try:
+        interrupt.start()
+        with pytest.raises(KeyboardInterrupt):
+            serve(bench, pty=False, speed=None, scope=None, say=print)
+    finally:
+        interrupt.join()
+        os.dup2(before, 0)
+        for end in (before, reading, writing):
+            os.close(end)
 
 
 @pytest.mark.slow

@@ -201,6 +201,18 @@ def test_the_way_back_waits_for_tinvt():  # Q-32
     assert p.bench.time_s - began == seconds(p, 0.5 + 2 * math.sqrt(200 / TOP))
 
 
+@pytest.mark.parametrize("command", ["STOP", "PRESET"])
+def test_a_stop_in_the_pause_before_the_way_back_ends_the_way(command):  # Q-12, Q-31
+    p = Positioner(ramptype=1, stopt=0, tinvt=50, setpos=200)
+    p.move()
+    p["setpos"] = 0
+    p.do("START", run_s=0.1)
+    p.do(command)
+    p.run(1.0)
+    way = p.theory[0] - 200.0
+    assert way > 0.0 if command == "PRESET" else way == 0.0  # the search begins upwards
+
+
 def test_tinvt_parts_braking_from_setting_out():  # Q-32
     def speed_change(tinvt):
         """Largest change of the rotor's speed (rad/s) within 60 ms as the axis turns about."""

@@ -419,10 +419,11 @@ def test_reset_clears_flags_and_peak_and_starts_from_where_the_motor_is():  # M-
 
 
 @pytest.mark.parametrize("typed", ["+76", "-76"])
-def test_a_move_beyond_the_limit_is_a_fault_at_once(typed):  # M-34
+def test_a_move_beyond_the_limit_is_a_fault_at_once(typed):  # M-34, M-56
     bench = on_bench(error_limit=75, step_multiplier=9, error_scale=65535)
     assert say(bench, typed) == f"Move {typed}"
     assert {0, 1} <= status(bench)
+    assert say(bench, "?").endswith("Peak Error: 76")
     say(bench, "R")
     assert say(bench, "+75") == "Move +75"  # in counts of the encoder: the multiplier has no part in it
     assert words(bench, "GT") == words(bench, "GP") + get(bench, "GE")
