@@ -300,7 +300,8 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
         bare, _, above = bare.partition(":")
     block = Block(line, bare.startswith("/"))
     at = int(block.deletable)
-    while at < len(bare) and not block.ends_program:
+    ended = False
+    while at < len(bare) and not ended:
         found = _OFFSET.match(bare, at)
         plane = _PLANE.match(bare, at) if dialect.planes else None
         if found is not None:
@@ -328,6 +329,7 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
         elif letter in "GMT" and (code := code_of(letter, number, dialect)) is not None:
             # whatever ends a program elsewhere ends it as M2 does
             block.codes.append(("M", 2) if dialect.action_of((letter, code)) == "end" else (letter, code))
+            ended = block.codes[-1] in _END_CODES
         elif letter in IDLE and letter not in dialect.letters and (letter != "O" or not block.values):
             block.idle.append(word[0])  # X1O5 has a letter in place of a zero
         elif letter not in VALUES and letter not in dialect.letters:
