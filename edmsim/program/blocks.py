@@ -129,9 +129,9 @@ _TERM = r"(?:(?:\d+\.?\d*|\.\d+)|[DH]\d{1,4})"
 _OFFSET = re.compile(rf"([DH])(\d{{1,4}})=([+-]?{_TERM}(?:[+-]{_TERM})*)")
 _ADDED = re.compile(rf"([+-]?)({_TERM})")
 _PLANE = re.compile(r"(T[PN])=?([+-]?(?:\d+\.?\d*|\.\d+))")
-_BEGINS_BLOCK = re.compile(r"\s*(?:[/:]|(?:T[PN]|[A-Z])\s*=?\s*[-+]?\s*\.?\d)")
+_BEGINS_BLOCK = re.compile(r"[/:]|(?:T[PN]|[A-Z])=?[-+]?\.?\d")
 _MOVES = re.compile(r"(?:[GXYIJR][-+]?[\d.]+)+")
-_PROGRAM_NUMBER = re.compile(r"\s*:\s*(\d+)\s*$")
+_PROGRAM_NUMBER = re.compile(r"^\s*:(\d+)\s*$")
 _CONDITION = {"C": r"\d{1,4}", "E": r"\d{3,4}", "S": r"\d{1,4}"}
 """Numbers of conditions by letter. E has three digits or four, for ``X1E2`` may be meant as a number."""
 _ABOVE = frozenset("XYIJ")
@@ -244,7 +244,7 @@ class _Reader:
         first, *others = re.sub(r"\([^()]*\)", "", raw).upper().split(";")
         if self.dialect.ends_blocks:
             # what begins as a block is one: a slip of the pen in it must not make it a comment
-            parts = [first, *(part for part in others if _BEGINS_BLOCK.match(part))]
+            parts = [first, *(part for part in others if _BEGINS_BLOCK.match("".join(part.split())))]
         elif first.strip():
             self.notices += [
                 f"line {line}: {part.strip()} behind ';' is a comment; --dialect sodick reads it as a block"
