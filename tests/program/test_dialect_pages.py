@@ -40,12 +40,13 @@ def test_a_page_names_the_words_of_its_dialect(name: str) -> None:
     cells = first_cells((DOCS / f"{name}.md").read_text(encoding="utf-8"))
     if name != "freecad":  # its table has the switches of the post
         codes = {f"{letter}{number:g}" for letter, number in dialect.codes}
-        common = {"M98", "M99", "G2", "G3", "T1"}  # words of all dialects, and the angle T1.5
+        common = {"M98", "M99", "G2", "G3", "G4", "T1"}  # words of all dialects, and the angle T1.5
         assert set(re.findall(r"[GMT]\d+", cells)) - common == codes
         for letter in {*dialect.condition, *dialect.letters}:
             assert re.search(rf"\b{letter}(\d|,|\b)", cells), letter
         assert (":" in cells) == (dialect.upper == "colon")
         assert ("TP" in cells) == dialect.planes
+        assert ("G4" in cells) == dialect.dwells_in_ms
 
 
 def test_the_index_names_every_dialect_and_every_setting() -> None:
