@@ -511,7 +511,7 @@ class Plant:
         if isinstance(self._model, FullMechanics):
             state.update(self._model.snapshot())
         state["state"] = self._state.copy()
-        state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us, self._setting.on])
+        state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us, self._setting.on], np.float64)
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:

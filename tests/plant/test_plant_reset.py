@@ -74,3 +74,11 @@ def test_a_single_pulse_leaves_the_wire_whole_and_the_pulses_after_it(machine):
     assert counted == [1, 1, 1]
     assert plant.pulses == 3
     assert plant.advance().pulses == 255
+
+
+def test_a_setting_in_whole_numbers_goes_through_a_snapshot(machine):
+    plant, other = (edmsim.Plant(machine, 0, resolution="fast") for _ in range(2))
+    plant.set_generator(20, 200)
+    other.restore(plant.snapshot())
+    assert (other.machine.t_on_us, other.machine.t_period_us) == (20.0, 200.0)
+    assert other.advance() == plant.advance()
