@@ -263,7 +263,7 @@ class Numpy:
 
 @pytest.mark.slow
 def test_a_law_whose_snapshot_cannot_be_stored_loses_no_cut(cut_small: Cut, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="numpy controller has a snapshot that JSON cannot hold .*int64"):
+    with pytest.raises(InputError, match=r"numpy controller has a snapshot that JSON cannot hold .*int64"):
         cut_small(controller=Numpy(0), out=tmp_path, watch=stop_after(1), max_time_s=0.2)
     with pytest.warns(UserWarning, match=r"no checkpoint could be written: .*int64.*; the cut goes on"):
         cut_small(controller=Numpy(3), out=tmp_path, max_time_s=0.2)

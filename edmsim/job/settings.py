@@ -6,7 +6,6 @@ Each is declared once, here or in `edmsim.machine.options`.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from pkgutil import resolve_name
@@ -34,6 +33,7 @@ from edmsim.machine.options import (
     Names,
     Options,
     SetUpOptions,
+    TextOrPath,
     checked_name,
     refusal,
     registered,
@@ -103,7 +103,7 @@ class CutSettings(SetUpOptions, MachineOption):
     the steps."""
     drive: Annotated[str, Names(_drives, "with parameters, uhu:proportional_gain=600")] = "stepper"
     """Drive of x and y."""
-    compensation: Annotated[str | None, _FILE] = None
+    compensation: Annotated[TextOrPath | None, _FILE] = None
     """File of cam tables: errors of the table's screws and ways, as ``edmsim measure table`` writes them, and cams
     that the upper guide follows."""
     mechanics: Annotated[str, Names(registered("edmsim.plant.plant:MECHANICS"))] = "modal"
@@ -116,12 +116,12 @@ class CutSettings(SetUpOptions, MachineOption):
     """Words of a G-code program to leave out, ``M77``, or letters, ``U``."""
     layers: Annotated[Words, Flag(metavar="NAMES")] = ()
     """Layers of a drawing to cut; by default all visible ones."""
-    offsets: Annotated[str | None, _FILE] = None
+    offsets: Annotated[TextOrPath | None, _FILE] = None
     """File with a G-code program's offset registers, lines like ``D1 = 0.155`` in mm, for the offset auto; by default
     the program's own."""
     dialect: Annotated[str, Names(lambda: ("auto", *resolve_name("edmsim.program.dialects:DIALECTS")))] = "auto"
     """Dialect of a G-code program; iso for none; auto recognises it by its words."""
-    conditions: Annotated[str | None, _FILE] = None
+    conditions: Annotated[TextOrPath | None, _FILE] = None
     """File with settings of the machining conditions that a G-code program calls: a table ``[C001]`` for each."""
     upper_layer: Annotated[str | None, Flag(metavar="LAYER")] = None
     """Layer of a drawing with the contours of the workpiece's upper face, one for each of the lower face, with the
@@ -141,7 +141,7 @@ class CutSettings(SetUpOptions, MachineOption):
     passes: WholeNumber | None = None
     """Number of passes for every contour, rough and trims, with offsets and settings of a technology; by default
     one, or those of the program."""
-    technology: str | None = None
+    technology: TextOrPath | None = None
     """Technology of the passes, a name or your own TOML file; by default that of the material. It sets machine,
     wire, generator, pulses, controller and planner."""
     tab_mm: Number = 1.5
@@ -234,11 +234,6 @@ class CutSettings(SetUpOptions, MachineOption):
         for text in texts:
             resolve_name("edmsim.plant.axes.faults:parse_fault")(text)
         return tuple(texts)
-
-    @field_validator("compensation", "offsets", "conditions", mode="before")
-    @classmethod
-    def _as_text(cls, file: object) -> object:
-        return os.fspath(file) if isinstance(file, Path) else file
 
     @field_validator("guide_errors_mm", mode="before")
     @classmethod
