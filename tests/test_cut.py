@@ -327,7 +327,10 @@ BAD = [
     ({"max_time_s": -1.0}, "-1 s"),
     ({"max_time_s": math.nan}, "nan s"),
     ({"max_time_s": math.inf}, "inf s"),
+    ({"max_time_s": 1e300}, "at most 1e+09 s"),
     ({"resume": True}, "no interrupted cut"),
+    ({"resume": "x"}, "option resume cannot be 'x'"),
+    ({"watch": 5}, "option watch cannot be 5"),
 ]
 
 
@@ -338,6 +341,19 @@ def test_bad_input_is_reported_and_nothing_is_written(
     with pytest.raises(InputError) as caught:
         cut_small(out=tmp_path / "out", **options)
     assert named in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("out", "named"), [
+    (5, "option out"), ("", "has no name"), ("a\0b", "the output folder cannot be written to: embedded null byte"),
+])  # fmt: skip
+def test_a_folder_that_cannot_be_is_refused(
+    cut_small: Callable[..., edmsim.CutResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: Any, named: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=named) as caught:
+        cut_small(out=out)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 

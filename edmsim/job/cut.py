@@ -306,7 +306,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     KeyboardInterrupt
         On Ctrl-C, SIGTERM or SIGHUP. You can resume from the checkpoint in the folder, if there is one.
     """
-    running = Running.model_validate({name: options.pop(name) for name in Running.model_fields if name in options})
+    running = Running.taken_from(options)
     watch, enter, out = running.watch, running.enter, running.out
     settings, simulation, recorders = _begin(program, CutSettings.model_validate(options))
     made_with = _made_with(program, settings, simulation)

@@ -5,7 +5,6 @@ Each is declared once, here or in `edmsim.machine.options`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from pkgutil import resolve_name
@@ -50,6 +49,7 @@ else:  # only named in signatures: to load them takes the compiler, and seconds,
     FeedController, Progress = (type(name, (), {}) for name in ("FeedController", "Progress"))
 
 METADATA_KEY = b"edmsim"  # under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON
+MOST_TIME_S = 1e9  # longest limit of the machine time, which is counted in ns: thirty years (ours)
 MOST_GUIDE_ERROR_MM = 5.0  # further from where the file says, no guide is (ours)
 
 
@@ -258,8 +258,8 @@ class CutSettings(SetUpOptions, MachineOption):
     @field_validator("max_time_s")
     @classmethod
     def _check_max_time(cls, max_time_s: float | None) -> float | None:
-        if max_time_s is not None and not 0 < max_time_s < math.inf:
-            raise InputError(f"the time limit of {max_time_s:g} s must be finite and above zero")
+        if max_time_s is not None and not 0 < max_time_s <= MOST_TIME_S:
+            raise InputError(f"the time limit of {max_time_s:g} s must be above zero, and at most {MOST_TIME_S:g} s")
         return max_time_s
 
     @classmethod
@@ -319,6 +319,21 @@ class Running(Options):
     ``EDMSIM_PROGRESS=0`` in the environment there is no bar."""
     enter: Callable[[str], None] | None = None
     """Called with the name of a phase when it begins: cutting, measuring, figures, recording."""
+
+    @field_validator("out")
+    @classmethod
+    def _check_out(cls, out: str | Path | None) -> str | Path | None:
+        if out == "":
+            raise InputError("the folder for the outputs has no name: '.' is the present one")
+        return out
+
+    @classmethod
+    def taken_from(cls, options: dict[str, Any]) -> Running:
+        """Take these options out of all of a cut; raises `InputError` for a value that cannot be used."""
+        try:
+            return cls.model_validate({name: options.pop(name) for name in Running.model_fields if name in options})
+        except ValidationError as error:
+            raise refusal(error, Running, "a cut") from None
 
 
 class CutOptions(CutSettings, Running):
