@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,8 @@ import shapely
 
 import edmsim
 from edmsim.errors import InputError
+from edmsim.recording.scene import write_scene
+from edmsim.recording.windows import write_windows
 
 from .conftest import FILES, timeless
 
@@ -289,7 +292,14 @@ def test_offsets(cut_small: Callable[..., edmsim.CutResult]) -> None:
 def test_result_can_be_written_later_into_a_new_folder(
     cut_small: Callable[..., edmsim.CutResult], tmp_path: Path
 ) -> None:
-    cut_small(max_time_s=0.5).write(tmp_path / "later" / "on")
+    result = cut_small(max_time_s=0.5)
+    result.write(tmp_path / "later" / "on")
+    result.write_traces(tmp_path / "new" / "traces.parquet")
+    assert (tmp_path / "new" / "traces.parquet").exists()
+    (tmp_path / "file").touch()
+    for write in (result.write_traces, partial(write_windows, result.windows), partial(write_scene, result.scene)):
+        with pytest.raises(InputError, match="the output folder cannot be written to"):
+            write(tmp_path / "file" / "x.parquet")
     assert sorted(f.name for f in (tmp_path / "later" / "on").iterdir()) == FILES
 
 
