@@ -251,14 +251,26 @@ def check_parameters(controller: Any) -> None:
 
 
 def check_command(controller: str, command: object) -> FeedCommand:
-    """Return a controller's command; refuse one that is no `FeedCommand` or is not finite."""
+    """Return a controller's command; refuse one that is no `FeedCommand`, or cannot be carried out."""
     if not isinstance(command, FeedCommand):
         raise InputError(f"the {controller} controller answered {command!r}: it must return a FeedCommand")
-    if not math.isfinite(command.feed_um_s):
-        raise InputError(f"the {controller} controller commanded a feed of {command.feed_um_s!r} um/s")
-    if not math.isfinite(command.offset_um):
-        raise InputError(f"the {controller} controller commanded an offset of {command.offset_um!r} um")
+    feed, offset, latency, alarm = command.feed_um_s, command.offset_um, command.latency_s, command.alarm
+    if not _is_finite(feed):
+        raise InputError(f"the {controller} controller commanded a feed of {feed!r} um/s")
+    if not _is_finite(offset):
+        raise InputError(f"the {controller} controller commanded an offset of {offset!r} um")
+    if not _is_finite(latency) or latency < 0:
+        raise InputError(f"the {controller} controller has a calculation time of {latency!r} s: give 0 or more")
+    if alarm is not None and not isinstance(alarm, str):
+        raise InputError(f"the {controller} controller has the alarm {alarm!r}: give the reason in words, or None")
     return command
+
+
+def _is_finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except (TypeError, ValueError, OverflowError):
+        return False
 
 
 def check_window(start_ns: int, end_ns: int, speed_units: int, max_speed: int | None) -> None:

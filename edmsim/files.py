@@ -97,8 +97,9 @@ def make_writable(folder: Path) -> None:
         probe = folder / ".edmsim-write-test"
         probe.write_bytes(b"")
         probe.unlink()
-    except OSError as error:
-        raise InputError(f"the output folder cannot be written to: {error.strerror}", folder) from None
+    except (OSError, ValueError) as error:  # a ValueError for a name with a NUL
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"the output folder cannot be written to: {why}", folder) from None
 
 
 def check_suffix(file: Path, what: str, *suffixes: str) -> str:

@@ -6,13 +6,15 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 import edmsim
+from edmsim.controllers import FeedCommand, WindowObservation
 from edmsim.errors import InputError
 from edmsim.job.checkpoint import NAME
 
@@ -235,3 +237,34 @@ def test_checkpoint_with_a_part_missing_is_refused(
 def test_interrupt_without_a_folder_just_stops(cut_small: Cut) -> None:
     with pytest.raises(KeyboardInterrupt):
         cut_small(watch=stop_after(2), **SHORT)
+
+
+@dataclass
+class Numpy:
+    """A law whose snapshot has numbers of numpy, from the beginning or after some windows."""
+
+    after: int
+    name: ClassVar[str] = "numpy"
+    windows: int = 0
+
+    def reset(self, max_feed_um_s: float) -> FeedCommand:
+        return FeedCommand(5.0)
+
+    def update(self, observation: WindowObservation) -> FeedCommand:
+        self.windows += 1
+        return FeedCommand(5.0)
+
+    def snapshot(self) -> dict[str, Any]:
+        return {"windows": self.windows if self.windows < self.after else np.int64(self.windows)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        self.windows = state["windows"]
+
+
+@pytest.mark.slow
+def test_a_law_whose_snapshot_cannot_be_stored_loses_no_cut(cut_small: Cut, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"numpy controller has a snapshot that JSON cannot hold .*int64"):
+        cut_small(controller=Numpy(0), out=tmp_path, watch=stop_after(1), max_time_s=0.2)
+    with pytest.warns(UserWarning, match=r"no checkpoint could be written: .*int64.*; the cut goes on"):
+        cut_small(controller=Numpy(3), out=tmp_path, max_time_s=0.2)
+    assert (tmp_path / "report.json").exists()

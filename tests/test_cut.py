@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,8 @@ import shapely
 
 import edmsim
 from edmsim.errors import InputError
+from edmsim.recording.scene import write_scene
+from edmsim.recording.windows import write_windows
 
 from .conftest import FILES, timeless
 
@@ -289,7 +292,14 @@ def test_offsets(cut_small: Callable[..., edmsim.CutResult]) -> None:
 def test_result_can_be_written_later_into_a_new_folder(
     cut_small: Callable[..., edmsim.CutResult], tmp_path: Path
 ) -> None:
-    cut_small(max_time_s=0.5).write(tmp_path / "later" / "on")
+    result = cut_small(max_time_s=0.5)
+    result.write(tmp_path / "later" / "on")
+    result.write_traces(tmp_path / "new" / "traces.parquet")
+    assert (tmp_path / "new" / "traces.parquet").exists()
+    (tmp_path / "file").touch()
+    for write in (result.write_traces, partial(write_windows, result.windows), partial(write_scene, result.scene)):
+        with pytest.raises(InputError, match="the output folder cannot be written to"):
+            write(tmp_path / "file" / "x.parquet")
     assert sorted(f.name for f in (tmp_path / "later" / "on").iterdir()) == FILES
 
 
@@ -327,7 +337,10 @@ BAD = [
     ({"max_time_s": -1.0}, "-1 s"),
     ({"max_time_s": math.nan}, "nan s"),
     ({"max_time_s": math.inf}, "inf s"),
+    ({"max_time_s": 1e300}, "at most 1e+09 s"),
     ({"resume": True}, "no interrupted cut"),
+    ({"resume": "x"}, "option resume cannot be 'x'"),
+    ({"watch": 5}, "option watch cannot be 5"),
 ]
 
 
@@ -338,6 +351,19 @@ def test_bad_input_is_reported_and_nothing_is_written(
     with pytest.raises(InputError) as caught:
         cut_small(out=tmp_path / "out", **options)
     assert named in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("out", "named"), [
+    (5, "option out"), ("", "has no name"), ("a\0b", "the output folder cannot be written to: embedded null byte"),
+])  # fmt: skip
+def test_a_folder_that_cannot_be_is_refused(
+    cut_small: Callable[..., edmsim.CutResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: Any, named: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=named) as caught:
+        cut_small(out=out)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 

@@ -41,6 +41,11 @@ def test_a_name_that_its_registry_does_not_have_is_refused_with_those_it_has(opt
         CutSettings(**{option: "none"})
 
 
+def test_files_may_be_paths() -> None:
+    for option in ("machine", "material", "wire", "generator", "technology", "compensation"):
+        assert CutSettings(**{option: Path("own.toml")}) == CutSettings(**{option: "own.toml"})
+
+
 def test_settings_do_not_change() -> None:
     with pytest.raises(ValidationError, match="frozen"):
         CutSettings().height_mm = 10.0  # type: ignore[misc]

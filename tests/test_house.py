@@ -23,7 +23,7 @@ LAYERS: dict[str, set[str]] = {
     "numeric": {"errors"},
     "machine": {"machine", "errors", "numeric", "models", "files"},
     "models": {"models", "errors"},
-    "plant": {"plant", "errors", "machine", "models", "compiled"},
+    "plant": {"plant", "errors", "numeric", "machine", "models", "compiled"},
     "controllers": {
         "controllers", "errors", "numeric", "snapshots", "machine", "models", "geometry", "files", "user_code",
         "compiled",

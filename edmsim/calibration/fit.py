@@ -167,6 +167,8 @@ def calibrate(
         If a constant is unknown, the generator refuses a setting, or the log has no steady stretch, has fewer
         statistics than constants, or determines no constant.
     """
+    if not only:
+        raise InputError("there is no constant to fit: name some, or sections, as 'gap'")
     known = choose(machine, only)
     steady = stretches(log, settle_um(machine))
     if not steady:

@@ -21,7 +21,7 @@ from edmsim.cosim.cycle import Cycle, EvenSteps
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.metrology.edges import metal_at
-from edmsim.numeric import real
+from edmsim.numeric import finite, real
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow
@@ -179,6 +179,9 @@ def cut_straight(
     resolution: str | Resolution = "fast",
 ) -> Cut:
     """Cut along +x from a begun slot; if the wire broke before it settled, the result is of the time until then."""
+    for name, time_s in (("settle_s", settle_s), ("seconds", seconds)):
+        if not finite(name, time_s) > 0:
+            raise InputError(f"{name} is {time_s!r}: give a time above 0 s")
     plant = begin(machine, seed, resolution=resolution)
     traverse = Traverse(plant, feed)
     start_um = plant.commanded_um[0]

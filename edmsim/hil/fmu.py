@@ -9,6 +9,7 @@ from typing import Any
 
 from edmsim.errors import InputError
 from edmsim.files import check_suffix, make_writable, replacing
+from edmsim.hil.gap import check_gap
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.plant.resolution import resolution as named_resolution
@@ -44,6 +45,7 @@ def export_fmu(file: str | Path, *, resolution: str = "fast", gap_um: float = SL
     check_suffix(target, "an FMU", ".fmu")
     set_up = Machine.load(**machine)
     named_resolution(resolution)
+    check_gap(set_up, gap_um)
     try:
         from pythonfmu3 import FmuBuilder
     except ImportError as error:

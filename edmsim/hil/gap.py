@@ -15,6 +15,7 @@ from edmsim.cosim.straight import begin
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.numeric import finite
 from edmsim.plant.kernel.state import OPEN, PULSE, Timing
 from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution
@@ -136,6 +137,12 @@ class Frame(NamedTuple):
     on: bool  # whether the generator ran: else the pulses are moments without one
 
 
+def check_gap(machine: Machine, gap_um: float) -> None:
+    """Refuse a gap at the start that is nil, or wider than the wire."""
+    if not 1.0 <= finite("gap_um", gap_um) <= machine.wire_diameter_um:
+        raise InputError(f"the gap is 1 to {machine.wire_diameter_um:g} um, a wire's diameter, not {gap_um:g}")
+
+
 class Gap:
     """A wire at the end of a short slot along +x, with commanded axes.
 
@@ -160,8 +167,7 @@ class Gap:
     def __init__(
         self, machine: Machine, seed: int = 0, *, resolution: str | Resolution = "fast", gap_um: float = SLOT_GAP_UM
     ) -> None:
-        if not 1.0 <= gap_um <= machine.wire_diameter_um:
-            raise InputError(f"the gap is 1 to {machine.wire_diameter_um:g} um, a wire's diameter, not {gap_um:g}")
+        check_gap(machine, gap_um)
         self.plant = begin(machine, seed, resolution=resolution, gap_um=gap_um)
         self.plant.watch_pulses()
         self._seed = seed

@@ -306,7 +306,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     KeyboardInterrupt
         On Ctrl-C, SIGTERM or SIGHUP. You can resume from the checkpoint in the folder, if there is one.
     """
-    running = Running.model_validate({name: options.pop(name) for name in Running.model_fields if name in options})
+    running = Running.taken_from(options)
     watch, enter, out = running.watch, running.enter, running.out
     settings, simulation, recorders = _begin(program, CutSettings.model_validate(options))
     made_with = _made_with(program, settings, simulation)
@@ -495,6 +495,7 @@ class _Run:
         """Take up the folder's interrupted cut, or see that there is none to lose."""
         if self._folder is None:
             return
+        checkpoint.check(self._simulation)
         if resume:
             self._before_s = self.wall_time_s = checkpoint.load(self._simulation, self._folder, self._made_with)
         elif not overwrite and (self._folder / checkpoint.NAME).exists():
@@ -545,9 +546,10 @@ class _Run:
         self._saved = time.monotonic()
         try:
             checkpoint.save(self._simulation, self._folder, self._made_with, self.wall_time_s)
-        except OSError as error:
+        except (OSError, TypeError, ValueError) as error:  # a law may put into its snapshot what JSON cannot hold
+            why = getattr(error, "strerror", None) or error
             warnings.warn(
-                f"{self._folder}: no checkpoint could be written: {error.strerror or error}; the cut goes on",
+                f"{self._folder}: no checkpoint could be written: {why}; the cut goes on",
                 stacklevel=2,
             )
         return (self._folder / checkpoint.NAME).exists()

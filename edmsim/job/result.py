@@ -193,6 +193,7 @@ class CutResult:
         """
         from edmsim.recording.stores import write_traces
 
+        make_writable(Path(file).parent)
         rows = self.closeups.table()
         write_traces(rows[(rows["t_s"] >= begin_s) & (rows["t_s"] <= end_s)], file, every_us)
 

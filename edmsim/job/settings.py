@@ -5,8 +5,6 @@ Each is declared once, here or in `edmsim.machine.options`.
 
 from __future__ import annotations
 
-import math
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from pkgutil import resolve_name
@@ -34,6 +32,7 @@ from edmsim.machine.options import (
     Names,
     Options,
     SetUpOptions,
+    TextOrPath,
     checked_name,
     refusal,
     registered,
@@ -50,6 +49,7 @@ else:  # only named in signatures: to load them takes the compiler, and seconds,
     FeedController, Progress = (type(name, (), {}) for name in ("FeedController", "Progress"))
 
 METADATA_KEY = b"edmsim"  # under which the metadata of ``windows.parquet`` hold a cut's settings, as JSON
+MOST_TIME_S = 1e9  # longest limit of the machine time, which is counted in ns: thirty years (ours)
 MOST_GUIDE_ERROR_MM = 5.0  # further from where the file says, no guide is (ours)
 
 
@@ -103,7 +103,7 @@ class CutSettings(SetUpOptions, MachineOption):
     the steps."""
     drive: Annotated[str, Names(_drives, "with parameters, uhu:proportional_gain=600")] = "stepper"
     """Drive of x and y."""
-    compensation: Annotated[str | None, _FILE] = None
+    compensation: Annotated[TextOrPath | None, _FILE] = None
     """File of cam tables: errors of the table's screws and ways, as ``edmsim measure table`` writes them, and cams
     that the upper guide follows."""
     mechanics: Annotated[str, Names(registered("edmsim.plant.plant:MECHANICS"))] = "modal"
@@ -116,12 +116,12 @@ class CutSettings(SetUpOptions, MachineOption):
     """Words of a G-code program to leave out, ``M77``, or letters, ``U``."""
     layers: Annotated[Words, Flag(metavar="NAMES")] = ()
     """Layers of a drawing to cut; by default all visible ones."""
-    offsets: Annotated[str | None, _FILE] = None
+    offsets: Annotated[TextOrPath | None, _FILE] = None
     """File with a G-code program's offset registers, lines like ``D1 = 0.155`` in mm, for the offset auto; by default
     the program's own."""
     dialect: Annotated[str, Names(lambda: ("auto", *resolve_name("edmsim.program.dialects:DIALECTS")))] = "auto"
     """Dialect of a G-code program; iso for none; auto recognises it by its words."""
-    conditions: Annotated[str | None, _FILE] = None
+    conditions: Annotated[TextOrPath | None, _FILE] = None
     """File with settings of the machining conditions that a G-code program calls: a table ``[C001]`` for each."""
     upper_layer: Annotated[str | None, Flag(metavar="LAYER")] = None
     """Layer of a drawing with the contours of the workpiece's upper face, one for each of the lower face, with the
@@ -141,7 +141,7 @@ class CutSettings(SetUpOptions, MachineOption):
     passes: WholeNumber | None = None
     """Number of passes for every contour, rough and trims, with offsets and settings of a technology; by default
     one, or those of the program."""
-    technology: str | None = None
+    technology: TextOrPath | None = None
     """Technology of the passes, a name or your own TOML file; by default that of the material. It sets machine,
     wire, generator, pulses, controller and planner."""
     tab_mm: Number = 1.5
@@ -235,11 +235,6 @@ class CutSettings(SetUpOptions, MachineOption):
             resolve_name("edmsim.plant.axes.faults:parse_fault")(text)
         return tuple(texts)
 
-    @field_validator("compensation", "offsets", "conditions", mode="before")
-    @classmethod
-    def _as_text(cls, file: object) -> object:
-        return os.fspath(file) if isinstance(file, Path) else file
-
     @field_validator("guide_errors_mm", mode="before")
     @classmethod
     def _parse_guide_errors(cls, value: object) -> object:
@@ -263,8 +258,8 @@ class CutSettings(SetUpOptions, MachineOption):
     @field_validator("max_time_s")
     @classmethod
     def _check_max_time(cls, max_time_s: float | None) -> float | None:
-        if max_time_s is not None and not 0 < max_time_s < math.inf:
-            raise InputError(f"the time limit of {max_time_s:g} s must be finite and above zero")
+        if max_time_s is not None and not 0 < max_time_s <= MOST_TIME_S:
+            raise InputError(f"the time limit of {max_time_s:g} s must be above zero, and at most {MOST_TIME_S:g} s")
         return max_time_s
 
     @classmethod
@@ -324,6 +319,21 @@ class Running(Options):
     ``EDMSIM_PROGRESS=0`` in the environment there is no bar."""
     enter: Callable[[str], None] | None = None
     """Called with the name of a phase when it begins: cutting, measuring, figures, recording."""
+
+    @field_validator("out")
+    @classmethod
+    def _check_out(cls, out: str | Path | None) -> str | Path | None:
+        if out == "":
+            raise InputError("the folder for the outputs has no name: '.' is the present one")
+        return out
+
+    @classmethod
+    def taken_from(cls, options: dict[str, Any]) -> Running:
+        """Take these options out of all of a cut; raises `InputError` for a value that cannot be used."""
+        try:
+            return cls.model_validate({name: options.pop(name) for name in Running.model_fields if name in options})
+        except ValidationError as error:
+            raise refusal(error, Running, "a cut") from None
 
 
 class CutOptions(CutSettings, Running):

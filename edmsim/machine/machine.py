@@ -148,12 +148,12 @@ class Machine(SetUp):
 
     @staticmethod
     @_loads(SetUpOptions)
-    def load(name: str = USUAL_MACHINE, **options: Any) -> Machine:
+    def load(name: str | Path = USUAL_MACHINE, **options: Any) -> Machine:
         """Read a set-up and check it.
 
         Parameters
         ----------
-        name : str
+        name : str or path
             A name under `models/machines`, or the path of your own TOML file.
         {options}
 
@@ -166,6 +166,7 @@ class Machine(SetUp):
             chosen = SetUpOptions.model_validate(options)
         except ValidationError as error:
             raise refusal(error, SetUpOptions, "a set-up") from None
+        name = str(name)
         wire_name, diameter = _split_wire(chosen.wire)
         wire, generator = read(Wire, "wires", wire_name), read(Generator, "generators", chosen.generator)
         base, material = read_base(name), read(Material, "materials", chosen.material)

@@ -7,6 +7,7 @@ it, and in ``Annotated`` its limits, the names it may have, and how the command 
 from __future__ import annotations
 
 import inspect
+import os
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from pkgutil import resolve_name
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
 from edmsim.errors import InputError, one_of, refused_entry
@@ -83,14 +84,23 @@ class Options(BaseModel):
     )
 
 
+def as_text(file: Any) -> Any:
+    """Return a path as the text of it; anything else as it is."""
+    return os.fspath(file) if isinstance(file, os.PathLike) else file
+
+
+TextOrPath = Annotated[str, BeforeValidator(as_text)]
+"""A text, a file's name perhaps, which may be given as a path."""
+
+
 class PartOptions(Options):
     """Which files a set-up is read from, and what every set-up has a value for."""
 
-    material: Annotated[str, Names(lambda: available("materials"), "your own TOML file")] = "tool-steel"
+    material: Annotated[TextOrPath, Names(lambda: available("materials"), "your own TOML file")] = "tool-steel"
     """Material of the workpiece."""
-    wire: Annotated[str, Names(lambda: available("wires"), "your own TOML file")] = "brass"
+    wire: Annotated[TextOrPath, Names(lambda: available("wires"), "your own TOML file")] = "brass"
     """Wire, optionally with a diameter in um: ``copper-100``."""
-    generator: Annotated[str, Names(lambda: available("generators"), "your own TOML file")] = "iso-pulse"
+    generator: Annotated[TextOrPath, Names(lambda: available("generators"), "your own TOML file")] = "iso-pulse"
     """Pulse generator."""
     # from sheet to the tallest machines' work areas (ours)
     height_mm: Annotated[Number, Limits(0.5, 400.0, "workpiece height")] = 20.0
@@ -148,7 +158,7 @@ USUAL_MACHINE = "agiecut-dem15"
 class MachineOption(Options):
     """The machine by name, where it is one option of several."""
 
-    machine: Annotated[str, Names(lambda: available("machines"), "your own TOML file")] = USUAL_MACHINE
+    machine: Annotated[TextOrPath, Names(lambda: available("machines"), "your own TOML file")] = USUAL_MACHINE
     """Machine by name."""
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of
 from edmsim.machine.setting import WINDOW_PULSES
+from edmsim.numeric import finite, whole_from
 from edmsim.plant import constants
 from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives
 from edmsim.plant.axes.faults import FAULTS
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
 
 MECHANICS = ("modal", "mujoco")  # integrators of table and wire
 _OF_WIRE, _CHANGING = lasting(Arrays, CHANGING), lasting(Arrays, WALL, CHANGING)
+_OVERRUN_UM = 1000.0  # behind its end switches a table is braked within this (ours)
 _NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
 
 
@@ -218,15 +220,17 @@ class Plant:
         """
         if machine is not None:
             self._set_up(machine, self._drives.options)
+        key = key_of(whole_from("seed", seed))
+        centre_um = self._first_machine.base.table.centre_um
+        position_um = centre_um if position_um is None else self._checked_place(position_um)
         self._set(self._first_machine.t_on_us, self._first_machine.t_period_us, on=True)
-        position_um = position_um or self.machine.base.table.centre_um
         stock = block_in_front(self.machine, position_um[0]) if stock is None else checked_stock(stock, self.machine)
         res, travel_um = self.resolution, self.machine.base.table.travel_mm.value * 1e3
         self.field = KerfField(res.slices, stock, res.cell_um, travel_um)
         self._put_field()
         self._state[:] = 0
         self._window[:] = 0
-        self._state["key"] = key_of(seed)
+        self._state["key"] = key
         self._state["commanded_um"][0, : len(position_um)] = position_um
         self._state["axis_um"] = self._state["commanded_um"]
         self._drives.reset(self._state, seed)
@@ -235,6 +239,17 @@ class Plant:
         self._lay_to_rest(_CHANGING)
         self._arrays.entering[:] = self._arrays.flow_share
         constants.stand_upright(self._arrays)
+
+    def _checked_place(self, position_um: Sequence[float], beyond_um: float = 0.0) -> tuple[float, ...]:
+        """Return a place as numbers; refuse what is not two or four of them, or a table so far beyond its travel."""
+        travel_um = self._first_machine.base.table.travel_mm.value * 1e3
+        place = tuple(finite("position_um", um) for um in np.ravel(position_um).tolist())
+        if len(place) not in (2, 4):
+            raise InputError(f"position_um has {len(place)} numbers: give x and y, or x, y, u and v")
+        if not all(-beyond_um <= um <= travel_um + beyond_um for um in place[:2]):
+            x, y = place[:2]
+            raise InputError(f"position_um, X {x:g} Y {y:g} um, is not on the table of 0 to {travel_um:g} um")
+        return place
 
     def change_setup(self, machine: Machine) -> None:
         """Continue with another setting of the same machine, as for the next pass.
@@ -319,7 +334,14 @@ class Plant:
         -------
         float
             Time (s) of axes that are too slow to wait for; 0 if there are none.
+
+        Raises
+        ------
+        InputError
+            If the place is not on the table, or the duration is negative or not a whole number.
         """
+        position_um = self._checked_place(position_um, _OVERRUN_UM)
+        duration_ns = whole_from("duration_ns", duration_ns, 0)
         table_q, table = self._arrays.table_q.copy(), self.machine.base.table
         step_um, rapid_um_s = table.step_um.value, table.rapid_um_s.value
         took_ns, late_s = self._drives.carry(self._state, position_um, duration_ns, step_um, rapid_um_s)
@@ -511,7 +533,7 @@ class Plant:
         if isinstance(self._model, FullMechanics):
             state.update(self._model.snapshot())
         state["state"] = self._state.copy()
-        state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us, self._setting.on])
+        state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us, self._setting.on], np.float64)
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
@@ -19,23 +20,32 @@ _TURNS_DEG = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75)
 
 
 def own_lead_in(
-    start: Floats, away: Floats, edges: BaseGeometry, offset_mm: float, length_mm: float, hole_radius_mm: float,
+    starts: Sequence[Floats], away: Floats, faces: Sequence[BaseGeometry], offset_mm: float, length_mm: float,
+    hole_radius_mm: float,
 ) -> tuple[Floats, list[str]]:
-    """Choose a thread point off the contour, on the waste side."""
+    """Choose a thread point off the contour, on the waste side.
+
+    The contour begins at one of `starts` on each face of the workpiece, on the first away from the part.
+    """
     # straight away from the edge at the full length if there is room, else turned by up to 75 degrees, else
-    # shorter; the wire keeps the offset from every edge of the job, the hole its radius and a clearance
+    # shorter; the wire keeps the offset from every edge of each face, the hole its radius and a clearance
+    start = starts[0]
     for share in _SHARES:
         for turn in _TURNS_DEG:
             cos, sin = math.cos(math.radians(turn)), math.sin(math.radians(turn))
             direction = np.array([cos * away[0] - sin * away[1], sin * away[0] + cos * away[1]])
             thread = start + share * length_mm * direction
-            room = edges.distance(shapely.Point(thread)) >= hole_radius_mm + HOLE_CLEARANCE_MM
-            if room and clears(np.array([thread, start]), edges, offset_mm):
+            ways = [np.array([thread, begin]) for begin in starts]
+            nearest_mm = min(edges.distance(shapely.Point(thread)) for edges in faces)
+            if nearest_mm >= hole_radius_mm + HOLE_CLEARANCE_MM and all(
+                clears(way, edges, offset_mm) for way, edges in zip(ways, faces, strict=True)
+            ):
                 short = share * length_mm
                 return thread, [] if share == 1 else [f"a lead-in is {short:.3f} mm long, as there is no more room"]
     x, y = start
     raise InputError(f"no room for a start hole of {hole_radius_mm:g} mm radius within {length_mm:g} mm of "
-                     f"X{x:.3f} Y{y:.3f}: take a smaller hole or another lead-in length")
+                     f"X{x:.3f} Y{y:.3f}: draw the contour with more waste beside its first point, or cut a G-code "
+                     "program with its own way from a start hole to the contour")
 
 
 def check_approach(approach: Floats, edge: BaseGeometry, offset_mm: float, hole_radius_mm: float) -> None:

@@ -395,8 +395,11 @@ def plan_path(
     faces = [[of_group[0].at_height(z) for of_group in legs] for z in (0.0, *heights)]
     for face in faces:
         keep_apart(face, program.source)
-    edges = shapely.MultiLineString([leg.edge for face in faces for leg in face])
-    leads = [_lead(program, of_group[0], edges, lead_in_mm, start_hole_radius_mm, notices) for of_group in legs]
+    edges = [shapely.MultiLineString([leg.edge for leg in face]) for face in faces]
+    leads = [
+        _lead(program, [of_group[0], *upper], edges, lead_in_mm, start_hole_radius_mm, notices)
+        for of_group, *upper in zip(legs, *faces[1:], strict=True)
+    ]
     if heights:
         for face in faces:
             for leg, lead in zip(face, leads, strict=True):
@@ -510,16 +513,17 @@ def _offset_mm(offset: float | str, auto_offset_mm: float) -> float:
 
 
 def _lead(
-    program: Program, leg: OffsetOutline, edges: BaseGeometry, length_mm: float, hole_radius_mm: float,
-    notices: list[str],
+    program: Program, of_faces: list[OffsetOutline], edges: list[BaseGeometry], length_mm: float,
+    hole_radius_mm: float, notices: list[str],
 ) -> _Lead:
+    leg, starts = of_faces[0], [one.path[0] for one in of_faces]
     outline = leg.outline
     with of_outline(program, outline):
         if len(outline.approach_mm):
             return _programmed_lead(leg, hole_radius_mm)
         if not outline.needs_lead_in:
             return _Lead(np.empty((0, 2)), ())
-        thread, lead_notices = own_lead_in(leg.path[0], away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
+        thread, lead_notices = own_lead_in(starts, away(leg), edges, leg.offset_mm, length_mm, hole_radius_mm)
     if outline.line:
         notices.append(f"line {outline.line}: a lead-in is put before {outline.name}, the program has none")
     notices += lead_notices

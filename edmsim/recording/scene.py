@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from edmsim.errors import InputError
-from edmsim.files import read_arrays, replacing
+from edmsim.files import make_writable, read_arrays, replacing
 from edmsim.geometry import CORNER_DEG
 from edmsim.metrology.profile import CornerError
 from edmsim.metrology.shares import SHARES
@@ -254,7 +254,7 @@ _FIELDS = "stock_mm", "height_mm", "guides_z_mm", "wire_diameter_um", "stop_mm",
 
 
 def write_scene(scene: Scene, file: str | Path) -> None:
-    """Write a scene; a file of that name is replaced whole or not at all."""
+    """Write a scene, making the folder; a file of that name is replaced whole or not at all."""
     document = {
         "version": VERSION, **{name: getattr(scene, name) for name in _FIELDS},
         "part_sides": [edge.part_side for edge in scene.maps],
@@ -279,6 +279,7 @@ def write_scene(scene: Scene, file: str | Path) -> None:
         **{f"face.{number}": edge.face_um for number, edge in enumerate(scene.maps) if edge.face_um is not None},
         "fields": np.frombuffer(json.dumps(document).encode(), np.uint8),
     }
+    make_writable(Path(file).parent)
     with replacing(file) as partial, partial.open("wb") as opened:
         np.savez_compressed(opened, allow_pickle=False, **arrays)
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError
-from edmsim.files import replacing
+from edmsim.files import make_writable, replacing
 from edmsim.geometry import Floats
 from edmsim.snapshots import ArraySnapshots
 
@@ -235,9 +235,10 @@ class WindowTable(ArraySnapshots, Observer):
 
 
 def write_windows(table: pa.Table, file: str | Path) -> None:
-    """Write a table of windows as Parquet; a file of that name is replaced whole or not at all."""
+    """Write a table of windows as Parquet, making the folder; a file of that name is replaced whole or not at all."""
     import pyarrow.parquet as pq
 
+    make_writable(Path(file).parent)
     # by a name, only folders whose names are UTF-8 could be written to
     with replacing(file) as partial, partial.open("wb") as opened:
         pq.write_table(table, opened)

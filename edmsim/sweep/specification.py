@@ -19,10 +19,10 @@ from edmsim.errors import InputError, one_of, refused_entry
 from edmsim.files import read_toml
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
-from edmsim.machine.options import USUAL_MACHINE, bare_name
+from edmsim.machine.options import USUAL_MACHINE, TextOrPath, as_text, bare_name
 from edmsim.machine.overrides import check_names
 from edmsim.machine.ranges import value_at
-from edmsim.numeric import listed, whole
+from edmsim.numeric import listed, plain, whole
 from edmsim.runs import digests_of, identity
 
 _NUMBER = r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
@@ -33,8 +33,9 @@ MOST_OF_RANGE = 100_000
 
 def values_of(text: Any, name: str) -> list[Any]:
     """Return the values to try of a setting: of a list, or a text with commas and ranges ``FIRST:LAST:STEP``."""
-    if isinstance(text, list):
-        found = text
+    found: list[Any]
+    if isinstance(text, list | tuple | np.ndarray):
+        found = [plain(value) for value in (text.ravel() if isinstance(text, np.ndarray) else text)]
     elif isinstance(text, str):
         found = [value for piece in listed(text) for value in _values_of_piece(piece, name)]
     else:
@@ -117,7 +118,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
     """
 
     # program, environment: either part programs or ids of environments (``FILE.py:ID`` for your own)
-    program: list[str] = []
+    program: list[TextOrPath] = []
     environment: list[str] = []
     # a single number is a count: for programs from 0 on, for environments held-back seeds, as training may have used
     # others
@@ -153,8 +154,8 @@ class Specification(BaseModel, extra="forbid", frozen=True):
             return value
         full = dict(value)
         for name in ("program", "environment", "recordings"):
-            if isinstance(full.get(name), str):
-                full[name] = [full[name]]
+            if isinstance(one := as_text(full.get(name)), str):
+                full[name] = [one]
         seeds = whole(full.get("seeds"))
         if seeds is not None:
             full["seeds"] = _first_seeds(seeds, bool(full.get("environment")))

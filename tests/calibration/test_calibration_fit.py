@@ -131,6 +131,8 @@ def test_a_log_that_tells_nothing_is_refused(known: SimpleNamespace) -> None:
     one = log_of(known.table.slice(0, 990))
     with pytest.raises(edmsim.InputError, match=r"none of the constants \(wire.strength_MPa: the statistics do"):
         calibrate(one, known.machine, ["wire.strength_MPa"])
+    with pytest.raises(edmsim.InputError, match="no constant to fit"):
+        calibrate(one, known.machine, [])
 
 
 @pytest.mark.slow

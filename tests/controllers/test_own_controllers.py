@@ -101,6 +101,10 @@ Delayed = wrong(update=lambda self, window: FeedCommand(window.mean_delay_us))
 Lost = wrong(update=lambda self, window: FeedCommand(math.nan))
 Fast = wrong(update=lambda self, window: FeedCommand(50.0))
 Number = wrong(update=lambda self, window: 5.0)
+Text = wrong(update=lambda self, window: FeedCommand("5"))
+Never = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=math.nan))
+Early = wrong(update=lambda self, window: FeedCommand(5.0, latency_s=-1.0))
+Coded = wrong(update=lambda self, window: FeedCommand(5.0, 5))
 Unwritable = wrong(snapshot=lambda self: {"most": {1.0}})
 
 
@@ -137,6 +141,8 @@ def test_a_policy_conforms_and_so_may_an_own_one() -> None:
     (Counting, "remembers something across reset"), (Restless, "made again"), (Delayed, "feed of nan um/s"),
     (Fast, "50 um/s where the machine runs 33.3375"), (Number, "answered 5.0: it must return a FeedCommand"),
     (Forgetful, "does not go on from its snapshot"), (Unwritable, "snapshot that JSON cannot hold"),
+    (Text, "a feed of '5' um/s"), (Never, "calculation time of nan s"), (Early, "calculation time of -1.0 s"),
+    (Coded, "the alarm 5: give the reason in words"),
     (object, "is not a feed controller: it has no name, reset, update, snapshot, restore"),
 ])  # fmt: skip
 def test_what_does_not_conform_is_refused(kind: Callable[[], Any], message: str) -> None:

@@ -16,6 +16,7 @@ from edmsim.controllers.protocols import FeedCommand, Step
 from edmsim.cosim.cycle import EvenSteps, PlannerMotion
 from edmsim.cosim.passes import Sums
 from edmsim.cosim.straight import Traverse, cut_straight
+from edmsim.errors import InputError
 from edmsim.validation.setups import FRAIL, altered, in_a_hole
 
 
@@ -210,3 +211,10 @@ def test_a_motion_goes_on_from_its_snapshot() -> None:
     motion.restore(state)
     assert (motion.feed_um_s, motion.command, motion.rest_until_ns) == (pytest.approx(20.0), FeedCommand(20.0), 5)
     assert ran(motion) == [(5, 1_000, 200)]
+
+
+def test_a_straight_cut_takes_times_above_zero() -> None:
+    times: dict[str, float]
+    for times in ({"settle_s": 0, "seconds": 1.0}, {"settle_s": 1.0, "seconds": 0.0}):
+        with pytest.raises(InputError, match="give a time above 0 s"):
+            cut_straight(Machine.load(height_mm=5.0), 15.0, seed=1, **times)

@@ -145,6 +145,8 @@ def test_refusals(tmp_path, monkeypatch):
         export_fmu(tmp_path / "gap.zip")
     with pytest.raises(InputError, match=r"no machine|unknown|lathe"):
         export_fmu(tmp_path / "gap.fmu", name="lathe")
+    with pytest.raises(InputError, match="the gap is 1 to 250 um, a wire's diameter, not -1"):
+        export_fmu(tmp_path / "gap.fmu", gap_um=-1)
     monkeypatch.setitem(__import__("sys").modules, "pythonfmu3", None)
     with pytest.raises(InputError, match=r"pip install 'edmsim\[fmu\]'"):
         export_fmu(tmp_path / "gap.fmu")

@@ -86,6 +86,7 @@ def test_own_file_is_read_by_its_path(own_file: OwnFile) -> None:
     machine = Machine.load(material=file)
     assert machine.material.removal_mm3_J.value == 6.0e-3
     assert machine.material_name == file
+    assert Machine.load(material=cast(Any, Path(file))) == machine
 
 
 def test_own_wire_may_carry_a_diameter(own_file: OwnFile) -> None:

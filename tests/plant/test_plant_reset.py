@@ -1,8 +1,12 @@
 """A plant after `reset` is the plant it was when it was made, and its defaults are its own machine's."""
 
+import math
+
 import numpy as np
+import pytest
 
 import edmsim
+from edmsim.errors import InputError
 
 
 def same(a, b):
@@ -74,3 +78,27 @@ def test_a_single_pulse_leaves_the_wire_whole_and_the_pulses_after_it(machine):
     assert counted == [1, 1, 1]
     assert plant.pulses == 3
     assert plant.advance().pulses == 255
+
+
+def test_a_setting_in_whole_numbers_goes_through_a_snapshot(machine):
+    plant, other = (edmsim.Plant(machine, 0, resolution="fast") for _ in range(2))
+    plant.set_generator(20, 200)
+    other.restore(plant.snapshot())
+    assert (other.machine.t_on_us, other.machine.t_period_us) == (20.0, 200.0)
+    assert other.advance() == plant.advance()
+
+
+def test_a_place_is_two_or_four_numbers_on_the_table(machine):
+    plant = edmsim.Plant(machine, position_um=np.array([30_000.0, 31_000.0]), resolution="fast")
+    assert plant.commanded_um == (30_000.0, 31_000.0)
+    for place, said in (((), "0 numbers"), ((1.0, 2.0, 3.0), "3 numbers"), ((math.nan, 0.0), "nan"),
+                        ((-2e3, 0.0), "X -2000 Y 0 um, is not on the table"), ((0.0, 1e9), "not on the table")):
+        with pytest.raises(InputError, match=said):
+            plant.reset(0, position_um=place)
+        with pytest.raises(InputError, match=said):
+            plant.rethread(place, 0)
+    with pytest.raises(InputError, match="duration_ns is -1"):
+        plant.rethread((30_000.0, 31_000.0), -1)
+    with pytest.raises(InputError, match=r"seed is 1\.5: give a whole number"):
+        plant.reset(1.5)
+    assert plant.commanded_um == (30_000.0, 31_000.0)

@@ -154,6 +154,19 @@ def test_equal_cuts_compare_equal_and_others_do_not(cut: SimpleNamespace, record
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted as Linux lists them")
+def test_a_recording_leaves_no_threads(record: Record, tmp_path: Path) -> None:
+    def threads() -> int:
+        return len(list(Path("/proc/self/task").iterdir()))
+
+    record(tmp_path / "first.rrd")
+    before = threads()
+    for number in range(4):
+        record(tmp_path / f"{number}.rrd")
+    assert threads() <= before
+
+
+@pytest.mark.slow
 def test_a_long_cut_is_thinned_by_means(cut: SimpleNamespace, record: Record, tmp_path: Path) -> None:
     longer = pa.concat_tables([cut.windows] * 10)
     read = Read(record(tmp_path / "long.rrd", windows=longer))

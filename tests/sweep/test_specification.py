@@ -19,6 +19,7 @@ from edmsim.sweep.specification import Specification, read_specification, runs_o
     ("40:10:-15,3", [40, 25, 10, 3]), (7, [7]), ("counts,policy:gap-feed", ["counts", "policy:gap-feed"]),
     ("counts:short_weight=1,integral_um_s2=9,delay", ["counts:short_weight=1,integral_um_s2=9", "delay"]),
     ("true,false", [True, False]), ("1e5", [1e5]), (["a,b"], ["a,b"]),
+    ((5, "b"), [5, "b"]), (np.array([5, 10]), [5, 10]), ([np.float64(0.5)], [0.5]),
 ])  # fmt: skip
 def test_values_are_what_a_person_means(written: Any, meant: list[Any]) -> None:
     found = values_of(written, "x")
@@ -32,6 +33,7 @@ def test_a_run_is_known_by_what_decides_its_result(line: Path, short: dict[str, 
 
     same = ids()
     assert ids(settings={**short, "controller": "counts"}) == same  # its default
+    assert ids(program=line) == ids(program=[line]) == same  # a path
     assert ids(recordings="windows") == same  # they change nothing in a result
     different = [
         ids(seeds=[1]), ids(settings={**short, "height_mm": 6}), ids(machine_samples=1),

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
+from typing import ParamSpec
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+import rerun_bindings as bindings
 from numpy.typing import NDArray
 
 from edmsim.files import replacing
@@ -23,19 +26,48 @@ CLASS_COLOURS = {"spark": palette.SKY, "open": palette.MUTED, "short": palette.V
 """Classes of pulses in the recording, whose ground is dark."""
 
 
+_Args = ParamSpec("_Args")
+
+
+def releasing(write: Callable[_Args, None]) -> Callable[_Args, None]:
+    """Let a function release the recordings that it makes and disconnects, with their threads, when it is over."""
+
+    @wraps(write)
+    def released(*args: _Args.args, **options: _Args.kwargs) -> None:
+        try:
+            write(*args, **options)
+        finally:
+            bindings.flush_and_cleanup_orphaned_recordings()
+
+    return released
+
+
 @contextmanager
 def saved(recording: rr.RecordingStream, file: str | Path, layout: rrb.Blueprint) -> Iterator[None]:
     """Write what is logged inside to a file, which is replaced whole or not at all; the recording is disconnected."""
     # rerun's own file sink waits for ever on a full disk, and takes no names that are not UTF-8
     memory = recording.memory_recording()
     try:
-        recording.send_blueprint(layout, make_active=False, make_default=True)
+        _send_blueprint(recording, layout)
         yield
         recording.flush()
         with replacing(file) as partial:
             partial.write_bytes(memory.drain_as_bytes())
     finally:
         recording.disconnect()
+
+
+def _send_blueprint(recording: rr.RecordingStream, layout: rrb.Blueprint) -> None:
+    """Make a layout the default one, as rerun does, and disconnect the stream for it, which rerun keeps for ever."""
+    name = rr.get_application_id(recording)
+    assert name is not None
+    made = bindings.new_blueprint(name, make_default=False, make_thread_default=False, default_enabled=True)
+    stream = rr.RecordingStream._from_native(made)
+    stream.set_time("blueprint", sequence=0)
+    layout._log_to_stream(stream)
+    storage = stream.memory_recording().storage
+    bindings.send_blueprint(storage, make_active=False, make_default=True, recording=recording.to_native())
+    stream.disconnect()
 
 
 def class_rgb(kind: NDArray[np.int16]) -> NDArray[np.uint8]:

@@ -26,7 +26,7 @@ from edmsim.files import make_writable
 from edmsim.recording.figures import palette
 from edmsim.recording.rerun import blueprint
 from edmsim.recording.rerun.playback import APPLICATION, Playback, find_recording, read_chunks
-from edmsim.recording.rerun.stream import PATH, TIME, saved
+from edmsim.recording.rerun.stream import PATH, TIME, releasing, saved
 
 SIDES = (("a", "A", palette.SKY), ("b", "B", palette.ORANGE))
 """Each cut's place in the recording, its letter and the colour of its curves."""
@@ -43,6 +43,7 @@ OF_EPISODES = tuple(
 """Those that episodes of environments have besides; without them where neither is one."""
 
 
+@releasing
 def write_comparison(file: Path, a: Path, b: Path) -> None:
     """Write two recordings as one that shows them side by side."""
     plays = [Playback(a), Playback(b)]
@@ -224,6 +225,7 @@ class LiveViewer:
         if not self._window:
             _end(self._process)
 
+    @releasing
     def show(self, recording: Path) -> None:
         """Open a recording that is whole, beside those it shows."""
         stream = rr.RecordingStream(APPLICATION, recording_id=f"show-{recording.parent.name}", send_properties=False)

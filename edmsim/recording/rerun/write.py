@@ -26,7 +26,7 @@ from edmsim.recording.rerun import machine as log_machine
 from edmsim.recording.rerun.blueprint import ELECTRICAL, PROCESS, Series, Steps, blueprint, sizes_of
 from edmsim.recording.rerun.machine import KERF_FRAMES, bodies_of, growing_kerf, shapes_of
 from edmsim.recording.rerun.playback import APPLICATION, FORMAT, MADE_BY
-from edmsim.recording.rerun.stream import indexes, log_changing, saved
+from edmsim.recording.rerun.stream import indexes, log_changing, releasing, saved
 from edmsim.recording.scene import Scene, round_factor
 from edmsim.recording.stores import AROUND, PULSES, Closeups, Frames
 from edmsim.recording.windows import (
@@ -136,6 +136,7 @@ def _corners(scene: Scene, place: Floats) -> list[Event]:
 MAX_ROWS = 20_000  # most rows of a series; a longer table is averaged in groups
 
 
+@releasing
 def write_recording(
     file: str | Path, scene: Scene, windows: pa.Table, frames: Frames, closeups: Closeups, machine: Machine,
     report: Report, title: str, steps: Steps | None = None,
