@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 MECHANICS = ("modal", "mujoco")  # integrators of table and wire
 _OF_WIRE, _CHANGING = lasting(Arrays, CHANGING), lasting(Arrays, WALL, CHANGING)
-_OVERRUN_UM = 1000.0  # behind its end switches a table is braked within this (ours)
+_OVERRUN_UM = 2000.0  # a table may stand so far behind its end switches, where it is braked (ours)
 _NOWHERE_UM, _NO_STEPS = -1e9, np.empty((0, 3), np.int64)
 
 
@@ -240,13 +240,13 @@ class Plant:
         self._arrays.entering[:] = self._arrays.flow_share
         constants.stand_upright(self._arrays)
 
-    def _checked_place(self, position_um: Sequence[float], beyond_um: float = 0.0) -> tuple[float, ...]:
-        """Return a place as numbers; refuse what is not two or four of them, or a table so far beyond its travel."""
+    def _checked_place(self, position_um: Sequence[float]) -> tuple[float, ...]:
+        """Return a place as numbers; refuse what is not two or four of them, or is far beyond the travel."""
         travel_um = self._first_machine.base.table.travel_mm.value * 1e3
         place = tuple(finite("position_um", um) for um in np.ravel(position_um).tolist())
         if len(place) not in (2, 4):
             raise InputError(f"position_um has {len(place)} numbers: give x and y, or x, y, u and v")
-        if not all(-beyond_um <= um <= travel_um + beyond_um for um in place[:2]):
+        if not all(-_OVERRUN_UM <= um <= travel_um + _OVERRUN_UM for um in place[:2]):
             x, y = place[:2]
             raise InputError(f"position_um, X {x:g} Y {y:g} um, is not on the table of 0 to {travel_um:g} um")
         return place
@@ -340,7 +340,7 @@ class Plant:
         InputError
             If the place is not on the table, or the duration is negative or not a whole number.
         """
-        position_um = self._checked_place(position_um, _OVERRUN_UM)
+        position_um = self._checked_place(position_um)
         duration_ns = whole_from("duration_ns", duration_ns, 0)
         table_q, table = self._arrays.table_q.copy(), self.machine.base.table
         step_um, rapid_um_s = table.step_um.value, table.rapid_um_s.value

@@ -92,7 +92,7 @@ def test_a_place_is_two_or_four_numbers_on_the_table(machine):
     plant = edmsim.Plant(machine, position_um=np.array([30_000.0, 31_000.0]), resolution="fast")
     assert plant.commanded_um == (30_000.0, 31_000.0)
     for place, said in (((), "0 numbers"), ((1.0, 2.0, 3.0), "3 numbers"), ((math.nan, 0.0), "nan"),
-                        ((-2e3, 0.0), "X -2000 Y 0 um, is not on the table"), ((0.0, 1e9), "not on the table")):
+                        ((-3e3, 0.0), "X -3000 Y 0 um, is not on the table"), ((0.0, 1e9), "not on the table")):
         with pytest.raises(InputError, match=said):
             plant.reset(0, position_um=place)
         with pytest.raises(InputError, match=said):
