@@ -65,7 +65,7 @@ class Corner(Family):
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
         """Draw the turn: uniformly, to either side with the same probability."""
-        turn = float(rng.uniform(*self.turn_deg)) * (1 if rng.random() < 0.5 else -1)
+        turn = float(rng.uniform(*ends_of("turn_deg", self.turn_deg))) * (1 if rng.random() < 0.5 else -1)
         leg, (x, y) = self.leg_mm * 1e3, machine.base.table.centre_um
         angle = math.radians(turn)
         path = np.array(

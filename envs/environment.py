@@ -309,7 +309,9 @@ class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
 
     def change(self, **options: Any) -> None:
-        """Change arguments for the next episodes, for a curriculum.
+        """Change arguments, for a curriculum.
+
+        What an episode draws changes from the next one on; weights, limits and `episode_s` change at once.
 
         Parameters
         ----------

@@ -44,12 +44,12 @@ class HeightStep(GapFeed):
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]
     ) -> Scenario:
         """Draw where the height jumps, and to what: uniformly, band by band."""
-        total = self.length_mm * 1e3
-        starts, heights, at = [0.0], [machine.height_mm], float(rng.uniform(*self.band_mm)) * 1e3
+        total, band_mm = self.length_mm * 1e3, ends_of("band_mm", self.band_mm)
+        starts, heights, at = [0.0], [machine.height_mm], float(rng.uniform(*band_mm)) * 1e3
         while at < total:
             starts.append(at)
             heights.append(machine.height_mm * float(rng.uniform(self.low_share, 1.0)))
-            at += float(rng.uniform(*self.band_mm)) * 1e3
+            at += float(rng.uniform(*band_mm)) * 1e3
         ends = [*starts[1:], total + _MARGIN_UM]
         x, y = start = self.start_um(machine)
         x += machine.wire_diameter_um / 2 + SLOT_GAP_UM  # where the wire's front meets a jump

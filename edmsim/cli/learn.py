@@ -57,7 +57,8 @@ def train(
     from edmsim.learning.command import TrainOptions, run
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
-    with interruptible("run the same command with --resume to continue"):
+    again = f"edmsim train {env_id} --algo {algo} --seed {options['seed']} --resume --out {out}"
+    with interruptible(f"to continue: {again}"):
         tables = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
     for table in tables:
         OUT.print(table)

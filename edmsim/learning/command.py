@@ -46,11 +46,18 @@ class TrainOptions(NamedTuple):
         """Return the policy that the training starts from."""
         return None if self.start is None else policy_file.load(self.start.removeprefix("policy:"))
 
+    def of_result(self) -> dict[str, Any]:
+        """Return the options that change the result, for JSON; a resumed training has them again."""
+        settings = None if self.settings is None else str(self.settings)
+        return {
+            "settings": settings, "residual": self.residual, "teacher": self.teacher,
+            "privileged_critic": self.privileged_critic, "start": self.start, "safe": self.safe,
+        }  # fmt: skip
+
     def words(self) -> str:
         """Return the command-line options that change the result."""
         words: list[str] = []
-        for name in ("settings", "residual", "teacher", "privileged_critic", "start", "safe"):
-            value = getattr(self, name)
+        for name, value in self.of_result().items():
             if value is not None and value is not False:
                 words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
         return "".join(f" {shlex.quote(word)}" for word in words)
@@ -108,9 +115,10 @@ def run(
 
         trained = train(
             named, algo, out, steps=steps, seed=seed, resume=resume, watch=watch, parameters=parameters,
-            callbacks=_recorders(options, out), begin_from=options.policy(),
+            callbacks=_recorders(options, out), begin_from=options.policy(), options=options.of_result(),
         )
         done = trained.run
+        options = options._replace(**done.options)
         words = f"{done.env_id if named == env_id else env_id} --algo {algo} --steps {done.steps} --seed {seed}"
         card, packed = trained.export(f"edmsim train {words}{options.words()}")
         policy_file.write(card, packed, file)

@@ -89,6 +89,7 @@ def record(
     if is_part(env_id):
         raise InputError(f"{env_id} is decided on pass by pass: no feed controller acts in it")
     check_controllers(controllers)
+    _check_names(controllers)
     env: Any = gym.make(env_id_of(env_id), action="speed", decision_s=None, disable_env_checker=True)
     if not isinstance(env.unwrapped, EdmEnv):
         raise InputError(f"{env_id} is not an environment of edmsim")
@@ -208,6 +209,17 @@ def _datasets_in(folder: Path) -> Iterator[None]:
             del os.environ["MINARI_DATASETS_PATH"]
         else:
             os.environ["MINARI_DATASETS_PATH"] = before
+
+
+def _check_names(controllers: Sequence[str]) -> None:
+    """Raise `InputError` if two controllers would share a data set."""
+    taken: dict[str, str] = {}
+    for name in controllers:
+        first = taken.setdefault(_plain(name), name)
+        if first != name:
+            raise InputError(
+                f"{first} and {name} would both be the data set {_plain(name)}: record them into two folders"
+            )
 
 
 def _plain(name: str) -> str:

@@ -63,6 +63,8 @@ def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
     of_windows = parameters.privileged_critic, parameters.teacher is not None, parameters.residual is not None
     if is_part(env_id) and any(of_windows):
         raise InputError(f"{env_id} is decided on pass by pass: it has no teacher, residual or privileged critic")
+    if parameters.teacher is not None and parameters.residual is not None:
+        raise InputError("imitation learns the teacher's own actions: leave the residual law out")
     family = arguments_with(env_id, **parameters.environment)
     if not isinstance(family, Family):
         return

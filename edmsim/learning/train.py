@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,6 +49,7 @@ class TrainingRun:
     algo: str
     steps: int
     seed: int
+    options: dict[str, Any] = field(default_factory=dict)  # further ones of the command that began it
 
 
 class Trained(NamedTuple):
@@ -69,6 +70,7 @@ def train(
     env_id: str, algo: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
     watch: Callable[[TrainingProgress], None] | None = None, parameters: Hyperparameters | None = None,
     callbacks: Sequence[BaseCallback] = (), begin_from: Path | Policy | None = None,
+    options: Mapping[str, Any] | None = None,
 ) -> Trained:
     """Train a policy.
 
@@ -97,6 +99,8 @@ def train(
         Start of the training in place of an untrained learner: a policy, for its network and normalisation (see
         `edmsim.learning.start_sb3`), or the folder of a trusted checkpoint, also of another seed or with other
         settings. `steps` includes the checkpoint's steps; the training continues with `parameters`.
+    options : mapping, optional
+        What the caller wants to know of the training when it is resumed, for JSON: ``run.options`` of the result.
 
     Raises
     ------
@@ -112,11 +116,12 @@ def train(
         raise InputError(f"steps is {total}: give 1 or more")
     if not 0 <= seed < 2**32:
         raise InputError(f"the seed {seed} must be from 0 to {2**32 - 1}")
-    run = TrainingRun(env_id_of(env_id), algo, total, seed)
+    run = TrainingRun(env_id_of(env_id), algo, total, seed, dict(options or {}))
     last = begin_from
     if resume:
         last = _checkpoint_of(run, out)
-        parameters = _parameters_of(last)
+        parameters, before = _parameters_of(last), _run_state(last)
+        run = replace(run, steps=before["steps"] if steps is None else steps, options=before.get("options", {}))
     learners.check(env_id, algo, parameters)
     with locked(out, "edmsim train"):
         trained = _begin(run, parameters, last)

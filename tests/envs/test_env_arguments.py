@@ -78,3 +78,9 @@ def test_what_is_unknown_is_refused_by_name(arguments, message):
 def test_an_unknown_argument_is_refused_by_name(make_env, env_name):
     with pytest.raises(TypeError, match="has no argument 'colour'"):
         make_env(env_name, colour="red")
+
+
+@pytest.mark.parametrize(("name", "ranged"), [("Corner", "turn_deg"), ("HeightStep", "band_mm")])
+def test_a_number_is_a_range_of_its_own(make_env, name, ranged):
+    value = {"turn_deg": 90.0, "band_mm": 0.1}[ranged]
+    assert first_steps(make_env(name, **{ranged: value})) == first_steps(make_env(name, **{ranged: (value, value)}))

@@ -255,6 +255,7 @@ def test_bad_action(make_env, action, message):
         ("GapFeed", {"knobs": ["period", "duty_factor"]}, "period or duty_factor, not both"),
         ("GapFeed", {"knobs": ["volume"]}, "no knob 'volume'"),
         ("GapFeed", {"objectives": ["beauty"]}, "unknown objective 'beauty'"),
+        ("GapFeed", {"randomise": False}, "randomise is False"),
         ("GapFeed", {"randomise": ["table"]}, "'table', which has no effect here"),
         ("GapFeed", {"randomise": ["dielectric.nozzle_mm"]}, "'dielectric.nozzle_mm', which has no effect here"),
         ("GapFeed", {"wires": 0}, "wires is 0"),

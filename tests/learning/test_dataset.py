@@ -1,5 +1,6 @@
 """Data sets: what a controller did, as Minari keeps it, whole after an interruption."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -79,3 +80,11 @@ def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
 def test_bad_input_is_refused(tmp_path, options, named):
     with pytest.raises(InputError, match=named):
         dataset.record(**{"env_id": ENV, "controllers": ["fixed"], "steps": 20, "out": tmp_path, **options})
+
+
+def test_two_controllers_of_one_data_set_are_refused(tmp_path):
+    for suffix in ("json", "npz"):
+        shutil.copy(Path(__file__).parents[2] / "models" / "policies" / f"GapFeed-ppo.{suffix}", tmp_path)
+    copied = f"policy:{tmp_path / 'GapFeed-ppo.json'}"
+    with pytest.raises(InputError, match="would both be the data set gapfeed-ppo"):
+        dataset.record("edmsim/GapFeed-v2", ["policy:GapFeed-ppo", copied], 1, tmp_path)

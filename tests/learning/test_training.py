@@ -80,7 +80,10 @@ def test_what_is_exported_does_what_was_trained(short_training, tmp_path, algo):
 def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path, edmsim, monkeypatch, algo):
     from edmsim.learning import train as training
 
-    command = ("train", "edmsim/GapFeed-v2", "--algo", algo, "--steps", 128, "--score", 0, "--out", tmp_path)
+    settings = tmp_path / "steps.toml"
+    settings.write_text("steps = 128\n")
+    again = ("train", "edmsim/GapFeed-v2", "--algo", algo, "--score", 0, "--out", tmp_path, "--resume")
+    command = (*again[:-1], "--settings", settings)
     step = training._Keeper._on_step
 
     def interrupted(self):
@@ -92,16 +95,16 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
         patch.setattr(training._Keeper, "_on_step", interrupted)
         status, out, err = edmsim(*command)
     assert (status, out) == (130, "")
-    assert "--resume" in err
+    assert f"--algo {algo} --seed 0 --resume --out {tmp_path}" in err
     assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000064"]
     assert not (tmp_path / "policy.json").exists()
-    assert edmsim(*command, "--resume", "--seed", 1)[0] == 2
-    status, out, err = edmsim(*command, "--resume")
+    assert edmsim(*again, "--seed", 1)[0] == 2
+    status, out, err = edmsim(*again)  # with the settings and the steps that it began with
     assert status == 0
     assert "policy:" in out
     card = policy_file.load(str(tmp_path / "policy.json")).card
     assert (card.steps, card.seed) == (128, 0)
-    assert card.command == f"edmsim train edmsim/GapFeed-v2 --algo {algo} --steps 128 --seed 0"
+    assert card.command == f"edmsim train edmsim/GapFeed-v2 --algo {algo} --steps 128 --seed 0 --settings {settings}"
 
 
 @pytest.mark.slow
