@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 class Snapshots:
     """Saves and loads its state: fields of a dataclass that are no arguments, and what classes name in `STATE`."""
 
-    # what is made anew from the arguments or by a set-up stands elsewhere, as a plain attribute. Parts of the state
+    # a plain attribute holds what the arguments or a set-up make again, and is not saved. Parts of the state
     # that have a snapshot of their own are restored in place. A type that the present value does not show, that of
     # the entries of a list or of what may be None, is taken from the class' annotations
 

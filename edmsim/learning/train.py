@@ -120,7 +120,8 @@ def train(
     last = begin_from
     if resume:
         last = _checkpoint_of(run, out)
-        parameters, before = _parameters_of(last), _run_state(last)
+        before = _run_state(last)
+        parameters = _parameters_of(last, before)
         run = replace(run, steps=before["steps"] if steps is None else steps, options=before.get("options", {}))
     learners.check(env_id, algo, parameters)
     with locked(out, "edmsim train"):
@@ -236,9 +237,9 @@ def _checkpoint_of(run: TrainingRun, out: Path) -> Path:
     return found[-1].parent
 
 
-def _parameters_of(checkpoint: Path) -> Hyperparameters:
+def _parameters_of(checkpoint: Path, run_state: dict[str, Any]) -> Hyperparameters:
     """Return the hyperparameters of the training that a checkpoint is of."""
     try:
-        return Hyperparameters.model_validate(_run_state(checkpoint)["hyperparameters"])
+        return Hyperparameters.model_validate(run_state["hyperparameters"])
     except (ValueError, LookupError) as error:
         raise InputError(f"the checkpoint is damaged ({error}); train again without --resume", checkpoint) from None
