@@ -85,14 +85,14 @@ def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
             settings.load_machine(), settings.taper_deg, settings.guide_errors_mm or (0.0, 0.0), seed=settings.seed,
             resolution=settings.resolution, watch=CutProgress(bar, "test cut").show,
         )
-    lower_um, upper_um = found.uncertainty_mm
+    lower_mm, upper_mm = found.uncertainty_mm
     if json:
         sys.stdout.write(dumps({
             "lower_mm": found.lower_mm, "upper_mm": found.upper_mm, "uncertainty_mm": found.uncertainty_mm,
             "heights_mm": found.heights_mm.tolist(), "shift_um": found.shift_um.tolist(),
         }) + "\n")  # fmt: skip
         return
-    for name, error, own in (("lower", found.lower_mm, lower_um), ("upper", found.upper_mm, upper_um)):
+    for name, error, own in (("lower", found.lower_mm, lower_mm), ("upper", found.upper_mm, upper_mm)):
         OUT.print(f"the {name} guide is {error:+.3f} mm higher than its file says, ±{own:.3f} mm", highlight=False)
     print_line(f"Cut with it: edmsim cut PROGRAM --guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}")
 
