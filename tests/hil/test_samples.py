@@ -234,6 +234,8 @@ def test_a_table_of_delays(tmp_path, monkeypatch):
         ((), "give --serial BOARD"), (("--serial", "uhu"), "there is no board 'uhu'"),
         (("--serial", "spark", "--speed", "0"), "--speed is above 0"),
         (("--samples", "a.csv"), "written as .parquet .wav"),
+        (("--samples", "a.wav", "--speed", "3"), "--speed is that of ports"),
+        (("--serial", "spark", "--feed", "3"), "--feed is that of a run without ports"),
         (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--fmu", "gap.cir"), "written as .fmu"),
         (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
         (("--samples", "a.wav", "--gap", "0"), "the gap is"),
