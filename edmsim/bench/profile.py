@@ -1,7 +1,7 @@
 """Where a pulse's time goes: ``edmsim bench --profile``.
 
-The loop is compiled once more, with marks (`edmsim.compiled.marks`), and a second thread looks again and again which
-part it is in. The loop without marks, whose time per pulse is shared out, runs by turns with it.
+The loop is compiled once more, with marks (`edmsim.compiled.specialised`), and a second thread looks again and
+again which part it is in. The loop without marks, whose time per pulse is shared out, runs by turns with it.
 """
 
 from __future__ import annotations

@@ -318,7 +318,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     if running.resume and running.overwrite:
         raise InputError("you can resume or discard an interrupted cut: choose --resume or --overwrite")
     if running.resume:
-        checkpoint.see(folder)
+        checkpoint.refuse_missing(folder)
     with nullcontext() if folder is None else locked(folder), noted() as signals:
         run = _Run(simulation, folder, {**made_with, "seed": settings.seed}, signals)
         run.begin(running.resume, running.overwrite)
@@ -495,7 +495,7 @@ class _Run:
         """Take up the folder's interrupted cut, or see that there is none to lose."""
         if self._folder is None:
             return
-        checkpoint.check(self._simulation)
+        checkpoint.refuse_unstorable(self._simulation)
         if resume:
             self._before_s = self.wall_time_s = checkpoint.load(self._simulation, self._folder, self._made_with)
         elif not overwrite and (self._folder / checkpoint.NAME).exists():

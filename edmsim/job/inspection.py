@@ -19,9 +19,17 @@ from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
 from edmsim.metrology.passes import unknown_wall
 from edmsim.metrology.profile import ElementError, ProfileError, corners, element_errors, error_stats, profile_error
-from edmsim.metrology.reach import WorstPlace, mean_error_um, unreachable_um, worst_place
 from edmsim.metrology.roughness import electrolysed_um, face_roughness_um, heat_affected_um, roughness_um
-from edmsim.metrology.shares import error_shares, motor_offsets_um, share_stats, table_error
+from edmsim.metrology.shares import (
+    WorstPlace,
+    error_shares,
+    mean_error_um,
+    motor_offsets_um,
+    share_stats,
+    table_error,
+    unreachable_um,
+    worst_place,
+)
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath, WireContour

@@ -187,7 +187,7 @@ class Spread(Figures):
 
 @dataclass(frozen=True, eq=False)
 class ErrorPlace(Figures):
-    """Where an error is largest in the program, and why: see `edmsim.metrology.reach.WorstPlace`."""
+    """Where an error is largest in the program, and why: see `edmsim.metrology.shares.WorstPlace`."""
 
     program_x_mm: _Number = None
     program_y_mm: _Number = None
