@@ -1,4 +1,4 @@
-"""The machine measured: its table as ISO 230 asks, its wire guides from a test cut.
+"""Measurements of the machine: its table by ISO 230, its wire guides by a test cut.
 
 >>> from edmsim.machine.machine import Machine
 >>> found = measure_table(Machine.load("worn-table"), seed=1)

@@ -156,7 +156,6 @@ def drawn_machines() -> dict[str, float]:
 
 
 def _timed_s(run: Callable[[], object], times: int) -> float:
-    """Return the processor time of one of several runs."""
     started = time.process_time()
     for _ in range(times):
         run()

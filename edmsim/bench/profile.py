@@ -1,4 +1,4 @@
-"""Where a pulse's time goes: ``edmsim bench --profile``.
+"""Shares of the parts of the model in the time of a pulse: ``edmsim bench --profile``.
 
 The loop is compiled once more, with marks (`edmsim.compiled.specialised`), and a second thread looks again and
 again which part it is in. The loop without marks, whose time per pulse is shared out, runs by turns with it.

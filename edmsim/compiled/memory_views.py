@@ -110,7 +110,6 @@ def _field(context: Any, builder: Any, group: Any, value: Any, field: str) -> An
 
 
 def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[Any]) -> Any:
-    """Look at the memory at an address as an array."""
     view = context.make_array(kind)(context, builder)
     size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
     strides = [context.get_constant(types.intp, size)]

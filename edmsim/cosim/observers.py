@@ -1,4 +1,4 @@
-"""Who looks on while a cut runs: the interface through which recorders are shown every window."""
+"""The interface through which recorders observe every window of a cut."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Passes of a cut under way: their settings, what each took and left, and pieces that come loose."""
+"""Passes of a cut: their settings, what each removed and left, and pieces that come loose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checkpoints: an interrupted cut is kept in its folder and taken up again bit for bit."""
+"""Checkpoints: save an interrupted cut in its folder, and resume it bit for bit."""
 
 from __future__ import annotations
 

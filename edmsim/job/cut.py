@@ -25,9 +25,9 @@ from edmsim.controllers.axis.drive import Drive
 from edmsim.controllers.axis.elcam.file import NAMES, PLACES, load_tables, read_tables
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
-from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
 from edmsim.controllers.pulse_counters import percent_of_window
+from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause

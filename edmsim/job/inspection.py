@@ -1,4 +1,4 @@
-"""Inspection of a cut part: what was measured, gathered for report, picture and recording."""
+"""Inspection of a cut part: its measurements for report, picture and recording."""
 
 from __future__ import annotations
 
@@ -359,7 +359,6 @@ def _part(
     simulation: Simulation, profiles: list[ProfileError], scene: Scene, left_um: list[NDArray[np.float64]],
     table: report.TableShare | None,
 ) -> report.Report:
-    """Return the report with what was measured on the part."""
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
     widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]

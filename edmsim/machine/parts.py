@@ -1,4 +1,4 @@
-"""The parts of a set-up as the files under `models/` have them: every constant a number with its source.
+"""The parts of a set-up as the files under `models/` declare them: every constant with its source.
 
 A constant has bounds here, an order or more beyond what the field knows, so that a slip of the pen is refused before
 a cut begins and not met in the pulse loop.

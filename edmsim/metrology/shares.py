@@ -1,4 +1,4 @@
-"""What made the profile error: shares of programmed path, planner, drive, wire and gap at every place of the edge.
+"""Causes of the profile error: shares of programmed path, planner, drive, wire and gap, and places out of reach.
 
 Each share is how much further from the edge the wire's way passed than that of the step before: the programmed path
 than the offset, the commanded position than the path, the guides than the commanded position, the wire than its

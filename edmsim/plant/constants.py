@@ -1,4 +1,4 @@
-"""From a machine's constants to the numbers of the pulse loop: the one place where units change."""
+"""Converts a machine's constants to the numbers and units of the pulse loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a window of pulses was, as Python sees it, and how one leaves the model's range."""
+"""The results of a window of pulses in Python, and the errors of a plant that leaves the model's range."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The boards that the drives sit on: when a drive is due, what it is shown, and when its outputs take effect."""
+"""The boards of the drives: when a drive is due, its inputs, and when its outputs take effect."""
 
 from __future__ import annotations
 

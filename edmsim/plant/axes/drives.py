@@ -1,4 +1,4 @@
-"""A plant's drives: their rows in the memory of the pulse loop, and what of them belongs into a snapshot."""
+"""A plant's drives: their rows in the memory of the pulse loop, and their part of a snapshot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Index marks of the encoder and the home cam on the table: what a drive's two homing inputs see of them."""
+"""Index marks of the encoder and the home cam on the table, as the two homing inputs of a drive."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Direct-current motors: what bridge and supply do to a winding's current, and what a current does to them.
+"""Direct-current motors: the current of the winding under bridge and supply, and its torque and heat.
 
 ``L di/dt = V - R i - k w``. The bridge is a locked antiphase one: over a period of its pulses the winding has the
 mean ``(2 duty - 1)`` of the voltage at the bridge, in either direction of the current, so that a duty of one half

@@ -1,4 +1,4 @@
-"""Errors of screws and ways: how far the table is off where its axes say, periodic, cumulative, askew and bent.
+"""Geometric errors of screws and ways: periodic, cumulative, out of square and not straight.
 
 An error is what an axis indicates less where it truly is, the value that a compensation table holds. It is nought in
 the middle of the table. Of x: the screw's, cumulative and periodic, and the bend of the way of y. Of y: its screw's,

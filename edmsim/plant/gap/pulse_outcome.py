@@ -1,4 +1,4 @@
-"""How a pulse ends: what the rays see from the wire's present place, contact, breakdown, and which comes first."""
+"""The outcome of a pulse, open, spark, arc or short, from the gaps along the rays, contact and breakdown."""
 
 from __future__ import annotations
 

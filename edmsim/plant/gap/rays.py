@@ -1,4 +1,4 @@
-"""The rays of a slice: how far it is from the wire to the metal, all around the wire."""
+"""The rays of a slice: distances from the wire to the metal, all around the wire."""
 
 from __future__ import annotations
 

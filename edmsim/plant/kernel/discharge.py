@@ -1,4 +1,4 @@
-"""What a discharge does: crater, heat and debris, and whether the wire still holds its tension."""
+"""Effects of a discharge: crater, heat, debris; and the check whether the wire breaks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The film of water between wire and metal: it must be squeezed out before the wire can come nearer.
+"""The film of water between wire and metal, which the wire must squeeze out to come nearer.
 
 In a narrow gap that takes more force than anything else on the wire: the resistance grows as one over the square of
 the gap in a kerf. Its mean over the slices damps all modes; where a slice's gap is narrow, what its film has more is

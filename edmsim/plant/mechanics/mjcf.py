@@ -1,4 +1,4 @@
-"""A machine's MJCF: read once, and looked through for what the plant asks of it by name."""
+"""A machine's MJCF: read once, with a check of the names that the plant needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rotors and carriages of x and y under MuJoCo: a time step from compiled code, with all that a drive needs of it.
+"""Rotors and carriages of x and y under MuJoCo: one time step from compiled code, with the drives' inputs.
 
 `edmsim.plant.mechanics.mujoco_loop` steps the machine with its wire, pulse by pulse; the drives' bench its table.
 """

@@ -1,4 +1,4 @@
-"""Craters: what a discharge takes from the metal.
+"""Craters: the metal that a discharge removes.
 
 A crater's area in the metal of its slice is shared among the rays in its width, whose edges recede at once; the field
 itself is carved before they are traced again, ray by ray, so that a cell is looked up once for all discharges since.
