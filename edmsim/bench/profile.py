@@ -44,7 +44,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     )),
     "gas": tuple(f"gap.coverage.{name}" for name in ("fade", "blow")),
     "heat": ("kernel.discharge.propagate_heat",),
-    "retrace": ("gap.ray_trace.retrace",),
+    "retrace": ("gap.rays.retrace",),
     "carve": ("kernel.fire._carve",),
     "rest": ("kernel.memory.fire_windows",),
 }  # fmt: skip

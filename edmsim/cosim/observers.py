@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.gap.equalising import OppositePulses
+from edmsim.plant.gap.generator import OppositePulses
 from edmsim.plant.kernel.state import Timing
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow

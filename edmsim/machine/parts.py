@@ -301,7 +301,7 @@ MOST_EQUALISING_A = 0.4
 
 
 class Equalising(Part):
-    """Supply of the pulses of the other polarity, and its series resistor: see `edmsim.plant.gap.equalising`."""
+    """Supply of the pulses of the other polarity, and its series resistor: see `edmsim.plant.gap.generator`."""
 
     voltage_V: Annotated[Positive, _within(1, 1000)]
     resistance_ohm: Annotated[Positive, _within(0.001, 100000)]

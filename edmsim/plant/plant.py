@@ -20,7 +20,7 @@ from edmsim.plant.axes.faults import FAULTS
 from edmsim.plant.axes.trips import reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
 from edmsim.plant.constants import GeneratorSettings
-from edmsim.plant.gap.equalising import OppositePulses, opposite_pulses
+from edmsim.plant.gap.generator import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays, pack_rays
 from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
@@ -42,7 +42,7 @@ from edmsim.plant.kernel.state import (
     Timing,
 )
 from edmsim.plant.mechanics.model import ModalModel
-from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
+from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.snapshot import check_snapshot

@@ -41,7 +41,7 @@ class PulseWindow(NamedTuple):
     open: int
     spark: int
     arc: int
-    # voltage and current: means over the window, of the working pulses: see `edmsim.plant.gap.equalising`
+    # voltage and current: means over the window, of the working pulses: see `edmsim.plant.gap.generator`
     # for what others add
     mean_voltage_V: float
     mean_current_A: float

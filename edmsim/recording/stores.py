@@ -18,7 +18,7 @@ from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError
 from edmsim.files import replacing
 from edmsim.geometry import CORNER_DEG, Floats
-from edmsim.plant.gap.equalising import pulse_lengths_us
+from edmsim.plant.gap.generator import pulse_lengths_us
 from edmsim.plant.kernel.state import ARC, OPEN, PULSE, SHORT, SPARK
 from edmsim.snapshots import ArraySnapshots
 

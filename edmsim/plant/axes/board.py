@@ -16,8 +16,8 @@ from edmsim.compiled.axis_rows import (
     SHARED_IN,
     WATCHDOG,
 )
-from edmsim.compiled.calls import call_with_two
 from edmsim.compiled.jit import compiled
+from edmsim.compiled.memory_views import call_with_two
 from edmsim.plant.axes.encoder import read_axis
 from edmsim.plant.kernel.state import Axes
 

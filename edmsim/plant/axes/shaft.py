@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled
-from edmsim.plant.axes.encoder import position, see_edges
-from edmsim.plant.axes.marks import watch_cam
+from edmsim.plant.axes.encoder import position, see_edges, watch_cam
 from edmsim.plant.axes.motor import energise
 from edmsim.plant.kernel.state import Axes
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import inverse_cube_root
 from edmsim.compiled.jit import compiled, compiled_apart
-from edmsim.plant.gap.ray_trace import BARE_UM, gap_of, place_of, ray_at
-from edmsim.plant.gap.rays import pack_of, packed_lane, turned
+from edmsim.plant.gap.rays import BARE_UM, gap_of, pack_of, packed_lane, place_of, ray_at, turned
 from edmsim.plant.kernel.state import Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import FULL, carve_wall
 
