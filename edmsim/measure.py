@@ -448,6 +448,7 @@ def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
 # block and away from it on the other. What the gap takes is the same on both, and goes out.
 
 SIDE_MM = 3.0  # sides of the block (ours: most of each lies away from its corners)
+WALL_UM = 1.5  # by as much all slices of a leaning wall lie off alike (ours: 16 blocks, 3 to 15 degrees, true guides)
 CORNER_MM = 0.6  # so near to its corners a wall is not looked at (ours: what is cut twice there, or from the side)
 
 
@@ -457,7 +458,7 @@ class GuidesFound(NamedTuple):
     # how much higher the guides are than the machine's file says
     lower_mm: float
     upper_mm: float
-    uncertainty_mm: tuple[float, float]  # standard errors of these
+    uncertainty_mm: tuple[float, float]  # of these: scatter of the slices, and what shifts all slices alike
     # (slices,): by how much the walls were moved the way they lean, slice by slice
     heights_mm: NDArray[np.float64]
     shift_um: NDArray[np.float64]
@@ -505,7 +506,8 @@ def measure_guides(
     steep = 1.0 / distance_mm + rise
     places = [(at + low_mm / distance_mm - start) / steep for at in (0.0, 1.0)]
     known = [np.array([place, 1.0]) for place in places]
-    errors = [spread * math.sqrt(float(row @ covariance @ row)) / steep for row in known]
+    scatter_mm = [spread * math.sqrt(float(row @ covariance @ row)) / steep for row in known]
+    errors = [math.hypot(one_mm, WALL_UM * 1e-3 / tangent) for one_mm in scatter_mm]
     return GuidesFound(
         errors_mm[0] + places[0] - low_mm, errors_mm[1] + places[1] - high_mm, (errors[0], errors[1]), heights_mm,
         shift_um,

@@ -140,10 +140,11 @@ def motor_row(values: Mapping[str, float], **changes: float) -> NDArray[np.void]
     return row
 
 
-def axis_names() -> tuple[str, ...]:
-    """Names of the axes of `axis_row`."""
+def axis_names(amplifier: bool | None = None) -> tuple[str, ...]:
+    """Names of the axes of `axis_row`: all, or those with or without a velocity amplifier."""
     folder = models.path("drives/board.toml").parent
-    return tuple(sorted(file.stem.removeprefix("axis-") for file in folder.glob("axis-*.toml")))
+    names = sorted(file.stem.removeprefix("axis-") for file in folder.glob("axis-*.toml"))
+    return tuple(n for n in names if amplifier is None or amplifier == ("amplifier" in data_of(f"axis-{n}")))
 
 
 def axis_row(name: str = "table", **changes: float) -> NDArray[np.void]:

@@ -85,14 +85,14 @@ def guides(json: Json = False, quiet: Quiet = False, **options: Any) -> None:
             settings.load_machine(), settings.taper_deg, settings.guide_errors_mm or (0.0, 0.0), seed=settings.seed,
             resolution=settings.resolution, watch=CutProgress(bar, "test cut").show,
         )
-    lower_um, upper_um = found.uncertainty_mm
+    lower_mm, upper_mm = found.uncertainty_mm
     if json:
         sys.stdout.write(dumps({
             "lower_mm": found.lower_mm, "upper_mm": found.upper_mm, "uncertainty_mm": found.uncertainty_mm,
             "heights_mm": found.heights_mm.tolist(), "shift_um": found.shift_um.tolist(),
         }) + "\n")  # fmt: skip
         return
-    for name, error, own in (("lower", found.lower_mm, lower_um), ("upper", found.upper_mm, upper_um)):
+    for name, error, own in (("lower", found.lower_mm, lower_mm), ("upper", found.upper_mm, upper_mm)):
         OUT.print(f"the {name} guide is {error:+.3f} mm higher than its file says, ±{own:.3f} mm", highlight=False)
     print_line(f"Cut with it: edmsim cut PROGRAM --guide-errors={found.lower_mm:.3f}:{found.upper_mm:.3f}")
 
@@ -113,11 +113,13 @@ def gap(
     delays: Annotated[Path | None, typer.Option(help="File for quantiles of ignition delays, .csv.")] = None,
     fmu: Annotated[Path | None, typer.Option(help="File for an FMU, FMI 3.0 for co-simulation, .fmu.")] = None,
     gap: Annotated[float, typer.Option(help="Gap round the wire at the start in um.")] = 30.0,
-    feed: Annotated[float, typer.Option(help="Without --serial: speed of x in um/s.")] = 5.0,
+    feed: Annotated[float | None, typer.Option(help="Without --serial: speed of x in um/s; default: 5.")] = None,
     seconds: Annotated[
         float | None, typer.Option(help="Machine time in s after which to stop; default without --serial: 1.")
     ] = None,
-    speed: Annotated[float, typer.Option(help="With --serial: machine seconds per second.")] = 1.0,
+    speed: Annotated[
+        float | None, typer.Option(help="With --serial: machine seconds per second; default: 1.")
+    ] = None,
     rate: Annotated[float, typer.Option(help="Samples per second, 10000 to 100000.")] = 50_000.0,
     low_pass: Annotated[
         float, typer.Option(help="Cut-off frequency of a low-pass filter before the converter in Hz; 0 for none.")
@@ -140,6 +142,10 @@ def gap(
         raise InputError(
             "give --serial BOARD for ports, --samples, --log, --delays or --fmu FILE for files; see edmsim gap --help"
         )
+    if serial is None and speed is not None:
+        raise InputError("--speed is that of ports: give --serial BOARD")
+    if serial is not None and feed is not None:
+        raise InputError("--feed is that of a run without ports: with --serial the axes' port moves the wire")
     board = None if serial is None else make_board(serial)
     of_board = {} if board is None else {"generator": board.generator}
     settings = CutSettings.model_validate({**of_board, **options})
@@ -161,9 +167,11 @@ def gap(
         for taker in (sampled, logged):
             if taker is not None:
                 rig.watch(taker.frame)
-        _run(rig, serial is not None, speed, seconds, feed)
+        _run(rig, serial is not None, 1.0 if speed is None else speed, seconds, 5.0 if feed is None else feed)
     if sampled is not None:
         say(f"{sampled.count} samples of {samples}" + (f": {sampled.notice}" if sampled.notice else ""))
+    if logged is not None:
+        say(f"{logged.count} rows of {log}")
     if rig.gap.lost and serial is None:
         say(rig.gap.lost)
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import NamedTuple, Self
 
 from edmsim.axis_bench import AxisBench
-from edmsim.controllers.axis.drive import axis_row
+from edmsim.controllers.axis.drive import axis_names, axis_row
 from edmsim.controllers.axis.eanpos import Eanpos
 from edmsim.controllers.qcl import Control, read_configuration, read_program
 from edmsim.errors import InputError, one_of
@@ -75,7 +75,8 @@ class Station:
     QclError
         A text cannot be read.
     InputError
-        There are no devices or more than axes, or a contactor's output or device is unknown.
+        There are no devices or more than axes, or a contactor's output or device is unknown,
+        or the axis has no amplifier.
     """
 
     def __init__(
@@ -86,6 +87,9 @@ class Station:
         declared = self.configuration.devices
         if not 1 <= len(declared) <= len(AXIS_NAMES):
             raise InputError(f"the configuration declares {len(declared)} devices; it must be 1 to {len(AXIS_NAMES)}")
+        amplified = axis_names(amplifier=True)
+        if axis not in amplified:
+            raise InputError(f"there is no axis {axis!r} with an amplifier; choose one of {one_of(axis, amplified)}")
         self.axes = dict(zip(declared, AXIS_NAMES, strict=False))
         self.bench = AxisBench(
             {self.axes[name]: Eanpos(axis_row(axis), one.tcamp_ms, one.resources) for name, one in declared.items()}

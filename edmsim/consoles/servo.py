@@ -110,8 +110,9 @@ def bench_for(name: str, axis: str, tuned: bool) -> AxisBench:
     if name not in CHIPS:
         raise InputError(f"there is no drive {name!r} with a serial line; choose one of {one_of(name, CHIPS)}")
     machine_axis = axis in _MACHINE_AXES
-    if not machine_axis and axis not in axis_names():
-        raise InputError(f"there is no axis {axis!r}; choose one of {one_of(axis, (*_MACHINE_AXES, *axis_names()))}")
+    axes = (*_MACHINE_AXES, *axis_names(amplifier=False))
+    if axis not in axes:
+        raise InputError(f"there is no axis {axis!r} for this drive; choose one of {one_of(axis, axes)}")
     motor = _MACHINE_MOTOR if machine_axis else axis
     drive = tuned_drive(name, motor) if tuned else CHIPS[name](axis_row(motor))
     return AxisBench({axis: drive}, mechanics="mujoco") if machine_axis else AxisBench({"x": drive})

@@ -37,6 +37,7 @@ class RatioLog(FrameFile):
         self._rig, self._every_s = rig, 1.0 / rate_Hz
         self._last_s = rig.time_s
         self._counts = [0, 0, 0]
+        self.count = 0  # rows written
         super().__init__(file)
 
     def _open(self) -> None:
@@ -60,7 +61,7 @@ class RatioLog(FrameFile):
             f"{now_s:.6f},{x:g},{y:g},{short / pulses:.4f},{open_ / pulses:.4f},"
             f"{machine.t_on_us:g},{machine.t_period_us:g}\n"
         )
-        self._counts, self._last_s = [0, 0, 0], now_s
+        self._counts, self._last_s, self.count = [0, 0, 0], now_s, self.count + 1
 
 
 _WAITING_LINES, _LINES_A_FRAME = 64, 16

@@ -217,7 +217,9 @@ def test_samples_and_a_log_of_a_cut_at_a_feed(tmp_path, monkeypatch, capfd):
     assert pq.read_table(tmp_path / "out" / "gap.parquet").num_rows == pytest.approx(6000, abs=100)
     log = read_log(tmp_path / "out" / "ratios.csv")
     assert len(log) == pytest.approx(0.6 / 0.0255, abs=2)
-    assert "samples of" in capfd.readouterr().err
+    said = capfd.readouterr().err
+    assert "samples of" in said
+    assert f"{len((tmp_path / 'out' / 'ratios.csv').read_text().splitlines()) - 1} rows of" in said
 
 
 def test_a_table_of_delays(tmp_path, monkeypatch):
@@ -234,6 +236,8 @@ def test_a_table_of_delays(tmp_path, monkeypatch):
         ((), "give --serial BOARD"), (("--serial", "uhu"), "there is no board 'uhu'"),
         (("--serial", "spark", "--speed", "0"), "--speed is above 0"),
         (("--samples", "a.csv"), "written as .parquet .wav"),
+        (("--samples", "a.wav", "--speed", "3"), "--speed is that of ports"),
+        (("--serial", "spark", "--feed", "3"), "--feed is that of a run without ports"),
         (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--fmu", "gap.cir"), "written as .fmu"),
         (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
         (("--samples", "a.wav", "--gap", "0"), "the gap is"),

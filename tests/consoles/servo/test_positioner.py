@@ -121,6 +121,11 @@ def test_wrong_contactors_are_refused(contactors, reason):
         Station.of_files(*TWO, "analogue", contactors)
 
 
+def test_an_axis_without_an_amplifier_is_refused():
+    with pytest.raises(InputError, match="no axis 'bench' with an amplifier; choose one of analogue, analogue-table"):
+        Station.of_files(*FILES, "bench")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "status", "said"),

@@ -120,6 +120,7 @@ def test_the_machine_s_own_axis_has_its_screw_its_mass_and_the_ends_of_its_trave
         (["console", "servo", "uhu", "--axis", "fast", "--tuned"], "no UHU is tuned"),
         (["console", "servo", "uhu", "--speed", "0"], "--speed is above 0"),
         (["tune", "drive", "uhu", "--axis", "z"], "there is no axis 'z'"),
+        (["tune", "drive", "uhu", "--axis", "analogue"], "no axis 'analogue' for this drive; choose one of x, y"),
         (["tune", "drive", "steam"], "choose one of uhu, servo-module"),
         (["tune", "drive", "uhu", "--out", "/dev/null/before.png"], "/dev/null"),
     ],

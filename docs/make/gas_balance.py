@@ -1,0 +1,61 @@
+"""How much gas and debris a rough cut's water has, before and behind the wire; writes the table of theory/gas.md.
+
+    python docs/make/gas_balance.py
+
+The rough cut of 30 mm, and Sato's stable cutting of 80 mm with a wire that holds, each as it is at the end of a cut.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from sections import table, write_sections
+
+from edmsim.machine.machine import Machine
+from edmsim.validation.breakage import STABLE_MM, rough_rig, sato_rig
+from edmsim.validation.lag import ROUGH_MM, ROUGH_OPEN_SHARE
+from edmsim.validation.setups import UNBREAKABLE, servo_cut
+
+PAGE = Path(__file__).parents[1] / "theory" / "gas.md"
+SEEDS = range(1, 17)
+STABLE_PERIOD_US = 11.2
+"""Period at which the model has the 60 000 discharges per second of Sato's stable cutting."""
+STATES = {
+    "wake_gas": ("gas behind the wire, `b`", 2),
+    "covered": ("front that gas covers, `a`", 2),
+    "steam": ("of it by steam, `a_s`", 2),
+    "gas": ("of it by permanent gas, `a_g`", 2),
+    "debris": ("debris of the gap's water, `c`", 4),
+    "wake_debris": ("debris of the water behind the wire, `c_w`", 5),
+}
+"""Parts of a snapshot, with their names and digits."""
+
+
+def states(machine: Machine, open_share: float) -> tuple[float, dict[str, NDArray[np.float64]]]:
+    """Return the discharges per second, and each state of the slices: means over the seeds."""
+    cuts = [servo_cut(machine, seed, open_share=open_share) for seed in SEEDS]
+    slices = cuts[0].plant.resolution.slices
+    found = [cut.plant.snapshot() for cut in cuts]
+    means = {name: np.mean([np.asarray(one[name])[:slices] for one in found], axis=0) for name in STATES}
+    return float(np.mean([cut.ignitions / cut.seconds for cut in cuts])), means
+
+
+def main() -> None:
+    """Make the cuts and put their table into the page."""
+    sato = sato_rig(STABLE_MM, UNBREAKABLE).with_(t_period_us=STABLE_PERIOD_US)
+    cases = {ROUGH_MM: states(rough_rig(ROUGH_MM), ROUGH_OPEN_SHARE), STABLE_MM: states(sato, 0.1)}
+    heads = [f"{height:g} mm, {rate_Hz / 1e3:.0f} kHz: middle, faces" for height, (rate_Hz, _) in cases.items()]
+    rows = []
+    for name, (text, digits) in STATES.items():
+        each = [means[name] for _, means in cases.values()]
+        places = [(one[len(one) // 2], (one[0] + one[-1]) / 2) for one in each]
+        rows.append((text, *(f"{middle:.{digits}f}, {faces:.{digits}f}" for middle, faces in places)))
+    found = table(("", *heads), rows)
+    print(found)
+    write_sections(PAGE, {"gas balance": found})
+
+
+if __name__ == "__main__":
+    main()
