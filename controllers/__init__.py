@@ -18,8 +18,8 @@ from edmsim.controllers.feed.counts import CountsController
 from edmsim.controllers.feed.fixed import FixedController
 from edmsim.controllers.feed.law import ServoLaw
 from edmsim.controllers.feed.mcu import McuController
-from edmsim.controllers.own import check_controller, from_file
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
+from edmsim.controllers.user_controllers import check_controller, from_file
 from edmsim.errors import InputError, one_of
 from edmsim.numeric import named_numbers
 

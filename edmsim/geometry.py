@@ -1,4 +1,4 @@
-"""Plane curves: lines of straight pieces asked by arc length, and the tractrix behind one."""
+"""Plane curves: polylines by arc length, and the tractrix."""
 
 from __future__ import annotations
 

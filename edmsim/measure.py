@@ -1,4 +1,4 @@
-"""The machine measured: its table as ISO 230 asks, its wire guides from a test cut.
+"""Measurements of the machine: its table by ISO 230, its wire guides by a test cut.
 
 >>> from edmsim.machine.machine import Machine
 >>> found = measure_table(Machine.load("worn-table"), seed=1)
@@ -30,7 +30,7 @@ from edmsim.geometry import arc_lengths
 from edmsim.job.cut import guides_of
 from edmsim.machine.machine import Machine
 from edmsim.metrology.profile import ProfileError, profile_error, slice_heights_mm
-from edmsim.plant.axes.still_table import StillTable
+from edmsim.plant.axes.ways import StillTable
 from edmsim.program.outline import Outline, Program, Taper
 from edmsim.program.path import plan_path
 from edmsim.recording.figures.palette import BLUE, GRID, MUTED, VERMILION

@@ -1,4 +1,4 @@
-"""How far long work is, as a bar, or as a line now and then in a file or a pipe."""
+"""Progress bars; in a file or a pipe, a line from time to time."""
 
 from __future__ import annotations
 

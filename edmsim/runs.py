@@ -1,4 +1,4 @@
-"""Many runs: the table of those that are finished, and the pools that make the others.
+"""Many runs: a table of the finished ones, and pools that make the others.
 
 Threads start at once and suit short cuts, as the pulse loop leaves Python to other threads. Processes suit long ones
 and the code of users, which may die; those of a Ray cluster need the extra ``cluster``.

@@ -1,4 +1,4 @@
-"""Tables that are printed for a person and can be read at any width."""
+"""Tables for a terminal of any width."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Saving and loading what changes while something runs: a class declares its state, and has `snapshot` and `restore`.
+"""Saving and loading of state: a class declares its state, and gets `snapshot` and `restore`.
 
 >>> class Counter(Snapshots):
 ...     STATE = ("count",)

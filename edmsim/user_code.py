@@ -1,4 +1,4 @@
-"""Code that a text names: a user's own Python file, ``FILE.py:NAME``, or what makes a kind, ``KIND:REST``."""
+"""Code named by a text: the user's Python file, ``FILE.py:NAME``, or a kind, ``KIND:REST``."""
 
 from __future__ import annotations
 

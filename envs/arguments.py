@@ -1,4 +1,4 @@
-"""Arguments of the environments: what JSON may write of them, and what is refused."""
+"""Arguments of the environments: how JSON writes them, and their checks."""
 
 from __future__ import annotations
 

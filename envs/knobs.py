@@ -1,4 +1,4 @@
-"""Knobs of the pulse generator: what actions behind the feed's turn, by which law, and in which steps."""
+"""Knobs of the pulse generator: the settings that further entries of an action change, and their steps."""
 
 from __future__ import annotations
 

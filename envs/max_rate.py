@@ -1,4 +1,4 @@
-"""MaxRate: the fastest cut on a production machine whose wire breaks where it grows too hot."""
+"""MaxRate: cut as fast as possible on a production machine whose wire breaks when it is too hot."""
 
 from __future__ import annotations
 

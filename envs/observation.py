@@ -1,4 +1,4 @@
-"""The observation: only what a machine can measure and its operator knows, with a fixed place for every entry.
+"""The observation: a fixed list of entries that a machine can measure or its operator knows.
 
 An entry is declared here with its value; the values of the entries of a step are in `show`, which is compiled.
 `observation_builder` puts them together.

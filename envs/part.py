@@ -1,4 +1,4 @@
-"""Part: a whole part, cut rough and trimmed, where every pass is decided on once; and its page."""
+"""Part: a whole part, cut rough and trimmed, with a decision on every pass; and its page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A part that is cut in passes, one decision each: the cut of ``edmsim cut --passes``, which waits before them."""
+"""A cut in passes that waits before every pass for a decision."""
 
 from __future__ import annotations
 

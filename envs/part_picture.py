@@ -1,4 +1,4 @@
-"""A picture of a part under way: drawing, kerf and error from above, what its passes left, and the last step."""
+"""A picture of a part during its cut: drawing, kerf and error from above, results of passes, and the last step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who decides on the passes of Part: the technology's constants, other constants, a law, a policy.
+"""Controllers for Part, which decide on passes: the technology's constants, other constants, a law, a policy.
 
 They are named as on the command line: ``technology``, ``constant:pause=-0.5``, ``corrected``, ``policy:FILE``.
 """

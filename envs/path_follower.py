@@ -1,4 +1,4 @@
-"""Sub-environments along their paths, compiled: steps by their planners, and where each wire has come.
+"""Compiled motion of sub-environments: steps by their planners, and the place of each wire along its path.
 
 Nothing here knows the plant; sub-environments do not touch each other, so that their order and number do not matter.
 """

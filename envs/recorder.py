@@ -1,4 +1,4 @@
-"""An episode's recording: what a cut's recorders see of it, and what its steps commanded, earned and cost."""
+"""The recording of an episode: that of a cut, and the actions, rewards and costs of its steps."""
 
 from __future__ import annotations
 
@@ -76,7 +76,6 @@ class EpisodeRecorder:
             self._closeups.window(turn, plant)
 
     def _table(self) -> WindowTable:
-        """Return the table of the windows, as of a cut."""
         table = WindowTable()
         plant = self._sub_envs.fleet.plants[self._index]
         for window_bytes, row_bytes, state_bytes in self._windows:

@@ -1,4 +1,4 @@
-"""Environments by name, edmsim's and those users register; none of them is loaded before it is asked for."""
+"""Environments by name, edmsim's and the user's; each is loaded when it is used."""
 
 from __future__ import annotations
 
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 
 class _Registered(NamedTuple):
-    """An environment of edmsim."""
-
     file: str  # module of this folder with its arguments and its class
     version: int  # the last change was that debris ignites the gap: nothing earned before compares
     reference: float  # mean return of the reference over the held-back seeds (docs/benchmark.md): `reward_threshold`

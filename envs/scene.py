@@ -1,4 +1,4 @@
-"""What is drawn of an environment's cut: its path or its drawing, the metal that is left, the error between them."""
+"""The geometry that pictures of an environment draw: its path or drawing, and the remaining metal."""
 
 from __future__ import annotations
 

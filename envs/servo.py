@@ -1,4 +1,4 @@
-"""The servo under supervisory actions: it holds what they set, window by window, and retracts from shorts.
+"""The servo of the action `servo`: it holds a share of open pulses, and retracts from shorts.
 
 It is the law of the controller `counts` without its processor: the error is the share of open pulses less that of
 short ones less the target; a low-passed error, a proportional and an integral part make the feed.

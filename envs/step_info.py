@@ -1,4 +1,4 @@
-"""Numbers of `info` at every step, compiled; much of them no real machine knows."""
+"""Compiled numbers of `info` at every step; a real machine does not measure all of them."""
 
 from __future__ import annotations
 

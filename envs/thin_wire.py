@@ -1,4 +1,4 @@
-"""ThinWire: a wire of 0.1 mm, of which nobody knows what it bears; a few may break until that is found."""
+"""ThinWire: a wire of 0.1 mm with an unknown limit; a few may break until a policy finds it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trim: a finishing pass along a wavy wall, which is to become straight and end in its place."""
+"""Trim: a finishing pass that makes a wavy wall straight and brings it to its target."""
 
 from __future__ import annotations
 

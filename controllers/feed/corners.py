@@ -1,4 +1,4 @@
-"""What a law does at corners: it lengthens the pulse period and offsets the guides.
+"""Rules of gap laws for corners: a longer pulse period, and an offset of the guides.
 
 Less power bends the wire less. The offset moves the guides off the path by as much as the wire bends. The numbers are
 ours; those of a task's reference lines are in `edmsim.evaluation.lines`.

@@ -1,4 +1,4 @@
-"""A rule for the period that relieves a wire before it breaks, and so holds more heat flux.
+"""A rule for the period that relieves a wire before it breaks, so that it can hold a higher heat flux.
 
 On training machines, most wires that broke had boiled dry 10 to 270 ms before (docs/tasks/max-rate-shift.md). It
 began with 1.4 to 4 times as many discharges as usual in one fifth of the height, often as a short cleared. Steam then

@@ -224,7 +224,6 @@ class ServoLaw(Snapshots):
         dataclass(cls)
 
     def __post_init__(self) -> None:
-        """Make the parts of the parameters."""
         protocols.check_parameters(self)
         for slot, kind in self.PARTS.items():
             own = [each.name for each in _arguments(kind) if hasattr(self, each.name)]

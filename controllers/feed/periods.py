@@ -1,4 +1,4 @@
-"""Rules for the pulse period: a given one, one from the count of normal pulses, one that limits the wire's heat.
+"""Rules for the pulse period: constant, by the count of normal pulses, or by the heat of the wire.
 
 Source of `NormalPulses`: Sato et al. (physics notes of the project, sections 5 and 6): normal pulses are counted per
 100 ms and held below a threshold curve over the workpiece's thickness by the off-time; the thickness is known on-line

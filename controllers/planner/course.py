@@ -1,4 +1,4 @@
-"""A planner's path, checked, and its row at the path's start."""
+"""The checked path of a planner, and its row at the path's start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The planners in compiled code: their row, the way each kind makes steps, and one call for all kinds."""
+"""The planners in compiled code: their record, how each kind makes steps, and one call for all kinds."""
 
 from __future__ import annotations
 

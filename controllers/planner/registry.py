@@ -1,4 +1,4 @@
-"""Planners by name: the ways from a path and a speed to the steps of two motors."""
+"""Planners by name: from a path and a speed to the steps of two motors."""
 
 from __future__ import annotations
 

@@ -116,7 +116,6 @@ def main() -> None:
     print(found, each, sep="\n\n")
     if policy != POLICY:
         return
-    write_sections(TRAINING, {"adapted": found})
     write_sections(TASK, {"adapted": f"{found}\n\n{each}"})
     scores = [score.score(cuts.results(name, seeds), "fast") for name in (POLICY, LAW)]
     score.write_card(POLICY.removeprefix("policy:"), [scores[0]._replace(controller="policy"), scores[1]])

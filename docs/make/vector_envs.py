@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from sections import write_sections
 
-from edmsim.bench.envs import half_cheetah_comparison, settled, straight_cuts, wall_s
+from edmsim.bench.figures import half_cheetah_comparison, settled, straight_cuts, wall_s
 
 PAGE = Path(__file__).parents[1] / "environments.md"
 COUNTS, THREADS = (1, 4, 16, 64, 256), (1, 2)

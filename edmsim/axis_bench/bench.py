@@ -17,8 +17,7 @@ from edmsim.machine.machine import Machine
 from edmsim.numeric import finite, whole_from
 from edmsim.plant.axes.board import fault_net_low, hold_in_reset
 from edmsim.plant.axes.drives import AXIS_NAMES
-from edmsim.plant.axes.encoder import read_phases
-from edmsim.plant.axes.marks import LONG_AGO_NS
+from edmsim.plant.axes.encoder import LONG_AGO_NS, read_phases
 from edmsim.plant.axes.steps import DIR_OPEN, STEP_OPEN, move
 
 _TURN_NS = 10_000_000  # a drive is asked for what it sends unasked so often (ours)

@@ -1,23 +1,20 @@
-"""Speed of this computer: all figures of ``edmsim bench``."""
+"""All figures of ``edmsim bench``: speed of environments, of controllers and, from `plant`, of the pulse loop."""
 
 from __future__ import annotations
 
-from edmsim.bench.controllers import (
-    controller_overhead,
-    elcam_figures,
-    literal_realtime_factor,
-    poscal_calls_per_s,
-    positioner_realtime_factor,
-    servo_realtime_factor,
-)
-from edmsim.bench.envs import (
-    drawn_machines,
-    env_steps_per_s,
-    half_cheetah_comparison,
-    turned_knobs_cost,
-    vector_env_steps_per_s,
-)
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from typing import Any
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+
+from edmsim.axis_bench import AxisBench
 from edmsim.bench.plant import (
+    REPEATS,
+    best_s,
     cold_start_s,
     memory_growth_MB,
     mujoco_realtime_factor,
@@ -25,7 +22,16 @@ from edmsim.bench.plant import (
     ray_sums_per_s,
     thread_scaling,
 )
+from edmsim.controllers import make
+from edmsim.controllers.axis import CHIPS, tuned
+from edmsim.controllers.axis.elcam.module import CamPlace, Elcam
+from edmsim.controllers.axis.elcam.registers import Function, Mode
+from edmsim.controllers.mcu.firmware.poscal import poscal
+from edmsim.cosim.simulation import Simulation
+from edmsim.envs.task import MAX_FEED_UM_S
+from edmsim.errors import EdmsimError, InputError
 from edmsim.machine.machine import Machine
+from edmsim.program.path import CutPath, WireContour
 
 
 def measure() -> dict[str, float]:
@@ -59,3 +65,271 @@ def measure() -> dict[str, float]:
         "memory_growth_MB": memory_growth_MB(),
         "cold_start_s": cold_start_s(),
     }
+
+
+FEED_UM_S = 28.0
+"""Feed of the straight cut that is timed: most pulses spark."""
+STANDARD: dict[str, Any] = {
+    "action": "speed", "randomise": None, "height_mm": None, "tension": None, "episode_s": None, "length_mm": 30.0,
+}
+"""The standard set-up, cut for as long as it takes to time it."""
+NUM_ENVS = 64
+SETTLE_STEPS = 400
+"""Steps before timing, until the wire cuts a full kerf."""
+KNOB_STEPS, RESETS, EPISODES = 100, 50, 4
+SLICE_S, SLICES = 0.05, 20
+"""Spells of timing per figure, whose best counts, equally long for every environment: a short spell finds a quiet
+moment of the computer more easily than a long one."""
+
+
+def env_steps_per_s(resolution: str = "default") -> float:
+    """Steps per second of processor time of one environment of `gymnasium.make`, in a straight cut."""
+    env = gym.make("edmsim/GapFeed-v2", resolution=resolution, **STANDARD)
+    env.reset(seed=0)
+    action = np.array([FEED_UM_S / MAX_FEED_UM_S], np.float32)
+    rate = _best_rate(lambda: env.step(action), processor_s)
+    env.close()
+    return rate
+
+
+def vector_env_steps_per_s(resolution: str = "default", num_envs: int = NUM_ENVS) -> float:
+    """Steps per second of all of the native vector environment together, in straight cuts on all processors."""
+    with straight_cuts(num_envs, resolution) as step:
+        return num_envs * _best_rate(step, wall_s)
+
+
+@contextmanager
+def straight_cuts(num_envs: int, resolution: str, threads: int | None = None) -> Iterator[Callable[[], object]]:
+    """Give the step of a vector environment at the feed of the benchmark."""
+    env = gym.make_vec(
+        "edmsim/GapFeed-v2", num_envs=num_envs, vectorization_mode="vector_entry_point", resolution=resolution,
+        threads=threads, **STANDARD,
+    )
+    with closing(env):
+        env.reset(seed=0)
+        actions = np.full((num_envs, 1), FEED_UM_S / MAX_FEED_UM_S, np.float32)
+        yield lambda: env.step(actions)
+
+
+def turned_knobs_cost() -> float:
+    """Processor time of a step in which two knobs of the generator turn at random, over that of one at rest.
+
+    Of 32 drawn machines at resolution ``fast``; the wire cuts in both.
+    """
+    env = gym.make_vec(
+        "edmsim/Corner-v2", num_envs=32, vectorization_mode="vector_entry_point", resolution="fast", action="change",
+        knobs=("on_time", "duty_factor"),
+    )
+    env.reset(seed=0)
+    turns = np.random.default_rng(0).normal(0.0, 0.35, (KNOB_STEPS, *(env.action_space.shape or ())))
+    turns = np.clip(turns, -1.0, 1.0).astype(np.float32)
+    turns[..., 0] = 0.0  # the feed
+
+    def timed(share: float) -> float:
+        started = time.process_time()
+        for actions in turns * np.float32(share):
+            env.step(actions)
+        return time.process_time() - started
+
+    rest, turned = (min(values) for values in zip(*((timed(0.0), timed(1.0)) for _ in range(3)), strict=True))
+    env.close()
+    return float(turned / rest)
+
+
+def drawn_machines() -> dict[str, float]:
+    """Return the processor time of a reset that draws another machine, and its share of an episode's."""
+    drawn, reused = (gym.make("edmsim/GapFeed-v2", resolution="fast", machine_episodes=n) for n in (1, 2 * RESETS))
+    for env in (drawn, reused):
+        env.reset(seed=0)
+    drawn_s, reused_s = (_timed_s(env.reset, RESETS) for env in (drawn, reused))
+    action = np.zeros(reused.action_space.shape or (), np.float32)
+
+    def episode() -> None:
+        reused.reset()
+        over = False
+        while not over:
+            *_, terminated, truncated, _ = reused.step(action)
+            over = terminated or truncated
+
+    episode_s = _timed_s(episode, EPISODES)
+    return {"drawn_reset_ms": drawn_s * 1e3, "drawn_machines_cost": (episode_s - reused_s + drawn_s) / episode_s}
+
+
+def _timed_s(run: Callable[[], object], times: int) -> float:
+    started = time.process_time()
+    for _ in range(times):
+        run()
+    return (time.process_time() - started) / times
+
+
+def _best_rate(step: Callable[[], object], taken_s: Callable[[Callable[[], object], int], float]) -> float:
+    steps = settled(step)
+    return steps / min(taken_s(step, steps) for _ in range(SLICES))
+
+
+def settled(step: Callable[[], object]) -> int:
+    """Run environments to a steady state, and return the number of steps per spell."""
+    return max(1, round(SLICE_S / wall_s(step, SETTLE_STEPS) * SETTLE_STEPS))
+
+
+def processor_s(step: Callable[[], object], steps: int) -> float:
+    """Return the processor time of some steps together."""
+    return _timed_s(step, steps) * steps
+
+
+def wall_s(step: Callable[[], object], steps: int) -> float:
+    """Return how long some steps take together."""
+    started = time.perf_counter()
+    for _ in range(steps):
+        step()
+    return time.perf_counter() - started
+
+
+def half_cheetah_comparison() -> dict[str, float]:
+    """Steps per second of `NUM_ENVS` environments at ``fast`` and of as many HalfCheetah-v5, timed in turns.
+
+    Raises `InputError` if ``gymnasium[mujoco]`` is not installed, which the extra ``test`` has.
+    """
+    cheetahs = _half_cheetahs(NUM_ENVS)
+    best = [np.inf, np.inf]
+    with straight_cuts(NUM_ENVS, "fast") as ours:
+        steps = [ours, cheetahs]
+        spells = [settled(step) for step in steps]
+        for _ in range(SLICES):
+            for k, (step, spell) in enumerate(zip(steps, spells, strict=True)):
+                best[k] = min(best[k], wall_s(step, spell) / spell)
+    names = "vector_env_steps_per_s_fast", "half_cheetah_vector_steps_per_s"
+    return {name: NUM_ENVS / step_s for name, step_s in zip(names, best, strict=True)}
+
+
+def _half_cheetahs(count: int) -> Callable[[], object]:
+    """Gymnasium's default vector environment of HalfCheetah-v5, which steps them one after another in one process."""
+    try:
+        with warnings_unseen():
+            env: Any = gym.make_vec("HalfCheetah-v5", num_envs=count, max_episode_steps=-1)
+    except (ImportError, gym.error.DependencyNotInstalled) as error:
+        raise InputError(
+            'HalfCheetah-v5, which the environments are compared with, is missing: pip install "gymnasium[mujoco]"'
+        ) from error
+    env.reset(seed=0)
+    actions = np.full(env.action_space.shape, 0.1, np.float32)
+    return lambda: env.step(actions)
+
+
+@contextmanager
+def warnings_unseen() -> Iterator[None]:
+    """Silence MuJoCo's warnings about Gymnasium's own models, one per environment."""
+    mujoco.set_mju_user_warning(lambda _: None)
+    yield
+    mujoco.set_mju_user_warning(None)
+
+
+CUT_WINDOWS = 100
+CUT_SETTLE_WINDOWS = 300
+"""Windows before timing, until the wire cuts."""
+CALLS = 5000
+_FROM_UM, _TO_UM = (30_000, 30_000), (36_000, 33_000)
+
+
+def _cut(controller: str, planner: str = "poscal") -> Simulation:
+    """Return a cut in progress, along an oblique line: both motors step."""
+    points_um = np.array([_FROM_UM, _TO_UM], np.int64)
+    contour = WireContour(points_um, 0, points_um.astype(np.float64) * 1e-3, False, "left", (), (1,))
+    path = CutPath((contour,), (25.0, 25.0, 40.0, 40.0), 0.13, (30.0, 30.0), (), "bench")
+    cut = Simulation(Machine.load(), path, make(controller), seed=0, planner=planner)
+    _advance(cut, CUT_SETTLE_WINDOWS)
+    return cut
+
+
+def _advance(cut: Simulation, windows: int) -> None:
+    for _ in range(windows):
+        cut.step()
+
+
+def _run_s(cut: Simulation, windows: int) -> float:
+    started = time.process_time()
+    _advance(cut, windows)
+    return time.process_time() - started
+
+
+def controller_overhead() -> float:
+    """Share of a cut's processor time that the registers add: `mcu` over `counts`, less 1, at the default resolution.
+
+    Both cut the same, by turns.
+    """
+    law, whole = _cut("counts"), _cut("mcu")
+    times = [(_run_s(law, CUT_WINDOWS), _run_s(whole, CUT_WINDOWS)) for _ in range(REPEATS)]
+    return min(t for _, t in times) / min(t for t, _ in times) - 1
+
+
+def literal_realtime_factor() -> float:
+    """Simulated seconds per second of the processor in a cut whose steps the timers of 1982 make, at `default`."""
+    cut = _cut("mcu", "poscal-literal")
+    return CUT_WINDOWS * cut.plant.window_ns * 1e-9 / best_s(lambda: _advance(cut, CUT_WINDOWS))
+
+
+def poscal_calls_per_s() -> float:
+    """Calls of POSCAL in a second of the processor, over displacements of all lengths."""
+    rng = np.random.default_rng(0)
+    places = rng.integers(0, 65_536, (CALLS, 2, 2)) >> rng.integers(0, 12, (CALLS, 1, 1))
+    pairs = [((ax, ay), (bx, by)) for (ax, ay), (bx, by) in places.tolist()]
+
+    def call_all() -> None:
+        for position, target in pairs:
+            poscal(position, target, 127)
+
+    return CALLS / best_s(call_all)
+
+
+SPAN_S = 1.0  # simulated time of such a run
+SERVO_REPEATS = 6  # runs per figure of a servo
+
+
+def servo_realtime_factor() -> float:
+    """Simulated seconds per second of the processor: the slower of two drives that move an axis to and fro."""
+    return min(_factor(name) for name in CHIPS)
+
+
+def positioner_realtime_factor() -> float:
+    """Simulated seconds per second of the processor: an EANPOS at a sample of 1 ms that moves an axis to and fro."""
+    return _factor("eanpos")
+
+
+def _factor(name: str) -> float:
+    bench = AxisBench({"x": tuned(name)})
+    bench.run(0.1)
+    least_s = float("inf")
+    for _ in range(SERVO_REPEATS):
+        bench.steps("x", 100, 300.0, 3_000.0)
+        bench.steps("x", -100, 300.0, 3_000.0)
+        started = time.process_time()
+        bench.run(SPAN_S)
+        least_s = min(least_s, time.process_time() - started)
+    return SPAN_S / least_s
+
+
+POINTS = 1_000_000
+"""Points of the table."""
+LOOKUPS = 2000
+"""Places looked up."""
+
+
+def elcam_figures() -> dict[str, float]:
+    """Processor time: seconds to load a table of a million points, microseconds of a cycle that follows it."""
+    points = np.column_stack([np.arange(POINTS, dtype=float), np.arange(POINTS) % 7.0])
+    data, master = points.tobytes(), CamPlace()
+    elcam = Elcam([CamPlace(), master], buffer_bytes=len(data))
+    at = elcam.at(0)
+    for function, value in ((Function.BUFFER_SIZE, POINTS), (Function.AXIS, 0), (Function.MASTER, 1)):
+        at.write_int(function, value)
+    started = time.process_time()
+    code = at.load(data)
+    status = at.write_int(Function.MODE, Mode.RUN)
+    load_s = time.process_time() - started
+    if code or status:
+        raise EdmsimError(f"a cam table of {POINTS} points was refused: {code!r}, {status!r}")
+    started = time.process_time()
+    for k in range(LOOKUPS):
+        master.setpoint = 7919.7 * k % POINTS
+        elcam.follow()
+    return {"elcam_load_s": load_s, "elcam_lookup_us": (time.process_time() - started) / LOOKUPS * 1e6}

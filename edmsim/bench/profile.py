@@ -1,7 +1,7 @@
-"""Where a pulse's time goes: ``edmsim bench --profile``.
+"""Shares of the parts of the model in the time of a pulse: ``edmsim bench --profile``.
 
-The loop is compiled once more, with marks (`edmsim.compiled.marks`), and a second thread looks again and again which
-part it is in. The loop without marks, whose time per pulse is shared out, runs by turns with it.
+The loop is compiled once more, with marks (`edmsim.compiled.specialised`), and a second thread looks again and
+again which part it is in. The loop without marks, whose time per pulse is shared out, runs by turns with it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     )),
     "gas": tuple(f"gap.coverage.{name}" for name in ("fade", "blow")),
     "heat": ("kernel.discharge.propagate_heat",),
-    "retrace": ("gap.ray_trace.retrace",),
+    "retrace": ("gap.rays.retrace",),
     "carve": ("kernel.fire._carve",),
     "rest": ("kernel.memory.fire_windows",),
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a real controller on ``edmsim gap --serial`` gets: how long answers take, and how much real time there is."""
+"""Response times and real-time factor of ``edmsim gap --serial``: figures of ``edmsim bench --serial``."""
 
 from __future__ import annotations
 

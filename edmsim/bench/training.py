@@ -12,7 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from edmsim.bench.envs import warnings_unseen
+from edmsim.bench.figures import warnings_unseen
 from edmsim.errors import InputError
 
 try:

@@ -1,4 +1,4 @@
-"""Least squares on summary statistics: which constants let the model cut as the machine of a log did.
+"""Least squares on summary statistics: constants with which the model cuts like the machine of a log.
 
 The statistics of steady stretches of the log are compared with those of straight cuts of the same feed and setting,
 simulated with common random numbers. Both are known only to their noise, whose covariance is taken from batches of

@@ -1,4 +1,4 @@
-"""A machine's log: the table of windows, and the steady stretches of it."""
+"""A machine's log: its windows as a table, and its steady stretches."""
 
 from __future__ import annotations
 
@@ -307,7 +307,6 @@ class Log:
     settings: CutSettings | None = None  # settings of a simulated cut; None if the file has none
 
     def __len__(self) -> int:
-        """Return the number of windows."""
         return len(self.columns["short"])
 
 

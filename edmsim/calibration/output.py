@@ -1,4 +1,4 @@
-"""What a calibration leaves: files for ``edmsim cut``, a table for the terminal, JSON for scripts."""
+"""Outputs of a calibration: files for ``edmsim cut``, a table for the terminal, JSON for scripts."""
 
 from __future__ import annotations
 

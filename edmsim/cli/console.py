@@ -1,4 +1,4 @@
-"""What all commands share: the two streams, how a line is printed, exit statuses, and options of one meaning."""
+"""Shared by all commands: standard output and error, exit statuses, and common options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where machine code is kept between runs, under a name that covers all its sources.
+"""The cache of machine code: a folder whose name is a digest of all sources.
 
 The folder is named after a digest of every file that compiles something, of all they import, and of the compiler.
 Each file in it ends with a digest of itself: damaged machine code is compiled again and never run.

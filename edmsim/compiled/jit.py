@@ -1,4 +1,4 @@
-"""How compiled code is made: numba, without the GIL, kept between runs (`cache`)."""
+"""Decorators that compile functions with numba, without the GIL, and cache the code."""
 
 from __future__ import annotations
 

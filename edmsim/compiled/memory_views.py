@@ -1,4 +1,4 @@
-"""Memory as arrays in compiled code: rows at an address, and groups of arrays found by a table of their addresses."""
+"""Addresses in compiled code: memory as rows or groups of arrays, and calls of functions."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir
 from numba import from_dtype
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, register_model
 
@@ -110,7 +111,6 @@ def _field(context: Any, builder: Any, group: Any, value: Any, field: str) -> An
 
 
 def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[Any]) -> Any:
-    """Look at the memory at an address as an array."""
     view = context.make_array(kind)(context, builder)
     size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
     strides = [context.get_constant(types.intp, size)]
@@ -121,3 +121,23 @@ def _array(context: Any, builder: Any, kind: Any, address: Any, lengths: list[An
         itemsize=context.get_constant(types.intp, size), meminfo=None,
     )  # fmt: skip
     return view._getvalue()
+
+
+def _calling(typingctx: Any, function: Any, first: Any, second: Any) -> Any:
+    """Machine code for a call of ``void function(first, second)``, all three given as addresses.
+
+    The addresses are values at run time, so machine code kept between runs stays right.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        address = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [address, address])
+        target = builder.inttoptr(arguments[0], kind.as_pointer())
+        builder.call(target, [builder.inttoptr(argument, address) for argument in arguments[1:]])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), generate
+
+
+call_with_two: Any = intrinsic(_calling)
+"""Call ``void function(void *, void *)``; takes three addresses (int64)."""

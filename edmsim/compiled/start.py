@@ -1,4 +1,4 @@
-"""What lets a process with numba start sooner: numba makes a hundred thousand objects that stay."""
+"""A faster start of a process with numba, which makes a hundred thousand objects that stay."""
 
 from __future__ import annotations
 

@@ -129,7 +129,6 @@ class PlannerMotion(Snapshots):
         return sorted([*made, *led], key=lambda step: step.time_ns) if led else made
 
     def _to_motors(self, steps: list[Step]) -> list[Step]:
-        """Return the steps the motors get."""
         return steps if self._compensation is None else self._compensation.motor_steps(steps, self.path_um)
 
 

@@ -1,4 +1,4 @@
-"""Who looks on while a cut runs: the interface through which recorders are shown every window."""
+"""The interface through which recorders observe every window of a cut."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.machine.machine import Machine
-from edmsim.plant.gap.equalising import OppositePulses
+from edmsim.plant.gap.generator import OppositePulses
 from edmsim.plant.kernel.state import Timing
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PulseWindow

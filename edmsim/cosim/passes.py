@@ -1,4 +1,4 @@
-"""Passes of a cut under way: their settings, what each took and left, and pieces that come loose."""
+"""Passes of a cut: their settings, what each removed and left, and pieces that come loose."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from edmsim.controllers import FeedController
 from edmsim.machine.machine import Machine
 from edmsim.metrology.passes import WallError, lever_mm, loose_pieces, wall_error
 from edmsim.metrology.profile import profile_error
-from edmsim.plant.gap.equalising import OppositePulses
+from edmsim.plant.gap.generator import OppositePulses
 from edmsim.plant.plant import Plant
 from edmsim.plant.window import PulseWindow
 from edmsim.program.passes import CutPass, Piece

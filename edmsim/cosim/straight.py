@@ -1,4 +1,4 @@
-"""Straight cuts in steady state: the measuring set-up of the rows that come out of the pulse loop.
+"""Straight cuts in steady state, with which validation and calibration measure the pulse loop.
 
 A cut begins at the end of a slot that is already there, so that the wire has walls around it from the first
 pulse on, and is measured once it has settled.
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, WindowObservation, make
-from edmsim.controllers.own import check_is_controller
+from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.cycle import Cycle, EvenSteps
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine

@@ -1,4 +1,4 @@
-"""References of a task's scores: the controller of score 0, and the controllers that the reference tries.
+"""Reference lines of a task: the controllers of the scores 0 and 1, and those that the oracle tries.
 
 Controllers have their names of the command line (`edmsim.controllers.from_text`). Those of score 0, and settings of
 references, were chosen on machines drawn with seeds below the held-back ones:

@@ -1,4 +1,4 @@
-"""How fast a set-up cuts before its wire breaks: the pause is shortened step by step while the feed follows.
+"""The highest stable cutting rate: shorten the period step by step until the wire breaks.
 
 This is the search by which Sato et al. found the mean current at which a wire breaks, and by which the validation
 looks for it in the plant; here the cutting rate is read at every step.

@@ -1,4 +1,4 @@
-"""Packs the gap as an FMU: what ``edmsim gap --fmu`` does."""
+"""Writes the gap as an FMU: ``edmsim gap --fmu``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What runs in the FMU that ``edmsim gap --fmu`` writes: a gap whose inputs a co-simulation sets.
+"""The code that runs inside the FMU of ``edmsim gap --fmu``: a gap whose inputs a co-simulation sets.
 
 The file itself is packed into the FMU; it needs edmsim where it runs.
 """

@@ -1,4 +1,4 @@
-"""A wire in a gap whose axes and generator are commanded from outside: the plant in frames of some pulses.
+"""A wire in a gap with commanded axes and generator: the plant, advanced by frames of some pulses.
 
 A window of 255 pulses would be longer than the interval in which a board updates its outputs.
 """

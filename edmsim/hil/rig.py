@@ -1,4 +1,4 @@
-"""A board at its gap, and the motion port: the bench without its clock."""
+"""A board with its gap and the port of the axes, without a clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples of gap voltage and current, as of a converter: by an iterator, from C, and in a file.
+"""Samples of gap voltage and current, like a converter's: by an iterator, from C, and in a file.
 
 The model's edges are vertical, and voltage and current are 0 between pulses. Without a low-pass a sample is the value
 at its instant; with one, voltage and current pass a first-order filter before.

@@ -1,4 +1,4 @@
-"""Check of a program before it is cut: its path, notices about it, and its least time."""
+"""Check of a program before the cut: its path, the notices, and the least time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checkpoints: an interrupted cut is kept in its folder and taken up again bit for bit."""
+"""Checkpoints: save an interrupted cut in its folder, and resume it bit for bit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NAME = "checkpoint.npz"  # file in the output folder; gone when the results are 
 FORMAT = 8  # raised when what a checkpoint holds changes: one of another format is refused
 
 
-def check(simulation: Simulation) -> None:
+def refuse_unstorable(simulation: Simulation) -> None:
     """Raise `InputError` where the controller's snapshot cannot be stored, so that no cut is lost to it."""
     controller = simulation.controller
     try:
@@ -37,7 +37,7 @@ def save(simulation: Simulation, folder: Path, settings: Mapping[str, Any], wall
         np.savez(file, allow_pickle=False, __json__=np.frombuffer(text.encode(), np.uint8), **arrays)
 
 
-def see(folder: Path | None) -> None:
+def refuse_missing(folder: Path | None) -> None:
     """Raise `InputError` where there is no interrupted cut to resume."""
     if folder is None:
         raise InputError("to resume a cut, name its folder")

@@ -25,9 +25,9 @@ from edmsim.controllers.axis.drive import Drive
 from edmsim.controllers.axis.elcam.file import NAMES, PLACES, load_tables, read_tables
 from edmsim.controllers.axis.elcam.module import Elcam
 from edmsim.controllers.mcu.firmware.poscal import unit_um
-from edmsim.controllers.own import check_is_controller
 from edmsim.controllers.planner.registry import position_unit
 from edmsim.controllers.pulse_counters import percent_of_window
+from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
@@ -318,7 +318,7 @@ def cut(program: str | Path, **options: Any) -> CutResult:
     if running.resume and running.overwrite:
         raise InputError("you can resume or discard an interrupted cut: choose --resume or --overwrite")
     if running.resume:
-        checkpoint.see(folder)
+        checkpoint.refuse_missing(folder)
     with nullcontext() if folder is None else locked(folder), noted() as signals:
         run = _Run(simulation, folder, {**made_with, "seed": settings.seed}, signals)
         run.begin(running.resume, running.overwrite)
@@ -495,7 +495,7 @@ class _Run:
         """Take up the folder's interrupted cut, or see that there is none to lose."""
         if self._folder is None:
             return
-        checkpoint.check(self._simulation)
+        checkpoint.refuse_unstorable(self._simulation)
         if resume:
             self._before_s = self.wall_time_s = checkpoint.load(self._simulation, self._folder, self._made_with)
         elif not overwrite and (self._folder / checkpoint.NAME).exists():

@@ -1,4 +1,4 @@
-"""Inspection of a cut part: what was measured, gathered for report, picture and recording."""
+"""Inspection of a cut part: its measurements for report, picture and recording."""
 
 from __future__ import annotations
 
@@ -19,9 +19,17 @@ from edmsim.metrology.edges import cut_edges
 from edmsim.metrology.kerf import KerfWidth, kerf_width, width_stats
 from edmsim.metrology.passes import unknown_wall
 from edmsim.metrology.profile import ElementError, ProfileError, corners, element_errors, error_stats, profile_error
-from edmsim.metrology.reach import WorstPlace, mean_error_um, unreachable_um, worst_place
 from edmsim.metrology.roughness import electrolysed_um, face_roughness_um, heat_affected_um, roughness_um
-from edmsim.metrology.shares import error_shares, motor_offsets_um, share_stats, table_error
+from edmsim.metrology.shares import (
+    WorstPlace,
+    error_shares,
+    mean_error_um,
+    motor_offsets_um,
+    share_stats,
+    table_error,
+    unreachable_um,
+    worst_place,
+)
 from edmsim.plant.workpiece.height_steps import Relief
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 from edmsim.program.path import CutPath, WireContour
@@ -351,7 +359,6 @@ def _part(
     simulation: Simulation, profiles: list[ProfileError], scene: Scene, left_um: list[NDArray[np.float64]],
     table: report.TableShare | None,
 ) -> report.Report:
-    """Return the report with what was measured on the part."""
     field, machine, sums = simulation.plant.field, simulation.machine, simulation.sums
     contours = tuple(contour.at_mid_height() for contour in simulation.path.contours)
     widths = [kerf_width(field, k, machine.wire_diameter_um) for k in simulation.path.contours]

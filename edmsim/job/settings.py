@@ -1,4 +1,4 @@
-"""The options of a cut: what `edmsim.cut`, the commands, reports, calibrations and sweeps have in common.
+"""The options of a cut, for `edmsim.cut`, commands, reports, calibrations and sweeps.
 
 Each is declared once, here or in `edmsim.machine.options`.
 """
@@ -209,12 +209,12 @@ class CutSettings(SetUpOptions, MachineOption):
     @field_validator("controller", mode="plain")
     @classmethod
     def _check_controller(cls, value: object) -> str | FeedController:
-        check: Callable[[object], FeedController] = resolve_name("edmsim.controllers.own:check_is_controller")
-        return value if isinstance(value, str) else check(value)
+        check = resolve_name("edmsim.controllers.user_controllers:check_is_controller")
+        return value if isinstance(value, str) else cast("FeedController", check(value))
 
     @field_serializer("controller")
     def _text(self, controller: str | FeedController) -> str:
-        text: Callable[[object], str] = resolve_name("edmsim.controllers.own:text_of")
+        text: Callable[[object], str] = resolve_name("edmsim.controllers.user_controllers:text_of")
         return controller if isinstance(controller, str) else text(controller)
 
     @field_validator("planner", "mechanics", "resolution", "dialect", "taper_corners", "after_tab")

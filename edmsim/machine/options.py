@@ -1,4 +1,4 @@
-"""The options of a set-up: each declared once, with what signatures, docstrings, commands and checks need of it.
+"""The options of a set-up, each declared once for signatures, docstrings, commands and checks.
 
 An option is an attribute of a class below: name (it ends in the unit), type, default, meaning in the docstring under
 it, and in ``Annotated`` its limits, the names it may have, and how the command line spells it.

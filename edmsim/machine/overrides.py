@@ -1,4 +1,4 @@
-"""Constants that a user gives other values, by name: what the option ``constants`` of a cut does."""
+"""Overrides of constants by name: the option ``constants`` of a cut."""
 
 from __future__ import annotations
 

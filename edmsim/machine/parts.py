@@ -1,4 +1,4 @@
-"""The parts of a set-up as the files under `models/` have them: every constant a number with its source.
+"""The parts of a set-up as the files under `models/` declare them: every constant with its source.
 
 A constant has bounds here, an order or more beyond what the field knows, so that a slip of the pen is refused before
 a cut begins and not met in the pulse loop.
@@ -301,7 +301,7 @@ MOST_EQUALISING_A = 0.4
 
 
 class Equalising(Part):
-    """Supply of the pulses of the other polarity, and its series resistor: see `edmsim.plant.gap.equalising`."""
+    """Supply of the pulses of the other polarity, and its series resistor: see `edmsim.plant.gap.generator`."""
 
     voltage_V: Annotated[Positive, _within(1, 1000)]
     resistance_ohm: Annotated[Positive, _within(0.001, 100000)]

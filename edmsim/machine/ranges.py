@@ -1,4 +1,4 @@
-"""Machines within the published ranges of their constants: what `Machine.sample` and `Machine.uncertain` do.
+"""Machines drawn within the ranges of their constants: `Machine.sample` and `Machine.uncertain`.
 
 A range in a machine, wire or material file bounds what is known of a constant. The ranges of a generator file
 are what its operator may set, and are left alone.

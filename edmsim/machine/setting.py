@@ -1,4 +1,4 @@
-"""A set-up's setting: what is in force of the files' constants and the operator's choices, and what is refused."""
+"""The setting of a set-up: the operator's options or else the files' constants, and their checks."""
 
 from __future__ import annotations
 

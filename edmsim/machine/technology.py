@@ -1,4 +1,4 @@
-"""Technologies: offsets and settings of every pass by workpiece height, as files of `models/technologies` hold them.
+"""Technologies: offsets and settings of every pass by workpiece height, files of `models/technologies`.
 
 A technology is found by simulation (``edmsim tune technology``). Its passes form a chain: a pass has the same setting
 however many follow, and offsets are counted from the last pass, the one that meets the drawing.

@@ -1,4 +1,4 @@
-"""The cut's edges as geometry: the half-removed level of the kerf field, traced tile by tile.
+"""The edges of a cut: contours at the half-removed level of the kerf field, tile by tile.
 
 Coordinates that leave this module are in mm on the table. What counts as cut is the metal taken from the
 blank: the rim of a drilled start hole or the side of the blank closes a kerf that opens there.

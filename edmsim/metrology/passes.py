@@ -1,4 +1,4 @@
-"""After a pass: its wall, how far from the drawing it is, how straight, its ripples; and pieces that come loose."""
+"""The wall after a pass: its distance from the drawing, straightness and ripple; and pieces that come loose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Profile error: how far the part's wall is from the edge as drawn, all along, at corners, and by line and arc.
+"""Profile error: the distance of the part's wall from the edge as drawn, also at corners and by element.
 
 It is measured on the kerf field as a coordinate measuring machine would measure the part, slice by slice.
 Positive profile error is metal left on the part, negative is undercut. Near the wire's own path, the blank's edges

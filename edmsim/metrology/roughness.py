@@ -1,4 +1,4 @@
-"""Roughness of the cut from the size of its craters, and the layers of its face that the process has changed.
+"""Roughness of the cut from the size of its craters, and the layers of its face that heat and water changed.
 
 One layer its heat reached, one the water dissolved; the thesis names both (2.6). Neither is measured on the kerf
 field: they are far thinner than its cells, and are computed from what the cut has summed up.

@@ -1,11 +1,11 @@
-"""From a machine's constants to the numbers of the pulse loop: the one place where units change."""
+"""Converts a machine's constants to the numbers and units of the pulse loop."""
 
 from __future__ import annotations
 
 import functools
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +23,12 @@ from edmsim.plant.gap.breakdown import GapLaw
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_law
 from edmsim.plant.gap.coverage import GasLaw, cover_um2_J, refill_um_s, refill_us, steam_life_us
 from edmsim.plant.gap.debris import Jets, jets, kerf_jets
-from edmsim.plant.gap.generator import crater_um3, timing
-from edmsim.plant.gap.nozzle import face_Pa
+from edmsim.plant.gap.generator import crater_um3, switched_off, timing
 from edmsim.plant.gap.water import (
     AMBIENT_PA,
     BOILING_K,
     DENSITY_KG_M3,
+    face_Pa,
     permittivity_ratio,
     surface_tension_N_m,
     viscosity_ratio,
@@ -36,16 +36,16 @@ from edmsim.plant.gap.water import (
 from edmsim.plant.kernel.state import GRID, NO_METAL_UM, Arrays, Constants, Propagators, Timing
 from edmsim.plant.mechanics.film import added_mass_kg_m, edge_loss_kg_m2, pull_sum_um2
 from edmsim.plant.mechanics.mjcf import screw_constants
+from edmsim.plant.mechanics.modal import fill_fading, fill_table, fill_wire
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model
-from edmsim.plant.mechanics.mujoco_model import FullMechanics
-from edmsim.plant.mechanics.mujoco_table import DriveSetup, TableMechanics
-from edmsim.plant.mechanics.propagators import fill_fading, fill_table, fill_wire
+from edmsim.plant.mechanics.mujoco_table import DriveSetup, FullMechanics, TableMechanics
 from edmsim.plant.mechanics.string_modes import modes_with
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.wire import VACUUM_PERMEABILITY_N_A2, VACUUM_PERMITTIVITY_F_M, HeatLaw, area_m2
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
+
 
 RAY_RANGE_UM = 110.0
 """Rays end this far from the wire's surface (ours: the pull on what lies beyond is 1 % of that at 20 um)."""
@@ -417,3 +417,41 @@ def lay_to_rest(a: Arrays, names: Iterable[str], water_K: float) -> None:
     }
     for name in names:
         getattr(a, name).fill(others.get(name, 0))
+
+
+_MOST = 128  # settings that are kept, some 10 kB each; a knob with detents comes back to them
+
+
+class GeneratorSetting(NamedTuple):
+    """Times and currents of a setting, what follows for breakdown and gas; the machine with it; whether it is on."""
+
+    timing: Timing
+    gap: GapLaw
+    gas: GasLaw
+    machine: Machine
+    on: bool
+
+
+class GeneratorSettings:
+    """The settings of one machine."""
+
+    def __init__(self, machine: Machine, resolution: Resolution) -> None:
+        self._machine, self._resolution = machine, resolution
+        self._known: dict[tuple[float, float, bool], GeneratorSetting] = {}
+
+    def get(self, t_on_us: float, t_period_us: float, on: bool) -> GeneratorSetting:
+        """Return a setting, with the generator on or off; raises `InputError` if the generator refuses it."""
+        key = t_on_us, t_period_us, on
+        if key not in self._known:
+            if len(self._known) == _MOST:
+                self._known.clear()
+            self._known[key] = self._make(*key)
+        return self._known[key]
+
+    def _make(self, t_on_us: float, t_period_us: float, on: bool) -> GeneratorSetting:
+        machine = self._machine
+        if (t_on_us, t_period_us) != (machine.t_on_us, machine.t_period_us):
+            machine = machine.with_pulses(t_on_us, t_period_us)
+        times = timing(machine) if on else switched_off(timing(machine))
+        law = gap_law(machine, self._resolution, times.open_V)
+        return GeneratorSetting(times, law, gas_law(machine, times), machine, on)

@@ -100,7 +100,6 @@ class Fleet:
         return {"plants": self.plants, "threads": self.threads}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take the plants into arrays of its own."""
         Fleet.__init__(self, state["plants"], state["threads"])
 
 

@@ -19,8 +19,8 @@ from edmsim.plant.axes.drives import AXIS_NAMES, AxisDrive, Drives
 from edmsim.plant.axes.faults import FAULTS
 from edmsim.plant.axes.trips import reason, reason_of_delay
 from edmsim.plant.axes.ways import ways_of
-from edmsim.plant.bare import pass_window
-from edmsim.plant.gap.equalising import OppositePulses, opposite_pulses
+from edmsim.plant.constants import GeneratorSettings
+from edmsim.plant.gap.generator import OppositePulses, opposite_pulses
 from edmsim.plant.gap.rays import Rays, pack_rays
 from edmsim.plant.kernel.declare import CHANGING, WALL, allocate, lasting, sizes_of
 from edmsim.plant.kernel.memory import CALL, Memory, window_function
@@ -42,12 +42,11 @@ from edmsim.plant.kernel.state import (
     Timing,
 )
 from edmsim.plant.mechanics.model import ModalModel
-from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
+from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
-from edmsim.plant.settings import GeneratorSettings
 from edmsim.plant.snapshot import check_snapshot
-from edmsim.plant.window import PlantError, PulseWindow, left_validity, read_window, wrong_step
+from edmsim.plant.window import PlantError, PulseWindow, left_validity, pass_window, read_window, wrong_step
 from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
 

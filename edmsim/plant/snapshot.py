@@ -1,4 +1,4 @@
-"""Snapshots of a plant looked at before they are taken back: compiled code trusts every number in its arrays."""
+"""Checks of a plant's snapshot before it is restored, because compiled code has no bounds checks."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""What a window of pulses was, as Python sees it, and how one leaves the model's range."""
+"""The results of a window of pulses in Python, and the errors of a plant that leaves the model's range."""
 
 from __future__ import annotations
 
 import math
 import struct
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from edmsim.compiled.axis_rows import N_AXES, N_CHANNELS
 from edmsim.errors import EdmsimError, InputError
 from edmsim.plant.kernel.declare import FREE
-from edmsim.plant.kernel.state import BROKEN, INSIDE, NOT_FINITE, OUTSIDE, WINDOW
+from edmsim.plant.kernel.state import BROKEN, GRID, INSIDE, NOT_FINITE, OPEN, OUTSIDE, WINDOW, Timing
+
+if TYPE_CHECKING:
+    from edmsim.plant.axes.drives import Drives
 
 _NAMES = tuple(name for name in WINDOW.names or () if name != FREE)
 _KINDS = [WINDOW[name] for name in _NAMES]
@@ -38,7 +41,7 @@ class PulseWindow(NamedTuple):
     open: int
     spark: int
     arc: int
-    # voltage and current: means over the window, of the working pulses: see `edmsim.plant.gap.equalising`
+    # voltage and current: means over the window, of the working pulses: see `edmsim.plant.gap.generator`
     # for what others add
     mean_voltage_V: float
     mean_current_A: float
@@ -151,3 +154,25 @@ def wrong_step(rows: NDArray[np.int64], now_ns: int, lines: bool) -> str:
             return f"the step at {time_ns} ns lies before {before} ns: steps come in order of time"
         before = time_ns
     return ""
+
+
+def pass_window(
+    state: NDArray[np.void], window: NDArray[np.void], drives: Drives, timing: Timing, events: NDArray[np.int64],
+    step_um: float, pulses: int,
+) -> None:
+    """Let pulses pass that find no wire, open ones of the longest wait; the axes take their steps as in a rapid."""
+    if wrong := wrong_step(events, int(state["time_ns"][0]), drives.axes.loops > 0):
+        raise InputError(wrong)
+    period_ns = timing.period_ns
+    if period_ns == 0:
+        spans = min(int((timing.wait_us + timing.pause_us) / timing.grid_us + 0.5), GRID)
+        period_ns = int(spans * timing.grid_us * 1e3 + 0.5)
+    start_ns, duration_ns = int(state["time_ns"][0]), pulses * period_ns
+    drives.follow(state, events, start_ns + duration_ns, step_um)
+    state["time_ns"] += duration_ns
+    state["pulses"] += pulses
+    window[:] = 0
+    window["start_ns"], window["duration_ns"] = start_ns, duration_ns
+    window["counts"][0, OPEN] = pulses
+    window["temperature_max_K"] = np.nan  # there is no wire
+    window["voltage_us"] = pulses * timing.open_V * timing.wait_us

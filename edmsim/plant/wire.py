@@ -1,4 +1,4 @@
-"""The wire: the loads on it, its temperature, and when it breaks.
+"""The wire: its loads, temperature and strength.
 
 Loads: the gas bubble of a discharge pushes the wire away from the place (an impulse); the open voltage pulls
 it towards the metal (electrostatic pressure on every ray). Heat: a share of the discharge energy enters the

@@ -226,7 +226,6 @@ def closed_run(run: Run, first: int, last: int) -> tuple[Run, tuple[int, int] | 
 
 
 def _split(run: Run, k: int, chord: int, at: complex) -> tuple[CutMove, CutMove]:
-    """Split a move in one of its chords at a place."""
     move = run.moves[k]
     parts = replace(move, points=(*move.points[:chord], at)), replace(move, points=move.points[chord:])
     if not move.upper:
@@ -644,7 +643,6 @@ def _outlines(control: Interpreter, notices: list[str]) -> list[Outline]:
 
 
 def _outlines_of(run: Run) -> list[tuple[Outline, list[str]]]:
-    """Return the outlines of a run, one for each pass."""
     passes = passes_of(run)
     if len(passes) > 1:
         return [outline_of(one) for one in passes]

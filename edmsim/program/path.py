@@ -243,7 +243,6 @@ class WireContour:
         return sum(seconds for part in (self.passes or (self,)) for _, seconds in part.dwells)
 
     def __repr__(self) -> str:
-        """Say what it is in a line."""
         (x, y), moves = self.points_um[0] / 1e3, len(self.points_um) - 1
         length_mm = self.length_um / 1e3
         passes = f" and {self.passes[-1].number} passes" if self.passes else ""
@@ -294,7 +293,6 @@ class CutPath:
         return None if others else first
 
     def __repr__(self) -> str:
-        """Say what there is, a line per contour."""
         x, y = self.origin_mm
         offsets = ", ".join(f"{offset:g}" for offset in sorted({contour.offset_um for contour in self.contours}))
         head = f"<CutPath of {self.source}: offset {offsets} um, program's zero at X {x:.3f} Y {y:.3f} mm"

@@ -69,7 +69,6 @@ class Offset(NamedTuple):
     mm: float
 
     def __str__(self) -> str:
-        """Return both, for messages."""
         return f"{self.register} {self.mm:g} mm"
 
 

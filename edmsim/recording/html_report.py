@@ -1,4 +1,4 @@
-"""``report.html``: a cut's report with its figures in one file that needs nothing else, readable on a phone."""
+"""``report.html``: a cut's report with its figures in one self-contained file, also for a phone."""
 
 from __future__ import annotations
 

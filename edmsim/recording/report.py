@@ -1,4 +1,4 @@
-"""The report of a cut: a class whose figures know their unit and meaning, its file, and its text for a terminal."""
+"""The report of a cut: a class whose figures have unit and meaning, its file, and its text for a terminal."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ class Spread(Figures):
 
 @dataclass(frozen=True, eq=False)
 class ErrorPlace(Figures):
-    """Where an error is largest in the program, and why: see `edmsim.metrology.reach.WorstPlace`."""
+    """Where an error is largest in the program, and why: see `edmsim.metrology.shares.WorstPlace`."""
 
     program_x_mm: _Number = None
     program_y_mm: _Number = None
@@ -196,7 +196,6 @@ class ErrorPlace(Figures):
     made_by: str | None = None
 
     def __str__(self) -> str:
-        """Say it."""
         if self.why is None:
             return "not measured"
         share = None if self.why == "out of reach" else self.made_by
@@ -241,7 +240,6 @@ class Offset(Figures):
     to_use_mm: Annotated[_Number, FigureKind("mm", "offset without that error", 3)] = None
 
     def __str__(self) -> str:
-        """Say it."""
         applied, mean, better = self.text("applied_mm"), self.mean_error_um, self.to_use_mm
         if mean is None:
             return applied
@@ -649,7 +647,6 @@ def summary(report: Report) -> list[tuple[str, str]]:
 
 
 def _pass_lines(passes: Sequence[PassFigures]) -> list[tuple[str, str]]:
-    """Say of each pass what it did."""
     several = len({one.contour for one in passes}) > 1
     lines = []
     for one in passes:
@@ -668,7 +665,6 @@ def _pass_lines(passes: Sequence[PassFigures]) -> list[tuple[str, str]]:
 
 
 def _rate_line(report: Report) -> str:
-    """Say both rates."""
     if report.cutting_rate_mm2_min is None:
         return "none: nothing was cut beyond a start hole"
     alone = f"{report.text('cutting_rate_mm2_min')} over the cut alone, {duration_text(report.cutting_time_s)}"

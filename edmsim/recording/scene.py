@@ -1,4 +1,4 @@
-"""What figure and recording draw of a cut: the drawing, the metal that is left, the error between them.
+"""The geometry that figures and recording draw: the drawing, the remaining metal, the error between them.
 
 ``part.npz`` holds it, so that figures can be made again from a cut's folder.
 """

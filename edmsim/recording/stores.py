@@ -1,4 +1,4 @@
-"""What is kept of a cut of any length in bounded memory: frames of the wire and its gas, windows pulse by pulse.
+"""Stores of bounded size for a cut of any length: frames of wire and gas, and windows pulse by pulse.
 
 The more is shown, the fewer frames are kept. Close-ups are a thinned run of windows over the whole cut, and all
 windows around events. What is kept depends on the windows seen alone, so equal cuts keep equal frames and close-ups.
@@ -18,7 +18,7 @@ from edmsim.cosim.observers import Observer, PlantView, Turn
 from edmsim.errors import InputError
 from edmsim.files import replacing
 from edmsim.geometry import CORNER_DEG, Floats
-from edmsim.plant.gap.equalising import pulse_lengths_us
+from edmsim.plant.gap.generator import pulse_lengths_us
 from edmsim.plant.kernel.state import ARC, OPEN, PULSE, SHORT, SPARK
 from edmsim.snapshots import ArraySnapshots
 
@@ -44,7 +44,6 @@ class Thinned(ArraySnapshots):
         self._offered = self._used = 0
 
     def __len__(self) -> int:
-        """Return the number of rows kept."""
         return self._used
 
     @property
@@ -104,7 +103,6 @@ class Frames(ArraySnapshots, Observer):
         self._thinned = Thinned(self._row.dtype, capacity)
 
     def __len__(self) -> int:
-        """Return the number of frames kept."""
         return len(self._thinned)
 
     @property

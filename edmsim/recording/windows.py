@@ -1,4 +1,4 @@
-"""The table of windows: one row per 255 counted pulses, the analyser's cycle; and when a machine cuts and when not.
+"""The table of windows: a row per 255 counted pulses; and the times at which a machine cuts.
 
 A *pause* lies between two windows: the wire is threaded, and brought to where the next contour begins by a way in
 air. No pulse is fired, so it has no windows, and lines over time or along the path break there. A *stretch* is what
@@ -160,7 +160,6 @@ class WindowTable(ArraySnapshots, Observer):
         self._used = _BLOCK
 
     def __len__(self) -> int:
-        """Return the number of windows recorded."""
         return (len(self._blocks) - 1) * _BLOCK + self._used if self._blocks else 0
 
     def window(self, turn: Turn, plant: PlantView) -> None:

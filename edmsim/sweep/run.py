@@ -1,4 +1,4 @@
-"""A sweep from its specification to its folder: what ``edmsim sweep run`` does.
+"""``edmsim sweep run``: a sweep from its specification to its folder.
 
 All combinations are looked at before the first run: what no cut can be made with is refused in one line.
 """

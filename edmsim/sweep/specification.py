@@ -1,4 +1,4 @@
-"""What a sweep is of: programs or environments, settings, a grid, a Sobol sample, seeds, machines; and its runs."""
+"""The specification of a sweep: programs or environments, settings, grid, Sobol sample, seeds, machines; its runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sweep says, on the terminal and as a picture: means with intervals, sensitivities, the Pareto front."""
+"""The summary of a sweep as text and picture: means with intervals, sensitivities, the Pareto front."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results: columns of their table, and their storage.
+"""The results of a sweep: columns of their table, and their storage.
 
 Each result goes at once into a table of runs, which moves part by part into a Parquet dataset.
 """

@@ -23,7 +23,7 @@ import numpy as np
 
 from edmsim import __version__
 from edmsim.controllers import FeedController, make
-from edmsim.controllers.own import from_file
+from edmsim.controllers.user_controllers import from_file
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, one_of
@@ -365,7 +365,6 @@ class Spread(NamedTuple):
         return cls(worst, float(np.mean(returns)), low, high)
 
     def __str__(self) -> str:
-        """Return the spread as text."""
         return (
             f"worst {100 * WORST_SHARE:.0f} % {self.worst:.4g}, mean {self.mean:.4g}, "
             f"10 to 90 % {self.low:.4g} to {self.high:.4g}"
@@ -487,7 +486,6 @@ def _value_in_use(law: object, name: str) -> float:
 
 
 def _finalists(study: Any, made: Callable[[int, dict[str, float]], Trial]) -> list[Trial]:
-    """Return the best trials of a study."""
     whole = [trial for trial in study.trials if trial.state.name == "COMPLETE"]
     best = sorted(whole, key=lambda trial: -trial.value)[:FINALISTS]
     return [made(trial.number, _rounded(trial)) for trial in best]

@@ -1,4 +1,4 @@
-"""Rows on what debris does to the gap: its width over the energy of the pulses, delays in debris, its sizes."""
+"""Rows on debris in the gap: gap width by pulse energy, delays in debris, sizes of debris."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Heat of the wire: closed forms of the balance the pulse loop carries on between pulses."""
+"""Heat of the wire: closed forms for the heat balance of the pulse loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows on where the wire stands: lag of rough cuts, what would settle it, trim pulses along a wall."""
+"""Rows on the wire's position: lag of rough cuts, experiments that would determine it, trim pulses along a wall."""
 
 from __future__ import annotations
 

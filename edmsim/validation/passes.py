@@ -17,8 +17,8 @@ from edmsim.cosim.simulation import Simulation
 from edmsim.evaluation.technology import Job, cut_in_passes, cut_pass
 from edmsim.machine.technology import Technology, technology_for
 from edmsim.metrology.profile import PROFILE_STEP_MM, corners, error_stats, profile_error
-from edmsim.metrology.reach import unreachable_um
 from edmsim.metrology.roughness import face_roughness_um
+from edmsim.metrology.shares import unreachable_um
 from edmsim.validation.rows import Check, Row, differences, worst
 
 Floats = NDArray[np.float64]

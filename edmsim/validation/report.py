@@ -1,4 +1,4 @@
-"""The rows of a validation for the terminal, in Markdown and as JSON, and why some fail, in a sentence each."""
+"""The rows of a validation for the terminal, in Markdown and as JSON, with the reasons of failures."""
 
 from __future__ import annotations
 
@@ -141,7 +141,6 @@ def reasons_table(rows: Sequence[Row]) -> list[str]:
 
 
 def _markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a Markdown table."""
     cells = ([cell.replace("|", "\\|") for cell in row] for row in (heads, *rows))
     head, *lines = (f"| {' | '.join(row)} |" for row in cells)
     return [head, "|---" * len(heads) + "|", *lines]

@@ -1,4 +1,4 @@
-"""Set-ups the checks share: changed constants, a straight cut at fixed feed, a hole of known gap."""
+"""Set-ups that several checks use: changed constants, a straight cut at fixed feed, a hole of known gap."""
 
 from __future__ import annotations
 

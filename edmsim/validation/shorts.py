@@ -1,4 +1,4 @@
-"""Rows on shorts: where they come from, what they cost, and how a cut ends in them."""
+"""Rows on shorts: their causes, their effect on the rate, and how a cut ends in them."""
 
 from __future__ import annotations
 

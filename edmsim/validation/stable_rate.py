@@ -1,4 +1,4 @@
-"""Rows on the greatest stable cutting rate: what pressure, wire speed, a nozzle, height and a thin wire do to it.
+"""Rows on the highest stable rate: effects of pressure, wire speed, a nozzle, the height and a thin wire.
 
 The rate is searched as `edmsim.evaluation.stable_rate` does it, by shortening the pauses until the wire breaks, the
 cut jams or the generator gives no more, on the production machine as it is loaded.

@@ -1,4 +1,4 @@
-"""Rows on tapered walls: the ellipse of a leaning wire in a horizontal plane, and guides at other heights than known.
+"""Rows on tapered walls: the ellipse of a tilted wire in a horizontal plane, and errors in the guides' heights.
 
 A straight wall of 1.5 mm is cut, and measured in the lowest and the highest slice. The table of a machine and what it
 does to a path, whole um and motor steps of 2 um, is in it; what an upright wall leaves at the same offset is not its

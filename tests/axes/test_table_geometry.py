@@ -9,8 +9,7 @@ from edmsim.controllers import axis
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
 from edmsim.machine.parts import Constant, Geometry, Positive
-from edmsim.plant.axes.still_table import StillTable
-from edmsim.plant.axes.ways import errors_um, ways_of
+from edmsim.plant.axes.ways import StillTable, errors_um, ways_of
 from edmsim.plant.plant import Plant
 
 START_UM = (20_000.0, 30_000.0)

@@ -10,7 +10,7 @@ from edmsim.compiled.axis_rows import HOLDS_OUTPUT
 from edmsim.controllers.axis.drive import axis_row
 from edmsim.errors import InputError
 from edmsim.plant.axes.drives import Drives
-from edmsim.plant.axes.marks import BOUNCES
+from edmsim.plant.axes.encoder import BOUNCES
 from edmsim.plant.kernel.declare import sizes_of
 from tests.axis_bench.puppet import Puppet, command, put_out
 

@@ -7,10 +7,7 @@ from types import ModuleType
 import gymnasium
 import pytest
 
-from edmsim.bench import controllers as mcu_speed
-from edmsim.bench import envs as speed
-from edmsim.bench import figures as table
-from edmsim.bench import plant as bench
+from edmsim.bench import figures, plant
 from edmsim.errors import InputError
 
 
@@ -21,32 +18,30 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
         ("SETTLE_WINDOWS", 1), ("TIMED_WINDOWS", 2), ("REPEATS", 4), ("MUJOCO_WINDOWS", 1), ("THREAD_S", 0.05),
         ("MEMORY_S", 0.1),
     ):
-        monkeypatch.setattr(bench, name, value)
+        monkeypatch.setattr(plant, name, value)
     for name, value in (
         ("NUM_ENVS", 2), ("SETTLE_STEPS", 8), ("SLICE_S", 0.01), ("SLICES", 1), ("KNOB_STEPS", 5), ("RESETS", 2),
-        ("EPISODES", 1),
+        ("EPISODES", 1), ("CUT_WINDOWS", 2), ("CUT_SETTLE_WINDOWS", 1), ("CALLS", 10), ("REPEATS", 1),
+        ("SPAN_S", 0.05), ("SERVO_REPEATS", 1),
     ):
-        monkeypatch.setattr(speed, name, value)
-    for name, value in (("WINDOWS", 2), ("SETTLE_WINDOWS", 1), ("CALLS", 10), ("REPEATS", 1), ("SPAN_S", 0.05),
-                        ("SERVO_REPEATS", 1)):  # fmt: skip
-        monkeypatch.setattr(mcu_speed, name, value)
-    monkeypatch.setattr(table, "cold_start_s", lambda: 0.5)
+        monkeypatch.setattr(figures, name, value)
+    monkeypatch.setattr(figures, "cold_start_s", lambda: 0.5)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 @pytest.mark.usefixtures("short")
 def test_figures() -> None:
-    figures = table.measure()
-    assert {"pulses_per_s", "realtime_factor", "cold_start_s"} <= set(figures)
-    assert {"vector_env_steps_per_s_fast", "half_cheetah_vector_steps_per_s"} <= set(figures)
-    growth = figures.pop("memory_growth_MB")
+    measured = figures.measure()
+    assert {"pulses_per_s", "realtime_factor", "cold_start_s"} <= set(measured)
+    assert {"vector_env_steps_per_s_fast", "half_cheetah_vector_steps_per_s"} <= set(measured)
+    growth = measured.pop("memory_growth_MB")
     assert abs(growth) < 200.0
-    assert abs(figures.pop("controller_overhead")) < 10
-    assert all(value > 0 for value in figures.values())
-    assert figures["pulses_per_s"] < figures["ray_sums_per_s"]
-    assert figures["thread_efficiency"] == figures["threads_plants"] / figures["threads_compute"]
-    assert figures["realtime_factor"] == pytest.approx(figures["pulses_per_s"] * 100e-6)
+    assert abs(measured.pop("controller_overhead")) < 10
+    assert all(value > 0 for value in measured.values())
+    assert measured["pulses_per_s"] < measured["ray_sums_per_s"]
+    assert measured["thread_efficiency"] == measured["threads_plants"] / measured["threads_compute"]
+    assert measured["realtime_factor"] == pytest.approx(measured["pulses_per_s"] * 100e-6)
 
 
 @pytest.mark.usefixtures("short")
@@ -65,10 +60,10 @@ def test_a_comparison_without_its_environment_says_what_to_install(monkeypatch: 
 
     monkeypatch.setattr(gymnasium, "make_vec", missing)
     with pytest.raises(InputError, match=r"pip install \"gymnasium\[mujoco\]\""):
-        speed._half_cheetahs(2)
+        figures._half_cheetahs(2)
 
 
 def test_cold_start_includes_a_window_of_pulses() -> None:
     scope: dict[str, object] = {}
-    exec(bench._COLD, scope)
+    exec(plant._COLD, scope)
     assert scope["plant"].pulses == 255  # type: ignore[attr-defined]

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from edmsim.geometry import Polyline
 from edmsim.metrology.profile import ProfileError, element_errors
-from edmsim.metrology.reach import mean_error_um, unreachable_um, worst_place
-from edmsim.metrology.shares import SHARES, error_shares, share_stats
+from edmsim.metrology.shares import SHARES, error_shares, mean_error_um, share_stats, unreachable_um, worst_place
 from edmsim.program.path import WireContour
 
 OFFSET_UM = 155.0

@@ -10,8 +10,7 @@ from edmsim.plant.kernel.state import ISO_PULSE, STATE, Axes, Constants, Propaga
 from edmsim.plant.mechanics.modal import project
 from edmsim.plant.mechanics.model import WireSetup
 from edmsim.plant.mechanics.mujoco_loop import LOST, move_full
-from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
-from edmsim.plant.mechanics.mujoco_table import DriveSetup
+from edmsim.plant.mechanics.mujoco_table import N_NODES, DriveSetup, FullMechanics
 from tests.plant.arrays import arrays
 
 BRASS = WireSetup(0.25e-3, 8400.0, 10.0, 0.040, 0.2)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from edmsim.plant.mechanics.propagators import one_step
+from edmsim.plant.mechanics.modal import one_step
 
 
 def propagator_table(omega, zeta, spans):

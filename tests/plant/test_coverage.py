@@ -21,8 +21,7 @@ from edmsim.plant.gap.coverage import (
 from edmsim.plant.gap.debris import kerf_jets, mean_of_slices
 from edmsim.plant.gap.generator import timing
 from edmsim.plant.gap.pulse_outcome import sum_rays
-from edmsim.plant.gap.ray_trace import rays_of
-from edmsim.plant.gap.rays import pack_rays
+from edmsim.plant.gap.rays import pack_rays, rays_of
 from edmsim.plant.gap.water import AMBIENT_PA, surface_tension_N_m, viscosity_ratio
 from edmsim.plant.kernel.declare import allocate, sizes_of
 from edmsim.plant.kernel.state import GRID, Arrays

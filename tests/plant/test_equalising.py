@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import edmsim
-from edmsim.plant.gap.equalising import pulse_lengths_us
+from edmsim.plant.gap.generator import pulse_lengths_us
 from edmsim.plant.workpiece.kerf_field import Stock
 
 # a straight edge 12 um in front of the wire: sparks, opens and, as it is driven on, contacts

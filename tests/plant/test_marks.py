@@ -9,8 +9,7 @@ from pathlib import Path
 import llvmlite.binding as llvm
 import pytest
 
-from edmsim.compiled.marks import PART, with_marks
-from edmsim.compiled.specialised import _target_machine
+from edmsim.compiled.specialised import PART, _target_machine, with_marks
 
 PROGRAM = """
 define i64 @_ZN4room5innerB2v1(i64 %x) {

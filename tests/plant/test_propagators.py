@@ -6,8 +6,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+from edmsim.plant.mechanics.modal import fill_table, fill_wire
 from edmsim.plant.mechanics.model import ModalModel, WireSetup, build_model, reduce_model
-from edmsim.plant.mechanics.propagators import fill_table, fill_wire
 from tests.plant.oscillators import propagator_table
 
 

@@ -1,4 +1,4 @@
-"""Places of a QEM EANPOS's parameters, states and other values in its record's ``reg`` and ``real``.
+"""Indices of a QEM EANPOS's parameters, states and other values in ``reg`` and ``real`` of its record.
 
 Parameters and states have the order of the manual's tables (1.7.3, 1.7.4), commands that of their priority.
 """

@@ -118,8 +118,6 @@ class _Grid(_Section, frozen=True):
 
 
 class _Motion(_Section, frozen=True):
-    """A cam."""
-
     master: Literal["x", "y", "path"]
     points: Points
 

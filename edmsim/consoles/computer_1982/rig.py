@@ -90,7 +90,6 @@ def lay_out(start: Point, program: Sequence[Entry], unit_um: int = 1) -> Route:
 
 
 def _corners_of(start: Point, move: Move) -> list[Point]:
-    """Corner points of one move after its start."""
     if move.centre_um is None:
         return [move.end_um]
     return [(int(x), int(y)) for x, y in arc_points(start, move.centre_um, move.end_um, move.clockwise)][1:]

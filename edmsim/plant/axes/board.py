@@ -1,4 +1,4 @@
-"""The boards that the drives sit on: when a drive is due, what it is shown, and when its outputs take effect."""
+"""The boards of the drives: when a drive is due, its inputs, and when its outputs take effect."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from edmsim.compiled.axis_rows import (
     SHARED_IN,
     WATCHDOG,
 )
-from edmsim.compiled.calls import call_with_two
 from edmsim.compiled.jit import compiled
+from edmsim.compiled.memory_views import call_with_two
 from edmsim.plant.axes.encoder import read_axis
 from edmsim.plant.kernel.state import Axes
 

@@ -1,4 +1,4 @@
-"""A plant's drives: their rows in the memory of the pulse loop, and what of them belongs into a snapshot."""
+"""A plant's drives: their rows in the memory of the pulse loop, and their part of a snapshot."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from edmsim.compiled.random import key_of
 from edmsim.errors import InputError, one_of
 from edmsim.plant.axes.advance import apply_geometric_errors, indicate, take_line
 from edmsim.plant.axes.board import NEVER, NOWHERE_UM
-from edmsim.plant.axes.encoder import draw_pause
-from edmsim.plant.axes.marks import LONG_AGO_NS, mark_below, watch_cam
+from edmsim.plant.axes.encoder import LONG_AGO_NS, draw_pause, mark_below, watch_cam
 from edmsim.plant.axes.motor import check_motor
 from edmsim.plant.axes.rapid import rapid_constants, run_moves, straight_moves, time_left_s
 from edmsim.plant.axes.shaft import longest_step_ns

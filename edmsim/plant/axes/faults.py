@@ -1,4 +1,4 @@
-"""Faults of an axis in a running machine: what can break, or be wired wrongly, behind a drive that has a loop.
+"""Faults of an axis under a drive with a loop, while the machine runs.
 
 >>> parse_fault("x:stuck@2.5")
 AxisFault(axis='x', fault='stuck', at_s=2.5)

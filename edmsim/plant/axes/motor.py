@@ -1,9 +1,14 @@
-"""Direct-current motors: what bridge and supply do to a winding's current, and what a current does to them.
+"""Direct-current motors: the current of the winding under amplifier, bridge and supply, its torque and heat.
 
 ``L di/dt = V - R i - k w``. The bridge is a locked antiphase one: over a period of its pulses the winding has the
 mean ``(2 duty - 1)`` of the voltage at the bridge, in either direction of the current, so that a duty of one half
 brakes. Off, its diodes lead a current that still flows back to the supply until it is gone, and the motor
 freewheels.
+
+A velocity amplifier drives the bridge by a reference voltage: 10 V asks for the rotor's speed
+``10 * amplifier_rad_s_V``. It compares that with its tachometer and asks for a limited current of the winding,
+proportional and integral to the error of speed; the bridge gives the voltage that this current needs at this speed.
+At 0 V it brakes with that current, so that the axis coasts to a stop. Gain, symmetry and offset are adjusted by hand.
 """
 
 from __future__ import annotations
@@ -14,10 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.axis_rows import BRIDGE_DAMAGED, FREEWHEEL, MAGNETS_DAMAGED, MOTOR, WINDING_DAMAGED
+from edmsim.compiled.axis_rows import BRIDGE_DAMAGED, FREEWHEEL, MAGNETS_DAMAGED, MOTOR, REFERENCE_V, WINDING_DAMAGED
 from edmsim.compiled.jit import compiled
 from edmsim.errors import InputError
-from edmsim.plant.axes.amplifier import share_of_supply
 
 _POSITIVE = frozenset(
     (
@@ -106,3 +110,25 @@ def energise(row: Any, motor: Any, dt: float) -> float:
     if row.winding_K > motor.rated_K:
         row.damage |= WINDING_DAMAGED
     return float(motor.torque_Nm_A * mean)
+
+
+@compiled
+def _target_rad_s(row: Any, motor: Any) -> float:
+    """Speed that the amplifier makes of the voltage at its input."""
+    warmth = 1.0 - math.exp(-row.moved_ns * 1e-9 / motor.warm_s) if motor.warm_s > 0.0 else 1.0
+    volts = row.duty * REFERENCE_V + motor.offset_V + motor.drift_V * warmth
+    volts = min(max(volts, -REFERENCE_V), REFERENCE_V)
+    gain = 1.0 + motor.gain_error + math.copysign(0.5 * motor.asymmetry, volts)
+    return float(volts * gain * motor.amplifier_rad_s_V)
+
+
+@compiled
+def share_of_supply(row: Any, motor: Any, dt: float) -> float:
+    """Share of the bridge's voltage (-1 to 1) for the current asked for; carry the integral on over a time (s)."""
+    error = _target_rad_s(row, motor) - row.speed_rad_s
+    target_A = motor.amplifier_A_s * error + row.integral_A
+    held_A = min(max(target_A, -motor.limit_A), motor.limit_A)
+    if held_A == target_A:
+        row.integral_A += motor.amplifier_A * error * dt
+    volts = held_A * motor.resistance_ohm + motor.torque_Nm_A * row.speed_rad_s
+    return float(min(max(volts / max(row.link_V, 1.0), -1.0), 1.0))

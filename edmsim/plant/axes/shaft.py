@@ -1,4 +1,4 @@
-"""Rotor, screw and table under a motor: two masses on a spring with backlash, both of which stick and rub.
+"""Rotor, screw and table of an axis: two masses on a spring with backlash and friction.
 
 ``J dw/dt = k i - b w - g F``, ``m dv/dt = F + load - c v``, ``F`` of the screw's spring and damper by which the rotor
 is ahead of the table, less the backlash. Time steps are semi-implicit, 20 us or a fifth of a radian of the swing of
@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.axis_rows import N_AXES
 from edmsim.compiled.jit import compiled
-from edmsim.plant.axes.encoder import position, see_edges
-from edmsim.plant.axes.marks import watch_cam
+from edmsim.plant.axes.encoder import position, see_edges, watch_cam
 from edmsim.plant.axes.motor import energise
 from edmsim.plant.kernel.state import Axes
 

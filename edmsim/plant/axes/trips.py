@@ -1,4 +1,4 @@
-"""Why axes have stopped, in words: what drives say of themselves, and what the machine sees of tables and wires."""
+"""The reasons for which axes stopped, in words: from the drives, and from table and wire."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of screws and ways: how far the table is off where its axes say, periodic, cumulative, askew and bent.
+"""Geometric errors of screws and ways: periodic, cumulative, out of square and not straight.
 
 An error is what an axis indicates less where it truly is, the value that a compensation table holds. It is nought in
 the middle of the table. Of x: the screw's, cumulative and periodic, and the bend of the way of y. Of y: its screw's,
@@ -18,6 +18,7 @@ from edmsim.compiled.jit import compiled, compiled_apart
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
+
 
 WAY = np.dtype(
     [
@@ -79,3 +80,27 @@ def errors_um(ways: NDArray[np.void], x_um: float, y_um: float, u_um: float) -> 
 def taken_up(slack_um: float, travel_um: float, backlash_um: float) -> float:
     """Slack in a nut after a travel of its screw: within half the backlash either way."""
     return min(max(slack_um + travel_um, -0.5 * backlash_um), 0.5 * backlash_um)
+
+
+class StillTable:
+    """A table at rest between moves by steppers, without wire and gap; errors and slack are those of the pulse loop.
+
+    >>> from edmsim.machine.machine import Machine
+    >>> StillTable(Machine.load()).move((10_000.0, 20_000.0))
+    (10000.0, 20000.0)
+    """
+
+    def __init__(self, machine: Machine, nuts: bool = True) -> None:
+        self._ways = ways_of(machine, nuts)
+        self.commanded_um = np.array(machine.base.table.centre_um)
+        self._slack_um = [0.0, 0.0]
+
+    def move(self, to_um: tuple[float, float]) -> tuple[float, float]:
+        """Move the motors straight to a place, and return where the table truly comes to rest, in um."""
+        for k in (0, 1):
+            travel_um = float(to_um[k] - self.commanded_um[k])
+            self._slack_um[k] = taken_up(self._slack_um[k], travel_um, float(self._ways["backlash_um"][k]))
+            self.commanded_um[k] = to_um[k]
+        x_um, y_um = (float(self.commanded_um[k]) - self._slack_um[k] for k in (0, 1))
+        off_x, off_y = errors_um(self._ways, x_um, y_um, 0.0)
+        return x_um - off_x, y_um - off_y

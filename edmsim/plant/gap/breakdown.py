@@ -44,7 +44,7 @@ from edmsim.compiled.vectors import (
     store_sums,
     total,
 )
-from edmsim.plant.gap.rays import Rays, arc, gaps_of, narrowest
+from edmsim.plant.gap.rays import Rays, facing_blocks, gaps_of, narrowest
 
 
 class GapLaw(NamedTuple):
@@ -164,7 +164,7 @@ def may_touch(near: Any, law: GapLaw) -> bool:
 def contact_depth(rays: Rays, s: int, sx: np.float32, sy: np.float32, law: GapLaw) -> float:
     """Summed depth in um by which rays of a slice lie below the gap of contact."""
     contact = 0.0
-    for at in arc(rays, s):
+    for at in facing_blocks(rays, s):
         depth = spread(np.float32(law.contact_gap_um)) - gaps_of(rays, s, at, sx, sy)
         contact += total(highest(depth, np.float32(0.0)))
     return contact
@@ -198,7 +198,7 @@ def choose_ray(
     """Place of the ray of slice `s` at which the cumulative weight (rate, or primed weight) passes `target`."""
     sx, sy, block = np.float32(shift_x), np.float32(shift_y), block_law(law)
     left, loading = np.float32(target), block.particles_um * np.float32(debris)
-    for at in arc(rays, s):
+    for at in facing_blocks(rays, s):
         gap = gaps_of(rays, s, at, sx, sy)
         if primed:
             held = highest(gap, np.float32(PULL_GAP_FLOOR_UM))

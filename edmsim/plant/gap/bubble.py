@@ -1,4 +1,4 @@
-"""How hard the gas bubble of a discharge pushes the wire.
+"""Push of a discharge's gas bubble on the wire.
 
 The bubble is confined in the slit between the wire's front half and the metal. First it drives the water out: that
 push grows with the square root of the energy delivered until the gas reaches the slit's open edges, after one to

@@ -1,4 +1,4 @@
-"""Gas on the wire's front: which share of a slice steam and permanent gas cover, and what that shields.
+"""Gas on the wire's front: the share of a slice that steam and permanent gas cover, and its effect.
 
 A discharge boils some water, and splits some into hydrogen and oxygen. The pocket of steam spans the kerf and covers
 the front over a length of some mm until it has condensed; the permanent gas covers less, until the water has crept

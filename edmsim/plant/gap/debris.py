@@ -1,4 +1,4 @@
-"""Debris in the gap, and how the flushing carries it off.
+"""Debris in the gap, and its removal by flushing.
 
 Two jets push fresh water in from below and above. It travels towards the place where they meet, leaving backwards
 through the kerf on its way, so the flow past a slice falls linearly from the nozzle to that place: mid-height, where

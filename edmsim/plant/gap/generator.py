@@ -6,13 +6,21 @@ Modes (thesis 1982, section 2.3, rows T-3..T-5):
 * ``iso-energetic``: t(i) is stretched until the discharge has lasted t(e) = ``t_on_us``; the pause
   t(p) - t(e) follows, so the period varies.
 * ``ignition-pulse``: a high voltage precedes every pulse so that it nearly always ignites; t(e) = ``t_on_us``.
+
+Equalising pulses of the other polarity hold the mean gap voltage at 0 V (thesis 1982, section 2.6). The generator
+integrates the gap voltage of the working pulses. In the pauses it switches a second supply to the gap, of the other
+polarity and through a large resistor, until the integral is back at 0 or the pause is over.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from edmsim.machine.parts import Equalising
 from edmsim.machine.setting import (
     arc_share,
     discharge_current_A,
@@ -25,6 +33,8 @@ from edmsim.plant.kernel.state import GRID, IGNITION_PULSE, ISO_ENERGETIC, ISO_P
 
 if TYPE_CHECKING:
     from edmsim.machine.machine import Machine
+    from edmsim.plant.window import PulseWindow
+
 
 _MODES = {"iso-pulse": ISO_PULSE, "iso-energetic": ISO_ENERGETIC, "ignition-pulse": IGNITION_PULSE}
 _IDLE_V = 1e-3
@@ -71,3 +81,57 @@ def timing(machine: Machine) -> Timing:
 def switched_off(setting: Timing) -> Timing:
     """Return the setting with neither voltage nor current: time passes in its periods, nothing else happens."""
     return setting._replace(open_V=_IDLE_V, burning_V=_IDLE_V, current_A=0.0, short_A=0.0)
+
+
+class OppositePulses(NamedTuple):
+    """The equalising pulses of a window."""
+
+    # at the gap and through its water while they last, both below 0
+    voltage_V: float
+    current_A: float
+    on_us: float  # how long all of them together last
+    net_voltage_V: float  # mean gap voltage of the window, they and the working pulses added with their signs
+    power_W: float  # what their supply gives, averaged over the window
+
+
+def opposite_pulses(
+    window: PulseWindow, timing: Timing, circuit: Equalising, leakage_S: float
+) -> OppositePulses:
+    """Work out the equalising pulses that a window's working pulses call for.
+
+    What a pause has no room for, later ones of the window make up for. No pulse follows a short circuit: the
+    generator has seen that there is no gap to hold a voltage.
+    """
+    duration_us = window.duration_ns * 1e-3
+    supply_V, resistance_ohm = circuit.voltage_V.value, circuit.resistance_ohm.value
+    voltage_V = supply_V / (1.0 + resistance_ohm * leakage_S)
+    current_A = voltage_V * leakage_S
+    owed_us = window.mean_voltage_V * duration_us / voltage_V
+    on_us = max(0.0, min(owed_us, _room_us(window, timing)))
+    net_V = max(0.0, window.mean_voltage_V - voltage_V * on_us / duration_us)  # not below by rounding
+    return OppositePulses(-voltage_V, -current_A, on_us, net_V, supply_V * current_A * on_us / duration_us)
+
+
+def pulse_lengths_us(
+    integral_V_us: NDArray[np.float64], room_us: NDArray[np.float64], voltage_V: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return how long the opposite pulse behind each working pulse lasts (n, pulses), within its pause's room."""
+    lengths, owed = np.zeros_like(integral_V_us), np.zeros(len(integral_V_us))
+    per_volt = np.divide(1.0, voltage_V, out=np.zeros_like(voltage_V), where=voltage_V > 0.0)
+    for n in range(integral_V_us.shape[1]):
+        owed += integral_V_us[:, n]
+        lengths[:, n] = np.minimum(owed * per_volt, room_us[:, n])
+        owed -= lengths[:, n] * voltage_V
+    return lengths
+
+
+def _room_us(window: PulseWindow, timing: Timing) -> float:
+    """Pauses of a window's pulses all together, without those after shorts."""
+    ignited = window.spark + window.arc
+    short_us = timing.period_ns * 1e-3 if timing.period_ns else timing.on_us + timing.pause_us
+    if timing.mode == ISO_PULSE:
+        busy_us = timing.on_us * (ignited + window.open)
+    else:
+        waited_us = window.mean_delay_us * ignited if ignited else 0.0
+        busy_us = waited_us + timing.on_us * ignited + timing.wait_us * window.open
+    return window.duration_ns * 1e-3 - window.short * short_us - busy_us

@@ -1,4 +1,4 @@
-"""How a pulse ends: what the rays see from the wire's present place, contact, breakdown, and which comes first."""
+"""The outcome of a pulse, open, spark, arc or short, from the gaps along the rays, contact and breakdown."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from edmsim.compiled.random import normal, uniform
 from edmsim.compiled.vectors import GAPS, PACK, element, highest, load, packed, spread, total
 from edmsim.plant.gap.breakdown import GapLaw, block_law, choose_ray, contact_depth, may_touch, sum_pack, weibull
 from edmsim.plant.gap.debris import bridged_probability
-from edmsim.plant.gap.ray_trace import gap_of, meets_metal, moved, narrowest_now, place_of, rays_of
+from edmsim.plant.gap.rays import gap_of, meets_metal, moved, narrowest_now, place_of, rays_of
 from edmsim.plant.kernel.state import ARC, NO_METAL_UM, OPEN, SHORT, SPARK, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import place_slice, place_wire, push_out
 

@@ -1,4 +1,4 @@
-"""Arrays and numbers of the pulse loop, declared once: from a declaration follow memory, addresses and snapshots.
+"""Declarations of the pulse loop's arrays and numbers, from which memory, addresses and snapshots follow.
 
 A group is a named tuple whose fields are plain numbers or arrays. An array's field says in its type what its elements
 are, how long it is along every direction, and how long it lasts:

@@ -1,4 +1,4 @@
-"""What a discharge does: crater, heat and debris, and whether the wire still holds its tension."""
+"""Effects of a discharge: crater, heat, debris; and the check whether the wire breaks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from edmsim.compiled.random import normal, uniform
 from edmsim.plant.gap.bubble import REFERENCE_GAP_UM, BubbleLaw, bubble_impulse_Ns
 from edmsim.plant.gap.debris import EINSTEIN, flush, mean_of_slices
 from edmsim.plant.gap.pulse_outcome import draw, draw_normal
-from edmsim.plant.gap.ray_trace import closed_side, gap_of, ray_at
+from edmsim.plant.gap.rays import closed_side, gap_of, ray_at
 from edmsim.plant.kernel.state import ARC, OPEN, Array, Arrays, Constants, Timing
 from edmsim.plant.mechanics.modal import project
 from edmsim.plant.wire import HeatLaw, add_currents, heat_step, spot_K, strength_share

@@ -19,8 +19,7 @@ from edmsim.plant.gap.bubble import BubbleLaw
 from edmsim.plant.gap.coverage import GasLaw, blow, fade
 from edmsim.plant.gap.debris import mean_of_slices
 from edmsim.plant.gap.pulse_outcome import decide, deepest_contact, draw, leak_conductance, sum_rays, touch
-from edmsim.plant.gap.ray_trace import OVERLAP_UM, rays_of, retrace, tilt_rays, weigh
-from edmsim.plant.gap.rays import pack_rays
+from edmsim.plant.gap.rays import OVERLAP_UM, pack_rays, rays_of, retrace, tilt_rays, weigh
 from edmsim.plant.kernel.discharge import discharge, log_pulse, propagate_heat, short_circuit
 from edmsim.plant.kernel.state import (
     ARC,

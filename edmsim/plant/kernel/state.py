@@ -1,4 +1,4 @@
-"""What the pulse loop works on: constants, arrays, and the numbers that change from pulse to pulse."""
+"""The data of the pulse loop: constants, arrays, and the numbers that change from pulse to pulse."""
 
 from __future__ import annotations
 

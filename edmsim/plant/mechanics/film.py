@@ -1,4 +1,4 @@
-"""The film of water between wire and metal: it must be squeezed out before the wire can come nearer.
+"""The film of water between wire and metal, which the wire must squeeze out to come nearer.
 
 In a narrow gap that takes more force than anything else on the wire: the resistance grows as one over the square of
 the gap in a kerf. Its mean over the slices damps all modes; where a slice's gap is narrow, what its film has more is
@@ -19,8 +19,7 @@ from edmsim.compiled.vectors import COORDINATES, highest, load, spread, store, t
 from edmsim.plant.gap.breakdown import PULL_GAP_FLOOR_UM
 from edmsim.plant.gap.coverage import GasLaw
 from edmsim.plant.gap.debris import EINSTEIN, mean_of_slices
-from edmsim.plant.gap.ray_trace import moved, rays_of
-from edmsim.plant.gap.rays import Rays, arc, gaps_of
+from edmsim.plant.gap.rays import Rays, facing_blocks, gaps_of, moved, rays_of
 from edmsim.plant.kernel.state import Array, Arrays, Constants, Propagators
 
 LEAST_PULL = 0.2
@@ -71,7 +70,7 @@ def pull_sum_um2(radius_um: float, front_um: float, side_um: float, rays: int) -
 def film_sum(rays: Rays, s: int, sx: np.float32, sy: np.float32, nx: np.float32, ny: np.float32) -> float:
     """Sum over a slice's rays of sin^2 / g^3 around a direction, in 1/um^3."""
     film, floor = spread(np.float32(0.0)), np.float32(PULL_GAP_FLOOR_UM)
-    for at in arc(rays, s):
+    for at in facing_blocks(rays, s):
         gap = highest(gaps_of(rays, s, at, sx, sy), floor)
         across = load(rays.cosine, (s, at)) * ny - load(rays.sine, (s, at)) * nx
         # a floor under the gap keeps the cube finite where the wire touches

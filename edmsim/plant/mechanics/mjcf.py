@@ -1,4 +1,4 @@
-"""A machine's MJCF: read once, and looked through for what the plant asks of it by name."""
+"""A machine's MJCF: read once, with a check of the names that the plant needs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "camera": ("overview",),
 }
 """Names that plant, playback and pictures ask for, by kind; the chain of the wire has names of its own."""
-LEAST_NODES = 25  # nodes of the wire that MuJoCo steps in the loop (see `edmsim.plant.mechanics.mujoco_model`)
+LEAST_NODES = 25  # nodes of the wire that MuJoCo steps in the loop (see `edmsim.plant.mechanics.mujoco_table`)
 
 
 def read(model_file: str) -> mujoco.MjSpec:

@@ -1,4 +1,4 @@
-"""Rotors and carriages of x and y under MuJoCo: a time step from compiled code, with all that a drive needs of it.
+"""Rotors and carriages of x and y under MuJoCo: one time step from compiled code, with the drives' inputs.
 
 `edmsim.plant.mechanics.mujoco_loop` steps the machine with its wire, pulse by pulse; the drives' bench its table.
 """
@@ -11,10 +11,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.compiled.calls import call_with_two
 from edmsim.compiled.jit import compiled
-from edmsim.plant.axes.encoder import position, see_edges
-from edmsim.plant.axes.marks import watch_cam
+from edmsim.compiled.memory_views import call_with_two
+from edmsim.plant.axes.encoder import position, see_edges, watch_cam
 from edmsim.plant.axes.motor import energise
 from edmsim.plant.axes.shaft import rubbed_rotor, rubbed_table, screw_damping
 from edmsim.plant.kernel.declare import CHANGING, Stored
@@ -24,7 +23,7 @@ from edmsim.plant.kernel.state import Array, Axes
 class FullLink(NamedTuple):
     """What compiled code needs of a MuJoCo model: addresses, views into MuJoCo's memory, and constants.
 
-    Valid as long as the model and data it was made from; `edmsim.plant.mechanics.mujoco_model.FullMechanics` keeps
+    Valid as long as the model and data it was made from; `edmsim.plant.mechanics.mujoco_table.FullMechanics` keeps
     them.
     """
 

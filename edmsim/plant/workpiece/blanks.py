@@ -1,4 +1,4 @@
-"""Workpieces before the first spark: a block in front of the wire, a begun slot, and a wavy wall beside the wire."""
+"""Workpieces before the cut: a block in front of the wire, a slot, and a wavy wall beside the wire."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Craters: what a discharge takes from the metal.
+"""Craters: the metal that a discharge removes.
 
 A crater's area in the metal of its slice is shared among the rays in its width, whose edges recede at once; the field
 itself is carved before they are traced again, ray by ray, so that a cell is looked up once for all discharges since.
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.elementary import inverse_cube_root
 from edmsim.compiled.jit import compiled, compiled_apart
-from edmsim.plant.gap.ray_trace import BARE_UM, gap_of, place_of, ray_at
-from edmsim.plant.gap.rays import pack_of, packed_lane, turned
+from edmsim.plant.gap.rays import BARE_UM, gap_of, pack_of, packed_lane, place_of, ray_at, turned
 from edmsim.plant.kernel.state import Array, Arrays, Constants
 from edmsim.plant.workpiece.kerf_field import FULL, carve_wall
 

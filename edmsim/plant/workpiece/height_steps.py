@@ -1,4 +1,4 @@
-"""A workpiece whose height changes: which slices have metal where.
+"""A workpiece whose height changes: the slices that have metal at each place.
 
 The workpiece stands on its lower face, so that a lower place lacks its uppermost slices. A slice has metal
 where its middle lies below the local height. The topmost one with metal there stands for what lies above the one

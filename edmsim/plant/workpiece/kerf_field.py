@@ -1,4 +1,4 @@
-"""The kerf field: what metal is left in every slice of the workpiece, on a sparse tiled grid.
+"""The kerf field: the metal that is left in every slice of the workpiece, on a sparse tiled grid.
 
 A cell holds the fraction of metal left in it as a whole number of 1/32768 parts, so that removal is
 exact arithmetic: nothing is lost or gained however many craters fall. Tiles exist only along the path.

@@ -1,4 +1,4 @@
-"""The wall that a pass beside the metal leaves behind: how far from a line it is."""
+"""The wall that a pass leaves: its distance from a line."""
 
 from __future__ import annotations
 

@@ -92,7 +92,6 @@ def _draw_ways(axes: Axes, path: CutPath, contour: WireContour, face: tuple[str,
 
 
 def _draw_blank(axes: Axes, path: CutPath, kerf_um: float) -> None:
-    """Draw the blank with its holes and the kerf in it."""
     (x0, y0, x1, y1), (dx, dy) = path.stock_mm, path.origin_mm
     blank = Rectangle((x0 - dx, y0 - dy), x1 - x0, y1 - y0, facecolor=METAL, edgecolor=MUTED, linewidth=0.8, zorder=0)
     axes.add_patch(blank)

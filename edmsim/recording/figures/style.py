@@ -1,4 +1,4 @@
-"""The look that figures share; those for a paper are one column wide, with small type."""
+"""The style of all figures; those for a paper are one column wide, with small type."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the recording is laid out when it is opened: which views, which curves, seen from where."""
+"""The layout of a recording in the viewer: views, curves and cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading a recording back: is it whole and of this version, and what does it show at a time."""
+"""Reads a recording: whether it is complete and of this version, and its contents at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all of the recording's parts are logged with: timelines, colours of the classes, sizes on the screen."""
+"""Shared by all parts of a recording: timelines, colours of the classes, sizes on the screen."""
 
 from __future__ import annotations
 

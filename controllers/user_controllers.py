@@ -1,4 +1,4 @@
-"""Feed controllers of a user's own: from a Python file, or as an object; and the rules they must keep, as a check."""
+"""Feed controllers of the user, from a Python file or as an object, and the check of their rules."""
 
 from __future__ import annotations
 
