@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -57,7 +58,8 @@ def train(
     from edmsim.learning.command import TrainOptions, has_training, run
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
-    again = f"to continue: edmsim train {env_id} --algo {algo} --seed {options['seed']} --resume --out {out}"
+    words = ["edmsim", "train", env_id, "--algo", algo, "--seed", str(options["seed"]), "--resume", "--out", str(out)]
+    again = f"to continue: {shlex.join(words)}"
     with interruptible(lambda: again if has_training(out) else "nothing was trained"):
         tables = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
     for table in tables:

@@ -116,7 +116,7 @@ def run(
 
         def watch(progress: TrainingProgress) -> None:
             shown_return = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
-            bar.show("train", progress.steps, progress.total, shown_return)
+            bar.show("train", min(progress.steps, progress.total), progress.total, shown_return)
             if not returns or progress.steps >= returns[-1][0] + progress.total / CURVE_POINTS:
                 returns.append((progress.steps, progress.mean_return))
 

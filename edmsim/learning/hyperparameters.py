@@ -42,22 +42,23 @@ class Algorithm(TypedDict, total=False):
     """Arguments of stable-baselines3's class; which of them an algorithm has, its file says."""
 
     learning_rate: _Positive
-    gamma: _Share
+    gamma: _Share  # discount of a step
     batch_size: Annotated[WholeNumber, Field(gt=1)]
+    # weight of the entropy; with "auto_0.1" SAC and TQC find it, from 0.1 on
     ent_coef: Annotated[Any, PlainValidator(_entropy)]
-    # PPO and its kind
+    # n_steps, n_epochs, gae_lambda, clip_range, target_kl: of PPO and its kind
     n_steps: _Count
     n_epochs: _Count
     gae_lambda: _Share
     clip_range: _Positive
     target_kl: _Positive
-    # SAC and TQC
+    # buffer_size, learning_starts, train_freq, gradient_steps, tau: of SAC and TQC
     buffer_size: _Count
     learning_starts: Annotated[WholeNumber, Field(ge=0)]
     train_freq: _Count
     gradient_steps: _Count
     tau: Annotated[Number, Field(gt=0, le=1)]
-    top_quantiles_to_drop_per_net: Annotated[WholeNumber, Field(ge=0, lt=25)]  # of TQC's 25
+    top_quantiles_to_drop_per_net: Annotated[WholeNumber, Field(ge=0, lt=25)]  # of TQC's 25 quantiles
 
 
 class Network(BaseModel, extra="forbid", frozen=True):
