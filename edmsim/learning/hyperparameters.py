@@ -24,9 +24,9 @@ ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""
 REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
 RECURRENT = ("recurrent-ppo", "imitation")  # algorithms whose policy may have an LSTM
-_Positive = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
-_Share = Annotated[Number, Field(ge=0, le=1)]
-_Count = Annotated[WholeNumber, Field(gt=0)]
+Positive = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
+Share = Annotated[Number, Field(ge=0, le=1)]
+Count = Annotated[WholeNumber, Field(gt=0)]
 
 
 def _entropy(value: object) -> object:
@@ -41,23 +41,24 @@ def _entropy(value: object) -> object:
 class Algorithm(TypedDict, total=False):
     """Arguments of stable-baselines3's class; which of them an algorithm has, its file says."""
 
-    learning_rate: _Positive
-    gamma: _Share  # discount of a step
+    learning_rate: Positive
+    gamma: Share  # discount of a step
     batch_size: Annotated[WholeNumber, Field(gt=1)]
     # weight of the entropy; with "auto_0.1" SAC and TQC find it, from 0.1 on
     ent_coef: Annotated[Any, PlainValidator(_entropy)]
-    # n_steps, n_epochs, gae_lambda, clip_range, target_kl: of PPO and its kind
-    n_steps: _Count
-    n_epochs: _Count
-    gae_lambda: _Share
-    clip_range: _Positive
-    target_kl: _Positive
-    # buffer_size, learning_starts, train_freq, gradient_steps, tau: of SAC and TQC
-    buffer_size: _Count
-    learning_starts: Annotated[WholeNumber, Field(ge=0)]
-    train_freq: _Count
-    gradient_steps: _Count
-    tau: Annotated[Number, Field(gt=0, le=1)]
+    # n_steps, n_epochs: of PPO and its kind
+    n_steps: Count
+    n_epochs: Count
+    gae_lambda: Share  # of PPO and its kind
+    # clip_range, target_kl: of PPO and its kind
+    clip_range: Positive
+    target_kl: Positive
+    # buffer_size, train_freq, gradient_steps: of SAC and TQC
+    buffer_size: Count
+    train_freq: Count
+    gradient_steps: Count
+    learning_starts: Annotated[WholeNumber, Field(ge=0)]  # of SAC and TQC
+    tau: Annotated[Number, Field(gt=0, le=1)]  # of SAC and TQC
     top_quantiles_to_drop_per_net: Annotated[WholeNumber, Field(ge=0, lt=25)]  # of TQC's 25 quantiles
 
 
@@ -65,35 +66,35 @@ class Network(BaseModel, extra="forbid", frozen=True):
     """The policy's network; the value network has the same shape."""
 
     # number of neurons of each hidden layer
-    widths: Annotated[list[_Count], Field(min_length=1)]
+    widths: Annotated[list[Count], Field(min_length=1)]
     activation: Literal["tanh", "relu"]
     # PPO: natural logarithm of the initial action noise, within the bounds of stable-baselines3's SAC; by default 0
     log_std_init: Annotated[Number, Field(ge=-20, le=2)] | None = None
     # PPO: centre of the initial exploration, one action (-1..1) per entry; by default 0
     first_action: list[Annotated[Number, Field(ge=-1.0, le=1.0)]] | None = None
     # recurrent PPO and imitation: number of cells of the LSTM before the hidden layers
-    lstm: _Count | None = None
+    lstm: Count | None = None
 
 
 class Lagrangian(BaseModel, extra="forbid", frozen=True):
     """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.kinds`)."""
 
     multiplier: Annotated[Number, Field(ge=0)]  # initial reduction of the reward per unit of cost
-    rate: _Positive  # change of the multiplier per rollout and unit of cost above the limit
+    rate: Positive  # change of the multiplier per rollout and unit of cost above the limit
 
 
 class Hyperparameters(BaseModel, extra="forbid", frozen=True):
     """Hyperparameters of a training."""
 
-    steps: _Count  # of all sub-environments together: windows, or decisions
-    num_envs: _Count  # number of sub-environments
+    steps: Count  # of all sub-environments together: windows, or decisions
+    num_envs: Count  # number of sub-environments
     environment: dict[str, Any]  # arguments of the environment
     algorithm: Algorithm
     network: Network
     lagrangian: Lagrangian | None = None  # only for Lagrangian PPO
     residual: str | None = None  # classic law whose feed the policy corrects (see `edmsim.learning.kinds`)
     # change of that feed per action of 1 (ours: a fifth of a cutting feed, which leaves the law in control)
-    residual_um_s: _Positive = 5.0
+    residual_um_s: Positive = 5.0
     teacher: str | None = None  # imitation: controller to imitate (see `edmsim.learning.kinds`)
     # PPO: whether the value network observes the true state (see `edmsim.learning.kinds`)
     privileged_critic: bool = False
