@@ -88,7 +88,8 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
     """Check that a feed controller can cut, be compared, saved and resumed.
 
     It is shown windows of every kind: random shares of short and open pulses, nothing but open pulses (whose mean
-    delay is NaN), nothing but shorts. A controller that raises its alarm is not asked further.
+    delay is NaN), nothing but shorts, a fifth of open pulses. A controller that raises its alarm is not asked
+    further.
 
     Parameters
     ----------
@@ -106,12 +107,25 @@ def check_controller(make: Callable[[], protocols.FeedController]) -> None:
     >>> from edmsim import controllers
     >>> controllers.check_controller(lambda: controllers.make("voltage"))
     """
+    for counts in _every_kind():
+        _check_with(make, counts)
+
+
+def turns_knobs(make: Callable[[], protocols.FeedController], max_feed_um_s: float) -> bool:
+    """Return whether a controller changes the generator's setting after windows of any kind."""
+    machine = Machine.load()
+    commands = [command for counts in _every_kind() for command in _Rehearsal(make(), max_feed_um_s).run(counts)]
+    settings = {(command.t_on_us, command.t_period_us) for command in commands}
+    return not settings <= {(on, period) for on in (None, machine.t_on_us) for period in (None, machine.t_period_us)}
+
+
+def _every_kind() -> tuple[Counts, ...]:
+    """Return short and open pulses of windows: random, nothing but opens, nothing but shorts, a gap a little wide."""
     rng = np.random.default_rng(1)
     random: Counts = [(int(a), int(b)) for a, b, _ in (
         rng.multinomial(WINDOW_PULSES, rng.dirichlet([0.3, 0.3, 0.3])) for _ in range(WINDOWS)
     )]  # fmt: skip
-    for counts in (random, [(0, WINDOW_PULSES)] * WINDOWS, [(WINDOW_PULSES, 0)] * WINDOWS):
-        _check_with(make, counts)
+    return random, *([each] * WINDOWS for each in ((0, WINDOW_PULSES), (WINDOW_PULSES, 0), (0, WINDOW_PULSES // 5)))
 
 
 class _RehearsalWindow(NamedTuple):
@@ -141,11 +155,11 @@ class _RehearsalWindow(NamedTuple):
 class _Rehearsal:
     """A controller that is shown windows of given counts, on a wire that follows its commands."""
 
-    def __init__(self, controller: protocols.FeedController) -> None:
+    def __init__(self, controller: protocols.FeedController, max_feed_um_s: float = MAX_FEED_UM_S) -> None:
         self.controller = controller
         self.windows, self.path_um = 0, 0.0
         protocols.tell(controller, Machine.load(), _PATH_UM, 0.0)
-        self.command = protocols.check_command(controller.name, controller.reset(MAX_FEED_UM_S))
+        self.command = protocols.check_command(controller.name, controller.reset(max_feed_um_s))
 
     def run(self, counts: Counts) -> list[protocols.FeedCommand]:
         """Return the commands after these windows, up to an alarm."""

@@ -210,7 +210,9 @@ def show_fields(_: Sphinx, __: str, name: str, subject: object, ___: object, lin
 
 def list_fields(_: Sphinx, __: str, ___: str, subject: object, ____: object, lines: list[str]) -> None:
     """List a record's fields as attributes, with the comments behind or above them, if it has any."""
-    is_record = isinstance(subject, type) and (is_dataclass(subject) or hasattr(subject, "_fields"))
+    is_record = isinstance(subject, type) and (
+        is_dataclass(subject) or hasattr(subject, "_fields") or hasattr(subject, "__total__")  # of a TypedDict
+    )
     if not (is_record or (isinstance(subject, type) and issubclass(subject, BaseModel))) or "Attributes" in lines:
         return
     fields = [field for field in declared_fields(subject) if not field.is_state]

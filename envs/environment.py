@@ -21,8 +21,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from edmsim.controllers import FeedController, SeesTruth
+from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
+from edmsim.controllers.user_controllers import turns_knobs
 from edmsim.envs.arguments import checked_actions, checked_options, plain
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.registry import arguments_with
@@ -64,11 +65,24 @@ def as_action(
     octaves = {"on_time": math.log2(on_us / first_us[0]), "period": math.log2(period_us / first_us[1])}
     octaves["duty_factor"] = octaves["period"] - octaves["on_time"]
     if not family.knobs and any(octaves.values()):
-        raise InputError("a controller turns the generator's knobs, and this environment has none: leave it out")
+        raise _no_knobs(controller)
     entries += [octaves[name] / family.setting_octaves for name in family.knobs]
     if family.offset_um is not None:
         entries.append(command.offset_um / family.offset_um)
     return np.clip(np.array(entries, np.float32), -1.0, 1.0)
+
+
+def check_acts(family: Family, name: str) -> None:
+    """Refuse a controller before it acts whose commands are no actions of the environment."""
+    controller = from_text(name)
+    if family.action == "servo":
+        target_share(controller)
+    if not family.knobs and turns_knobs(lambda: from_text(name), family.greatest_feed_um_s):
+        raise _no_knobs(controller)
+
+
+def _no_knobs(controller: FeedController) -> InputError:
+    return InputError(f"{controller.name} turns the generator's knobs, and this environment has none: leave it out")
 
 
 def target_share(controller: FeedController) -> float:

@@ -31,10 +31,10 @@ LAYERS: dict[str, set[str]] = {
 }
 """Rooms that may import only some others."""
 ORDER = (
-    "models", "compiled", "errors", "numeric", "snapshots", "files", "user_code", "screen", "progress", "runs",
-    "geometry", "machine", "plant", "controllers", "axis_bench", "program", "metrology", "cosim", "recording", "job",
-    "measure", "envs", "consoles", "hil", "evaluation", "learning", "calibration", "validation", "sweep", "bench",
-    "cli", "", "__main__",
+    "models", "compiled", "errors", "numeric", "snapshots", "files", "user_code", "screen", "progress", "signals",
+    "runs", "geometry", "machine", "plant", "controllers", "axis_bench", "program", "metrology", "cosim", "recording",
+    "job", "measure", "envs", "consoles", "hil", "evaluation", "learning", "calibration", "validation", "sweep",
+    "bench", "cli", "", "__main__",
 )  # fmt: skip
 """Rooms from the bottom up: each imports only from those before it."""
 EXCEPTIONS: dict[str, dict[str, str]] = {

@@ -5,8 +5,10 @@ python docs/make/transfer.py    # writes the table of docs/training.md
 
 from __future__ import annotations
 
+import operator
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from sections import table, write_sections
 from edmsim.envs.arguments import ends_of
 from edmsim.envs.registry import make_family
 from edmsim.evaluation.compare import held_back, mean
-from edmsim.evaluation.episode import Result, cut
+from edmsim.evaluation.episode import Result, cut, engine_of
 from edmsim.evaluation.table import shown
 from edmsim.runs import perform
 
@@ -51,15 +53,16 @@ def cell(cuts: Sequence[Result]) -> str:
 
 def main() -> None:
     """Make the cuts, and write the table."""
-    jobs = [(name, place, seed) for place in places() for name in CONTROLLERS for seed in held_back(CUTS)]
-
-    def made(job: tuple[str, str, int]) -> Result:
-        return cut(ENV_ID, job[2], job[0], **places()[job[1]])
+    jobs = {
+        (name, place, seed): partial(cut, ENV_ID, seed, name, **options)
+        for place, options in places().items() for name in CONTROLLERS for seed in held_back(CUTS)
+    }  # fmt: skip
 
     def watch(done: int, total: int) -> None:
         sys.stderr.write(f"\r{done} of {total} cuts")
 
-    cuts = dict(zip(jobs, perform(made, jobs, watch), strict=True))
+    made = perform(operator.call, list(jobs.values()), watch, engine=engine_of(ENV_ID, len(jobs)))
+    cuts = dict(zip(jobs, made, strict=True))
     rows = [
         [place, *(cell([cuts[name, place, seed] for seed in held_back(CUTS)]) for name in CONTROLLERS)]
         for place in places()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import codecs
+import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -60,16 +61,16 @@ def print_line(text: str) -> None:
 
 
 @contextmanager
-def interruptible(then: str = RESUME, keep: bool = False) -> Iterator[ShownProgress]:
+def interruptible(then: str | Callable[[], str] = RESUME, keep: bool = False) -> Iterator[ShownProgress]:
     """Yield what shows progress; Ctrl-C ends the command with one line, which says what to do then."""
     from edmsim.progress import ShownProgress
 
     try:
         with ShownProgress(keep=keep) as bar:
             yield bar
-    except KeyboardInterrupt:
-        say(f"interrupted; {then}")
-        raise typer.Exit(INTERRUPTED) from None
+    except KeyboardInterrupt as interrupt:
+        say(f"interrupted; {then if isinstance(then, str) else then()}")
+        raise typer.Exit(128 + next(iter(interrupt.args), signal.SIGINT)) from None  # as shells have it
 
 
 def named(text: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -54,11 +55,12 @@ def train(
     """Train a policy (extra rl, but for the bandit)."""
     from edmsim.envs.registry import resolve
     from edmsim.evaluation.episode import is_part
-    from edmsim.learning.command import TrainOptions, run
+    from edmsim.learning.command import TrainOptions, has_training, run
 
     kinds = TrainOptions(settings, residual, teacher, privileged_critic, start, record_every, live, safe)
-    again = f"edmsim train {env_id} --algo {algo} --seed {options['seed']} --resume --out {out}"
-    with interruptible(f"to continue: {again}"):
+    words = ["edmsim", "train", env_id, "--algo", algo, "--seed", str(options["seed"]), "--resume", "--out", str(out)]
+    again = f"to continue: {shlex.join(words)}"
+    with interruptible(lambda: again if has_training(out) else "nothing was trained"):
         tables = run(env_id, algo, out, steps, options["seed"], resume, score, kinds)
     for table in tables:
         OUT.print(table)

@@ -6,15 +6,12 @@ Ctrl-C, SIGTERM and SIGHUP (its terminal closes) end it only at points where no 
 from __future__ import annotations
 
 import hashlib
-import signal
-import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 from typing import Any, NamedTuple, ParamSpec, Protocol, cast
 
 import numpy as np
@@ -50,6 +47,7 @@ from edmsim.program.path import Conditions, CutPath, load_program, plan_path
 from edmsim.program.taper import GuideHeights
 from edmsim.progress import ShownProgress, in_notebook
 from edmsim.recording.report import duration_text, outcome_text
+from edmsim.signals import NotedSignals, noted
 
 # A cut in passes: what a technology says, put in place of the options that it decides.
 
@@ -209,58 +207,6 @@ def setup_of(settings: CutSettings, one: PassSetting) -> PassSetup:
 def approach_of(machine: Machine, table: PassTable, rough: PassSetting) -> PassSetup:
     """Return the set-up of a lead-in: the rough pass' machine, at a share of its feed."""
     return PassSetup(machine, from_text(rough.controller(table.approach_share)))
-
-
-_ENDING = {
-    signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL,
-    **({signal.SIGHUP: signal.SIG_DFL} if hasattr(signal, "SIGHUP") else {}),
-}  # fmt: skip
-"""Signals that ask a process to end, and what handles them where nobody else does."""
-
-
-class NotedSignals:
-    """Deferred signals: recorded by the handler, raised at the next safe point."""
-
-    def __init__(self) -> None:
-        self._came: int | None = None
-        self._at_once = False
-
-    def take(self, number: int, _: FrameType | None) -> None:
-        """Handle a signal."""
-        self._came = number
-        if self._at_once:
-            self.raise_noted()
-
-    def raise_noted(self) -> None:
-        """Raise `KeyboardInterrupt`, with the signal's number, if one has come."""
-        if self._came is not None:
-            came, self._came = self._came, None
-            raise KeyboardInterrupt(came)
-
-    def at_once(self) -> None:
-        """From now on raise at once: whatever is interrupted can be done again."""
-        self._at_once = True
-        self.raise_noted()
-
-    def only_note(self) -> None:
-        """From now on raise no more: the work is done, and nothing is left that could be ended."""
-        self._at_once, self._came = False, None
-
-
-@contextmanager
-def noted() -> Iterator[NotedSignals]:
-    """Defer these signals in the main thread if there is no other handler."""
-    interrupts = NotedSignals()
-    taken = {}
-    if threading.current_thread() is threading.main_thread():
-        taken = {number: usual for number, usual in _ENDING.items() if signal.getsignal(number) is usual}
-    for number in taken:
-        signal.signal(number, interrupts.take)
-    try:
-        yield interrupts
-    finally:
-        for number, usual in taken.items():
-            signal.signal(number, usual)
 
 
 CHECKPOINT_EVERY_S = 60.0  # wall time between checkpoints of a long cut

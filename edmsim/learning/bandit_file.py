@@ -24,7 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 from edmsim import models
 from edmsim.controllers import from_text
 from edmsim.controllers.feed.law import ServoLaw, TruthLaw
-from edmsim.errors import InputError, invalid_entry
+from edmsim.errors import InputError, invalid_entry, located
 from edmsim.snapshots import Snapshots
 
 FORMAT: Final = "edmsim-bandit-1"
@@ -186,7 +186,7 @@ def find(name: str) -> Path | None:
         return None
     try:
         stored = json.loads(file.read_bytes())
-    except ValueError:
+    except (OSError, ValueError, RecursionError):
         return None
     return file if isinstance(stored, dict) and stored.get("format") == FORMAT else None
 
@@ -197,7 +197,8 @@ def load(file: Path) -> BanditCard:
         card = BanditCard.model_validate_json(file.read_bytes())
     except ValidationError as error:
         raise InputError(f"this is a damaged policy: {invalid_entry(error)}", file) from None
-    law_of(card)
+    with located(file):
+        law_of(card)
     return card
 
 

@@ -27,7 +27,7 @@ from pydantic import Field, FiniteFloat, ValidationError
 from edmsim.envs.episode import Task
 from edmsim.envs.registry import base_of, find, make_family, stand_in
 from edmsim.envs.shift import Shift
-from edmsim.errors import InputError, invalid_entry
+from edmsim.errors import InputError, invalid_entry, located
 from edmsim.evaluation.episode import HELD_BACK, Episode, engine_of
 from edmsim.files import locked, read_toml
 from edmsim.learning import bandit_file
@@ -99,7 +99,8 @@ def checked(values: dict[str, Any], file: Path | None = None) -> BanditSettings:
         settings = BanditSettings.model_validate(values)
     except ValidationError as error:
         raise InputError(invalid_entry(error), file) from None
-    bandit_file.law_of(settings)
+    with located(file):
+        bandit_file.law_of(settings)
     return settings
 
 
@@ -260,17 +261,21 @@ def shown(setting: dict[str, float]) -> str:
 
 def train(
     env_id: str, out: Path, *, steps: int | None = None, seed: int = 0, resume: bool = False,
-    settings: BanditSettings | None = None, command: str = "", watch: Callable[[int, int], None] | None = None,
+    settings: BanditSettings | None = None, command: str = "", options: str = "",
+    watch: Callable[[int, int], None] | None = None,
 ) -> BanditCard:
     """Record training machines of a shift into `HISTORIES`, and return the policy whose prior fits them.
 
-    `steps` are segments on all machines, rounded up to whole ones. With `resume` the settings of the histories apply.
+    `steps` are segments on all machines, rounded up to whole ones. With `resume` the settings of the histories apply,
+    their number of machines unless there are `steps`, and the options that the command had.
     """
     file = out / HISTORIES
     if resume:
-        settings = _settings_of(file)
+        settings, options = _before(file)
     settings = settings or load(env_id)
     machines = settings.machines if steps is None else max(-(-steps // settings.segments), 2)
+    if not resume:
+        settings = settings.model_copy(update={"machines": machines})
     first = FIRST_SEED + seed
     if steps is not None and steps < 1:
         raise InputError(f"steps is {steps}: give 1 or more")
@@ -278,9 +283,7 @@ def train(
         raise InputError(f"the seed {seed} must be from 0 to {HELD_BACK - FIRST_SEED - machines}")
     _check_time(env_id, settings)
     with locked(out, "edmsim train"):
-        if not resume:
-            file.unlink(missing_ok=True)
-        of = {"env_id": env_id, "seed": seed, "settings": settings.model_dump(exclude={"machines"})}
+        of = {"env_id": env_id, "seed": seed, "settings": settings.model_dump(), "options": options}
         table = RunTable(file, of)
         seeds = range(first, first + machines)
         rows = perform(
@@ -288,6 +291,7 @@ def train(
             engine=engine_of(env_id, machines, settings.segments * settings.segment_s),
         )  # fmt: skip
     histories = [History(row["rows"], row["lost"], row["cut_s"]) for row in rows]
+    command += f" --steps {machines * settings.segments} --seed {seed}{options}"
     about = About(command, seed, sum(len(history.rows) for history in histories))
     known_as, _ = stand_in(*find(env_id))
     return card_of(known_as, settings, prior_of(histories, settings), about)
@@ -308,11 +312,12 @@ def _check_time(env_id: str, settings: BanditSettings) -> None:
         )
 
 
-def _settings_of(file: Path) -> BanditSettings:
-    """Return the settings that histories were recorded with."""
+def _before(file: Path) -> tuple[BanditSettings, str]:
+    """Return the settings and options that a training began with."""
     if not file.exists():
         raise InputError("there is no training to resume in this folder", file.parent)
     try:
-        return BanditSettings.model_validate({**read_of(file)["settings"], "machines": 2})
+        of = read_of(file)
+        return BanditSettings.model_validate(of["settings"]), str(of["options"])
     except (ValueError, LookupError, TypeError) as error:
-        raise InputError(f"the histories are damaged ({error}); train again without --resume", file) from None
+        raise InputError(f"the histories are damaged ({error}); train again in another folder", file) from None

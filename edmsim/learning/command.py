@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from edmsim.envs.registry import resolve
 from edmsim.errors import InputError, one_of
 from edmsim.learning import bandit_file, bandit_training, hyperparameters, policy_file, safe
-from edmsim.learning.hyperparameters import ALGORITHMS, Hyperparameters
+from edmsim.learning.hyperparameters import ALGORITHMS, CHECKPOINT, Hyperparameters
 from edmsim.learning.policy_file import Policy
 from edmsim.learning.score import measure, render, write_card
 from edmsim.runs import RunTable
@@ -82,6 +82,11 @@ class TrainOptions(NamedTuple):
         return parameters.model_copy(update=more)
 
 
+def has_training(out: Path) -> bool:
+    """Return whether a folder has a training, finished or not, that can be resumed."""
+    return any(found for pattern in (CHECKPOINT, bandit_training.HISTORIES) for found in out.glob(pattern))
+
+
 def run(
     env_id: str, algo: str, out: Path, steps: int | None, seed: int, resume: bool, episodes: int,
     options: TrainOptions = TrainOptions(),  # noqa: B008 - it cannot be changed
@@ -93,6 +98,8 @@ def run(
         raise InputError(f"{episodes} episodes give no mean with an error: give 2 or more, or 0 for none")
     if algo not in (*ALGORITHMS, BANDIT):
         raise InputError(f"unknown algorithm '{algo}'; there are: {one_of(algo, (*ALGORITHMS, BANDIT))}")
+    if not resume and has_training(out):
+        raise InputError("this folder has a training: continue it with --resume, or give another folder", out)
     if algo == BANDIT:
         return _bandit(env_id, out, steps, seed, resume, episodes, options)
     from edmsim.learning.train import train  # refuses, in one line, where the extra is missing
@@ -109,7 +116,7 @@ def run(
 
         def watch(progress: TrainingProgress) -> None:
             shown_return = "" if math.isnan(progress.mean_return) else f"return {progress.mean_return:.1f}"
-            bar.show("train", progress.steps, progress.total, shown_return)
+            bar.show("train", min(progress.steps, progress.total), progress.total, shown_return)
             if not returns or progress.steps >= returns[-1][0] + progress.total / CURVE_POINTS:
                 returns.append((progress.steps, progress.mean_return))
 
@@ -145,7 +152,6 @@ def _bandit(
         raise InputError(f"--resume goes on with what the training began with: leave out{options.words()}")
     named = resolve(env_id)
     settings = None if resume else bandit_training.load(named, options.settings)
-    words = f"{env_id} --algo {BANDIT}" + ("" if steps is None else f" --steps {steps}")
     file = out / "policy.json"
     with ShownProgress(keep=True) as bar:
 
@@ -154,7 +160,7 @@ def _bandit(
 
         card = bandit_training.train(
             named, out, steps=steps, seed=seed, resume=resume, settings=settings, watch=watch,
-            command=f"edmsim train {words} --seed {seed}{options.words()}",
+            command=f"edmsim train {env_id} --algo {BANDIT}", options=options.words(),
         )  # fmt: skip
         bandit_file.write(card, file)
         return [bandit_training.described(card), *_scored(named, file, episodes, bar)]

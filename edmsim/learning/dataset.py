@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from edmsim import __version__
 from edmsim.controllers import from_text
-from edmsim.envs.environment import EdmEnv
-from edmsim.envs.registry import env_id_of, find
+from edmsim.envs.environment import EdmEnv, check_acts
+from edmsim.envs.registry import env_id_of, make_family
 from edmsim.errors import InputError
 from edmsim.evaluation.compare import check_controllers
 from edmsim.evaluation.episode import HELD_BACK, is_part
@@ -85,20 +85,21 @@ def record(
         raise InputError(f"{steps} steps record nothing: give 1 or more")
     if not 0 <= seed < HELD_BACK // 2:
         raise InputError(f"the seed {seed} must be from 0 to {HELD_BACK // 2 - 1}: those above are held back")
-    family, _ = find(env_id)
     if is_part(env_id):
         raise InputError(f"{env_id} is decided on pass by pass: no feed controller acts in it")
+    feeds: dict[str, Any] = {"action": "speed", "decision_s": None}
+    family = make_family(env_id, **feeds)
     check_controllers(controllers)
     _check_names(controllers)
-    env: Any = gym.make(env_id_of(env_id), action="speed", decision_s=None, disable_env_checker=True)
-    if not isinstance(env.unwrapped, EdmEnv):
-        raise InputError(f"{env_id} is not an environment of edmsim")
+    for name in controllers:
+        check_acts(family, name)
+    env: Any = gym.make(env_id_of(env_id), **feeds, disable_env_checker=True)
     with locked(out, "edmsim dataset"):
         _keep_to(out / UNFINISHED, {"env_id": env_id, "seed": seed, "edmsim_version": __version__})
         made = []
         for name in controllers:
             files = _episodes(env, name, steps, seed, out / UNFINISHED / _plain(name), watch)
-            made.append(_assemble(minari, env, family.__name__, name, files, out))
+            made.append(_assemble(minari, env, type(family).__name__, name, files, out))
         shutil.rmtree(out / UNFINISHED)
     return made
 

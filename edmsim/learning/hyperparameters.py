@@ -2,56 +2,99 @@
 
 from __future__ import annotations
 
+import math
+import re
 import tomllib
 from dataclasses import fields
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, with_config
+from typing_extensions import TypedDict
 
-from edmsim.envs.registry import base_of, find
-from edmsim.errors import InputError, invalid_entry, one_of
+from edmsim.envs.registry import arguments_with, base_of, find
+from edmsim.errors import InputError, invalid_entry, located, one_of
 from edmsim.files import read_toml
-from edmsim.numeric import Number, WholeNumber
+from edmsim.numeric import Number, WholeNumber, real
 
+CHECKPOINT = "checkpoint-*/run.json"
+"""Where a folder has the state of a training, as a pattern: the last checkpoint."""
 ALGORITHMS = ("ppo", "sac", "tqc", "ppo-lag", "recurrent-ppo", "imitation")
 """Algorithms there are hyperparameters for."""
+REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
+RECURRENT = ("recurrent-ppo", "imitation")  # algorithms whose policy may have an LSTM
+Positive = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
+Share = Annotated[Number, Field(ge=0, le=1)]
+Count = Annotated[WholeNumber, Field(gt=0)]
+
+
+def _entropy(value: object) -> object:
+    """Check SAC's weight of the entropy."""
+    number = real(value)
+    if re.fullmatch(r"auto(_\d*\.?\d+)?", str(value)) or (number is not None and 0 <= number < math.inf):
+        return value
+    raise ValueError("must be a number of 0 or more, or 'auto_0.1'")
+
+
+@with_config(ConfigDict(extra="forbid"))
+class Algorithm(TypedDict, total=False):
+    """Arguments of stable-baselines3's class; which of them an algorithm has, its file says."""
+
+    learning_rate: Positive
+    gamma: Share  # discount of a step
+    batch_size: Annotated[WholeNumber, Field(gt=1)]
+    # weight of the entropy; with "auto_0.1" SAC and TQC find it, from 0.1 on
+    ent_coef: Annotated[Any, PlainValidator(_entropy)]
+    # n_steps, n_epochs: of PPO and its kind
+    n_steps: Count
+    n_epochs: Count
+    gae_lambda: Share  # of PPO and its kind
+    # clip_range, target_kl: of PPO and its kind
+    clip_range: Positive
+    target_kl: Positive
+    # buffer_size, train_freq, gradient_steps: of SAC and TQC
+    buffer_size: Count
+    train_freq: Count
+    gradient_steps: Count
+    learning_starts: Annotated[WholeNumber, Field(ge=0)]  # of SAC and TQC
+    tau: Annotated[Number, Field(gt=0, le=1)]  # of SAC and TQC
+    top_quantiles_to_drop_per_net: Annotated[WholeNumber, Field(ge=0, lt=25)]  # of TQC's 25 quantiles
 
 
 class Network(BaseModel, extra="forbid", frozen=True):
     """The policy's network; the value network has the same shape."""
 
     # number of neurons of each hidden layer
-    widths: Annotated[list[Annotated[WholeNumber, Field(gt=0)]], Field(min_length=1)]
+    widths: Annotated[list[Count], Field(min_length=1)]
     activation: Literal["tanh", "relu"]
-    # PPO: natural logarithm of the initial action noise; by default that of stable-baselines3
-    log_std_init: Number | None = None
+    # PPO: natural logarithm of the initial action noise, within the bounds of stable-baselines3's SAC; by default 0
+    log_std_init: Annotated[Number, Field(ge=-20, le=2)] | None = None
     # PPO: centre of the initial exploration, one action (-1..1) per entry; by default 0
     first_action: list[Annotated[Number, Field(ge=-1.0, le=1.0)]] | None = None
     # recurrent PPO and imitation: number of cells of the LSTM before the hidden layers
-    lstm: Annotated[WholeNumber, Field(gt=0)] | None = None
+    lstm: Count | None = None
 
 
 class Lagrangian(BaseModel, extra="forbid", frozen=True):
     """Lagrangian PPO: weight of costs in the reward (see `edmsim.learning.kinds`)."""
 
     multiplier: Annotated[Number, Field(ge=0)]  # initial reduction of the reward per unit of cost
-    rate: Annotated[Number, Field(gt=0)]  # change of the multiplier per rollout and unit of cost above the limit
+    rate: Positive  # change of the multiplier per rollout and unit of cost above the limit
 
 
 class Hyperparameters(BaseModel, extra="forbid", frozen=True):
     """Hyperparameters of a training."""
 
-    steps: Annotated[WholeNumber, Field(gt=0)]  # of all sub-environments together: windows, or decisions
-    num_envs: Annotated[WholeNumber, Field(gt=0)]  # number of sub-environments
+    steps: Count  # of all sub-environments together: windows, or decisions
+    num_envs: Count  # number of sub-environments
     environment: dict[str, Any]  # arguments of the environment
-    algorithm: dict[str, Any]  # arguments of stable-baselines3's class
+    algorithm: Algorithm
     network: Network
     lagrangian: Lagrangian | None = None  # only for Lagrangian PPO
     residual: str | None = None  # classic law whose feed the policy corrects (see `edmsim.learning.kinds`)
     # change of that feed per action of 1 (ours: a fifth of a cutting feed, which leaves the law in control)
-    residual_um_s: Annotated[Number, Field(gt=0)] = 5.0
+    residual_um_s: Positive = 5.0
     teacher: str | None = None  # imitation: controller to imitate (see `edmsim.learning.kinds`)
     # PPO: whether the value network observes the true state (see `edmsim.learning.kinds`)
     privileged_critic: bool = False
@@ -80,11 +123,14 @@ def load(env_id: str, algo: str, settings: Path | None = None) -> Hyperparameter
     folder = resources.files("edmsim.models") / "training"
     own = folder / f"{base_of(family)}-{algo}.toml"
     file = own if own.is_file() else folder / f"{algo}.toml"
-    found = tomllib.loads(file.read_text(encoding="utf-8"))
+    ours = tomllib.loads(file.read_text(encoding="utf-8"))
     known = {one.name for one in fields(family)} - set(registered)  # type: ignore[arg-type]
-    left = {name: value for name, value in found["environment"].items() if name in known}
-    usual = Hyperparameters.model_validate({**found, "environment": left})
-    return usual if settings is None else _changed(usual, settings)
+    left = {name: value for name, value in ours["environment"].items() if name in known}
+    usual = Hyperparameters.model_validate({**ours, "environment": left})
+    found = usual if settings is None else _changed(usual, settings)
+    with located(settings):
+        _check(env_id, algo, found)
+    return found
 
 
 def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
@@ -96,11 +142,32 @@ def _changed(usual: Hyperparameters, file: Path) -> Hyperparameters:
     for name, value in table.items():
         inner = before.get(name)
         before[name] = {**inner, **value} if isinstance(inner, dict) and isinstance(value, dict) else value
-    unknown = set(table.get("algorithm", {})) - set(usual.algorithm)
-    if unknown:
+    own = table.get("algorithm")
+    if isinstance(own, dict) and (unknown := set(own) - set(usual.algorithm)):
         known = ", ".join(usual.algorithm)
         raise InputError(f"algorithm has no entry {', '.join(sorted(unknown))!r}; it has {known}", file)
     try:
         return Hyperparameters.model_validate(before)
     except ValidationError as error:
         raise InputError(invalid_entry(error), file) from None
+
+
+def _check(env_id: str, algo: str, found: Hyperparameters) -> None:
+    """Raise `InputError` if environment, algorithm and network do not fit each other."""
+    network = found.network
+    if network.lstm is None and algo == "recurrent-ppo":
+        raise InputError("recurrent-ppo needs an LSTM: give network.lstm its number of cells")
+    if network.lstm is not None and algo not in RECURRENT:
+        raise InputError(f"network.lstm is for {' and '.join(RECURRENT)}; the algorithm is {algo}")
+    if (found.lagrangian is not None) != (algo == "ppo-lag"):
+        raise InputError(f"the table lagrangian is for ppo-lag, and needed there; the algorithm is {algo}")
+    try:
+        with located(name="environment"):
+            actions = arguments_with(env_id, **found.environment).action_names
+    except TypeError as error:
+        raise InputError(f"environment: {error}") from None
+    first = network.first_action
+    if first is not None and algo in REPLAYS:
+        raise InputError(f"network.first_action is for PPO and its kind; the algorithm is {algo}")
+    if first is not None and len(first) != len(actions):
+        raise InputError(f"network.first_action has {len(first)} entries; an action has {', '.join(actions)}")

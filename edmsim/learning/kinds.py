@@ -328,6 +328,10 @@ class ResidualVecEnv(VecEnvWrapper):  # type: ignore[misc, unused-ignore]
 
     def _take(self, index: int, command: FeedCommand) -> None:
         if command.t_on_us is not None or command.t_period_us is not None:
-            law = self.residual.law
-            raise InputError(f"'{law}' turns the generator's knobs: a policy adds to a law that only feeds")
+            raise no_feed_alone(self.residual)
         self._feed_um_s[index] = command.feed_um_s
+
+
+def no_feed_alone(residual: Residual) -> InputError:
+    """Return what to raise for a law that turns knobs."""
+    return InputError(f"'{residual.law}' turns the generator's knobs: a policy adds to a law that only feeds")

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from edmsim.controllers import from_text
-from edmsim.envs.environment import target_share
+from edmsim.controllers.user_controllers import turns_knobs
+from edmsim.envs.environment import check_acts
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.task import Family
 from edmsim.errors import InputError
 from edmsim.evaluation.episode import is_part
-from edmsim.learning.hyperparameters import Hyperparameters
+from edmsim.learning.hyperparameters import REPLAYS, Hyperparameters
 from edmsim.learning.policy_file import Residual
 
 try:
@@ -33,8 +33,6 @@ except ImportError as error:
 KINDS: dict[str, Any] = {
     "ppo": PPO, "ppo-lag": PPO, "recurrent-ppo": RecurrentPPO, "sac": SAC, "tqc": TQC, "imitation": kinds.Imitation,
 }
-REPLAYS = ("sac", "tqc")  # algorithms with a replay buffer
-RECURRENT = ("recurrent-ppo", "imitation")  # algorithms whose policy may have an LSTM
 CRITICS = ("ppo", "ppo-lag")  # algorithms whose critic may be privileged
 _DEVICE = "cpu"  # a network this small waits for a GPU more than it gains; and the same seed gives the same policy
 
@@ -52,12 +50,6 @@ def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
     """Raise `InputError` if the algorithm cannot use these hyperparameters."""
     if parameters.privileged_critic and algo not in CRITICS:
         raise InputError(f"{algo} has no critic of its own to be privileged; choose one of {', '.join(CRITICS)}")
-    if parameters.network.lstm is None and algo == "recurrent-ppo":
-        raise InputError("recurrent-ppo needs an LSTM: give network.lstm its number of cells")
-    if parameters.network.lstm is not None and algo not in RECURRENT:
-        raise InputError(f"network.lstm is for {' and '.join(RECURRENT)}; the algorithm is {algo}")
-    if (parameters.lagrangian is not None) != (algo == "ppo-lag"):
-        raise InputError(f"the table lagrangian is for ppo-lag, and needed there; the algorithm is {algo}")
     if (parameters.teacher is not None) != (algo == "imitation"):
         raise InputError(f"a teacher is for imitation, and needed there; the algorithm is {algo}")
     of_windows = parameters.privileged_critic, parameters.teacher is not None, parameters.residual is not None
@@ -69,11 +61,11 @@ def check(env_id: str, algo: str, parameters: Hyperparameters) -> None:
     if not isinstance(family, Family):
         return
     if parameters.teacher is not None:
-        teacher = from_text(parameters.teacher)
-        if family.action == "servo":
-            target_share(teacher)
-    if parameters.residual is not None:
-        residual_of(parameters)
+        check_acts(family, parameters.teacher)
+    residual = residual_of(parameters)
+    if residual is not None:
+        if turns_knobs(residual.make, family.greatest_feed_um_s):
+            raise kinds.no_feed_alone(residual)
         if family.action != "speed" or family.decision_s is not None:
             raise InputError("a residual policy commands a speed every window: the environment has another action")
 
@@ -133,13 +125,22 @@ def load(
     algo: str, vec_env: TrainingEnvs, parameters: Hyperparameters, seed: int, checkpoint: Path
 ) -> tuple[Any, VecNormalize]:
     """Return a checkpoint's learner, which resumes with `parameters`, and its normalised environments."""
-    normalise = VecNormalize.load(str(checkpoint / "normalise.pkl"), vec_env.learned_on)
-    normalise.gamma = parameters.algorithm["gamma"]
     kind = _kind(algo, parameters)
-    model = kind.load(checkpoint / "model.zip", env=normalise, device=_DEVICE, seed=seed, **parameters.algorithm)
-    if (checkpoint / "replay.pkl").exists():
-        model.load_replay_buffer(checkpoint / "replay.pkl")
+    try:
+        normalise = VecNormalize.load(str(checkpoint / "normalise.pkl"), vec_env.learned_on)
+        normalise.gamma = parameters.algorithm["gamma"]
+        model = kind.load(checkpoint / "model.zip", env=normalise, device=_DEVICE, seed=seed, **parameters.algorithm)
+        if algo in REPLAYS:
+            with (checkpoint / "replay.pkl").open("rb") as replay:
+                model.load_replay_buffer(replay)
+    except Exception as error:  # of pickle, zipfile, torch and stable-baselines3, whatever it is
+        raise damaged(error, checkpoint) from None
     return model, normalise
+
+
+def damaged(error: object, checkpoint: Path) -> InputError:
+    """Return what to raise for a checkpoint that cannot be read."""
+    return InputError(f"the checkpoint is damaged ({error}); train again in another folder", checkpoint)
 
 
 def callbacks(vec_env: TrainingEnvs, parameters: Hyperparameters) -> list[BaseCallback]:

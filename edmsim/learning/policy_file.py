@@ -25,7 +25,8 @@ from edmsim.envs.part_task import ACTIONS
 from edmsim.envs.registry import arguments_with, make_family
 from edmsim.envs.task import EnvArguments, Family
 from edmsim.errors import InputError, invalid_entry, one_of
-from edmsim.files import read_arrays
+from edmsim.files import read_arrays, replacing
+from edmsim.learning import bandit_file
 
 FORMAT = "edmsim-policy-1"
 ACTION_MEANINGS = {
@@ -203,8 +204,9 @@ def digest(packed: bytes) -> str:
 
 def write(card: Card, packed: bytes, file: Path) -> None:
     """Write both files; `file` is the ``.json``."""
-    file.with_suffix(".npz").write_bytes(packed)
-    file.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    with replacing(file) as described, replacing(file.with_suffix(".npz")) as arrays:
+        arrays.write_bytes(packed)
+        described.write_text(card.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
 def write_policy(
@@ -262,6 +264,9 @@ def card_of(
     })
 
 
+_NO_FILE = "no such file: a policy is a .json and the .npz beside it"
+
+
 def locate(name: str) -> Path:
     """Return the ``.json`` of a policy: of its own path, or of a name under ``models/policies``."""
     file = Path(name)
@@ -270,10 +275,10 @@ def locate(name: str) -> Path:
             known = one_of(name, models.policies())
             raise InputError(f"there is no policy '{name}'; give its .json file, or one of {known}")
         return models.path(f"policies/{name}.json")
-    for part in (file.with_suffix(".json"), file.with_suffix(".npz")):
-        if not part.is_file():
-            raise InputError("no such file: a policy is a .json and the .npz beside it", part)
-    return file.with_suffix(".json")
+    file = file.with_suffix(".json")
+    if not file.is_file():
+        raise InputError(_NO_FILE, file)
+    return file
 
 
 def load(name: str, env_id: str | None = None) -> Policy:
@@ -297,7 +302,12 @@ def load(name: str, env_id: str | None = None) -> Policy:
     except OSError as error:
         raise InputError(f"the policy cannot be read: {error.strerror}", file) from None
     except ValidationError as error:
-        raise InputError(f"this is not a policy, or a damaged one: {invalid_entry(error)}", file) from None
+        if bandit_file.find(name) is not None:
+            networks = ", ".join(each for each in models.policies() if bandit_file.find(each) is None)
+            reason = f"this policy chooses settings of a law and has no network: give one that has, as {networks}"
+        else:
+            reason = f"this is not a policy, or a damaged one: {invalid_entry(error)}"
+        raise InputError(reason, file) from None
     if env_id is not None and card.env_id != env_id:
         raise InputError(f"the policy was trained in {card.env_id}, not in {env_id}", file)
     _check_environment(card, file)
@@ -349,6 +359,8 @@ def _unpack(card: Card, file: Path) -> tuple[tuple[Floats, ...], tuple[Floats, .
         weights = tuple(_plain(stored[f"weight_{i}"]) for i in range(len(sizes) - 1))
         biases = tuple(_plain(stored[f"bias_{i}"]) for i in range(len(sizes) - 1))
         gates = {name: _plain(stored[f"lstm_{name}"]) for name in Lstm._fields} if card.lstm else {}
+    except FileNotFoundError:
+        raise InputError(_NO_FILE, file) from None
     except (OSError, ValueError, LookupError) as error:
         raise InputError(f"the policy's arrays are damaged: {error}", file) from None
     for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):

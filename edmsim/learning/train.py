@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import BaseModel, ValidationError
 
 from edmsim.envs.registry import env_id_of, find, stand_in
-from edmsim.errors import InputError
+from edmsim.errors import EdmsimError, InputError, invalid_entry
 from edmsim.files import locked
 from edmsim.learning import hyperparameters
 from edmsim.learning.hyperparameters import Hyperparameters
 from edmsim.learning.policy_file import Card, Policy
+from edmsim.signals import NotedSignals, noted
 
 try:
     import tensorboard  # noqa: F401 - stable-baselines3 writes its logs with it
@@ -41,15 +41,22 @@ class TrainingProgress(NamedTuple):
     mean_return: float  # mean of the last hundred episodes; NaN before the first ends
 
 
-@dataclass(frozen=True)
-class TrainingRun:
+class TrainingRun(BaseModel, frozen=True):
     """Identity of a training; to resume a checkpoint, only `steps` may differ."""
 
     env_id: str
     algo: str
     steps: int
     seed: int
-    options: dict[str, Any] = field(default_factory=dict)  # further ones of the command that began it
+    options: dict[str, Any] = {}  # further ones of the command that began it
+
+
+class _Saved(TrainingRun, frozen=True):
+    """What a checkpoint says of its training, in ``run.json``."""
+
+    done: int
+    multiplier: float | None
+    hyperparameters: Hyperparameters
 
 
 class Trained(NamedTuple):
@@ -105,7 +112,9 @@ def train(
     Raises
     ------
     InputError
-        If an argument is invalid, or there is no checkpoint to resume.
+        If an argument is invalid, there is no checkpoint to resume, or one without `resume`.
+    EdmsimError
+        If the training diverges; its last checkpoint stays.
     KeyboardInterrupt
         If interrupted, after saving a checkpoint.
     """
@@ -116,26 +125,27 @@ def train(
         raise InputError(f"steps is {total}: give 1 or more")
     if not 0 <= seed < 2**32:
         raise InputError(f"the seed {seed} must be from 0 to {2**32 - 1}")
-    run = TrainingRun(env_id_of(env_id), algo, total, seed, dict(options or {}))
-    last = begin_from
+    run = TrainingRun(env_id=env_id_of(env_id), algo=algo, steps=total, seed=seed, options=dict(options or {}))
+    last, before = begin_from, None
     if resume:
-        last = _checkpoint_of(run, out)
-        before = _run_state(last)
-        parameters = _parameters_of(last, before)
-        run = replace(run, steps=before["steps"] if steps is None else steps, options=before.get("options", {}))
-    learners.check(env_id, algo, parameters)
-    with locked(out, "edmsim train"):
-        trained = _begin(run, parameters, last)
-        if not resume:
-            for old in out.glob("checkpoint-*"):
-                shutil.rmtree(old)
-        _learn(trained, out, watch, callbacks, reset=not isinstance(last, Path))
+        last, before = _to_resume(run, out, steps)
+        parameters = before.hyperparameters
+        run = run.model_copy(update={"steps": steps or before.steps, "options": before.options})
+    elif any(out.glob(hyperparameters.CHECKPOINT)):
+        raise InputError("this folder has a training: continue it with --resume, or give another folder", out)
+    elif isinstance(last, Path):
+        before = _saved(last)
+    learners.check(run.env_id, algo, parameters)
+    with locked(out, "edmsim train"), noted() as signals:
+        signals.at_once()
+        trained = _begin(run, parameters, last, before)
+        _learn(trained, out, watch, callbacks, signals, reset=before is None)
     return trained
 
 
 def _learn(
-    trained: Trained, out: Path, watch: Callable[[TrainingProgress], None] | None, callbacks: Sequence[Any], *,
-    reset: bool,
+    trained: Trained, out: Path, watch: Callable[[TrainingProgress], None] | None, callbacks: Sequence[Any],
+    signals: NotedSignals, *, reset: bool,
 ) -> None:
     """Learn up to the run's steps, with checkpoints on the way and at the end, however it ends."""
     keeper = _Keeper(trained, out, watch)
@@ -147,16 +157,19 @@ def _learn(
             more = [*learners.callbacks(trained.vec_env, trained.hyperparameters), *callbacks]
             trained.model.learn(left, callback=[keeper, *more], reset_num_timesteps=reset)
     finally:
-        keeper.save(at_end=True)
+        signals.only_note()
         trained.normalise.close()
+        keeper.save(at_end=True)
 
 
-def _begin(run: TrainingRun, parameters: Hyperparameters, last: Path | Policy | None) -> Trained:
+def _begin(
+    run: TrainingRun, parameters: Hyperparameters, last: Path | Policy | None, before: _Saved | None
+) -> Trained:
     """Make environment and learner, as new, with a policy, or as a checkpoint has them."""
-    before: dict[str, Any] = _run_state(last) if isinstance(last, Path) else {"done": 0, "multiplier": None}
     # other episodes after a break
-    first = int(np.random.SeedSequence((run.seed, before["done"])).generate_state(1)[0])
-    vec_env = learners.vec_env_of(run.env_id, parameters, first, before["multiplier"])
+    done, multiplier = (0, None) if before is None else (before.done, before.multiplier)
+    first = int(np.random.SeedSequence((run.seed, done)).generate_state(1)[0])
+    vec_env = learners.vec_env_of(run.env_id, parameters, first, multiplier)
     if isinstance(last, Path):
         made = learners.load(run.algo, vec_env, parameters, run.seed, last)
     else:
@@ -165,12 +178,6 @@ def _begin(run: TrainingRun, parameters: Hyperparameters, last: Path | Policy | 
         start_sb3(*made, last)
     vec_env.edm.seed(first)  # the learner seeds them with its own seed, that a break would repeat
     return Trained(run, parameters, *made, vec_env)
-
-
-def _run_state(checkpoint: Path) -> dict[str, Any]:
-    """Return the state of a checkpoint's training."""
-    run_state: dict[str, Any] = json.loads((checkpoint / "run.json").read_text(encoding="utf-8"))
-    return run_state
 
 
 # untyped where the extra is missing
@@ -193,25 +200,30 @@ class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
         return True
 
     def save(self, at_end: bool = False) -> None:
-        """Write a new checkpoint, then remove the old one; at the end, the learner has learned from all."""
+        """Write a new checkpoint, then remove the old one; at the end, the learner has learned from all steps."""
         model, done = self._trained.model, self._trained.model.num_timesteps
+        if not all(torch.isfinite(each).all() for each in model.policy.parameters()):
+            raise EdmsimError(
+                f"the training has diverged: after {done} steps its network has numbers that are not finite; a "
+                "smaller learning_rate may help. Its last checkpoint stays"
+            )
         partial, folder = self._out / "partial", self._out / f"checkpoint-{done:012d}"
         if folder.exists() and at_end:  # a step wrote it, before the last update
             folder = folder.with_name(f"{folder.name}-end")
-        if folder.exists():
+        if folder.exists() or not done:
             return
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir()
         model.save(partial / "model.zip")
         self._trained.normalise.save(str(partial / "normalise.pkl"))
-        if self._trained.run.algo in learners.REPLAYS:
+        if self._trained.run.algo in hyperparameters.REPLAYS:
             model.save_replay_buffer(partial / "replay.pkl")
         costs = self._trained.vec_env.costs
-        run_state = {
-            **asdict(self._trained.run), "done": done, "multiplier": None if costs is None else costs.multiplier,
-            "hyperparameters": self._trained.hyperparameters.model_dump(mode="json"),
-        }
-        (partial / "run.json").write_text(json.dumps(run_state), encoding="utf-8")
+        saved = _Saved(
+            **dict(self._trained.run), done=done, multiplier=None if costs is None else costs.multiplier,
+            hyperparameters=self._trained.hyperparameters,
+        )
+        (partial / "run.json").write_text(saved.model_dump_json(), encoding="utf-8")
         partial.rename(folder)
         for old in self._out.glob("checkpoint-*"):
             if old != folder:
@@ -219,27 +231,28 @@ class _Keeper(BaseCallback):  # type: ignore[misc, unused-ignore]
         self._saved = done
 
 
-def _checkpoint_of(run: TrainingRun, out: Path) -> Path:
-    """Return the folder's last checkpoint, of a training of the same; `steps` may be another."""
-    found = sorted(out.glob("checkpoint-*/run.json"))
+def _to_resume(run: TrainingRun, out: Path, steps: int | None) -> tuple[Path, _Saved]:
+    """Return the folder's last checkpoint, of a training of the same, and what it says; `steps` may be another."""
+    found = sorted(out.glob(hyperparameters.CHECKPOINT))
     if not found:
         raise InputError("there is no training to resume in this folder", out)
-    try:
-        run_state = json.loads(found[-1].read_text(encoding="utf-8"))
-        saved = TrainingRun(*(run_state[name] for name in ("env_id", "algo", "steps", "seed")))
-    except (OSError, ValueError, LookupError, TypeError) as error:
-        raise InputError(f"the checkpoint is damaged ({error}); train again without --resume", found[-1]) from None
+    last = found[-1].parent
+    saved = _saved(last)
     for name in ("env_id", "algo", "seed"):
         if getattr(saved, name) != getattr(run, name):
             raise InputError(
                 f"the training there was made with {name} {getattr(saved, name)}, not {getattr(run, name)}", out
             )
-    return found[-1].parent
+    if steps is not None and steps < min(saved.done, saved.steps):
+        raise InputError(f"the training there has {saved.done} steps: give as many or more, not {steps}", out)
+    return last, saved
 
 
-def _parameters_of(checkpoint: Path, run_state: dict[str, Any]) -> Hyperparameters:
-    """Return the hyperparameters of the training that a checkpoint is of."""
+def _saved(checkpoint: Path) -> _Saved:
+    """Return what a checkpoint says of its training."""
     try:
-        return Hyperparameters.model_validate(run_state["hyperparameters"])
-    except (ValueError, LookupError) as error:
-        raise InputError(f"the checkpoint is damaged ({error}); train again without --resume", checkpoint) from None
+        return _Saved.model_validate_json((checkpoint / "run.json").read_bytes())
+    except ValidationError as error:
+        raise learners.damaged(invalid_entry(error), checkpoint) from None
+    except OSError as error:
+        raise learners.damaged(error.strerror, checkpoint) from None

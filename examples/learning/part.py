@@ -28,13 +28,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
 
+    env = gymnasium.make("edmsim/Part-v0", program=args.program, passes=args.passes, tab_mm=args.tab_mm)
     vec_env = edmsim.envs.make_sb3_vec_env("edmsim/Part-v0", args.num_envs, seed=args.seed, passes=args.passes)
     learnt_on = VecNormalize(vec_env, gamma=1.0)
     model = PPO("MlpPolicy", learnt_on, n_steps=16, batch_size=64, gamma=1.0, learning_rate=1e-3, seed=args.seed,
                 policy_kwargs={"log_std_init": -1.0, "net_arch": [32, 32]}, device="cpu")  # fmt: skip
     model.learn(args.steps)
 
-    env = gymnasium.make("edmsim/Part-v0", program=args.program, passes=args.passes, tab_mm=args.tab_mm)
     observation, _ = env.reset(seed=args.seed)
     over = False
     while not over:

@@ -104,6 +104,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=204_800, help="decisions, all sub-environments together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     args = parser.parse_args()
+    args.out.parent.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)  # more threads do not help such small networks
     torch.manual_seed(args.seed)
     options = {} if args.decision_s is None else {"decision_s": args.decision_s}

@@ -114,6 +114,7 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=0.1, help="limit on the mean cost of an episode")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     args = parser.parse_args()
+    args.out.parent.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)  # more threads do not help such small networks
     torch.manual_seed(args.seed)
     envs = gymnasium.make_vec(

@@ -57,6 +57,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=20_480, help="decisions, all sub-environments together")
     parser.add_argument("--out", type=Path, required=True, help="table of the learning curve, .csv")
     arguments = parser.parse_args()
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)  # more threads do not help such small networks
     vec_env = make_sb3_vec_env(
         "edmsim/GapFeed-v2", NUM_ENVS, action="servo", servo_target_share=[0.0, 0.9], episode_s=8.0, history=1,

@@ -23,7 +23,7 @@ segment_s = 0.4
 settle_s = 0.1
 start_s = 0.2
 passes = 3
-machines = 2
+machines = 3
 settings = [{open_target_share = 0.0}, {open_target_share = 0.2}]
 """
 
@@ -95,7 +95,7 @@ def test_machines_that_tried_too_little_are_left_out_and_none_is_refused():
 
 @pytest.fixture
 def short_file(tmp_path):
-    """A settings file for two machines and short segments."""
+    """A settings file for three machines and short segments."""
     (tmp_path / "short.toml").write_text(SHORT, encoding="utf-8")
     return tmp_path / "short.toml"
 
@@ -107,19 +107,23 @@ def test_the_command_trains_a_policy_that_cuts_and_resumes(edmsim, tmp_path, sho
     assert first.status == 0
     assert "per hour" in first.out
     card = bandit_file.load(out / "policy.json")
-    assert card.steps == 12  # two settings in three passes on two machines
+    assert card.steps == 18  # two settings in three passes on three machines
     assert [setting["open_target_share"] for setting in card.settings] == [0.0, 0.2]
     rows = [json.loads(line) for line in (out / "histories.jsonl").read_text().splitlines()[1:]]
-    assert {row["id"] for row in rows} == {"21000", "21001"}
+    assert {row["id"] for row in rows} == {"21000", "21001", "21002"}
     segments = np.array(rows[0]["rows"])
     assert segments[:, 3] == pytest.approx(0.3, abs=0.05)  # what is left of a segment
     assert set(segments[:, 0].tolist()) == {0.0, 1.0}
     controller = from_text(f"policy:{out / 'policy.json'}")
     assert Episode(Task(ENV_ID, episode_s=1.0), controller, 3, "bandit").run().outcome == "time"
     before = (out / "histories.jsonl").read_bytes()
-    assert edmsim(*words, "--resume", "--steps", 13).status == 0  # a third machine
+    assert edmsim(*words, "--resume", "--steps", 19).status == 0  # a fourth machine
     assert (out / "histories.jsonl").read_bytes().startswith(before)
-    assert bandit_file.load(out / "policy.json").steps == 18
+    assert edmsim(*words, "--settings", short_file).status == 2  # the folder has a training
+    assert edmsim(*words, "--resume").status == 0  # with as many machines as it began with
+    card = bandit_file.load(out / "policy.json")
+    assert card.steps == 18
+    assert card.command == f"edmsim train {ENV_ID} --algo bandit --steps 18 --seed 0 --settings {short_file}"
     other = edmsim(*words, "--resume", "--seed", 5)
     assert other.status == 2
     assert "it has the runs of seed 0, not 5" in other.err

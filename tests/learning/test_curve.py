@@ -1,8 +1,11 @@
-"""Learning curves in words."""
+"""Learning curves in words, and as tables of the examples."""
 
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from edmsim.learning.command import in_words
 
@@ -22,3 +25,13 @@ def test_flat_rising_and_unknown_curves():
     assert early == "rising from the beginning, from 27 to 99"  # the first part's own rise is no scatter
     falling = in_words([100, 200, 300], [9.0, 5.0, 1.0])
     assert falling == "no clear rise in 300 steps: from 9 to 1"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ppo", "ppo_lag", "recurrent_ppo"])
+def test_an_example_makes_the_folder_of_its_curve(load_script, tmp_path, monkeypatch, name):
+    pytest.importorskip("sb3_contrib")
+    table = tmp_path / "new" / "curve.csv"
+    monkeypatch.setattr(sys, "argv", [name, "--steps", "0", "--out", str(table)])
+    load_script(Path(__file__).parents[2] / "examples" / "learning" / f"{name}.py").main()
+    assert table.read_text().startswith("decisions,")

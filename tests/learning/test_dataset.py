@@ -74,12 +74,13 @@ def test_an_interrupted_recording_goes_on_to_the_same(tmp_path, monkeypatch):
         ({"seed": 1_000_000}, "held back"),
         ({"controllers": ["genius"]}, "genius"),
         ({"controllers": []}, "no controller is named"),
-        ({"controllers": ["sato"]}, "turns the generator's knobs"),  # with every wire, whatever the gap does
+        ({"controllers": ["fixed", "adaptive-off-time"]}, "turns the generator's knobs"),
     ],
 )
 def test_bad_input_is_refused(tmp_path, options, named):
     with pytest.raises(InputError, match=named):
         dataset.record(**{"env_id": ENV, "controllers": ["fixed"], "steps": 20, "out": tmp_path, **options})
+    assert not list(tmp_path.iterdir())
 
 
 def test_two_controllers_of_one_data_set_are_refused(tmp_path):

@@ -219,6 +219,7 @@ def replace_arrays(change):
 
 DAMAGES = {
     "no json": (lambda f: f.write_text("\x00\x01"), "damaged"),
+    "nothing but brackets": (lambda f: f.write_text("[" * 100_000), "damaged"),
     "missing": (lambda f: f.unlink(), "no such file"),
     "no arrays": (lambda f: f.with_suffix(".npz").unlink(), "no such file"),
     "cut short": (lambda f: f.with_suffix(".npz").write_bytes(f.with_suffix(".npz").read_bytes()[:90]), "sha256"),

@@ -1,6 +1,7 @@
 """Training, in a short form, and what it leaves."""
 
 import importlib.util
+import signal
 import subprocess
 import sys
 from importlib import resources
@@ -10,7 +11,7 @@ import pytest
 
 from edmsim.envs.batch import action_space_of
 from edmsim.envs.registry import arguments_with, registered_ids
-from edmsim.errors import InputError
+from edmsim.errors import EdmsimError, InputError
 from edmsim.files import locked
 from edmsim.learning import hyperparameters, policy_file
 
@@ -86,25 +87,80 @@ def test_a_training_stopped_goes_on_from_its_checkpoint(short_training, tmp_path
     command = (*again[:-1], "--settings", settings)
     step = training._Keeper._on_step
 
+    number = signal.SIGINT if algo == "ppo" else signal.SIGTERM
+
     def interrupted(self):
         if self.num_timesteps >= 64:
-            raise KeyboardInterrupt
+            signal.raise_signal(number)
         return step(self)
 
     with monkeypatch.context() as patch:
         patch.setattr(training._Keeper, "_on_step", interrupted)
         status, out, err = edmsim(*command)
-    assert (status, out) == (130, "")
+    assert (status, out) == (128 + number, "")
     assert f"--algo {algo} --seed 0 --resume --out {tmp_path}" in err
     assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000064"]
     assert not (tmp_path / "policy.json").exists()
-    assert edmsim(*again, "--seed", 1)[0] == 2
+    for refused, named in (
+        ((*again, "--seed", 1), "was made with seed 0, not 1"),
+        (command, "this folder has a training: continue it with --resume"),
+        ((*again, "--steps", 63), "has 64 steps"),
+    ):
+        status, _, err = edmsim(*refused)
+        assert (status, err.count("\n")) == (2, 1)
+        assert named in err
     status, out, err = edmsim(*again)  # with the settings and the steps that it began with
     assert status == 0
     assert "policy:" in out
     card = policy_file.load(str(tmp_path / "policy.json")).card
     assert (card.steps, card.seed) == (128, 0)
     assert card.command == f"edmsim train edmsim/GapFeed-v2 --algo {algo} --steps 128 --seed 0 --settings {settings}"
+
+
+@pytest.mark.slow
+@needs_rl
+def test_a_damaged_checkpoint_is_refused_in_one_line(short_training, tmp_path, edmsim):
+    words = ("train", "edmsim/GapFeed-v2", "--algo", "sac", "--steps", 64, "--score", 0, "--out", tmp_path)
+    assert edmsim(*words).status == 0
+    (checkpoint,) = tmp_path.glob("checkpoint-*")
+    files = sorted(checkpoint.iterdir())
+    assert [file.name for file in files] == ["model.zip", "normalise.pkl", "replay.pkl", "run.json"]
+    for file in files:
+        whole = file.read_bytes()
+        file.write_bytes(whole[: len(whole) // 2])
+        status, out, err = edmsim(*words, "--resume")
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert f"{checkpoint}: the checkpoint is damaged" in err
+        file.write_bytes(whole)
+    assert edmsim(*words, "--resume").status == 0
+
+
+@pytest.mark.slow
+@needs_rl
+def test_a_training_that_diverges_keeps_its_last_checkpoint(short_training, tmp_path, monkeypatch):
+    from edmsim.learning import train as training
+
+    step = training._Keeper._on_step
+
+    def diverging(self):
+        if self.num_timesteps == 96:
+            self.model.policy.action_net.weight.data.fill_(np.nan)
+        return step(self)
+
+    monkeypatch.setattr(training._Keeper, "_on_step", diverging)
+    with pytest.raises(EdmsimError, match="the training has diverged"):
+        training.train("edmsim/GapFeed-v2", "ppo", tmp_path, steps=320)
+    assert [f.name for f in tmp_path.glob("checkpoint-*")] == ["checkpoint-000000000080"]
+
+
+@needs_rl
+def test_a_training_that_learned_nothing_leaves_none(short_training, tmp_path, edmsim, monkeypatch):
+    from edmsim.learning import learners
+
+    monkeypatch.setattr(learners, "callbacks", lambda *_: signal.raise_signal(signal.SIGHUP))
+    status, _, err = edmsim("train", "edmsim/GapFeed-v2", "--out", tmp_path)
+    assert (status, err) == (128 + signal.SIGHUP, "edmsim: interrupted; nothing was trained\n")
+    assert not list(tmp_path.glob("checkpoint-*"))
 
 
 @pytest.mark.slow
@@ -131,6 +187,7 @@ def test_same_seed_same_policy(short_training, tmp_path):
         (("edmsim/GapFeed-v2", "--seed", 2**32), "from 0 to 4294967295"),
         (("edmsim/GapFeed-v2", "--score", 1), "2 or more"),
         (("edmsim/GapFeed-v2", "--resume"), "no training to resume"),
+        (("edmsim/GapFeed-v2", "--start", "policy:MaxRateShift-adapt"), "give one that has, as Corner-lag"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, edmsim, arguments, named):

@@ -174,7 +174,9 @@ def test_a_teacher_says_what_it_would_do_where_the_learner_is():
         ("ppo", {"residual": "own.py:Law"}, "own.py"),
         ("ppo", {"residual": "oracle"}, "oracle"),
         ("ppo", {"teacher": "voltage"}, "a teacher is for imitation"),
+        ("ppo", {"residual": "adaptive-off-time"}, "a law that only feeds"),
         ("imitation", {"teacher": "nobody"}, "there is no feed controller 'nobody'"),
+        ("imitation", {"teacher": "adaptive-off-time"}, "turns the generator's knobs"),
     ],
 )
 def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, options, named):
@@ -183,21 +185,15 @@ def test_what_cannot_be_learned_is_refused(short_training, tmp_path, algo, optio
     assert not (tmp_path / "out").exists()
 
 
-def test_a_memory_is_refused_where_no_learner_has_one(short_training, tmp_path):
-    (tmp_path / "own.toml").write_text("[network]\nlstm = 8\n")
-    with pytest.raises(InputError, match=r"network.lstm is for recurrent-ppo and imitation; the algorithm is sac"):
-        exported(tmp_path / "out", "edmsim/GapFeed-v2", "sac", settings=tmp_path / "own.toml")
-
-
 def test_a_teacher_without_a_target_is_none_for_a_servo(short_training, tmp_path):
     with pytest.raises(InputError, match="voltage holds no share of open pulses"):
         exported(tmp_path / "out", "edmsim/Corner-v2", "imitation", teacher="voltage")
     assert not (tmp_path / "out").exists()
 
 
-def test_a_law_that_turns_knobs_is_refused(short_training, tmp_path):
+def test_a_law_that_commands_a_setting_is_refused(short_training, tmp_path):
     with pytest.raises(InputError, match="a law that only feeds"):
-        exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual="adaptive-off-time")
+        exported(tmp_path, "edmsim/GapFeed-v2", "ppo", residual="set-point")  # the operator's
 
 
 @pytest.mark.slow
@@ -260,10 +256,37 @@ def test_settings_of_a_search_are_those_of_a_training(tmp_path):
     usual, found = (hyperparameters.load("edmsim/GapFeed-v2", "ppo", parameters) for parameters in (None, file))
     assert found.algorithm == {**usual.algorithm, "learning_rate": 0.002}
     assert found.network.widths == [8]
-    for text, named in (("[gains]\nk = 1", "gains"), ("[algorithm]\nspeed = 1", "speed"), ("steps = 0", "steps")):
-        file.write_text(text)
-        with pytest.raises(InputError, match=named):
-            hyperparameters.load("edmsim/GapFeed-v2", "ppo", file)
+
+
+@pytest.mark.parametrize(
+    ("algo", "text", "named"),
+    [
+        ("ppo", "[gains]\nk = 1", "gains"),
+        ("ppo", "steps = 0", "steps"),
+        ("ppo", "algorithm = 3", "algorithm"),
+        ("ppo", "[algorithm]\nspeed = 1", "algorithm has no entry 'speed'; it has learning_rate"),
+        ("ppo", "[algorithm]\ntau = 0.1", "algorithm has no entry 'tau'"),
+        ("ppo", "[algorithm]\nlearning_rate = 'a'", "algorithm.learning_rate"),
+        ("ppo", "[algorithm]\nlearning_rate = inf", "algorithm.learning_rate"),
+        ("ppo", "[algorithm]\nbatch_size = 1", "algorithm.batch_size"),
+        ("sac", "[algorithm]\nent_coef = 'automatic'", "algorithm.ent_coef"),
+        ("ppo", "[network]\nwidths = [0]", "network.widths"),
+        ("ppo", "[network]\nlog_std_init = 9", "network.log_std_init"),
+        ("ppo", "[network]\nfirst_action = [0.1, 0.2]", "network.first_action has 2 entries; an action has feed"),
+        ("sac", "[network]\nfirst_action = [0.1]", "network.first_action is for PPO"),
+        ("sac", "[network]\nlstm = 8", "network.lstm is for recurrent-ppo and imitation; the algorithm is sac"),
+        ("ppo", "[lagrangian]\nrate = 1\nmultiplier = 1", "lagrangian is for ppo-lag"),
+        ("ppo", "[environment]\nhight_mm = 30", "environment: GapFeed has no argument 'hight_mm'"),
+        ("ppo", "[environment]\nheight_mm = 'a'", "environment: height_mm is 'a'"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused_with_file_and_entry(tmp_path, algo, text, named):
+    file = tmp_path / "own.toml"
+    file.write_text(text)
+    with pytest.raises(InputError) as refused:
+        hyperparameters.load("edmsim/GapFeed-v2", algo, file)
+    assert refused.value.file == str(file)
+    assert named in refused.value.reason
 
 
 @pytest.mark.slow

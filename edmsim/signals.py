@@ -1,0 +1,60 @@
+"""Signals that ask a process to end, while it has work to save."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_ENDING = {
+    signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL,
+    **({signal.SIGHUP: signal.SIG_DFL} if hasattr(signal, "SIGHUP") else {}),
+}  # fmt: skip
+"""Signals that ask a process to end, and what handles them where nobody else does."""
+
+
+class NotedSignals:
+    """Deferred signals: recorded by the handler, raised at the next safe point."""
+
+    def __init__(self) -> None:
+        self._came: int | None = None
+        self._at_once = False
+
+    def take(self, number: int, _: FrameType | None) -> None:
+        """Handle a signal."""
+        self._came = number
+        if self._at_once:
+            self.raise_noted()
+
+    def raise_noted(self) -> None:
+        """Raise `KeyboardInterrupt`, with the signal's number, if one has come."""
+        if self._came is not None:
+            came, self._came = self._came, None
+            raise KeyboardInterrupt(came)
+
+    def at_once(self) -> None:
+        """From now on raise at once: whatever is interrupted can be done again."""
+        self._at_once = True
+        self.raise_noted()
+
+    def only_note(self) -> None:
+        """From now on raise no more: the work is done, and nothing is left that could be ended."""
+        self._at_once, self._came = False, None
+
+
+@contextmanager
+def noted() -> Iterator[NotedSignals]:
+    """Defer these signals in the main thread if there is no other handler."""
+    interrupts = NotedSignals()
+    taken = {}
+    if threading.current_thread() is threading.main_thread():
+        taken = {number: usual for number, usual in _ENDING.items() if signal.getsignal(number) is usual}
+    for number in taken:
+        signal.signal(number, interrupts.take)
+    try:
+        yield interrupts
+    finally:
+        for number, usual in taken.items():
+            signal.signal(number, usual)
