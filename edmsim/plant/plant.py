@@ -46,7 +46,7 @@ from edmsim.plant.mechanics.mujoco_model import N_NODES, FullMechanics
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
 from edmsim.plant.settings import GeneratorSettings
-from edmsim.plant.snapshot import check_snapshot
+from edmsim.plant.snapshot import check_snapshot, digest_of
 from edmsim.plant.window import PlantError, PulseWindow, left_validity, read_window, wrong_step
 from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
@@ -527,7 +527,9 @@ class Plant:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return everything that changes, as arrays; `restore` continues bit for bit."""
-        state: dict[str, NDArray[Any]] = {f"field.{k}": v for k, v in self.field.snapshot().items()}
+        drives = {axis: drive.name for axis, drive in self.drives.items()}
+        state: dict[str, NDArray[Any]] = {"set_up": digest_of(self._first_machine, drives)}
+        state.update({f"field.{k}": v for k, v in self.field.snapshot().items()})
         state.update({name: getattr(self._arrays, name).copy() for name in _CHANGING})
         state.update(self._drives.snapshot())
         if isinstance(self._model, FullMechanics):
@@ -537,8 +539,23 @@ class Plant:
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Load a `snapshot` of a plant with the same set-up and resolution; a damaged one raises `InputError`."""
+        """Load a `snapshot` of a plant with the same set-up and resolution; others raise `InputError`."""
         check_snapshot(state, self.snapshot(), self._sizes)
+        self._take(state)
+
+    def with_machine(self, machine: Machine) -> Plant:
+        """Return a plant with another set-up of the same machine that continues where this one is.
+
+        Other than after `change_setup`, nothing comes to rest.
+        """
+        plant = Plant(
+            machine, stock=self.field.stock, resolution=self.resolution, mechanics=self.mechanics,
+            drives=self._drives.options,
+        )
+        plant._take(self.snapshot())
+        return plant
+
+    def _take(self, state: dict[str, NDArray[Any]]) -> None:
         self._drives.check(state, int(state["state"]["time_ns"][0]))
         t_on, t_period, on = (float(v) for v in state["setting"])
         if bool(on) != self._setting.on:
