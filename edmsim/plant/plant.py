@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refuses_wrong_types
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from
 from edmsim.plant import constants
@@ -109,6 +109,7 @@ class Plant:
     255
     """
 
+    @refuses_wrong_types
     def __init__(
         self,
         machine: Machine,
@@ -205,6 +206,7 @@ class Plant:
             self._grid_us = setting.timing.grid_us
             constants.fill_propagators(self._propagators, self._model, setting.timing)
 
+    @refuses_wrong_types
     def reset(
         self, seed: int, *, stock: Stock | None = None, position_um: Sequence[float] | None = None,
         machine: Machine | None = None,
@@ -251,6 +253,7 @@ class Plant:
             raise InputError(f"position_um, X {x:g} Y {y:g} um, is not on the table of 0 to {travel_um:g} um")
         return place
 
+    @refuses_wrong_types
     def change_setup(self, machine: Machine) -> None:
         """Continue with another setting of the same machine, as for the next pass.
 
@@ -351,6 +354,7 @@ class Plant:
             self._arrays.table_q[:] = table_q  # steps once lost stay lost
         return late_s
 
+    @refuses_wrong_types
     def take_metal(self, metal: KerfField) -> None:
         """Continue with a copy of the remaining metal of another cut, with as many slices and as large cells.
 
@@ -369,6 +373,7 @@ class Plant:
         self._state["tiled_um"] = _NOWHERE_UM
         self._state["traces"] = 0
 
+    @refuses_wrong_types
     def take_out(self, piece: shapely.Polygon) -> float:
         """Remove a loose piece of metal from the workpiece, in every slice; return its volume in mm3.
 
@@ -422,9 +427,10 @@ class Plant:
     def _advance(self, steps: Sequence[tuple[int, int, int]], pulses: int) -> PulseWindow:
         rows, place = _NO_STEPS, 0
         if len(steps):
-            rows = np.array(steps, np.int64, order="C")
-            if rows.ndim != 2 or rows.shape[1] != 3:
-                raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
+            rows = np.array(steps, order="C")
+            if rows.ndim != 2 or rows.shape[1] != 3 or rows.dtype != np.int64:
+                raise InputError("steps are rows of time_ns, axis and direction, in whole numbers, not an array of "
+                                 f"shape {rows.shape} and type {rows.dtype}")
             place = ctypes.addressof(ctypes.c_char.from_buffer(rows.data))  # numpy takes 1 % of a window to say where
         status = self._fire_once(place, len(rows), pulses)
         if status == FINE:  # as most often
@@ -538,6 +544,7 @@ class Plant:
         state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us, self._setting.on], np.float64)
         return state
 
+    @refuses_wrong_types
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Load a `snapshot` of a plant with the same set-up and resolution; others raise `InputError`."""
         check_snapshot(state, self.snapshot(), self._sizes)
