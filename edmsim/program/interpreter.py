@@ -470,7 +470,7 @@ class Interpreter:
         for word in block.ignored:
             self.notices.add(f"{word} is left out, as requested", block.line)
         for word in block.idle:
-            self.notices.add(f"the word {word[0]} has no effect on the contour", block.line)
+            self.notices.add(f"the word {word.rstrip('+-.0123456789')} has no effect on the contour", block.line)
         if "F" in block.values:
             unit_mm = self.unit_mm * (1000 if self.units.scaled else 1)
             unit = f" {_FEED_UNITS[round(unit_mm, 9)]}" if self.feed_per_minute else ""

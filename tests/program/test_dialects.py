@@ -211,6 +211,7 @@ ONE_PASS = "{}G92 X5. Y-2.\n{}\nG1 X5. Y0.\nX0.\nY6.\nX10.\nY0.\nX5.\nG40 G1 Y-2
     [
         (ONE_PASS.format(f"{TABLE}H001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
         (ONE_PASS.format("H001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
+        (ONE_PASS.format("QAIC(2,1,0015,025.0);\nH1=.1900;\n", "G41 H1"), "sodick"),
         (ONE_PASS.format("H1=.1+H2\n", "G41 H1").replace("H1=", "H2=.09\nH1="), "mitsubishi"),
         (ONE_PASS.format("H1=.19\nM80\n", "E1221 G41 H1"), "mitsubishi"),
         (ONE_PASS.format("H001=190\n", "E001 G41 H001"), "skd2"),
@@ -230,6 +231,15 @@ def test_a_dialect_is_recognised_and_one_pass_is_cut(read: Read, text: str, dial
     assert outline.offset_mm == pytest.approx(0.19, abs=0.006)
     path = plan_path(program, auto_offset_mm=0.3)
     assert path.offset_um == pytest.approx(190, abs=6)
+
+
+def test_a_routine_of_the_control_is_left_out(read: Read) -> None:
+    text = ONE_PASS.format("QAIC(2,1,0015);\nH1=.19;\nQCALL(7);\n", "G41 H1")
+    with pytest.raises(InputError, match=r"unknown word 'QCALL' \(line 3\)"):
+        read(text)
+    notices = read(text, ignore=["QCALL"]).notices
+    assert "line 1: the word QAIC has no effect on the contour" in notices
+    assert "line 3: QCALL is left out, as requested" in notices
 
 
 def test_a_dialect_that_was_requested_is_taken(read: Read) -> None:
