@@ -285,6 +285,9 @@ def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) 
         if blocks and blocks[-1].ends_program:
             last = number
             break
+    else:
+        if text.lstrip().startswith("%"):
+            reader.notices.append(f"line {last}: neither M2, M30 nor a second % ends the program: is it complete?")
     behind: list[Block] = []
     if any(CALL in block.codes for block in blocks):
         while last < len(lines) and not lines[last].lstrip().startswith("%"):

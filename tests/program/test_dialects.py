@@ -456,6 +456,30 @@ def test_an_angle_before_its_taper_is_named(read: Read) -> None:
     assert "line 4: the taper has no angle: write T2 of line 3 behind G51 or G52" in notices
 
 
+@pytest.mark.parametrize(("text", "notice"), [
+    ("D1=.1\nG92 X0 Y0\nG41 D1 G51\nG1 X3.\n", "line 4: the taper has no angle: the wire is vertical"),
+    ("D1=.1\nG92 X0 Y0\nG41 G51 T2.\nG1 X3.\n", "line 4: compensation without D or H: the offset is the one given"),
+])  # fmt: skip
+def test_what_is_switched_on_without_its_number_is_named(read: Read, text: str, notice: str) -> None:
+    sound = read("D1=.1\nG92 X0 Y0\nG41 D1 G51 T2.\nG1 X3.\n" + SIDES.format(""), dialect="fanuc").notices
+    assert not any(notice[8:] in one for one in sound)
+    assert any(one.startswith(notice) for one in read(text + SIDES.format(""), dialect="fanuc").notices)
+
+
+@pytest.mark.parametrize("end", ["", "M2\n", "%\n"])
+def test_a_tape_without_an_end_is_named(read: Read, end: str) -> None:
+    text = "%\nG92 X0 Y0\nG41 D1 G1 X3.\n" + SIDES.format("").replace("M2\n", end)
+    assert any("is it complete?" in notice for notice in read(text).notices) == (not end)
+
+
+def test_u_and_v_of_0_leave_the_angle_of_a_taper(read: Read) -> None:
+    text = "G92 X0 Y0 {}\nG41 D1 G51 T2.\nG1 X3.\n" + SIDES.format("")
+    plain, with_both = (read(text.format(words), dialect="fanuc").outlines[0].taper for words in ("", "U0 V0"))
+    assert plain is not None
+    assert with_both is not None
+    assert with_both.angle_deg == plain.angle_deg
+
+
 def test_subprograms_may_begin_at_their_n_number_where_controls_have_it(read: Read) -> None:
     text = TABLE + "G92 X0. Y0\nM98 P0007 H0\nM02\nN0007\nN10 G1 X5.\nN20 Y5.\nM99\nM199\n"
     assert read(text).outlines[0].points_mm.tolist() == [[0, 0], [5, 0], [5, 5]]
