@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import wraps
+from numbers import Number
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
@@ -92,18 +94,24 @@ def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Ar
             for name, value in (*zip(function.__code__.co_varnames, args, strict=False), *options.items()):
                 kind = function.__annotations__.get(name, "Any")
                 if not _may_be(value, kind):
-                    raise InputError(f"{name} cannot be {value!r}: give {kind}") from None
+                    shown = one_line(repr(value), LONGEST_PLACE)
+                    raise InputError(f"{name} cannot be {shown}: give {kind}") from None
             raise
 
     return run
 
 
+_PLAIN = {"None", "Path", "bool", "float", "int", "str"}
+
+
 def _may_be(value: object, kind: str) -> bool:
-    """Say whether a value may be of an annotated kind; of what is not Python's own, nothing is known."""
+    """Say whether a value may be of an annotated kind; of other classes than Python's own, not all is known."""
     own, kinds = type(value), set(re.findall(r"\w+", re.sub(r"\[[^|]*\]", "", kind)))
     taken = {"Any", "object", "None" if value is None else own.__name__}
     taken |= {"float"} if own is int else {"Literal"} if own is str else set()
-    if own.__module__ != "builtins" or taken & kinds:
+    if own.__module__ != "builtins":
+        return not kinds <= _PLAIN or isinstance(value, Number | PathLike)
+    if taken & kinds:
         return True
     return any(isinstance(value, getattr(abc, name)) for name in kinds & {*abc.__all__})
 
@@ -111,7 +119,7 @@ def _may_be(value: object, kind: str) -> bool:
 def refused_entry(error: ValidationError) -> tuple[str, str]:
     """Return the first entry that pydantic refused, as ``table.key``, and why, in words of a user of files."""
     first = error.errors()[0]
-    said = first["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
+    said = re.sub(r"^\w+ should\b", "must", first["msg"].removeprefix("Value error, "))
     return ".".join(map(str, first["loc"])), _REASONS.get(first["type"], said)
 
 

@@ -37,6 +37,7 @@ def test_a_list_of_names_holds_the_public_ones_and_nothing_else() -> None:
 
 @pytest.mark.parametrize(("call", "said"), [
     (lambda: edmsim.cut(None), r"program cannot be None: give str \| Path"),
+    (lambda: edmsim.cut(object()), r"program cannot be <object object at \w+>: give str \| Path"),
     (lambda: edmsim.controllers.make(["counts"]), r"name cannot be \['counts'\]: give str"),
     (lambda: edmsim.Machine.load().sample(1), "rng cannot be 1: give np.random.Generator"),
     (lambda: edmsim.Machine.load().sample(None, only=5), "rng cannot be None"),

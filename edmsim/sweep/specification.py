@@ -323,7 +323,8 @@ def _option(name: str, spec: Specification) -> str:
     found = [option for option in CutSettings.model_fields if plain in (option, bare_name(option))]
     if not found or found[0] == "constants":
         spelt = [bare_name(option).replace("_", "-") for option in CutSettings.model_fields if option != "constants"]
-        raise InputError(f"a cut has no option '{name}'; there are: {one_of(name.replace('_', '-'), spelt)}")
+        known = one_of(name.replace("_", "-"), spelt, [*spelt, "and constants, as gap.critical_um"])
+        raise InputError(f"a cut has no option '{name}'; there are: {known}")
     return found[0]
 
 
