@@ -20,7 +20,7 @@ from edmsim.controllers.feed.law import ServoLaw
 from edmsim.controllers.feed.mcu import McuController
 from edmsim.controllers.protocols import FeedCommand, FeedController, SeesTruth, WindowObservation
 from edmsim.controllers.user_controllers import check_controller, from_file
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refuses_wrong_types
 from edmsim.numeric import named_numbers
 
 __all__ = [
@@ -85,6 +85,7 @@ def found_gains(name: str) -> dict[str, float]:
     return {key: float(value) for key, value in tomllib.loads(file.read_text(encoding="utf-8"))["gains"].items()}
 
 
+@refuses_wrong_types
 def make(name: str, **parameters: float) -> FeedController:
     """Make a feed controller.
 
@@ -117,6 +118,7 @@ def make(name: str, **parameters: float) -> FeedController:
     return kind(**cast(dict[str, Any], {**found_gains(name), **parameters}))
 
 
+@refuses_wrong_types
 def from_text(text: str, *, cutting: bool = False) -> FeedController:
     """Make a feed controller from its text on the command line.
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from collections import abc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from functools import wraps
+from numbers import Number
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -27,6 +32,10 @@ _NEAR = 0.75
 
 _REASONS = {"missing": "missing", "extra_forbidden": "unknown", "model_type": "must be a table"}
 """What pydantic's kinds of error are called here."""
+
+
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
 
 
 class EdmsimError(Exception):
@@ -74,10 +83,43 @@ def located(file: str | Path | None = None, line: int | None = None, name: str =
         raise InputError(reason, error.file or file, error.line or line) from None
 
 
+def refuses_wrong_types(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Let a function that fails name its first argument of another type than the signature says, if there is one."""
+
+    @wraps(function)
+    def run(*args: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
+        try:
+            return function(*args, **options)
+        except (AttributeError, LookupError, TypeError, ValueError):
+            for name, value in (*zip(function.__code__.co_varnames, args, strict=False), *options.items()):
+                kind = function.__annotations__.get(name, "Any")
+                if not _may_be(value, kind):
+                    shown = one_line(repr(value), LONGEST_PLACE)
+                    raise InputError(f"{name} cannot be {shown}: give {kind}") from None
+            raise
+
+    return run
+
+
+_PLAIN = {"None", "Path", "bool", "float", "int", "str"}
+
+
+def _may_be(value: object, kind: str) -> bool:
+    """Say whether a value may be of an annotated kind; of other classes than Python's own, not all is known."""
+    own, kinds = type(value), set(re.findall(r"\w+", re.sub(r"\[[^|]*\]", "", kind)))
+    taken = {"Any", "object", "None" if value is None else own.__name__}
+    taken |= {"float"} if own is int else {"Literal"} if own is str else set()
+    if own.__module__ != "builtins":
+        return not kinds <= _PLAIN or isinstance(value, Number | PathLike)
+    if taken & kinds:
+        return True
+    return any(isinstance(value, getattr(abc, name)) for name in kinds & {*abc.__all__})
+
+
 def refused_entry(error: ValidationError) -> tuple[str, str]:
     """Return the first entry that pydantic refused, as ``table.key``, and why, in words of a user of files."""
     first = error.errors()[0]
-    said = first["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
+    said = re.sub(r"^\w+ should\b", "must", first["msg"].removeprefix("Value error, "))
     return ".".join(map(str, first["loc"])), _REASONS.get(first["type"], said)
 
 
@@ -87,10 +129,10 @@ def invalid_entry(error: ValidationError) -> str:
     return f"{place + ': ' if place else ''}{reason}"
 
 
-def one_of(name: str, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
+def one_of(name: object, known: Iterable[str], listed: Iterable[str] | None = None) -> str:
     """Return the end of a refusal: the names there are, or those to list, and the one nearest to a name, if any."""
     by_lower = {one.lower(): one for one in known}
-    near = get_close_matches(name.lower(), by_lower, n=1, cutoff=_NEAR)
+    near = get_close_matches(str(name).lower(), by_lower, n=1, cutoff=_NEAR)
     hint = f"; did you mean '{by_lower[near[0]]}'?" if near else ""
     return ", ".join(by_lower.values() if listed is None else listed) + hint
 

@@ -146,6 +146,15 @@ SETTINGS = [
 ]
 
 
+@pytest.mark.parametrize(("arguments", "what"), [
+    (("cut", "a.ngc", "--out", ""), "--out"), (("cut", "a.ngc", "--out="), "--out"), (("report", ""), "an argument"),
+    (("sweep", "run", "a.ngc", "--out", "a", "--height", ""), "--height"),
+])  # fmt: skip
+def test_an_empty_value_is_refused(edmsim: Run, arguments: tuple[str, ...], what: str) -> None:
+    """It comes from a variable of the shell that is not set, and a path of no letters is the present folder."""
+    assert_refused(edmsim(*arguments), f"{what} is empty: give a value, or leave it out")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("options", "named"), SETTINGS, ids=[" ".join(s[0]) for s in SETTINGS])
 def test_bad_setting_is_one_line_and_exit_2(

@@ -317,6 +317,8 @@ BAD = [
     ({"planner": "straight"}, "poscal, poscal-literal, dda"),
     ({"mechanics": "steam"}, "modal"),
     ({"engine": "diesel"}, "a cut has no option 'engine'; there are: machine, material"),
+    ({"passes": 0}, "option passes cannot be 0: must be greater than or equal to 1"),
+    ({"constants": ["gap.critical_um=5", "gap.critical_um=6"]}, "the constant gap.critical_um is given twice"),
     ({"drive": "steam"}, "no drive 'steam'; choose one of stepper, uhu, servo-module"),
     ({"drive": "uhu:P"}, "uhu parameter 'P' must read name=number"),
     ({"drive": "uhu:P=nan"}, "proportional_gain is nan; it must be a whole number 0 to 65535"),

@@ -4,6 +4,7 @@ import inspect
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,25 @@ def test_public_name_resolves_and_is_documented(name: str) -> None:
 
 def test_a_list_of_names_holds_the_public_ones_and_nothing_else() -> None:
     assert {name for name in dir(edmsim) if not name.startswith("__")} == set(edmsim.__all__)
+
+
+@pytest.mark.parametrize(("call", "said"), [
+    (lambda: edmsim.cut(None), r"program cannot be None: give str \| Path"),
+    (lambda: edmsim.cut(object()), r"program cannot be <object object at \w+>: give str \| Path"),
+    (lambda: edmsim.controllers.make(["counts"]), r"name cannot be \['counts'\]: give str"),
+    (lambda: edmsim.Machine.load().sample(1), "rng cannot be 1: give np.random.Generator"),
+    (lambda: edmsim.Machine.load().sample(None, only=5), "rng cannot be None"),
+    (lambda: edmsim.Plant(edmsim.Machine.load(), drives=5), r"drives cannot be 5: give Mapping\[str, AxisDrive\]"),
+    (lambda: edmsim.Plant(edmsim.Machine.load(), seed=None), "seed is None"),
+])  # fmt: skip
+def test_an_argument_of_another_type_is_named(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(edmsim.InputError, match=said):
+        call()
+
+
+def test_errors_that_no_argument_explains_stay_as_they_are() -> None:
+    with pytest.raises(AttributeError, match="'random'"):
+        edmsim.Machine.load().sample(Path())  # type: ignore[arg-type]
 
 
 def test_unknown_name_is_an_attribute_error() -> None:

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, Union, ge
 import typer
 from typer.core import TyperCommand
 
+from edmsim.errors import InputError
+
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
@@ -82,6 +84,15 @@ class Command(TyperCommand):
         """Return arguments and options."""
         self._complete()
         return super().get_params(ctx)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take what was typed; refuse empty values, as of a shell's unset variable: paths would be ``.``."""
+        for before, word in itertools.pairwise(["", *args]):
+            name, joined, value = word.partition("=")
+            if not word or (name.startswith("--") and joined and not value):
+                what = next((one for one in (name, before) if one.startswith("--")), "an argument")
+                raise InputError(f"{what} is empty: give a value, or leave it out")
+        return super().parse_args(ctx, args)
 
     def _complete(self) -> None:
         plain = inspect.unwrap(self.callback) if self.callback is not None else None

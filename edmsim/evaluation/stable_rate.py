@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 from edmsim.controllers import FeedController, from_text
 from edmsim.cosim.straight import Cut, Traverse, begin
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.machine.machine import Machine
 from edmsim.machine.setting import busy_us, least_period_us, period_range_us
 from edmsim.plant.window import PlantError
@@ -62,6 +62,7 @@ def quick_counts(open_share: float) -> str:
     )
 
 
+@refuses_wrong_types
 def highest_stable_rate(
     machine: Machine, *, seeds: Sequence[int] = (1, 2), hold_s: float = 1.0, approach_s: float = 3.0,
     longest_period_us: float | None = None, controller: str | None = None, resolution: str = "fast",

@@ -17,7 +17,6 @@ from edmsim.machine.machine import Machine
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite
 from edmsim.plant.kernel.state import OPEN, PULSE, Timing
-from edmsim.plant.plant import Plant
 from edmsim.plant.resolution import Resolution
 from edmsim.plant.window import PlantError, PulseWindow
 from edmsim.plant.workpiece.blanks import SLOT_GAP_UM
@@ -170,7 +169,6 @@ class Gap:
         check_gap(machine, gap_um)
         self.plant = begin(machine, seed, resolution=resolution, gap_um=gap_um)
         self.plant.watch_pulses()
-        self._seed = seed
         self.origin_um = self.plant.commanded_um
         self._choices = machine.open_voltage_V, machine.peak_current_A
         table = machine.base.table
@@ -254,11 +252,9 @@ class Gap:
         """Set voltage and current, which a plant is made with: another one goes on where this one is."""
         if (open_V, peak_A) == self._choices:
             return
-        before = self.plant
-        machine = before.machine.with_(open_voltage_V=open_V, peak_current_A=peak_A)
-        self.plant = Plant(machine, self._seed, stock=before.field.stock, resolution=before.resolution)
+        machine = self.plant.machine.with_(open_voltage_V=open_V, peak_current_A=peak_A)
+        self.plant = self.plant.with_machine(machine)
         self.plant.watch_pulses()
-        self.plant.restore(before.snapshot())
         self._choices = open_V, peak_A
 
 

@@ -22,6 +22,7 @@ from edmsim.errors import InputError
 from edmsim.files import check_suffix
 from edmsim.hil.gap import Frame
 from edmsim.hil.rig import Rig
+from edmsim.numeric import finite, whole_from
 from edmsim.plant.kernel.state import OPEN, SHORT
 
 Array = NDArray[np.float64]
@@ -47,13 +48,11 @@ class Sensing(NamedTuple):
 
     def check(self) -> None:
         """Raise `InputError` for values that cannot be used."""
-        if not LEAST_HZ <= self.rate_Hz <= MOST_HZ:
+        if not LEAST_HZ <= finite("rate_Hz", self.rate_Hz) <= MOST_HZ:
             raise InputError(f"samples are taken at {LEAST_HZ:g} to {MOST_HZ:g} Hz, not {self.rate_Hz:g}")
-        if not 0 <= self.low_pass_Hz < math.inf:
-            raise InputError(f"a low-pass has a corner above 0 Hz, or 0 for none, not {self.low_pass_Hz:g}")
-        for name, value in (("noise_V", self.noise_V), ("noise_A", self.noise_A)):
-            if not 0 <= value < math.inf:
-                raise InputError(f"{name} is a standard deviation of 0 or more, not {value:g}")
+        for name in ("low_pass_Hz", "noise_V", "noise_A"):
+            finite(name, getattr(self, name), 0.0)
+        whole_from("seed", self.seed, 0)
 
 
 class Sampler:

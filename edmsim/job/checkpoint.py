@@ -14,7 +14,7 @@ from edmsim.errors import InputError
 from edmsim.files import read_arrays, replacing
 
 NAME = "checkpoint.npz"  # file in the output folder; gone when the results are there
-FORMAT = 8  # raised when what a checkpoint holds changes: one of another format is refused
+FORMAT = 9  # raised when what a checkpoint holds changes: one of another format is refused
 
 
 def refuse_unstorable(simulation: Simulation) -> None:

@@ -28,7 +28,7 @@ from edmsim.controllers.user_controllers import check_is_controller
 from edmsim.cosim.passes import PassSetup
 from edmsim.cosim.simulation import Progress, Simulation
 from edmsim.cosim.stops import StopCause
-from edmsim.errors import EdmsimError, InputError
+from edmsim.errors import EdmsimError, InputError, refuses_wrong_types
 from edmsim.files import locked
 from edmsim.job import checkpoint
 from edmsim.job.result import CutResult, Recorders, recorders_for, result_of
@@ -230,6 +230,7 @@ def _takes(options: Callable[_Options, CutOptions]) -> Callable[[Callable[..., C
 
 
 @_takes(CutOptions)
+@refuses_wrong_types
 def cut(program: str | Path, **options: Any) -> CutResult:
     """Simulate a part program.
 

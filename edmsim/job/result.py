@@ -13,8 +13,8 @@ import shapely
 from edmsim import __version__
 from edmsim.cosim.simulation import Simulation
 from edmsim.cosim.straight import PULSES, PulseSample, cutting_feed_um_s, sample_pulses
-from edmsim.errors import EdmsimError, InputError, one_of
-from edmsim.files import locked, make_writable, together
+from edmsim.errors import EdmsimError, InputError, one_of, refuses_wrong_types
+from edmsim.files import check_suffix, locked, make_writable, together
 from edmsim.job.inspection import inspect, totals
 from edmsim.job.settings import METADATA_KEY, CutSettings
 from edmsim.machine.machine import Machine
@@ -103,6 +103,7 @@ class CutResult:
     def _title(self) -> str:
         return str(self.report.settings["program"])
 
+    @refuses_wrong_types
     def plot(self, figure: str = "profile") -> Figure:
         """Draw a figure of the cut; a notebook shows it if it is the last line of a cell.
 
@@ -136,6 +137,7 @@ class CutResult:
             raise InputError(f"there is no figure '{figure}'; there are: {one_of(figure, known)}")
         return profile_figure(self.scene, self.windows, self.report, self._title)
 
+    @refuses_wrong_types
     def contour(
         self, slice_index: int | None = None, *, coordinates: Literal["program", "table"] = "program",
         specks: bool = False,
@@ -167,6 +169,7 @@ class CutResult:
             return removed
         return shapely.transform(removed, lambda mm: mm - self.path.origin_mm)
 
+    @refuses_wrong_types
     def write_traces(
         self, file: str | Path, *, every_us: float = 0.5, begin_s: float = 0.0, end_s: float = math.inf
     ) -> None:
@@ -193,10 +196,12 @@ class CutResult:
         """
         from edmsim.recording.stores import write_traces
 
+        check_suffix(Path(file), "a file of traces", ".parquet")
         make_writable(Path(file).parent)
         rows = self.closeups.table()
         write_traces(rows[(rows["t_s"] >= begin_s) & (rows["t_s"] <= end_s)], file, every_us)
 
+    @refuses_wrong_types
     def write(self, folder: str | Path, enter: Callable[[str], None] | None = None) -> None:
         """Write ``report.json`` and ``.html``, ``windows.parquet``, ``profile.png``, ``part.npz`` and ``cut.rrd``.
 

@@ -138,7 +138,7 @@ class CutSettings(SetUpOptions, MachineOption):
     the control compensates them. By default none."""
     unit: str | None = None
     """Unit of a drawing, mm, um, cm, m, in, ft or mil; by default that of the drawing."""
-    passes: WholeNumber | None = None
+    passes: Annotated[WholeNumber, Field(ge=1)] | None = None
     """Number of passes for every contour, rough and trims, with offsets and settings of a technology; by default
     one, or those of the program."""
     technology: TextOrPath | None = None

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
 from pydantic import ValidationError
 
 from edmsim import models
-from edmsim.errors import InputError, one_of, refused_entry
+from edmsim.errors import InputError, one_of, refused_entry, refuses_wrong_types
 from edmsim.files import read_text
 from edmsim.machine.options import USUAL_MACHINE, Choices, Kind, SetUpOptions, available, refusal, show
 from edmsim.machine.parts import Base, Constant, Generator, Material, Part, SetUp, Wire
@@ -212,6 +212,7 @@ class Machine(SetUp):
         """
         return uncertain(self)
 
+    @refuses_wrong_types
     def sample(self, rng: np.random.Generator, only: Iterable[str] | None = None) -> Machine:
         """Draw a machine within the ranges of its uncertain constants.
 

@@ -42,11 +42,15 @@ KINDS = _kinds()
 def checked_constants(constants: Mapping[str, float] | Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:
     """Return constants as pairs by name: ``{"gap.critical_um": 5.0}``, section (or wire or material) and key."""
     try:
-        pairs = sorted((str(name), finite(str(name), value)) for name, value in dict(constants).items())
+        items = constants.items() if isinstance(constants, Mapping) else constants
+        pairs = sorted((str(name), finite(str(name), value)) for name, value in items)
     except (TypeError, ValueError):
         example = "{'gap.critical_um': 5.0}"
         raise InputError(f"constants are names with numbers, as {example}, not {constants!r}") from None
-    for name, _ in pairs:
+    names = [name for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"the constant {name} is given twice: which value is meant?")
         if name in OPTIONS:
             raise InputError(f"the constant {name} is a default: give the option {OPTIONS[name]}, instead")
     return tuple(pairs)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.random import key_of
-from edmsim.errors import InputError, one_of
+from edmsim.errors import InputError, one_of, refuses_wrong_types
 from edmsim.machine.setting import WINDOW_PULSES
 from edmsim.numeric import finite, whole_from
 from edmsim.plant import constants
@@ -45,7 +45,7 @@ from edmsim.plant.mechanics.model import ModalModel
 from edmsim.plant.mechanics.mujoco_table import N_NODES, FullMechanics
 from edmsim.plant.resolution import RESOLUTIONS, Resolution
 from edmsim.plant.resolution import resolution as named_resolution
-from edmsim.plant.snapshot import check_snapshot
+from edmsim.plant.snapshot import check_snapshot, digest_of
 from edmsim.plant.window import PlantError, PulseWindow, left_validity, pass_window, read_window, wrong_step
 from edmsim.plant.workpiece.blanks import block_in_front, checked_stock
 from edmsim.plant.workpiece.kerf_field import KerfField, Stock
@@ -108,6 +108,7 @@ class Plant:
     255
     """
 
+    @refuses_wrong_types
     def __init__(
         self,
         machine: Machine,
@@ -204,6 +205,7 @@ class Plant:
             self._grid_us = setting.timing.grid_us
             constants.fill_propagators(self._propagators, self._model, setting.timing)
 
+    @refuses_wrong_types
     def reset(
         self, seed: int, *, stock: Stock | None = None, position_um: Sequence[float] | None = None,
         machine: Machine | None = None,
@@ -250,6 +252,7 @@ class Plant:
             raise InputError(f"position_um, X {x:g} Y {y:g} um, is not on the table of 0 to {travel_um:g} um")
         return place
 
+    @refuses_wrong_types
     def change_setup(self, machine: Machine) -> None:
         """Continue with another setting of the same machine, as for the next pass.
 
@@ -350,6 +353,7 @@ class Plant:
             self._arrays.table_q[:] = table_q  # steps once lost stay lost
         return late_s
 
+    @refuses_wrong_types
     def take_metal(self, metal: KerfField) -> None:
         """Continue with a copy of the remaining metal of another cut, with as many slices and as large cells.
 
@@ -368,6 +372,7 @@ class Plant:
         self._state["tiled_um"] = _NOWHERE_UM
         self._state["traces"] = 0
 
+    @refuses_wrong_types
     def take_out(self, piece: shapely.Polygon) -> float:
         """Remove a loose piece of metal from the workpiece, in every slice; return its volume in mm3.
 
@@ -421,9 +426,10 @@ class Plant:
     def _advance(self, steps: Sequence[tuple[int, int, int]], pulses: int) -> PulseWindow:
         rows, place = _NO_STEPS, 0
         if len(steps):
-            rows = np.array(steps, np.int64, order="C")
-            if rows.ndim != 2 or rows.shape[1] != 3:
-                raise InputError(f"steps are rows of time_ns, axis and direction, not an array of shape {rows.shape}")
+            rows = np.array(steps, order="C")
+            if rows.ndim != 2 or rows.shape[1] != 3 or rows.dtype != np.int64:
+                raise InputError("steps are rows of time_ns, axis and direction, in whole numbers, not an array of "
+                                 f"shape {rows.shape} and type {rows.dtype}")
             place = ctypes.addressof(ctypes.c_char.from_buffer(rows.data))  # numpy takes 1 % of a window to say where
         status = self._fire_once(place, len(rows), pulses)
         if status == FINE:  # as most often
@@ -526,7 +532,9 @@ class Plant:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return everything that changes, as arrays; `restore` continues bit for bit."""
-        state: dict[str, NDArray[Any]] = {f"field.{k}": v for k, v in self.field.snapshot().items()}
+        drives = {axis: drive.name for axis, drive in self.drives.items()}
+        state: dict[str, NDArray[Any]] = {"set_up": digest_of(self._first_machine, drives)}
+        state.update({f"field.{k}": v for k, v in self.field.snapshot().items()})
         state.update({name: getattr(self._arrays, name).copy() for name in _CHANGING})
         state.update(self._drives.snapshot())
         if isinstance(self._model, FullMechanics):
@@ -535,9 +543,25 @@ class Plant:
         state["setting"] = np.array([self.machine.t_on_us, self.machine.t_period_us, self._setting.on], np.float64)
         return state
 
+    @refuses_wrong_types
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Load a `snapshot` of a plant with the same set-up and resolution; a damaged one raises `InputError`."""
+        """Load a `snapshot` of a plant with the same set-up and resolution; others raise `InputError`."""
         check_snapshot(state, self.snapshot(), self._sizes)
+        self._take(state)
+
+    def with_machine(self, machine: Machine) -> Plant:
+        """Return a plant with another set-up of the same machine that continues where this one is.
+
+        Other than after `change_setup`, nothing comes to rest.
+        """
+        plant = Plant(
+            machine, stock=self.field.stock, resolution=self.resolution, mechanics=self.mechanics,
+            drives=self._drives.options,
+        )
+        plant._take(self.snapshot())
+        return plant
+
+    def _take(self, state: dict[str, NDArray[Any]]) -> None:
         self._drives.check(state, int(state["state"]["time_ns"][0]))
         t_on, t_period, on = (float(v) for v in state["setting"])
         if bool(on) != self._setting.on:

@@ -2,25 +2,43 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.vectors import GAPS
 from edmsim.errors import InputError
+from edmsim.machine.machine import own_mjcf_text
 from edmsim.plant.kernel.declare import ArraySizes
 from edmsim.plant.kernel.state import BARE
 from edmsim.plant.workpiece.kerf_field import FULL
+
+if TYPE_CHECKING:
+    from edmsim.machine.machine import Machine
 
 _Snapshot = Mapping[str, NDArray[Any]]
 
 _MOST = 1 << 62  # counts and times (ns) stay below this: a hundred years
 
 
+_STATED = {"name", "wire_name", "material_name", "generator_name", "t_on_us", "t_period_us"}
+"""What of a set-up changes with the pulse setting, which a snapshot holds, or only names what else it says."""
+
+
+def digest_of(machine: Machine, drives: Mapping[str, str]) -> NDArray[np.uint8]:
+    """Return what identifies a plant's set-up, with the name of every axis' drive."""
+    said = machine.model_dump_json(exclude=_STATED) + own_mjcf_text(machine.base.model) + repr(sorted(drives.items()))
+    return np.frombuffer(hashlib.sha256(said.encode()).digest(), np.uint8)
+
+
 def check_snapshot(state: _Snapshot, like: _Snapshot, sizes: ArraySizes) -> None:
-    """Refuse what is not a snapshot of a plant: an array is missing, unlike `like`'s, or leads beyond another."""
+    """Refuse a snapshot of another set-up, or whose arrays are missing, unlike `like`'s, or lead beyond another."""
+    if "set_up" in state and not np.array_equal(state["set_up"], like["set_up"]):
+        raise InputError("this is a snapshot of another set-up: restore it in a plant with the same machine, "
+                         "material, wire, generator, drives and operator's choices")
     for name, own in like.items():
         stored = state.get(name)
         rows = slice(1, None) if name in ("field.tiles", "field.gone") else slice(None)

@@ -40,14 +40,14 @@ KNOWN_M = frozenset({0, 1, 2, 30, 98, 99}) | {n for m, n in IDLE_CODES if m == "
 _CODE = re.compile(r"0*\d{1,4}(\.\d)?")
 _MOST_NAMED = 12
 _NEEDED = frozenset({*"GNXYIJRPL", *(f"G{code:g}" for code in _USED_G - {4}), "M98", "M99"})
-_IGNORED_WORD = re.compile(r"([A-Z])(\d+\.?\d*)?")
+_IGNORED_WORD = re.compile(r"(Q[A-Z]{2,}|[A-Z])(\d+\.?\d*)?")
 
 
 @dataclass(frozen=True)
 class Ignored:
     """Words that a user leaves out of a program."""
 
-    letters: frozenset[str] = frozenset()  # left out with any number
+    letters: frozenset[str] = frozenset()  # left out with any number; names as QAIC with any arguments
     words: frozenset[tuple[str, float]] = frozenset()
 
     @classmethod
@@ -131,6 +131,9 @@ _ADDED = re.compile(rf"([+-]?)({_TERM})")
 _PLANE = re.compile(r"(T[PN])=?([+-]?(?:\d+\.?\d*|\.\d+))")
 _BEGINS_BLOCK = re.compile(r"[/:]|(?:T[PN]|[A-Z])=?[-+]?\.?\d")
 _MOVES = re.compile(r"(?:[GXYIJR][-+]?[\d.]+)+")
+_CALL_BY_NAME = re.compile(r"\b(Q[A-Z]{2,})\s*\([^()]*\)", re.IGNORECASE)
+_NAME = re.compile(r"(Q[A-Z]{2,})\$")
+"""A call of a control's own routine, ``QAIC(2,1,0015)``, and how it is written without its arguments."""
 _PROGRAM_NUMBER = re.compile(r"^\s*:(\d+)\s*$")
 _CONDITION = {"C": r"\d{1,4}", "E": r"\d{3,4}", "S": r"\d{1,4}"}
 """Numbers of conditions by letter. E has three digits or four, for ``X1E2`` may be meant as a number."""
@@ -240,6 +243,7 @@ class _Reader:
         """Return the blocks of a line: one, none, or more where ``;`` ends blocks."""
         if self.table.read_line(raw, line):
             return []
+        raw = _CALL_BY_NAME.sub(r"\1$", raw)
         parts = [_PROGRAM_NUMBER.sub(r"O\1", raw)]  # as tapes have it
         first, *others = re.sub(r"\([^()]*\)", "", raw).upper().split(";")
         if self.dialect.ends_blocks:
@@ -252,6 +256,15 @@ class _Reader:
             ]  # fmt: skip
         found = [_read_block(part, line, self, labelled) for part in parts]
         return [block for block in found if block is not None]
+
+    def take_routine(self, name: str, block: Block) -> None:
+        """Take a call of a control's own routine."""
+        if name in self.ignored.letters:
+            block.ignored.append(name)
+        elif name in self.dialect.routines:
+            block.idle.append(name)
+        else:
+            self.unknown.append((name, block.line))
 
 
 def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) -> ProgramBlocks:
@@ -272,6 +285,9 @@ def read_blocks(text: str, file: str, ignored: Ignored, dialect: Dialect = ISO) 
         if blocks and blocks[-1].ends_program:
             last = number
             break
+    else:
+        if text.lstrip().startswith("%"):
+            reader.notices.append(f"line {last}: neither M2, M30 nor a second % ends the program: is it complete?")
     behind: list[Block] = []
     if any(CALL in block.codes for block in blocks):
         while last < len(lines) and not lines[last].lstrip().startswith("%"):
@@ -312,6 +328,11 @@ def _read_block(raw: str, line: int, reader: _Reader, labelled: bool) -> Block |
         if plane is not None:
             at = plane.end()
             block.add(plane[1], plane[2], file)
+            continue
+        name = _NAME.match(bare, at)
+        if name is not None:
+            at = name.end()
+            reader.take_routine(name[1], block)
             continue
         word = _WORD.match(bare, at)
         if word is None:
@@ -457,15 +478,29 @@ def _scale(blocks: Sequence[Block], file: str, unit_mm: float) -> tuple[float, l
 
 def _metric_unit(blocks: Sequence[Block], file: str, has_inches: bool) -> tuple[float, list[str]]:
     """Decide between mm and whole um: um if no coordinate has a point and the table is too small for mm."""
-    extent = 0.0 if has_inches or any(_is_pointed(block) for block in blocks) else _extent(blocks)
-    if extent == 0:
-        return 1.0, []
+    extent = 0.0 if has_inches else _extent(blocks)
+    pointed = [block for block in blocks if _is_pointed(block)]
+    if extent == 0 or pointed:
+        return 1.0, _mixed_notices(blocks, pointed, extent, file)
     span = f"no coordinate has a decimal point and they span {extent:g}"
     if extent <= TABLE_MM:
         return 1.0, [f"{span}: they are read as mm"]
     if extent < LEAST_WHOLE_UM:
         raise InputError(f"{span}: too much in mm, too little in um; write decimal points", file)
     return 0.001, [f"{span}: they are read as whole um"]
+
+
+def _mixed_notices(blocks: Sequence[Block], pointed: Sequence[Block], extent: float, file: str) -> list[str]:
+    """Say that numbers with and without a decimal point are all mm, where those without may be meant in um."""
+    whole = [block for block in blocks if block.decimals == 0 and not block.pointed and ("G", 4) not in block.codes
+             and any(block.values.get(axis) for axis in "XYIJR")]  # fmt: skip
+    if not whole or extent <= TABLE_MM:
+        return []
+    line = pointed[0].line
+    mixed = f"this block has a decimal point, line {whole[0].line} none, and the coordinates span {extent:g}"
+    if extent > LEAST_WHOLE_UM:
+        raise InputError(f"{mixed}: too much in mm; write all with decimal points, or all in whole um", file, line)
+    return [f"line {line}: {mixed}: all are read as mm"]
 
 
 def _is_pointed(block: Block) -> bool:

@@ -38,6 +38,7 @@ class Dialect:
     registers_in_um: bool = False  # whether ``H001=100`` are um, in whatever unit the coordinates are
     ends_blocks: bool = False  # whether ``;`` ends a block, so that another may follow on the line
     dwells_in_ms: bool = False  # whether the P of G4 is in ms, and its X without a decimal point
+    routines: frozenset[str] = frozenset()  # of the control, ``QAIC(...)``, that do nothing to a contour
     numbered: bool = False  # whether subprograms begin at N numbers as well as at O numbers
     # what the dialect is recognised by: regular expressions of which all of one tuple are found in the program,
     # in upper case, without comments and blanks
@@ -190,11 +191,12 @@ SODICK = Dialect(
     angle="A",
     upper="colon",
     planes=True,
+    routines=frozenset({"QAIC"}),
     ends_blocks=True,
     numbered=True,
     evidence=(
         (r"^C\d{3}=",), (r"H\d{3}(?!\d)", r"C\d{3}(?!\d)"), (r"G14[012](?!\d)",), (r"T[PN]=?[-+\d.]",),
-        (r"M199(?!\d)",), (r"G5[12](?!\d)", r"A[\d.]", r"(?<![-+])H\d{3}(?![\d=])"),
+        (r"M199(?!\d)",), (r"QAIC",), (r"G5[12](?!\d)", r"A[\d.]", r"(?<![-+])H\d{3}(?![\d=])"),
     ),
 )  # fmt: skip
 

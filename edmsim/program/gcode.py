@@ -478,12 +478,10 @@ def _taper(run: Run, begin: int, end: int, closed: bool) -> Taper | None:
         line = next(move.line for move in moves if not move.upper)
         reason = f"the contour has {len(moves)} elements below and {len(above)} above"
         raise InputError(f"{reason}: give this block a move behind a colon as well, lower : upper", line=line)
-    if above:
-        start = _upper_start(run, begin)
-        upper = [start, *(point for move in moves for point in move.upper)]
-        lower = points_of(vertices_of(run)[begin], moves)
-        if all(abs(a - b) <= _SAME for a, b in zip(upper, lower, strict=True)):
-            return None
+    start = _upper_start(run, begin)
+    upper = [start, *(point for move in above for point in move.upper)]
+    lower = points_of(vertices_of(run)[begin], moves)
+    if above and not all(abs(a - b) <= _SAME for a, b in zip(upper, lower, strict=True)):
         if any(move.state.tilt_deg for move in moves):
             line = next(move.line for move in moves if move.state.tilt_deg)
             raise InputError("the wire leans by an angle and by a second contour: use one of them", line=line)

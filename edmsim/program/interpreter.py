@@ -297,6 +297,7 @@ class Interpreter:
     both_sides: int | None = None  # number of the code that leads the wire in two planes
     lean: int = 0  # to which side the wire leans: 1 left, -1 right
     early_angle: str = ""  # the T word that stood before a taper was switched on
+    angle_stated: bool = False
     angle_deg: float = 0.0
     state: InForce = field(default_factory=InForce)
     called: dict[str, int] = field(default_factory=dict)  # conditions, with the line of the first call
@@ -398,12 +399,13 @@ class Interpreter:
                 between = f"{least} to {_STEEPEST_DEG:g} degrees"
                 reason = f"the taper angle {letter}{angle:g} is out of range: give {between}"
                 raise self.error(reason, block)
-            self.angle_deg = angle
+            self.angle_deg, self.angle_stated = angle, True
         if any(self.dialect.action_of(code) == "no taper" for code in block.codes):
             self.angle_deg = 0.0
         if self.early_angle and self.lean:
             if self.angle_deg == 0:
                 self.notices.add(f"the taper has no angle: write {self.early_angle} behind G51 or G52", block.line)
+                self.angle_stated = True
             self.early_angle = ""
         leans = self.lean or (1 if self.dialect.signed_angle else 0)
         self.state = replace(self.state, tilt_deg=leans * self.angle_deg + 0.0)  # no -0
@@ -470,7 +472,7 @@ class Interpreter:
         for word in block.ignored:
             self.notices.add(f"{word} is left out, as requested", block.line)
         for word in block.idle:
-            self.notices.add(f"the word {word[0]} has no effect on the contour", block.line)
+            self.notices.add(f"the word {word.rstrip('+-.0123456789')} has no effect on the contour", block.line)
         if "F" in block.values:
             unit_mm = self.unit_mm * (1000 if self.units.scaled else 1)
             unit = f" {_FEED_UNITS[round(unit_mm, 9)]}" if self.feed_per_minute else ""
@@ -597,6 +599,10 @@ class Interpreter:
         if not self.start_known:
             self.notices.add("neither G92 nor G0 before the first cut: the wire starts at X0 Y0", block.line)
             self.start_known = True
+        if self.side is not None and self.registers.uncalled:
+            self.notices.add("compensation without D or H: the offset is the one given for the cut", block.line)
+        if self.lean and not self.angle_stated:
+            self.notices.add("the taper has no angle: the wire is vertical", block.line)
         arc = self._arc(block, end) if self.motion in (2, 3) else None
         offset = None if self.side is None else self.registers.in_force
         upper = self._upper_motion(block, arc, above)

@@ -118,6 +118,11 @@ class OffsetRegisters:
         ]  # fmt: skip
 
     @property
+    def uncalled(self) -> bool:
+        """Whether the program has called no register, and could."""
+        return bool(self._table) and self._called is None
+
+    @property
     def in_force(self) -> Offset | None:
         """The register called last, with its value; None if the program calls none that has a value."""
         return None if self._called is None else Offset(self._called, self._table[self._called])

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.recording.report import Report, cut_id
 from edmsim.recording.scene import Scene, read_scene
 from edmsim.recording.windows import CUT_KEY, read_windows
@@ -30,6 +30,7 @@ class RecordedCut(NamedTuple):
         return str(self.report.settings["program"])
 
 
+@refuses_wrong_types
 def read_cut(directory: str | Path) -> RecordedCut:
     """Read a folder that ``edmsim cut`` has written.
 

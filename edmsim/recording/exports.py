@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import check_suffix, make_writable, replacing
 from edmsim.geometry import Floats, arc_lengths, interpolated
 from edmsim.program.outline import signed_area
@@ -162,6 +162,7 @@ _COLOURS = {"CUT": (1, "#d55e00"), "NOMINAL": (7, "#1f2933")}
 """Of both layers: index of AutoCAD, and for SVG."""
 
 
+@refuses_wrong_types
 def write_contour(scene: Scene, file: str | Path, height_mm: float | None = None) -> None:
     """Write the cut edges as ``.dxf``, ``.csv`` or ``.svg``, and the edges as drawn, in mm of the program."""
     # at a height over the workpiece's lower face only the part's wall, between the slices next to it; by

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from edmsim import __version__
-from edmsim.errors import CombinationError, EdmsimError, InputError
+from edmsim.errors import CombinationError, EdmsimError, InputError, refuses_wrong_types
 from edmsim.evaluation.episode import Result, cut
 from edmsim.files import replacing
 from edmsim.job.cut import planned, prepared
@@ -238,6 +238,7 @@ class SweepProgress(NamedTuple):
     failed: int  # of the finished ones
 
 
+@refuses_wrong_types
 def sweep(
     specification: Specification, out: str | Path, *, engine: Engine | None = None, retry_failed: bool = False,
     watch: Callable[[SweepProgress], None] | None = None, checking: Callable[[int, int], None] | None = None,

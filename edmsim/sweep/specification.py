@@ -179,7 +179,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
             if not _is_file(file):
                 raise InputError("there is no such program", file)
         ranges = () if self.sobol is None else self.sobol.ranges
-        names = [*self.settings, *self.grid, *ranges]
+        names = [_option(name, self) for name in (*self.settings, *self.grid, *ranges)]
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"{name} is given twice: in one of settings, grid and sobol")
@@ -322,7 +322,9 @@ def _option(name: str, spec: Specification) -> str:
         return name if "." in name else plain
     found = [option for option in CutSettings.model_fields if plain in (option, bare_name(option))]
     if not found or found[0] == "constants":
-        raise InputError(f"a cut has no option '{name}'; there are: {one_of(name, CutSettings.model_fields)}")
+        spelt = [bare_name(option).replace("_", "-") for option in CutSettings.model_fields if option != "constants"]
+        known = one_of(name.replace("_", "-"), spelt, [*spelt, "and constants, as gap.critical_um"])
+        raise InputError(f"a cut has no option '{name}'; there are: {known}")
     return found[0]
 
 

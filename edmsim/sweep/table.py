@@ -14,7 +14,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, refuses_wrong_types
 from edmsim.files import locked, replacing
 from edmsim.job.settings import CutSettings
 from edmsim.runs import RunTable, read_rows
@@ -64,6 +64,7 @@ def _typed(name: str, values: list[Any]) -> tuple[list[Any], Any]:
     return [value if value is None or isinstance(value, str) else json.dumps(value) for value in values], pa.string()
 
 
+@refuses_wrong_types
 def read(out: str | Path) -> pa.Table:
     """Read the results of a sweep, even while it is running.
 

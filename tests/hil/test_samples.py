@@ -171,8 +171,9 @@ def test_both_files_hold_the_same_samples(tmp_path):
 @pytest.mark.parametrize(
     ("sensing", "said"),
     [
-        (Sensing(rate_Hz=5e3), "10000 to 100000 Hz, not 5000"), (Sensing(rate_Hz=math.nan), "not nan"),
-        (Sensing(low_pass_Hz=-1.0), "low-pass"), (Sensing(noise_V=math.inf), "noise_V"),
+        (Sensing(rate_Hz=5e3), "10000 to 100000 Hz, not 5000"), (Sensing(rate_Hz=math.nan), "is nan"),
+        (Sensing(low_pass_Hz=-1.0), "low_pass_Hz"), (Sensing(seed=-1), "seed is -1"),
+        (Sensing(noise_V=math.inf), "noise_V"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_measured_is_refused(tmp_path, sensing, said):

@@ -98,6 +98,16 @@ def test_an_altered_snapshot_is_refused(named: str) -> None:
     np.testing.assert_equal(fresh.snapshot(), before)  # nothing of it was taken
 
 
+@pytest.mark.parametrize(("options", "drives"), [
+    ({"material": "copper"}, {}), ({"tension": 9.0}, {}), ({"open_voltage_V": 90.0}, {}),
+    ({}, {"x": axis.from_text("uhu")}),
+])  # fmt: skip
+def test_a_snapshot_of_another_set_up_is_refused(options: dict[str, Any], drives: dict[str, Any]) -> None:
+    other = Plant(Machine.load(**options), 1, resolution="fast", drives=drives)
+    with pytest.raises(InputError, match="snapshot of another set-up"):
+        Plant(Machine.load(), 1, resolution="fast").restore(other.snapshot())
+
+
 def test_random_changes_of_a_snapshot_never_leave_the_arrays() -> None:
     """A hundred snapshots, a few numbers of each replaced by any bits: refused, or the plant goes on or says why."""
     sound, rng, refused = plant_at_work().snapshot(), np.random.default_rng(5), 0

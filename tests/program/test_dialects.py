@@ -211,6 +211,7 @@ ONE_PASS = "{}G92 X5. Y-2.\n{}\nG1 X5. Y0.\nX0.\nY6.\nX10.\nY0.\nX5.\nG40 G1 Y-2
     [
         (ONE_PASS.format(f"{TABLE}H001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
         (ONE_PASS.format("H001 = +000000.1950;\n", "C001 G41 H001"), "sodick"),
+        (ONE_PASS.format("QAIC(2,1,0015,025.0);\nH1=.1900;\n", "G41 H1"), "sodick"),
         (ONE_PASS.format("H1=.1+H2\n", "G41 H1").replace("H1=", "H2=.09\nH1="), "mitsubishi"),
         (ONE_PASS.format("H1=.19\nM80\n", "E1221 G41 H1"), "mitsubishi"),
         (ONE_PASS.format("H001=190\n", "E001 G41 H001"), "skd2"),
@@ -230,6 +231,15 @@ def test_a_dialect_is_recognised_and_one_pass_is_cut(read: Read, text: str, dial
     assert outline.offset_mm == pytest.approx(0.19, abs=0.006)
     path = plan_path(program, auto_offset_mm=0.3)
     assert path.offset_um == pytest.approx(190, abs=6)
+
+
+def test_a_routine_of_the_control_is_left_out(read: Read) -> None:
+    text = ONE_PASS.format("QAIC(2,1,0015);\nH1=.19;\nQCALL(7);\n", "G41 H1")
+    with pytest.raises(InputError, match=r"unknown word 'QCALL' \(line 3\)"):
+        read(text)
+    notices = read(text, ignore=["QCALL"]).notices
+    assert "line 1: the word QAIC has no effect on the contour" in notices
+    assert "line 3: QCALL is left out, as requested" in notices
 
 
 def test_a_dialect_that_was_requested_is_taken(read: Read) -> None:
@@ -444,6 +454,30 @@ def test_an_angle_before_its_taper_is_named(read: Read) -> None:
     text = "G92 X0 Y0\nG41 D1\nT2.\nG51\nG1 X3.\n" + SIDES.format("")
     notices = read(text, dialect="fanuc").notices
     assert "line 4: the taper has no angle: write T2 of line 3 behind G51 or G52" in notices
+
+
+@pytest.mark.parametrize(("text", "notice"), [
+    ("D1=.1\nG92 X0 Y0\nG41 D1 G51\nG1 X3.\n", "line 4: the taper has no angle: the wire is vertical"),
+    ("D1=.1\nG92 X0 Y0\nG41 G51 T2.\nG1 X3.\n", "line 4: compensation without D or H: the offset is the one given"),
+])  # fmt: skip
+def test_what_is_switched_on_without_its_number_is_named(read: Read, text: str, notice: str) -> None:
+    sound = read("D1=.1\nG92 X0 Y0\nG41 D1 G51 T2.\nG1 X3.\n" + SIDES.format(""), dialect="fanuc").notices
+    assert not any(notice[8:] in one for one in sound)
+    assert any(one.startswith(notice) for one in read(text + SIDES.format(""), dialect="fanuc").notices)
+
+
+@pytest.mark.parametrize("end", ["", "M2\n", "%\n"])
+def test_a_tape_without_an_end_is_named(read: Read, end: str) -> None:
+    text = "%\nG92 X0 Y0\nG41 D1 G1 X3.\n" + SIDES.format("").replace("M2\n", end)
+    assert any("is it complete?" in notice for notice in read(text).notices) == (not end)
+
+
+def test_u_and_v_of_0_leave_the_angle_of_a_taper(read: Read) -> None:
+    text = "G92 X0 Y0 {}\nG41 D1 G51 T2.\nG1 X3.\n" + SIDES.format("")
+    plain, with_both = (read(text.format(words), dialect="fanuc").outlines[0].taper for words in ("", "U0 V0"))
+    assert plain is not None
+    assert with_both is not None
+    assert with_both.angle_deg == plain.angle_deg
 
 
 def test_subprograms_may_begin_at_their_n_number_where_controls_have_it(read: Read) -> None:

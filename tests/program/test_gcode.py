@@ -89,11 +89,20 @@ def test_incremental_and_absolute_give_the_same_path(tmp_path_factory, moves):
     ("G20 G0 X0 Y0\nG1 X1. Y.5\n", [25.4, 12.7]),
     ("G0 X0 Y0\nG1 X20\nG1 Y10\n", [20, 10]),  # whole numbers that fit the table
     ("G0 X100 Y100\nG1 X110\nG1 Y120\n", [110, 120]),  # so do these, though far from zero
-    ("G0 X0 Y0\nG1 X2000\nG1 Y1.5\n", [2000, 1.5]),  # one decimal point
     ("G91\nG1 X400\nX400\nY-300\n", [0.8, -0.3]),  # whole um
 ])  # fmt: skip
 def test_the_unit_of_a_program(read, text, end_mm):
     assert only(read(text)).points_mm[-1].tolist() == pytest.approx(end_mm)
+
+
+def test_numbers_with_and_without_a_point_are_reported_where_those_without_may_be_um(read):
+    text = "G0 X0 Y0\nG1 X200\nG1 Y1.5\n"
+    program = read(text)
+    assert only(program).points_mm[-1].tolist() == [200, 1.5]
+    said = "this block has a decimal point, line 2 none, and the coordinates span 200"
+    assert f"line 3: {said}: all are read as mm" in program.notices
+    refusal(read, text.replace("200", "2000"), 3, f"{said}0: too much in mm; write all with decimal points")
+    assert not any("decimal" in notice for notice in read(text.replace("200", "20")).notices)
 
 
 def test_g92_in_mid_program_shifts_what_follows(read):

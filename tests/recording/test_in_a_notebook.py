@@ -67,6 +67,8 @@ def test_a_figure_shows_by_itself(result: edmsim.CutResult, name: str) -> None:
 def test_a_figure_that_is_not_there_is_reported(result: edmsim.CutResult) -> None:
     with pytest.raises(InputError, match=r"no figure 'kerf'; there are: profile, profile-error, .*wire-spectrum$"):
         result.plot("kerf")
+    with pytest.raises(InputError, match=r"slice_index cannot be 2\.5: give int \| None"):
+        result.contour(2.5)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

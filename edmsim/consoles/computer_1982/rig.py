@@ -345,9 +345,7 @@ class Rig:
         """Give the wire the tension that the spare line asks for; its shape and all else stay."""
         tensioned = self._tensions[self.board.low_tension]
         if self.plant.machine.tension != tensioned.tension:
-            before, resolution = self.plant.snapshot(), self.plant.resolution
-            self.plant = Plant(tensioned, stock=self.plant.field.stock, resolution=resolution)
-            self.plant.restore(before)
+            self.plant = self.plant.with_machine(tensioned)
 
     def _obey_lines(self) -> None:
         """Set the generator to what ports 4020H to 4022H hold; a length of 0 switches it off."""
