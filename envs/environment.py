@@ -92,6 +92,10 @@ class AttachedController:
         """Look no more."""
         self._sub_envs.watchers.remove((self._index, self._see))
 
+    @property
+    def _family(self) -> Family:
+        return self._sub_envs.families[self._index]
+
     def begin(self) -> FeedCommand:
         """Begin the leg that the sub-environment is on; returns the command for its first window."""
         sub_envs, index = self._sub_envs, self._index
@@ -100,7 +104,7 @@ class AttachedController:
         self._leg, self._lost = sub_envs.leg[index], int(sub_envs.rows[index]["wires_lost"])
         start_um = float(sub_envs.rows[index]["before_um"])
         tell(self._controller, scenario.machine, scenario.legs_um[self._leg], start_um)
-        self._take(self._controller.reset(sub_envs.family.greatest_feed_um_s))
+        self._take(self._controller.reset(self._family.greatest_feed_um_s))
         return self._command
 
     def command(self) -> FeedCommand:
@@ -113,7 +117,7 @@ class AttachedController:
             if isinstance(controller, SeesBreaks):
                 self._take(controller.wire_lost())
             else:
-                self._take(controller.reset(sub_envs.family.greatest_feed_um_s))
+                self._take(controller.reset(self._family.greatest_feed_um_s))
         return self._command
 
     def action(self) -> NDArray[np.float32]:
@@ -123,7 +127,7 @@ class AttachedController:
         assert scenario is not None
         first_us = scenario.machine.t_on_us, scenario.machine.t_period_us
         now_us, feed_um_s = row["setting_us"].tolist(), float(row["feed_um_s"])
-        return as_action(sub_envs.family, self._controller, self.command(), first_us, now_us, feed_um_s)
+        return as_action(self._family, self._controller, self.command(), first_us, now_us, feed_um_s)
 
     def _see(self) -> None:
         """Show it the window that the sub-environment has just had."""
@@ -204,7 +208,7 @@ class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Attributes
     ----------
     family : EnvArguments
-        The arguments in force.
+        The arguments; after `change` those of the next episodes.
     reward_space : gymnasium.spaces.Box
         Space of the reward, one entry per objective, as in MO-Gymnasium.
 
@@ -309,9 +313,7 @@ class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
 
     def change(self, **options: Any) -> None:
-        """Change arguments, for a curriculum.
-
-        What an episode draws changes from the next one on; weights, limits and `episode_s` change at once.
+        """Change arguments of the next episodes, for a curriculum; an episode that runs keeps its own.
 
         Parameters
         ----------
@@ -663,9 +665,8 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
         for view, value in zip(self._views, each, strict=True):
             view.take(name, value)
 
-
     def change(self, **options: Any) -> None:
-        """Change arguments for the next episodes of all sub-environments, for a curriculum; see `EdmEnv.change`."""
+        """Change arguments of the next episodes of all sub-environments, for a curriculum; see `EdmEnv.change`."""
         self.family = self.family.changed(**options)
         self._batch.change(self.family)
 

@@ -72,12 +72,16 @@ _WEIGHTS = np.dtype([(name, "f8") for name in TERMS] + [("error_um", "f8"), ("en
 class StepRewards:
     """Rewards and costs of the sub-environments' steps; time beyond a bound of path error or energy costs."""
 
-    def __init__(
-        self, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None, count: int
-    ) -> None:
-        bounds = (np.inf if bound is None else bound for bound in (error_bound_um, energy_bound_mJ))
-        self._weights = np.array([(*(getattr(weights, name) for name in TERMS), *bounds)], _WEIGHTS)
+    def __init__(self, count: int) -> None:
+        self._weights: NDArray[np.void] = np.zeros(count, _WEIGHTS)
         self.rows: NDArray[np.void] = np.zeros(count, _ACCOUNT)  # (n,) of the last step
+
+    def weigh(
+        self, index: int, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None
+    ) -> None:
+        """Weigh the steps of a sub-environment's next episode."""
+        bounds = (np.inf if bound is None else bound for bound in (error_bound_um, energy_bound_mJ))
+        self._weights[index] = (*(getattr(weights, name) for name in TERMS), *bounds)
 
     @property
     def terms(self) -> dict[str, NDArray[np.float64]]:
@@ -111,10 +115,9 @@ def _add(
     weights: NDArray[np.void], accounts: NDArray[np.void],
 ) -> None:
     """Add a window's terms, their sum, its cost and its area."""
-    weight = weights[0]
     for j in range(indices.shape[0]):
         i = indices[j]
-        row, window, account = rows[i], windows[i], accounts[i]
+        row, window, account, weight = rows[i], windows[i], accounts[i], weights[i]
         error = row.error_um if near[i] else 0.0
         counts, cause, energy_mJ, spent_ns = window.counts, row.cause, row.energy_mJ, window.duration_ns
         shorts, opens = counts[SHORT], counts[OPEN]
