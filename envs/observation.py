@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import normal
-from edmsim.envs.arguments import within
+from edmsim.envs.arguments import whole_within, within
 from edmsim.machine.setting import wire_speed_m_s
-from edmsim.numeric import keep_plain, whole_from
+from edmsim.numeric import keep_plain
 from edmsim.plant.constants import faces_Pa
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
@@ -41,9 +41,8 @@ class Sensors:
         """Refuse what cannot be used."""
         keep_plain(self)
         within("noise_share", self.noise_share, 0.0, 1.0)
-        whole_from("bits", self.bits, 0)
-        within("bits", self.bits, 0, 16)
-        whole_from("delay_steps", self.delay_steps, 0)
+        whole_within("bits", self.bits, 0, 16)
+        whole_within("delay_steps", self.delay_steps, 0, 1000)
 
     @property
     def step(self) -> float:

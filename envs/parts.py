@@ -58,6 +58,11 @@ class PartEpisode:
         """Whether a wire broke and another is there."""
         return self.cut.broken and self.cut.wires_lost < self.family.wires
 
+    @property
+    def late(self) -> bool:
+        """Whether its time is over, to the nanosecond, as `PartCut.run` counts it."""
+        return round(self.cut.cutting_s * 1e9) >= round(self.family.episode_s * 1e9)
+
 
 class Parts:
     """Parts of one environment side by side, `threads` at the same time; what `Batch` is to sub-environments."""
@@ -104,9 +109,7 @@ class Parts:
             drawn.clear()
             settings = self.family.draw(rng, drawn)
             try:
-                return PartCut(
-                    self.family.read, settings, float(drawn["tension_share"]), self.family.only_pass
-                )
+                return PartCut(self.family.read, settings, float(drawn["tension_share"]), self.family.only_pass)
             except InputError as error:
                 refused = error
         assert refused is not None
@@ -117,7 +120,7 @@ class Parts:
         cut, only = one.cut, one.family.only_pass
         while only is not None and cut.number < only:
             self._cut(one, np.zeros(len(ACTIONS)))
-            if one.ended or cut.cutting_s >= one.family.episode_s:
+            if one.ended or one.late:
                 return False
         cut.begin_count()
         return True
@@ -193,7 +196,7 @@ class Parts:
     @property
     def out_of_time(self) -> NDArray[np.bool_]:
         """Which sub-environments (n,) have cut for as long as an episode lasts."""
-        return np.array([one is not None and one.cut.cutting_s >= one.family.episode_s for one in self.episodes])
+        return np.array([one is not None and one.late for one in self.episodes])
 
     # --- what is shown ---
 

@@ -8,25 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.envs.arguments import within
 from edmsim.envs.path_follower import DONE, RUNNING
-from edmsim.numeric import finite, keep_plain
+from edmsim.numeric import keep_plain
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 REFERENCE_MM2_MIN = 30.0  # cutting rate that earns 1 per reference window (ours: about what the standard set-up cuts)
 REFERENCE_S = 0.0255  # the reference window: 255 pulses of 100 us, the standard setting
 REFERENCE_MM2 = REFERENCE_MM2_MIN / 60 * REFERENCE_S  # area cut in a reference window at the reference rate
+MOST_WEIGHT = 1e9  # greatest weight of a term (ours: beyond all use; rewards stay finite)
 ERROR_UM = 10.0
 """Profile error that costs as much as the progress made with it earns, at equal weights (ours: what rounds a sharp
 corner at the standard setting)."""
 
 @dataclass(frozen=True, kw_only=True)
 class WeightsOfTerms:
-    """Weights of a reward's terms, each a finite number of 0 or more."""
+    """Weights of a reward's terms, each a number from 0 to `MOST_WEIGHT`."""
 
     def __post_init__(self) -> None:
         """Refuse any other weight."""
         for f in fields(self):
-            finite(f"the weight {f.name}", getattr(self, f.name), 0.0)
+            within(f"the weight {f.name}", getattr(self, f.name), 0.0, MOST_WEIGHT)
         keep_plain(self)
 
 
