@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, is_dataclass
+from enum import Enum
 from inspect import cleandoc, signature
 from pathlib import Path
 from types import NoneType, UnionType
@@ -171,6 +172,8 @@ def record_of(name: str, value: Any, own: _Record) -> Any:
 
 def plain(item: Any) -> Any:
     """Return an argument as JSON writes it: machines and records as mappings, tuples as lists, paths as text."""
+    if isinstance(item, Enum):
+        return item.value
     if isinstance(item, Machine):
         return item.model_dump(mode="json")
     if hasattr(item, "__dataclass_fields__") and not isinstance(item, type):
@@ -203,6 +206,8 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
 
 def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
     """Return the options of a reset, all of them known."""
+    if not isinstance(options, Mapping | None):
+        raise InputError(f"the options of a reset are {options!r}: give a mapping, as {{'{known[0]}': ...}}")
     found = dict(options or {})
     for name in found:
         if name not in known:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from edmsim.controllers import FeedController, SeesTruth
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
-from edmsim.envs.arguments import checked_actions, checked_options, plain
+from edmsim.envs.arguments import checked_actions, checked_options, one_of, plain
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
@@ -506,6 +506,7 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
             threads = whole_from("threads", threads, 1)
         self.family: EnvArguments = arguments_with(task, **options)
         self.render_mode = check_render_mode(render_mode)
+        one_of("autoreset_mode", plain(autoreset_mode), [m.value for m in AutoresetMode])
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = num_envs

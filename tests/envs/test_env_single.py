@@ -304,12 +304,20 @@ def test_bad_arguments(make_env, name, options, message):
         make_env(name, **options)
 
 
-def test_unknown_option(make_env):
-    env = make_env("GapFeed")
-    with pytest.raises(InputError, match="no option 'machin'"):
-        env.reset(options={"machin": None})
-    with pytest.raises(InputError, match=r"give an edmsim\.Machine"):
-        env.reset(options={"machine": "agiecut"})
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"options": {"machin": None}}, "no option 'machin'"),
+        ({"options": {"machine": "agiecut"}}, "give an edmsim.Machine"),
+        ({"options": "abc"}, "the options of a reset are 'abc': give a mapping, as {'machine': ...}"),
+        ({"seed": -1}, "seed is -1: give a whole number, 0 or more"),
+        ({"seed": 1.5}, "seed is 1.5: give a whole number, 0 or more"),
+    ],
+)
+def test_bad_resets(make_env, make_envs, arguments, message):
+    for env in (make_env("GapFeed"), make_envs("GapFeed", 2)):
+        with pytest.raises(InputError, match=re.escape(message)):
+            env.reset(**arguments)
 
 
 @pytest.mark.slow
