@@ -194,9 +194,12 @@ def _only_known(name: str, value: Mapping[str, Any], known: list[str]) -> None:
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return actions as an array of their space's shape, all numbers; beyond -1..1 they are clipped later."""
     try:
-        array = np.asarray(actions, np.float32)
-    except (TypeError, ValueError):
-        raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}") from None
+        array = np.asarray(actions)
+    except ValueError:  # lists of several lengths
+        array = np.array(None)
+    if array.dtype.kind not in "fiu":
+        raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}")
+    array = array.astype(np.float32, copy=False)
     if array.shape != shape:
         raise InvalidAction(f"an action has the shape {shape}, not {array.shape}")
     if not np.isfinite(array).all():

@@ -644,7 +644,13 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
         return self._views
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of every environment, or return an attribute of each, as Gymnasium's `SyncVectorEnv` does."""
+        """Call a method of every environment, or return an attribute of each, as Gymnasium's `SyncVectorEnv` does.
+
+        `change` changes all, and is called once.
+        """
+        if name == "change":
+            self.change(*args, **kwargs)
+            return (None,) * self.num_envs
         found = (getattr(view, name) for view in self._views)
         return tuple(value(*args, **kwargs) if callable(value) else value for value in found)
 

@@ -94,6 +94,10 @@ def family_of(name: str) -> type[EnvArguments]:
 def find(name: str | type[EnvArguments]) -> tuple[type[EnvArguments], dict[str, Any]]:
     """Return the record of an environment's arguments, by name, id or itself, and those it was registered with."""
     if isinstance(name, type):
+        from edmsim.envs.task import EnvArguments
+
+        if not issubclass(name, EnvArguments):
+            raise InputError(f"the family {name.__name__} must derive from one of {', '.join(_REGISTERED)}")
         return name, {}
     short, _, version = str(name).removeprefix("edmsim/").partition("-v")
     if short in _REGISTERED and version in ("", str(_REGISTERED[short].version)):

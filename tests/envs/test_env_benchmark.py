@@ -234,7 +234,7 @@ def test_a_change_counts_from_each_next_episode(make_envs, actions_of, name, mor
     as_changed = make_envs(name, 2, **kinds, **CHANGES, **more)
     for each in (envs, as_before, as_changed):
         each.reset(seed=1)
-    envs.change(**CHANGES, **more)
+    assert envs.call("change", **CHANGES, **more) == (None, None)
     for number, actions in enumerate(actions_of(envs.single_action_space, 20, 2)):
         if number == 6:
             for each in (envs, as_changed):

@@ -236,6 +236,9 @@ def test_step_before_reset_and_after_the_end(make_env):
         (np.zeros(2, np.float32), "shape (1,), not (2,)"),
         (np.float32(0), "shape (1,), not ()"),
         ("fast", "numbers"),
+        (["0.5"], "numbers"),
+        (np.array([0.5j]), "numbers"),
+        ([0.5, [0.5]], "numbers"),
     ],
 )
 def test_bad_action(make_env, action, message):
