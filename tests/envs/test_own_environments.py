@@ -139,7 +139,7 @@ def test_what_cannot_be_registered_is_reported() -> None:
     with pytest.raises(InputError, match="must derive from one of"):
         register("lab/Wrong-v0", Alone)
     with pytest.raises(InputError, match="the family int must derive from one of"):
-        make_family(int)  # type: ignore[type-var]
+        make_family(int)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="leg_mm is -1"):
         register("lab/Wrong-v0", Corner, leg_mm=-1)
     with pytest.raises(TypeError, match="no argument 'colour'"):
