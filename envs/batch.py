@@ -126,8 +126,9 @@ class Batch:
     def _by_family(self, active: Ints) -> Iterator[tuple[Family, Ints]]:
         """Yield the families whose episodes run, each with its sub-environments; after a `change` there are more."""
         families = [self.sub_envs.families[k] for k in active]
-        for family in {id(one): one for one in families}.values():
-            yield family, active[[one is family for one in families]]
+        present = {id(one): one for one in families}
+        for family in present.values():
+            yield family, active if len(present) == 1 else active[[one is family for one in families]]
 
     def _command(self, family: Family, active: Ints, clamped: Floats) -> None:
         """Turn the knobs, and set the offsets, and the feed or the servos' targets."""
