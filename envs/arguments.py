@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, is_dataclass
+from enum import Enum
 from inspect import cleandoc, signature
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from types import NoneType, UnionType
+from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
-from edmsim.errors import InputError
+from edmsim.errors import InputError, invalid_entry
 from edmsim.machine.machine import Machine
+from edmsim.numeric import keep_plain, real, whole, whole_from
 from edmsim.numeric import plain as plain_number
-from edmsim.numeric import real
 
 Range = float | tuple[float, float]
 _Record = TypeVar("_Record")
@@ -27,6 +31,10 @@ _Kind = TypeVar("_Kind", bound=type)
 def argument(default: _Value, unit: str, meaning: str) -> _Value:
     """Return a field of a dataclass that says its unit and meaning; a subclass may give just another default."""
     return field(default=default, metadata={"unit": unit, "meaning": meaning})
+
+
+LEAST_MM = 0.05  # least length of a band or wave (ours: some cells of the kerf field)
+MOST_TIME_S = 1e9  # longest time that may be asked for (ours: nanoseconds of ten times as much can be counted)
 
 
 class Argument(NamedTuple):
@@ -59,6 +67,48 @@ def shows_arguments(kind: _Kind) -> _Kind:
     return kind
 
 
+_SAID = {
+    float: "a number", int: "a whole number", tuple[float, float]: "two numbers", Sequence[str]: "a list of texts",
+    str: "a text", Path: "a path", NoneType: "None",
+}  # fmt: skip
+"""What may be declared of an argument, as a refusal says it; others are said by their names."""
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    if kind in (float, int):
+        return (real if kind is float else whole)(value) is not None
+    if kind not in (tuple[float, float], Sequence[str]):
+        return isinstance(value, kind)
+    if not isinstance(value, tuple | list):
+        return False
+    if kind == Sequence[str]:
+        return all(isinstance(one, str) for one in value)
+    return len(value) == 2 and None not in map(real, value)
+
+
+@functools.cache
+def _declared(kind: type) -> list[tuple[Argument, Any]]:
+    """Return the arguments that edmsim declares, and their kinds; those of a user's class may be anything."""
+    base = next(one for one in kind.__mro__ if one.__module__.startswith(f"{__package__}."))
+    hints = get_type_hints(base)
+    return [(one, hints[one.name]) for one in arguments_of(base)]
+
+
+def check_kinds(record: object) -> None:
+    """Make numbers among the arguments Python's own, and refuse arguments that are not what is declared of them."""
+    keep_plain(record)
+    for (name, _, _, meaning), hint in _declared(type(record)):  # type: ignore[arg-type]
+        value = getattr(record, name)
+        if get_origin(hint) is Literal:
+            one_of(name, value, get_args(hint))
+            continue
+        kinds = get_args(hint) if isinstance(hint, UnionType) else (hint,)
+        if not any(_fits(value, kind) for kind in kinds):
+            *first, last = (_SAID.get(kind) or kind.__name__ for kind in kinds)
+            said = f"{', '.join(first)} or {last}" if first else last
+            raise InputError(f"{name} is {value!r}: give {said} ({meaning})")
+
+
 def above_zero(name: str, value: float, most: float = math.inf) -> None:
     """Refuse an argument that is not a number above 0 and at most `most`."""
     number = real(value)
@@ -74,16 +124,16 @@ def within(name: str, value: float, low: float, high: float) -> None:
         raise InputError(f"{name} is {value!r}: give a number from {low:g} to {high:g}")
 
 
+def whole_within(name: str, value: object, low: int, high: int) -> None:
+    """Refuse an argument that is not a whole number from `low` to `high`."""
+    if not low <= whole_from(name, value) <= high:
+        raise InputError(f"{name} is {value!r}: give a whole number from {low} to {high}")
+
+
 def one_of(name: str, value: str, known: Sequence[str]) -> None:
     """Refuse an argument that is not among those there are."""
     if value not in known:
         raise InputError(f"unknown {name} {value!r}; there are: {', '.join(known)}")
-
-
-def no_text(name: str, value: Any) -> None:
-    """Refuse a text where a list of them belongs."""
-    if isinstance(value, str):
-        raise InputError(f"{name} is the text {value!r}: give a list, as [{value!r}]")
 
 
 def ends_of(name: str, value: Range) -> tuple[float, float]:
@@ -101,7 +151,10 @@ def machine_of(value: Any) -> Any:
     if not isinstance(value, Mapping):
         return value
     if "base" in value:
-        machine = Machine.model_validate(value)
+        try:
+            machine = Machine.model_validate(value)
+        except ValidationError as error:
+            raise InputError(f"machine: {invalid_entry(error)}") from None
         machine.check()
         return machine
     _only_known("machine", value, list(signature(Machine.load).parameters))
@@ -119,6 +172,8 @@ def record_of(name: str, value: Any, own: _Record) -> Any:
 
 def plain(item: Any) -> Any:
     """Return an argument as JSON writes it: machines and records as mappings, tuples as lists, paths as text."""
+    if isinstance(item, Enum):
+        return item.value
     if isinstance(item, Machine):
         return item.model_dump(mode="json")
     if hasattr(item, "__dataclass_fields__") and not isinstance(item, type):
@@ -139,9 +194,12 @@ def _only_known(name: str, value: Mapping[str, Any], known: list[str]) -> None:
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return actions as an array of their space's shape, all numbers; beyond -1..1 they are clipped later."""
     try:
-        array = np.asarray(actions, np.float32)
-    except (TypeError, ValueError):
-        raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}") from None
+        array = np.asarray(actions)
+    except ValueError:  # lists of several lengths
+        array = np.array(None)
+    if array.dtype.kind not in "fiu":
+        raise InvalidAction(f"an action is numbers of shape {shape}, not {actions!r}")
+    array = array.astype(np.float32, copy=False)
     if array.shape != shape:
         raise InvalidAction(f"an action has the shape {shape}, not {array.shape}")
     if not np.isfinite(array).all():
@@ -151,6 +209,8 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]
 
 def checked_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
     """Return the options of a reset, all of them known."""
+    if not isinstance(options, Mapping | None):
+        raise InputError(f"the options of a reset are {options!r}: give a mapping, as {{'{known[0]}': ...}}")
     found = dict(options or {})
     for name in found:
         if name not in known:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import gymnasium as gym
@@ -54,19 +55,13 @@ class Batch:
         self._feed_um_s = np.zeros(count)
         self._episodes = np.zeros(count, np.int64)
         self._constants: list[dict[str, float | str]] = [{} for _ in range(count)]
-        self.account = self._fresh_account()  # rewards, their terms and costs of the last step
-
-    def _fresh_account(self) -> StepRewards:
-        family = self.family
-        return StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, self.sub_envs.count)
+        self.account = StepRewards(count)  # rewards, their terms and costs of the last step
 
     def change(self, family: EnvArguments) -> None:
         """Let episodes begun from now on be of another family, with the same spaces and plants of the same kind."""
         assert isinstance(family, Family)
         self.family = self.sub_envs.family = self.builder.family = family
-        self.builder.sensors = family.measured_by
         self._episodes[:] = 0
-        self.account = self._fresh_account()
 
     def begin(self, index: int, rng: np.random.Generator, machine: Machine | None, *, redraw: bool) -> dict[str, Any]:
         """Begin an episode, on `machine` if given, with `redraw` never on the last one; returns the reset's info."""
@@ -80,6 +75,7 @@ class Batch:
             self._constants[index] = {name: scenario.drawn[name] for name in family.drawn_constants}
         self._episodes[index] = 0 if machine is not None else (self._episodes[index] if chosen is not None else 0) + 1
         self.sub_envs.begin(index, scenario)
+        self.account.weigh(index, family.reward_weights, family.error_bound_um, family.energy_bound_mJ)
         self.builder.begin(index, self.sub_envs.rows[index], scenario.machine, key_of(scenario.plant_seed + 1))
         self._begin_wire(index)
         constants = self._constants[index] if machine is None else {}
@@ -89,8 +85,9 @@ class Batch:
         }
 
     def _begin_wire(self, index: int) -> None:
-        self._feed_um_s[index] = self.family.first_feed_um_s
-        servo.begin(self._servos[index], self.family.first_feed_um_s)
+        feed_um_s = self.sub_envs.families[index].first_feed_um_s
+        self._feed_um_s[index] = feed_um_s
+        servo.begin(self._servos[index], feed_um_s)
 
     def clear(self) -> None:
         """Forget what the last step earned and cost."""
@@ -117,33 +114,41 @@ class Batch:
         self.account.begin()
         self.builder.begin_step()
         sub_envs.rows["step_ns"] = 0
-        self._command(active, clamped)
-        left = active
-        while len(left):
-            self._window(left)
-            left = self._waiting(left)
+        for family, left in self._by_family(active):
+            self._command(family, left, clamped)
+            while len(left):
+                self._window(family, left)
+                left = self._waiting(family, left)
         self.builder.end_step(active)
         account, objectives = self.account, self.family.objectives
         return np.stack([account.terms[name] for name in objectives], axis=1) if objectives else account.total.copy()
 
-    def _command(self, active: Ints, clamped: Floats) -> None:
+    def _by_family(self, active: Ints) -> Iterator[tuple[Family, Ints]]:
+        """Yield the families whose episodes run, each with its sub-environments; after a `change` there are more."""
+        families = [self.sub_envs.families[k] for k in active]
+        present = {id(one): one for one in families}
+        for family in present.values():
+            yield family, active if len(present) == 1 else active[[one is family for one in families]]
+
+    def _command(self, family: Family, active: Ints, clamped: Floats) -> None:
         """Turn the knobs, and set the offsets, and the feed or the servos' targets."""
-        family, sub_envs = self.family, self.sub_envs
+        sub_envs = self.sub_envs
         if family.knobs:
             for k in active:
                 first_us = sub_envs.rows[k]["first_setting_us"]
                 self._set_generator(int(k), *family.setting_us(first_us, clamped[k, 1 : 1 + len(family.knobs)]))
         if family.offset_um is not None:
-            sub_envs.rows["offset_um"] = clamped[:, -1] * family.offset_um
+            sub_envs.rows["offset_um"][active] = clamped[active, -1] * family.offset_um
         if family.action == "servo":
-            self._servos["target"] = servo.target_of(clamped[:, 0], family.servo_target_share)
+            self._servos["target"][active] = servo.target_of(clamped[active, 0], family.servo_target_share)
             return
-        limit, requested_um_s = family.greatest_feed_um_s, family.next_feed_um_s(self._feed_um_s, clamped[:, 0])
-        self._feed_um_s = np.minimum(np.maximum(requested_um_s, -limit), limit)
+        limit = family.greatest_feed_um_s
+        requested_um_s = family.next_feed_um_s(self._feed_um_s[active], clamped[active, 0])
+        self._feed_um_s[active] = np.minimum(np.maximum(requested_um_s, -limit), limit)
 
-    def _window(self, left: Ints) -> None:
+    def _window(self, family: Family, left: Ints) -> None:
         """Run a window in some sub-environments."""
-        family, sub_envs, by_servo = self.family, self.sub_envs, self.family.action == "servo"
+        sub_envs, by_servo = self.sub_envs, family.action == "servo"
         sub_envs.advance(left, self._servos["feed_um_s"].copy() if by_servo else self._feed_um_s)
         windows = sub_envs.fleet.windows
         self.builder.add(left, sub_envs.rows, windows)
@@ -154,11 +159,11 @@ class Batch:
             self.builder.lose_wire(index, sub_envs.rows[index], setting_us)
             self._begin_wire(index)
 
-    def _waiting(self, left: Ints) -> Ints:
+    def _waiting(self, family: Family, left: Ints) -> Ints:
         """Return those of some sub-environments whose next action is not due yet."""
-        if self.family.decision_s is None:
+        if family.decision_s is None:
             return left[:0]
-        wait_ns, rows = round(self.family.decision_s * 1e9), self.sub_envs.rows
+        wait_ns, rows = round(family.decision_s * 1e9), self.sub_envs.rows
         return np.asarray(left[(rows["step_ns"][left] < wait_ns) & (rows["cause"][left] == RUNNING)])
 
     def _set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
@@ -168,7 +173,7 @@ class Batch:
         refused = sub_envs.refused[index]
         if refused:
             machine = sub_envs.fleet.plants[index].machine
-            sub_envs.set_generator(index, *least_setting_us(machine, t_on_us, self.family.detents_us))
+            sub_envs.set_generator(index, *least_setting_us(machine, t_on_us, sub_envs.families[index].detents_us))
             sub_envs.refused[index] = refused
         self.builder.take_scale(index, sub_envs.rows[index])
 

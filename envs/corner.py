@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments
+from edmsim.envs.arguments import Range, argument, ends_of, shows_arguments, within
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.reward import Weights
@@ -35,7 +35,7 @@ class Corner(Family):
     """
 
     leg_mm: float = argument(0.3, "mm", "length of each leg")
-    turn_deg: tuple[float, float] = argument(
+    turn_deg: Range = argument(
         (45.0, 135.0), "degrees", f"(low, high) of the turn, within {CORNER_DEG:g} to {SHARPEST_DEG:g}"
     )
     height_mm: Range | None = (20.0, 60.0)
@@ -54,7 +54,7 @@ class Corner(Family):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        above_zero("leg_mm", self.leg_mm, self.reach_mm / 2)
+        within("leg_mm", self.leg_mm, self.least_mm, self.reach_mm / 2)
         low, high = ends_of("turn_deg", self.turn_deg)
         if not CORNER_DEG <= low <= high <= SHARPEST_DEG:
             raise InputError(

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from edmsim.controllers import FeedController, SeesTruth, from_text
 from edmsim.controllers.protocols import FeedCommand, SeesBreaks, check_command, tell
 from edmsim.controllers.user_controllers import turns_knobs
-from edmsim.envs.arguments import checked_actions, checked_options, plain
+from edmsim.envs.arguments import checked_actions, checked_options, one_of, plain
 from edmsim.envs.batch import Batch, action_space_of, observation_space_of, reward_space_of
 from edmsim.envs.registry import arguments_with
 from edmsim.envs.render import RENDER_FPS, RENDER_MODES, Renderer, check_render_mode
@@ -106,6 +106,10 @@ class AttachedController:
         """Look no more."""
         self._sub_envs.watchers.remove((self._index, self._see))
 
+    @property
+    def _family(self) -> Family:
+        return self._sub_envs.families[self._index]
+
     def begin(self) -> FeedCommand:
         """Begin the leg that the sub-environment is on; returns the command for its first window."""
         sub_envs, index = self._sub_envs, self._index
@@ -114,7 +118,7 @@ class AttachedController:
         self._leg, self._lost = sub_envs.leg[index], int(sub_envs.rows[index]["wires_lost"])
         start_um = float(sub_envs.rows[index]["before_um"])
         tell(self._controller, scenario.machine, scenario.legs_um[self._leg], start_um)
-        self._take(self._controller.reset(sub_envs.family.greatest_feed_um_s))
+        self._take(self._controller.reset(self._family.greatest_feed_um_s))
         return self._command
 
     def command(self) -> FeedCommand:
@@ -127,7 +131,7 @@ class AttachedController:
             if isinstance(controller, SeesBreaks):
                 self._take(controller.wire_lost())
             else:
-                self._take(controller.reset(sub_envs.family.greatest_feed_um_s))
+                self._take(controller.reset(self._family.greatest_feed_um_s))
         return self._command
 
     def action(self) -> NDArray[np.float32]:
@@ -137,7 +141,7 @@ class AttachedController:
         assert scenario is not None
         first_us = scenario.machine.t_on_us, scenario.machine.t_period_us
         now_us, feed_um_s = row["setting_us"].tolist(), float(row["feed_um_s"])
-        return as_action(sub_envs.family, self._controller, self.command(), first_us, now_us, feed_um_s)
+        return as_action(self._family, self._controller, self.command(), first_us, now_us, feed_um_s)
 
     def _see(self) -> None:
         """Show it the window that the sub-environment has just had."""
@@ -218,7 +222,7 @@ class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Attributes
     ----------
     family : EnvArguments
-        The arguments in force.
+        The arguments; after `change` those of the next episodes.
     reward_space : gymnasium.spaces.Box
         Space of the reward, one entry per objective, as in MO-Gymnasium.
 
@@ -323,9 +327,7 @@ class EdmEnv(_PlainSpec, gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return EpisodeRecorder(sub_envs_of(self._batch), 0, self.family.action_names if actions is None else actions)
 
     def change(self, **options: Any) -> None:
-        """Change arguments, for a curriculum.
-
-        What an episode draws changes from the next one on; weights, limits and `episode_s` change at once.
+        """Change arguments of the next episodes, for a curriculum; an episode that runs keeps its own.
 
         Parameters
         ----------
@@ -518,6 +520,7 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
             threads = whole_from("threads", threads, 1)
         self.family: EnvArguments = arguments_with(task, **options)
         self.render_mode = check_render_mode(render_mode)
+        one_of("autoreset_mode", plain(autoreset_mode), [m.value for m in AutoresetMode])
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = num_envs
@@ -655,7 +658,13 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
         return self._views
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of every environment, or return an attribute of each, as Gymnasium's `SyncVectorEnv` does."""
+        """Call a method of every environment, or return an attribute of each, as Gymnasium's `SyncVectorEnv` does.
+
+        `change` changes all, and is called once.
+        """
+        if name == "change":
+            self.change(*args, **kwargs)
+            return (None,) * self.num_envs
         found = (getattr(view, name) for view in self._views)
         return tuple(value(*args, **kwargs) if callable(value) else value for value in found)
 
@@ -677,9 +686,8 @@ class EdmVectorEnv(_PlainSpec, VectorEnv[NDArray[np.float32], NDArray[np.float32
         for view, value in zip(self._views, each, strict=True):
             view.take(name, value)
 
-
     def change(self, **options: Any) -> None:
-        """Change arguments for the next episodes of all sub-environments, for a curriculum; see `EdmEnv.change`."""
+        """Change arguments of the next episodes of all sub-environments, for a curriculum; see `EdmEnv.change`."""
         self.family = self.family.changed(**options)
         self._batch.change(self.family)
 

@@ -95,8 +95,8 @@ class Task:
         self.family = make_family(name, **options)
         self.max_feed_um_s = self.family.greatest_feed_um_s
         self._sub_envs = SubEnvs(self.family, 1)
-        family = self.family
-        self._account = StepRewards(family.reward_weights, family.error_bound_um, family.energy_bound_mJ, 1)
+        family, self._account = self.family, StepRewards(1)
+        self._account.weigh(0, family.reward_weights, family.error_bound_um, family.energy_bound_mJ)
         self._random = np.random.Generator(np.random.PCG64())
 
     def reset(self, seed: int | None = None, options: Mapping[str, Any] | None = None) -> WindowObservation:

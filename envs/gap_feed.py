@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from edmsim.envs.arguments import above_zero, argument, shows_arguments
+from edmsim.envs.arguments import argument, shows_arguments, within
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.page import page
 from edmsim.envs.scenario import Scenario, even_height
@@ -30,7 +30,7 @@ class GapFeed(Family):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        above_zero("length_mm", self.length_mm, self.reach_mm)
+        within("length_mm", self.length_mm, self.least_mm, self.reach_mm)
 
     def draw_cut(
         self, rng: np.random.Generator, machine: Machine, seed: int, drawn: dict[str, float | str]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from edmsim.envs.arguments import above_zero, argument, ends_of, shows_arguments, within
+from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, shows_arguments, within
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
@@ -17,6 +17,8 @@ from edmsim.plant.workpiece.blanks import SLOT_GAP_UM, started_slot
 from edmsim.plant.workpiece.height_steps import LowerRegion
 
 LEAST_SHARE = 0.2  # least height of a band that may be asked for, as a share of the greatest (ours)
+MOST_BANDS = 2000
+"""Most bands of a cut (ours: ten times those of a shift; to draw them takes a second)."""
 _MARGIN_UM = 2e3  # how far a band reaches beside and beyond the path (ours: well beyond what the wire erodes)
 
 
@@ -31,13 +33,13 @@ class HeightStep(GapFeed):
     """
 
     # ours: a few seconds of cutting each
-    band_mm: tuple[float, float] = argument((0.1, 0.3), "mm", "(low, high) of a band's length")
+    band_mm: Range = argument((0.1, 0.3), "mm", "(low, high) of a band's length")
     low_share: float = argument(0.25, "", f"least height over the greatest, {LEAST_SHARE:g} to 1")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for length in ends_of("band_mm", self.band_mm):
-            above_zero("band_mm", length)
+            within("band_mm", length, max(LEAST_MM, self.length_mm / MOST_BANDS), self.reach_mm)
         within("low_share", self.low_share, LEAST_SHARE, 1.0)
 
     def draw_cut(

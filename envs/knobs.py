@@ -17,6 +17,7 @@ KNOBS = {
 """Knobs there are, and what an action turns; each by a power of 2 within `Family.setting_octaves`. Of period and duty
 factor there can be one: the other follows."""
 MOST_OCTAVES = 4.0  # greatest reach of the knobs either way that may be asked for (ours)
+DETENTS_US = 1e-3, 1000.0  # least and greatest step of a knob (ours: a nanosecond, and the longest on-time)
 Detents = tuple[float, float]
 
 

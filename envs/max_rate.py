@@ -38,7 +38,7 @@ class MaxRate(HeightStep):
     """
 
     length_mm: float = 8.0
-    band_mm: tuple[float, float] = (0.15, 0.5)
+    band_mm: Range = (0.15, 0.5)
     height_mm: Range | None = (30.0, 80.0)
     tension: Range | None = (18.0, 26.0)
     flushing_Pa: Range | None = argument(
@@ -57,12 +57,12 @@ class MaxRate(HeightStep):
     locates_discharges: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be used."""
-        super().__post_init__()
+        """Refuse what cannot be used, the pressures by the name of their argument."""
         if self.flushing_Pa is not None:
             limit = LIMITS["flushing_lower_Pa"]
             for pressure_Pa in ends_of("flushing_Pa", self.flushing_Pa):
                 within("flushing_Pa", pressure_Pa, limit.low, limit.high)
+        super().__post_init__()
 
     @staticmethod
     def own_machine() -> Machine:

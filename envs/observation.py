@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
 from edmsim.compiled.random import normal
-from edmsim.envs.arguments import within
+from edmsim.envs.arguments import whole_within, within
 from edmsim.machine.setting import wire_speed_m_s
-from edmsim.numeric import keep_plain, whole_from
+from edmsim.numeric import keep_plain
 from edmsim.plant.constants import faces_Pa
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
@@ -41,9 +41,8 @@ class Sensors:
         """Refuse what cannot be used."""
         keep_plain(self)
         within("noise_share", self.noise_share, 0.0, 1.0)
-        whole_from("bits", self.bits, 0)
-        within("bits", self.bits, 0, 16)
-        whole_from("delay_steps", self.delay_steps, 0)
+        whole_within("bits", self.bits, 0, 16)
+        whole_within("delay_steps", self.delay_steps, 0, 1000)
 
     @property
     def step(self) -> float:
@@ -118,10 +117,8 @@ class Known:
     corner_deg: Floats
     age_s: Floats  # (n,): time of cutting with the present wire
     broke_at: Floats  # (n,): longest period per on-time at which a wire broke; 0 where none did
-    # arguments of the environment
-    offset_um: float | None
-    wires: int
-    episode_s: float | None
+    offset_um: float | None  # argument of the environment
+    scales: NDArray[np.void]
 
     @cached_property
     def ahead(self) -> tuple[Floats, Floats]:
@@ -158,10 +155,10 @@ OFFSET = Entry(
 """Entry behind those, where an action leads the guides beside the path."""
 WIRES = (
     Entry("wires_lost", 0.0, 1.0, "wires that broke in the episode", "``wires``",
-          lambda k: k.rows["wires_lost"] / k.wires),
+          lambda k: k.rows["wires_lost"] / k.scales["wires"]),
     Entry("wire_age", 0.0, 1.0, "time of cutting with the present wire, s", "60 s", lambda k: k.age_s / WIRE_AGE_S),
     Entry("spent", 0.0, 1.0, "time of cutting, s", "``episode_s``",
-          lambda k: k.rows["elapsed_ns"] * 1e-9 / (k.episode_s or np.inf)),
+          lambda k: k.rows["elapsed_ns"] * 1e-9 / k.scales["episode_s"]),
     Entry("broke_at", 0.0, 1.0, "log2 of the longest period/on-time that broke", "10",
           lambda k: np.log2(np.maximum(k.broke_at, 1.0)) / 10.0),
 )  # fmt: skip
@@ -226,9 +223,12 @@ SCALE = np.dtype(
         ("step", "f8"),
         ("key", "u8"),  # of the noise's draws
         ("draws", "u8"),  # how many there were
+        ("max_feed_um_s", "f8"),  # arguments of the episode by which others are divided
+        ("wires", "f8"),
+        ("episode_s", "f8"),  # infinite for none
     ]
 )
-"""How what windows showed is measured."""
+"""How what is observed is measured."""
 
 
 @exactly_compiled
@@ -258,7 +258,7 @@ def gather(
 
 @exactly_compiled
 def show(
-    indices: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void], max_feed_um_s: float,
+    indices: NDArray[np.int64], shown: NDArray[np.void], scales: NDArray[np.void],
     history: NDArray[np.float32], values: NDArray[np.float64],
 ) -> None:
     """Put what the steps of some sub-environments (m,) showed before what the steps before did; forget the oldest.
@@ -278,8 +278,8 @@ def show(
         values[_VOLTAGE] = s.voltage_V_us / duration_us / scale.open_V
         values[_CURRENT] = s.charge_A_us / duration_us / scale.limit_A
         values[_DELAY] = s.delay_us / ignitions / scale.wait_us if ignitions > 0 else 1.0
-        values[6] = s.feed_um_s / max_feed_um_s
-        values[7] = s.travel_um / (duration_us * 1e-6) / max_feed_um_s
+        values[6] = s.feed_um_s / scale.max_feed_um_s
+        values[7] = s.travel_um / (duration_us * 1e-6) / scale.max_feed_um_s
         values[8] = math.log10(s.t_on_us) / 3.0
         values[9] = math.log10(s.t_period_us) / 4.0
         noise_share, step = scale.noise_share, scale.step

@@ -29,6 +29,7 @@ class ObservationBuilder(Snapshots):
         # (n,) `SHOWN`: what the windows of the present step showed
         self.sums: NDArray[np.void] = np.zeros(count, observation.SHOWN)
         self._scales: NDArray[np.void] = np.zeros(count, observation.SCALE)
+        self._take_arguments(slice(None))
         self._threaded_ns = np.zeros(count, np.int64)
         self._broke_at = np.zeros(count)
         self._values = np.zeros(len(observation.MEASURED))
@@ -40,8 +41,17 @@ class ObservationBuilder(Snapshots):
         self._dials[i] = observation.values_of(observation.DIALS, machine, 1)[0]
         self._scales[i]["key"], self._scales[i]["draws"] = noise_key, 0
         self._broke_at[i] = 0.0
+        self._take_arguments(i)
         self.take_scale(i, row)
         self.thread(i, row)
+
+    def _take_arguments(self, which: int | slice) -> None:
+        """Divide by what the arguments are at the episode's begin."""
+        for name, value in (
+            ("max_feed_um_s", self.family.max_feed_um_s), ("wires", self.family.wires),
+            ("episode_s", self.family.episode_s or np.inf),
+        ):  # fmt: skip
+            self._scales[name][which] = value
 
     def take_scale(self, i: int, row: np.void) -> None:
         """Divide by what belongs to the generator's setting from now on."""
@@ -70,7 +80,7 @@ class ObservationBuilder(Snapshots):
 
     def end_step(self, active: NDArray[np.int64]) -> None:
         """Put the steps of some episodes before those that came earlier."""
-        observation.show(active, self.sums, self._scales, self.family.max_feed_um_s, self._history, self._values)
+        observation.show(active, self.sums, self._scales, self._history, self._values)
 
     def observations(self, rows: NDArray[np.void], corner_um: Floats, corner_deg: Floats) -> NDArray[np.float32]:
         """Return all observations, (n, entries), in a fresh array; corners as `Known` has them."""
@@ -80,7 +90,7 @@ class ObservationBuilder(Snapshots):
         if known:
             age_s = np.asarray((rows["elapsed_ns"] - self._threaded_ns) * 1e-9, np.float64)
             what = observation.Known(
-                rows, corner_um, corner_deg, age_s, self._broke_at, family.offset_um, family.wires, family.episode_s
+                rows, corner_um, corner_deg, age_s, self._broke_at, family.offset_um, self._scales
             )
             parts.append(observation.values_of(known, what, len(rows)))
         return np.concatenate(parts, axis=1)

@@ -11,18 +11,27 @@ from typing import ClassVar
 
 import numpy as np
 
-from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments, within
+from edmsim.envs.arguments import (
+    MOST_TIME_S,
+    Range,
+    above_zero,
+    argument,
+    check_kinds,
+    ends_of,
+    shows_arguments,
+    whole_within,
+    within,
+)
 from edmsim.envs.observation import Entry
+from edmsim.envs.part_cut import PartCut
 from edmsim.envs.reward import WeightsOfTerms
 from edmsim.envs.scenario import names_of
 from edmsim.envs.task import EnvArguments
-from edmsim.errors import InputError
 from edmsim.job.settings import CutSettings
 from edmsim.machine.machine import Machine
 from edmsim.machine.ranges import values_of
 from edmsim.machine.setting import check_height
 from edmsim.machine.technology import Technology, machine_of, read_technology
-from edmsim.numeric import keep_plain, whole_from
 from edmsim.plant.resolution import resolution
 from edmsim.program.outline import Program
 from edmsim.program.path import load_program
@@ -122,25 +131,26 @@ class Part(EnvArguments):
 
     def __post_init__(self) -> None:
         """Refuse what cannot be used, before anything is built."""
-        keep_plain(self)
+        check_kinds(self)
         resolution(self.resolution)
-        for name, least in (("passes", 2), ("wires", 1)):
-            whole_from(name, getattr(self, name), least)
-        if self.only_pass is not None and not 1 <= whole_from("only_pass", self.only_pass, 1) <= self.passes:
-            raise InputError(f"only_pass is {self.only_pass}: there are passes 1 to {self.passes}")
+        whole_within("passes", self.passes, 2, 100)
+        whole_within("wires", self.wires, 1, 10**9)
+        if self.only_pass is not None:
+            whole_within("only_pass", self.only_pass, 1, self.passes)
         for height in ends_of("height_mm", self.height_mm):
             check_height(height)
             self.cut_with.table(height, self.passes)
-        ends_of("tension_share", self.tension_share)
         within("tab_mm", self.tab_mm, 0.0, 100.0)
         for name in ("set_point_octaves", "pause_octaves", "on_time_octaves"):
             above_zero(name, getattr(self, name), MOST_OCTAVES)
         above_zero("offset_um", self.offset_um, MOST_OFFSET_UM)
         within("gauge_um", self.gauge_um, 0.0, MOST_OFFSET_UM)
-        above_zero("episode_s", self.episode_s)
+        above_zero("episode_s", self.episode_s, MOST_TIME_S)
         self._check_reward(TERMS)
         self.drawn_constants  # noqa: B018 - refuses unknown names
-        self.read  # noqa: B018 - refuses a program that cannot be read
+        # what is drawn at most is refused here, and not at a reset
+        heights, shares = (ends_of(name, getattr(self, name)) for name in ("height_mm", "tension_share"))
+        PartCut(self.read, self._settings(heights[1], seed=0), shares[1], self.only_pass)
 
     @cached_property
     def cut_with(self) -> Technology:
@@ -194,8 +204,10 @@ class Part(EnvArguments):
             values = values_of(self.base.sample(rng, names), names)
             drawn |= values
             constants = tuple(values.items())
+        return self._settings(height_mm, int(rng.integers(2**62)), constants)
+
+    def _settings(self, height_mm: float, seed: int, constants: tuple[tuple[str, float], ...] = ()) -> CutSettings:
         return CutSettings(
             passes=self.passes, technology=str(self.technology), material=self.cut_with.material, tab_mm=self.tab_mm,
-            height_mm=height_mm, constants=constants, resolution=self.resolution,
-            seed=int(rng.integers(2**62)),
+            height_mm=height_mm, constants=constants, resolution=self.resolution, seed=seed,
         )  # fmt: skip

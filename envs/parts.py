@@ -33,6 +33,7 @@ NO_STEP = Step(Sums(), 0.0, 0.0, 0.0, False)
 class PartEpisode:
     """An episode, and what its last step did."""
 
+    family: Part  # its arguments
     cut: PartCut
     random: np.random.Generator  # of what is drawn during the episode: the gauge's errors
     tension_share: float
@@ -46,7 +47,6 @@ class PartEpisode:
     cost: float = 0.0
     error_um: float = math.nan
     ra_um: float = math.nan
-    wires: int = 1  # of the episode
 
     @property
     def ended(self) -> bool:
@@ -56,7 +56,12 @@ class PartEpisode:
     @property
     def goes_on(self) -> bool:
         """Whether a wire broke and another is there."""
-        return self.cut.broken and self.cut.wires_lost < self.wires
+        return self.cut.broken and self.cut.wires_lost < self.family.wires
+
+    @property
+    def late(self) -> bool:
+        """Whether its time is over, to the nanosecond, as `PartCut.run` counts it."""
+        return round(self.cut.cutting_s * 1e9) >= round(self.family.episode_s * 1e9)
 
 
 class Parts:
@@ -89,7 +94,7 @@ class Parts:
             drawn: dict[str, float | str] = {}
             cut = self._drawn(rng, drawn)
             gauge = np.random.default_rng(int(rng.integers(2**62)))
-            one = PartEpisode(cut, gauge, float(drawn["tension_share"]), wires=family.wires)
+            one = PartEpisode(family, cut, gauge, float(drawn["tension_share"]))
             if self._prepared(one):
                 break
         else:
@@ -104,9 +109,7 @@ class Parts:
             drawn.clear()
             settings = self.family.draw(rng, drawn)
             try:
-                return PartCut(
-                    self.family.read, settings, float(drawn["tension_share"]), self.family.only_pass
-                )
+                return PartCut(self.family.read, settings, float(drawn["tension_share"]), self.family.only_pass)
             except InputError as error:
                 refused = error
         assert refused is not None
@@ -114,10 +117,10 @@ class Parts:
 
     def _prepared(self, one: PartEpisode) -> bool:
         """Cut the passes before the one that is the episode, as the technology has them; say if they were cut."""
-        cut, only = one.cut, self.family.only_pass
+        cut, only = one.cut, one.family.only_pass
         while only is not None and cut.number < only:
             self._cut(one, np.zeros(len(ACTIONS)))
-            if one.ended or cut.cutting_s >= self.family.episode_s:
+            if one.ended or one.late:
                 return False
         cut.begin_count()
         return True
@@ -158,7 +161,7 @@ class Parts:
 
     def _cut(self, one: PartEpisode, action: Floats) -> None:
         """Cut a pass, and gauge its wall."""
-        family, cut = self.family, one.cut
+        family, cut = one.family, one.cut
         one.number, one.action, one.left_um = cut.number, action, math.nan
         octaves = action[:3] * (family.set_point_octaves, family.pause_octaves, family.on_time_octaves)
         set_point, pause, on_time = (2.0 ** float(octave) for octave in octaves)
@@ -171,10 +174,10 @@ class Parts:
 
     def _pay(self, one: PartEpisode) -> None:
         """Work out what a step earned and cost."""
-        cut, weights = one.cut, self.family.reward_weights
+        cut, weights = one.cut, one.family.reward_weights
         one.terms[TERMS.index("time")] = -weights.time * one.step.seconds / 60.0
         if one.step.broke:
-            threading_s = self.family.base.base.table.threading_s.value
+            threading_s = one.family.base.base.table.threading_s.value
             one.terms[TERMS.index("wire_break")] = -weights.wire_break * threading_s / 60.0
             one.cost = 1.0
         if cut.cause is StopCause.FINISHED:
@@ -193,7 +196,7 @@ class Parts:
     @property
     def out_of_time(self) -> NDArray[np.bool_]:
         """Which sub-environments (n,) have cut for as long as an episode lasts."""
-        return np.array([one is not None and one.cut.cutting_s >= self.family.episode_s for one in self.episodes])
+        return np.array([one is not None and one.late for one in self.episodes])
 
     # --- what is shown ---
 
@@ -204,7 +207,7 @@ class Parts:
         return np.asarray(np.clip(np.array(rows), low, high), np.float32)
 
     def _observation(self, one: PartEpisode) -> list[float]:
-        cut, step, family = one.cut, one.step, self.family
+        cut, step, family = one.cut, one.step, one.family
         sums, measured = step.sums, [0.0] * 8
         if step.seconds > 0.0 and sums.pulses:
             left = one.left_um

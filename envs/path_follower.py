@@ -41,6 +41,8 @@ SUB_ENV = np.dtype(
         ("elapsed_ns", "i8"),  # time of cutting in the episode
         ("step_ns", "i8"),  # time since the last action
         ("drifts_ns", "i8"),  # elapsed time from which on the machine is another
+        ("scrap_ns", "i8"),  # elapsed time up to which what is cut is scrap, and at which the episode is out of time
+        ("ends_ns", "i8"),
         ("settling_ns", "i8"),  # for how long a fresh wire settles yet
         ("steps", "i8"),  # motor steps planned
         ("beside", "i8", 2),  # steps by which the motors are beside the path, where offset_um leads them
@@ -70,6 +72,7 @@ SUB_ENV = np.dtype(
         ("wait_us", "f8"),  # longest wait for an ignition
         ("energy_mJ", "f8"),  # of a discharge of the setting
         ("threading_s", "f8"),  # what a lost wire costs the machine
+        ("near_um", "f8"),  # distance along the path from a corner up to which errors count
     ]
 )
 """Numbers of one sub-environment."""

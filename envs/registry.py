@@ -45,7 +45,7 @@ def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     Parameters
     ----------
     env_id : str
-        ``"lab/Bend-v0"``; what is there under this id is replaced.
+        ``"lab/Bend-v0"``; an own environment that is there under this id is replaced.
     family : type
         `GapFeed`, `HeightStep`, `Corner`, `Contour` or another of edmsim's, or a subclass of one.
     **arguments
@@ -54,10 +54,13 @@ def register(env_id: str, family: type[EnvArguments], **arguments: Any) -> None:
     Raises
     ------
     InputError
-        The family derives from none of edmsim, or an argument cannot be used.
+        The id is another's, the family derives from none of edmsim, or an argument cannot be used.
     TypeError
         An unknown argument.
     """
+    short, there = env_id.removeprefix("edmsim/").partition("-v")[0], registry.get(env_id)
+    if short in _REGISTERED or (there is not None and "task" not in there.kwargs):
+        raise InputError(f"{env_id} names an environment that is not your own: choose another, as 'lab/{short}-v0'")
     base = base_of(family)
     family.of(**arguments)
     registry.pop(env_id, None)
@@ -89,6 +92,10 @@ def family_of(name: str) -> type[EnvArguments]:
 def find(name: str | type[EnvArguments]) -> tuple[type[EnvArguments], dict[str, Any]]:
     """Return the record of an environment's arguments, by name, id or itself, and those it was registered with."""
     if isinstance(name, type):
+        from edmsim.envs.task import EnvArguments
+
+        if not issubclass(name, EnvArguments):
+            raise InputError(f"the family {name.__name__} must derive from one of {', '.join(_REGISTERED)}")
         return name, {}
     short, _, version = str(name).removeprefix("edmsim/").partition("-v")
     if short in _REGISTERED and version in ("", str(_REGISTERED[short].version)):

@@ -8,25 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edmsim.compiled.jit import exactly_compiled
+from edmsim.envs.arguments import within
 from edmsim.envs.path_follower import DONE, RUNNING
-from edmsim.numeric import finite, keep_plain
+from edmsim.numeric import keep_plain
 from edmsim.plant.kernel.state import ARC, OPEN, SHORT, SPARK
 
 REFERENCE_MM2_MIN = 30.0  # cutting rate that earns 1 per reference window (ours: about what the standard set-up cuts)
 REFERENCE_S = 0.0255  # the reference window: 255 pulses of 100 us, the standard setting
 REFERENCE_MM2 = REFERENCE_MM2_MIN / 60 * REFERENCE_S  # area cut in a reference window at the reference rate
+MOST_WEIGHT = 1e9  # greatest weight of a term (ours: beyond all use; rewards stay finite)
 ERROR_UM = 10.0
 """Profile error that costs as much as the progress made with it earns, at equal weights (ours: what rounds a sharp
 corner at the standard setting)."""
 
 @dataclass(frozen=True, kw_only=True)
 class WeightsOfTerms:
-    """Weights of a reward's terms, each a finite number of 0 or more."""
+    """Weights of a reward's terms, each a number from 0 to `MOST_WEIGHT`."""
 
     def __post_init__(self) -> None:
         """Refuse any other weight."""
         for f in fields(self):
-            finite(f"the weight {f.name}", getattr(self, f.name), 0.0)
+            within(f"the weight {f.name}", getattr(self, f.name), 0.0, MOST_WEIGHT)
         keep_plain(self)
 
 
@@ -72,12 +74,16 @@ _WEIGHTS = np.dtype([(name, "f8") for name in TERMS] + [("error_um", "f8"), ("en
 class StepRewards:
     """Rewards and costs of the sub-environments' steps; time beyond a bound of path error or energy costs."""
 
-    def __init__(
-        self, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None, count: int
-    ) -> None:
-        bounds = (np.inf if bound is None else bound for bound in (error_bound_um, energy_bound_mJ))
-        self._weights = np.array([(*(getattr(weights, name) for name in TERMS), *bounds)], _WEIGHTS)
+    def __init__(self, count: int) -> None:
+        self._weights: NDArray[np.void] = np.zeros(count, _WEIGHTS)
         self.rows: NDArray[np.void] = np.zeros(count, _ACCOUNT)  # (n,) of the last step
+
+    def weigh(
+        self, index: int, weights: Weights, error_bound_um: float | None, energy_bound_mJ: float | None
+    ) -> None:
+        """Weigh the steps of a sub-environment's next episode."""
+        bounds = (np.inf if bound is None else bound for bound in (error_bound_um, energy_bound_mJ))
+        self._weights[index] = (*(getattr(weights, name) for name in TERMS), *bounds)
 
     @property
     def terms(self) -> dict[str, NDArray[np.float64]]:
@@ -111,10 +117,9 @@ def _add(
     weights: NDArray[np.void], accounts: NDArray[np.void],
 ) -> None:
     """Add a window's terms, their sum, its cost and its area."""
-    weight = weights[0]
     for j in range(indices.shape[0]):
         i = indices[j]
-        row, window, account = rows[i], windows[i], accounts[i]
+        row, window, account, weight = rows[i], windows[i], accounts[i], weights[i]
         error = row.error_um if near[i] else 0.0
         counts, cause, energy_mJ, spent_ns = window.counts, row.cause, row.energy_mJ, window.duration_ns
         shorts, opens = counts[SHORT], counts[OPEN]

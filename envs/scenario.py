@@ -81,8 +81,6 @@ def names_of(machine: Machine, randomise: Sequence[str] | None, mechanics: str) 
     """Return the constants that an episode draws: those named, or, for no names, all drawn by themselves."""
     if randomise is None:
         return ()
-    if isinstance(randomise, bool | str):
-        raise InputError(f"randomise is {randomise!r}: give sections or constants, () for all, or None for none")
     without = _TIMES + (() if mechanics == "mujoco" else DRY) + (() if any(standoffs_mm(machine)) else NOZZLES)
     if not randomise:
         return tuple(name for name in machine.uncertain() if name not in (*without, *DIALS))

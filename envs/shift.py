@@ -102,7 +102,7 @@ class MaxRateShift(MaxRate, Shift):
     """
 
     length_mm: float = LENGTH_MM
-    band_mm: tuple[float, float] = WORKPIECES_MM
+    band_mm: Range = WORKPIECES_MM
     low_share: float = 0.5
     episode_s: float | None = SHIFT_S
     wires: int = WIRES
@@ -124,7 +124,7 @@ class ThinWireShift(ThinWire, Shift):
     """
 
     length_mm: float = LENGTH_MM
-    band_mm: tuple[float, float] = WORKPIECES_MM
+    band_mm: Range = WORKPIECES_MM
     low_share: float = 0.5
     height_mm: Range | None = (8.0, 20.0)
     episode_s: float | None = SHIFT_S

@@ -54,7 +54,8 @@ class SubEnvs:
     """Episodes of one family; `threads` share the pulse loop."""
 
     def __init__(self, family: Family, count: int, threads: int = 1) -> None:
-        self.family = family
+        self.family = family  # of the next episodes
+        self.families = [family] * count  # of the present one of each
         self.count = count
         centre_um = family.base.base.table.centre_um
         self.fleet = Fleet([self._plant(family.base, 0, position_um=centre_um) for _ in range(count)], threads)
@@ -99,8 +100,8 @@ class SubEnvs:
         another = None if same else machine
         plant.reset(scenario.plant_seed, stock=scenario.stock, position_um=position, machine=another)
         self.fleet.windows[index] = np.zeros((), self.fleet.windows.dtype)
-        self.scenarios[index] = scenario
-        self.refused[index] = ""
+        self.scenarios[index], self.families[index] = scenario, self.family
+        self.refused[index], self.near[index] = "", True
         self.rows[index] = np.zeros((), SUB_ENV)
         self._take_constants(index, machine)
         self.rows[index]["total_um"] = sum(float(np.hypot(*np.diff(leg, axis=0).T).sum()) for leg in scenario.legs_um)
@@ -117,7 +118,10 @@ class SubEnvs:
         row["step_um"] = table.step_um.value
         row["table_um"] = table.travel_mm.value * 1e3
         row["threading_s"] = table.threading_s.value
-        row["latency_ns"] = round(self.family.latency_s * 1e9)
+        family = self.families[index]
+        row["latency_ns"], row["scrap_ns"] = round(family.latency_s * 1e9), int(family.scrap_s * 1e9)
+        row["ends_ns"] = NEVER_NS if family.episode_s is None else min(round(family.episode_s * 1e9), NEVER_NS)
+        row["near_um"] = np.inf if family.near_corner_um is None else family.near_corner_um
         row["first_setting_us"] = machine.t_on_us, machine.t_period_us
         self._take_setting(index)
 
@@ -166,7 +170,7 @@ class SubEnvs:
 
     def set_generator(self, index: int, t_on_us: float, t_period_us: float) -> None:
         """Set the generator to the nearest detents; a setting that it refuses is not made, and `refused` says why."""
-        setting = to_detents(t_on_us, t_period_us, self.family.detents_us)
+        setting = to_detents(t_on_us, t_period_us, self.families[index].detents_us)
         self.refused[index] = ""
         if setting == tuple(self.rows[index]["setting_us"]):
             return
@@ -201,9 +205,8 @@ class SubEnvs:
             indices, rows, *code, self.planners, *path, self._height_from, self._heights, fleet.states, fleet.windows,
             _NO_STEPS,
         )
-        if self.family.scrap_s:
-            testing = indices[rows["elapsed_ns"][indices] <= self.family.scrap_s * 1e9]
-            rows["area_mm2"][testing] = 0.0
+        testing = indices[rows["elapsed_ns"][indices] <= rows["scrap_ns"][indices]]
+        rows["area_mm2"][testing] = 0.0
         self._count_errors(indices)
         if len(failed):
             rows["cause"][failed[fleet.windows["broken"][failed] == 0]] = OUT_OF_RANGE
@@ -235,12 +238,12 @@ class SubEnvs:
         self.rows[index]["drifts_ns"] = elapsed_ns + round(scenario.drift.every_s * 1e9)
 
     def _count_errors(self, indices: Ints) -> None:
-        near_um = self.family.near_corner_um
         if self.family.finishes_wall:
             for index in indices:
                 self._measure_wall(int(index))
-        elif near_um is not None:
-            self.near = (np.abs(self.corner_um - self.rows["reached_um"][:, None]) <= near_um).any(axis=1)
+        elif np.isfinite(near_um := self.rows["near_um"]).any():
+            way_um = np.abs(self.corner_um - self.rows["reached_um"][:, None])
+            self.near = (way_um <= near_um[:, None]).any(axis=1)
 
     def _measure_wall(self, index: int) -> None:
         """Let the sub-environment's error be that of the wall just finished; none counts before there is one."""
@@ -257,16 +260,14 @@ class SubEnvs:
     @property
     def out_of_time(self) -> NDArray[np.bool_]:
         """Which sub-environments (n,) have cut for as long as an episode lasts."""
-        if self.family.episode_s is None:
-            return np.zeros(self.count, np.bool_)
-        return np.asarray(self.rows["elapsed_ns"] >= round(self.family.episode_s * 1e9))
+        return np.asarray(self.rows["elapsed_ns"] >= self.rows["ends_ns"])
 
     def _lose_wire(self, index: int) -> None:
         """Thread the next wire where the last one broke, if the episode has one."""
         row, plant = self.rows[index], self.fleet.plants[index]
         row["wires_lost"] += 1
         self.lost.append((index, tuple(row["setting_us"].tolist())))
-        if row["wires_lost"] >= self.family.wires:
+        if row["wires_lost"] >= self.families[index].wires:
             return
         row["cause"] = RUNNING
         row["settling_ns"], row["shorted_s"] = SETTLING_NS, 0.0

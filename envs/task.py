@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -16,15 +17,17 @@ from edmsim.controllers.planner.registry import kind_of, position_unit
 from edmsim.envs import knobs as generator
 from edmsim.envs import servo
 from edmsim.envs.arguments import (
+    MOST_TIME_S,
     Range,
     above_zero,
     argument,
+    check_kinds,
     ends_of,
     machine_of,
-    no_text,
     one_of,
     record_of,
     shows_arguments,
+    whole_within,
     within,
 )
 from edmsim.envs.observation import EXACT, Entry, Sensors, entries
@@ -32,19 +35,23 @@ from edmsim.envs.reward import TERMS, Weights
 from edmsim.envs.scenario import Scenario, draw_machine, names_of
 from edmsim.errors import InputError
 from edmsim.machine.machine import Machine
-from edmsim.machine.setting import check_height
-from edmsim.numeric import keep_plain, whole_from
 from edmsim.plant.plant import MECHANICS
 from edmsim.plant.resolution import resolution
 
 Floats = NDArray[np.float64]
 
+MOST_FEED_UM_S = 100_000.0
+"""Greatest feed that may be asked for: that of the files of machines."""
+ENERGIES_MJ = 1e-6, 1e6  # of discharges, within which a bound of them is (ours: beyond those of all generators)
 MAX_FEED_UM_S = 100.0
 """Feed an action of 1 may ask for (ours: about twice the cutting rate of the standard set-up 10 mm high)."""
 MOST_OFFSET_UM = 100.0
 """Greatest offset from the path that may be asked for (ours: well beyond what a wire is bent by)."""
 ROOM_MM = 2.5  # length of table that a cut leaves free before the end switches (ours)
-ACTIONS = ("change", "speed", "servo")
+MOST_HISTORY = 10_000
+"""Most steps in an observation (ours: those of a whole episode; they take some 600 kB)."""
+MOST_DECISION_S = 3600.0
+"""Longest time between two actions (ours: longer than any episode by far; it is simulated in some minutes)."""
 LASTING = ("resolution", "mechanics", "planner", "action", "knobs", "offset_um", "sensors", "history", "objectives")
 """Arguments that decide on spaces and plants: they stay as long as the environment does."""
 
@@ -78,7 +85,6 @@ class EnvArguments(ABC):
         return self.own_weights if self.weights is None else self.weights
 
     def _check_reward(self, terms: Sequence[str]) -> None:
-        no_text("objectives", self.objectives)
         for term in self.objectives:
             one_of("objective", term, terms)
         within("cost_limit", self.cost_limit, 0.0, 1e9)
@@ -201,43 +207,54 @@ class Family(EnvArguments):
 
     def __post_init__(self) -> None:
         """Refuse what cannot be used, before anything is built."""
-        keep_plain(self)
+        check_kinds(self)
         resolution(self.resolution)
-        one_of("action", self.action, ACTIONS)
         one_of("mechanics", self.mechanics, MECHANICS)
         self._check_numbers()
-        if self.height_mm is not None:
-            for height in ends_of("height_mm", self.height_mm):
-                check_height(height)
-        if self.tension is not None:
-            ends_of("tension", self.tension)
-        for name in ("materials", "knobs"):
-            no_text(name, getattr(self, name))
         generator.check_knobs(self.knobs)
         self._check_reward(TERMS)
         self._grid_um(self.base)
-        if self.drawn_constants:
-            self.base.sample(np.random.default_rng(0), self.drawn_constants)
+        self._check_draws()
 
     def _check_numbers(self) -> None:
-        for name in ("history", "wires", "machine_episodes"):
-            whole_from(name, getattr(self, name), 1)
+        whole_within("history", self.history, 1, MOST_HISTORY)
+        for name in ("wires", "machine_episodes"):
+            whole_within(name, getattr(self, name), 1, 10**9)
         for name in ("max_feed_um_s", "max_change_um_s"):
-            above_zero(name, getattr(self, name))
+            above_zero(name, getattr(self, name), MOST_FEED_UM_S)
         above_zero("setting_octaves", self.setting_octaves, generator.MOST_OCTAVES)
-        for name in ("decision_s", "episode_s", "near_corner_um", "error_bound_um", "energy_bound_mJ"):
+        for name, most in (
+            ("decision_s", MOST_DECISION_S), ("episode_s", MOST_TIME_S), ("near_corner_um", math.inf),
+            ("error_bound_um", math.inf), ("offset_um", MOST_OFFSET_UM),
+        ):  # fmt: skip
             if getattr(self, name) is not None:
-                above_zero(name, getattr(self, name))
+                above_zero(name, getattr(self, name), most)
+        if self.energy_bound_mJ is not None:
+            within("energy_bound_mJ", self.energy_bound_mJ, *ENERGIES_MJ)
         for value in self.detents_us:
-            above_zero("detents_us", value)
-        if self.offset_um is not None:
-            above_zero("offset_um", self.offset_um, MOST_OFFSET_UM)
+            within("detents_us", value, *generator.DETENTS_US)
         within("start_feed_um_s", self.start_feed_um_s, -self.max_feed_um_s, self.max_feed_um_s)
         for share in self.servo_target_share:
             within("servo_target_share", share, 0.0, 1.0)
+        if self.servo_target_share[0] == self.servo_target_share[1]:
+            raise InputError(f"servo_target_share is {self.servo_target_share!r}: give two that differ")
         for gain in self.servo_gains:
             above_zero("servo_gains", gain)
         within("latency_s", self.latency_s, 0.0, 1.0)
+
+    def _check_draws(self) -> None:
+        """Refuse ranges with an end to which a machine cannot be set, before a reset draws it."""
+        ranges = {name: ends_of(name, value) for name, value in self.drawn_settings.items() if value is not None}
+        for base in self._bases:
+            for name, ends in ranges.items():
+                for end in ends:
+                    try:
+                        base.with_(**{name: end})
+                    except InputError as error:
+                        raise InputError(f"{name} is {ends}: {error.reason}; None takes the machine's own") from None
+            if self.drawn_constants:
+                most = base.with_(**{name: high for name, (_, high) in ranges.items()})
+                most.sample(np.random.default_rng(0), self.drawn_constants)
 
     @cached_property
     def base(self) -> Machine:
@@ -287,6 +304,11 @@ class Family(EnvArguments):
     def reach_mm(self) -> float:
         """Greatest distance from the table's centre that a cut may lead to."""
         return self.base.base.table.travel_mm.value / 2 - ROOM_MM
+
+    @property
+    def least_mm(self) -> float:
+        """Shortest piece of a path: a unit of the planner, or what `Course` does not leave out (ours)."""
+        return max(5e-4, self._grid_um(self.base) * 1e-3)
 
     @cached_property
     def measured_by(self) -> Sensors:

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from edmsim.envs.arguments import Range, above_zero, argument, ends_of, shows_arguments
+from edmsim.envs.arguments import LEAST_MM, Range, argument, ends_of, shows_arguments, within
 from edmsim.envs.environment import EdmEnv
 from edmsim.envs.gap_feed import GapFeed
 from edmsim.envs.page import page
@@ -21,6 +21,8 @@ from edmsim.plant.workpiece.wall import WallLine
 
 GAP_UM = 28.0
 """Gap beside the wire for which the path is laid out (ours: what the standard set-up leaves at 100 um/s)."""
+LEAST_RATIO = 4.0
+"""Length of a wave over its height, at the least: its arcs are flat, and meet in ridges."""
 ROOM_UM = 1.0  # least gap that the highest ridge must leave at first (ours)
 
 
@@ -35,9 +37,9 @@ class Trim(GapFeed):
     """
 
     length_mm: float = argument(1.0, "mm", "length of the pass")
-    wave_um: tuple[float, float] = argument((4.0, 10.0), "um", "(low, high) of the waves' height, ridge to bottom")
-    wave_mm: tuple[float, float] = argument((0.2, 0.6), "mm", "(low, high) of their length")
-    allowance_um: tuple[float, float] = argument((4.0, 12.0), "um", "(low, high) of the metal to remove")
+    wave_um: Range = argument((4.0, 10.0), "um", "(low, high) of the waves' height, ridge to bottom")
+    wave_mm: Range = argument((0.2, 0.6), "mm", "(low, high) of their length")
+    allowance_um: Range = argument((4.0, 12.0), "um", "(low, high) of the metal to remove")
     height_mm: Range | None = (10.0, 40.0)
     action: Literal["change", "speed", "servo"] = "speed"
     knobs: Sequence[str] = ("on_time", "duty_factor")
@@ -54,10 +56,10 @@ class Trim(GapFeed):
     def __post_init__(self) -> None:
         """Refuse what cannot be used."""
         super().__post_init__()
-        for name in ("wave_um", "wave_mm", "allowance_um"):
-            for value in ends_of(name, getattr(self, name)):
-                above_zero(name, value)
-        proud_um = max(ends_of("allowance_um", self.allowance_um)) + max(ends_of("wave_um", self.wave_um)) / 2
+        highest_um = ends_of("wave_um", self.wave_um)[1]
+        for length in ends_of("wave_mm", self.wave_mm):
+            within("wave_mm", length, max(LEAST_MM, LEAST_RATIO * highest_um * 1e-3), self.reach_mm)
+        proud_um = ends_of("allowance_um", self.allowance_um)[1] + highest_um / 2
         if proud_um > GAP_UM - ROOM_UM:
             raise InputError(
                 f"allowance_um and half of wave_um may come to {proud_um:g} um, and the wire would stand in the "

@@ -11,6 +11,7 @@ from edmsim.machine.parts import Constant, SetUp
 
 WINDOW_PULSES = 255  # pulses of a window: the cycle of the analyser that counts them (row T-40)
 WIRE_DIAMETER_UM = (20.0, 400.0)  # wire diameters of the field (thesis 1982, section 2.7.1)
+TENSION_N = (0.01, 300.0)  # ours: from 20 um copper to what breaks 400 um molybdenum
 LIMITS = limits_of(SetUpOptions)  # limits of the options of a set-up, by name
 
 
@@ -174,8 +175,9 @@ def check(machine: SetUp) -> None:
         hint = f"; {machine.wire_diameter_um:g} mm are {meant_um:g} um" if low <= meant_um <= high else ""
         raise InputError(f"wire diameter {machine.wire_diameter_um:g} um is not within {low:g}..{high:g} um{hint}")
     check_height(machine.height_mm)
-    if not machine.tension > 0:
-        raise InputError(f"wire tension {machine.tension:g} N must be above zero")
+    low, high = TENSION_N
+    if not low <= machine.tension <= high:
+        raise InputError(f"wire tension {machine.tension:g} N is not within {low:g}..{high:g} N")
     if machine.tension >= machine.breaking_force:
         raise InputError(
             f"wire tension {machine.tension:g} N breaks the {machine.wire_diameter_um:g} um {machine.wire_name} wire "

@@ -32,7 +32,7 @@ from edmsim.program.passes import PassPlan
 from edmsim.program.path import CutPath
 from edmsim.recording.report import CLOCKS, Report, kinds_of
 from edmsim.runs import Engine, LostJob, Processes, digest
-from edmsim.sweep.specification import Specification, SweepRun, checked, combinations, runs_of
+from edmsim.sweep.specification import Specification, SweepRun, arguments_of, checked, combinations, runs_of
 from edmsim.sweep.table import Outcome, Store
 
 FIGURES = {kind.column: kind for kind in (*kinds_of(Report).values(), *kinds_of(Result).values()) if kind.column}
@@ -139,7 +139,7 @@ def _recorded(run: SweepRun, result: Any) -> dict[str, bytes]:
 def _episode(run: SweepRun) -> dict[str, Any]:
     from edmsim.envs.registry import resolve
 
-    options = dict(run.settings)
+    options = arguments_of(run.settings)
     controller, resolution = str(options.pop("controller")), str(options.pop("resolution"))
     result = cut(resolve(run.task), run.seed, controller, resolution, **options)
     return {"outcome": result.outcome, **values_of(result)}

@@ -129,7 +129,7 @@ class Specification(BaseModel, extra="forbid", frozen=True):
     sample_only: list[str] | None = None  # sections and constants to draw; by default all
     recordings: list[Recorded] = []
     # options of a cut, or ``controller`` and arguments of the environment, for every run; constants by
-    # ``section.key``
+    # ``section.key``, entries of an argument that is a mapping by ``weights.short``
     settings: dict[str, Any] = {}
     grid: dict[str, list[Any]] = {}  # lists of values of further settings; every combination is run
     sobol: SobolSample | None = None  # points to run with every combination of the grid
@@ -330,26 +330,42 @@ def _option(name: str, spec: Specification) -> str:
 
 def checked(task: str, combination: Mapping[str, Any], is_cut: bool) -> dict[str, Any]:
     """Return all settings of a run, those left out at their defaults."""
-    options = {name: value for name, value in combination.items() if "." not in name}
-    constants = {name: value for name, value in combination.items() if "." in name}
     if is_cut:
+        options = {name: value for name, value in combination.items() if "." not in name}
+        constants = {name: value for name, value in combination.items() if "." in name}
         check_names(constants)
         settings = CutSettings.model_validate({**options, "constants": constants})
         from_text(str(settings.controller))
         return settings.model_dump(mode="json", exclude={"seed"})
-    if constants:
-        named = ", ".join(constants)
-        raise InputError(f"an environment draws its constants itself (randomise): {named} cannot be set")
-    return _arguments(task, options)
+    return _arguments(task, combination)
 
 
-def _arguments(env_id: str, options: dict[str, Any]) -> dict[str, Any]:
-    """Return an environment's arguments, with the controller and the resolution among them."""
+MAPPINGS = "weights", "sensors", "machine"
+"""Arguments of an environment that are mappings; a setting ``weights.short`` is an entry of one."""
+
+
+def arguments_of(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of an environment, with mappings of the settings that are their entries."""
+    found = {name: value for name, value in settings.items() if "." not in name}
+    mappings: dict[str, Any] = {}
+    for name in (name for name in settings if name not in found):
+        mapping, _, entry = name.partition(".")
+        if mapping not in MAPPINGS:
+            raise InputError(f"an environment draws its constants itself (randomise): {name} cannot be set")
+        if mapping in found:
+            raise InputError(f"{mapping} and {name} are both given: give one of them")
+        mappings.setdefault(mapping, {})[entry] = settings[name]
+    return {**found, **mappings}
+
+
+def _arguments(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an environment's settings, with the controller and the resolution among them."""
     from edmsim.envs.registry import make_family, resolve
 
-    name = resolve(env_id)
+    name, arguments = resolve(env_id), arguments_of(options)
+    arguments.pop("controller", None)
     try:
-        family = make_family(name, **{key: value for key, value in options.items() if key != "controller"})
+        family = make_family(name, **arguments)
     except TypeError as error:
         raise InputError(f"{env_id} cannot take these arguments: {error}") from None
     full = {"controller": "counts", "resolution": str(family.resolution), **options}

@@ -219,12 +219,37 @@ def test_a_sub_environment_may_keep_its_machine(make_envs):
     assert heights[0] == heights[1] != heights[2] == heights[3]
 
 
-def test_what_comes_next_may_be_changed(make_env):
-    env = make_env("GapFeed").unwrapped
-    env.change(height_mm=[7.0, 7.0], weights={"short": 2.0})
-    assert env.reset(seed=1)[1]["drawn"]["height_mm"] == 7.0
+CHANGES = {
+    "height_mm": 7.0, "weights": {"time": 2.0}, "episode_s": 0.4, "decision_s": 0.1, "servo_gains": (1.0, 2.0),
+    "servo_target_share": (0.1, 0.9), "max_feed_um_s": 20.0, "setting_octaves": 0.5, "detents_us": (2.0, 3.0),
+    "near_corner_um": None, "energy_bound_mJ": 0.1, "latency_s": 0.01, "wires": 7,
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "more"), [("Corner", {}), ("ThinWire", {}), ("GapFeed", {"max_change_um_s": 1.0})])
+def test_a_change_counts_from_each_next_episode(make_envs, actions_of, name, more):
+    kinds = {"autoreset_mode": "Disabled", "max_episode_steps": 50}
+    envs, as_before = make_envs(name, 2, **kinds), make_envs(name, 2, **kinds)
+    as_changed = make_envs(name, 2, **kinds, **CHANGES, **more)
+    for each in (envs, as_before, as_changed):
+        each.reset(seed=1)
+    assert envs.call("change", **CHANGES, **more) == (None, None)
+    for number, actions in enumerate(actions_of(envs.single_action_space, 20, 2)):
+        if number == 6:
+            for each in (envs, as_changed):
+                each.reset(seed=1, options={"reset_mask": np.array([False, True])})
+        old = as_before.step(actions)
+        new = as_changed.step(actions) if number >= 6 else old
+        *found, infos = envs.step(actions)
+        for value, before, after in zip(found, old, new, strict=False):
+            np.testing.assert_array_equal(value, np.stack([before[0], after[1]]))
+        assert infos["cost"].tolist() == [old[4]["cost"][0], new[4]["cost"][1]]
+        if found[3][1]:
+            break
+    assert found[3].tolist() == [False, True]
     with pytest.raises(InputError, match="history cannot change between episodes"):
-        env.change(history=1)
+        envs.change(history=1)
 
 
 def test_a_machine_that_is_passed_is_written_out(make_env):

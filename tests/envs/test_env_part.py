@@ -180,6 +180,7 @@ def test_what_cannot_be_is_refused_in_one_line(small):
         ({"height_mm": 300.0}, "height"), ({"program": "none.ngc"}, "none.ngc"),
         ({"technology": "brass"}, "technology"), ({"objectives": ["progress"]}, "objective"),
         ({"offset_um": 0.0}, "offset_um"), ({"weights": {"speed": 1}}, "weights"),
+        ({"tension_share": 10.0}, "breaks"), ({"weights": edmsim.envs.Weights()}, "give PartWeights or None"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=named):
             gym.make(ID, **{**small, **arguments})

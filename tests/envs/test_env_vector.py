@@ -165,12 +165,21 @@ def test_partial_first_reset_is_not_enough(make_envs):
         envs.step(np.zeros((2, 1), np.float32))
 
 
-@pytest.mark.parametrize(("name", "value"), [("num_envs", 0), ("threads", 0), ("max_episode_steps", 1.5)])
-def test_bad_numbers(name, value):
+@pytest.mark.parametrize(
+    ("name", "value"), [("num_envs", 0), ("threads", 0), ("max_episode_steps", 1.5), ("autoreset_mode", "bad")]
+)
+def test_bad_arguments(name, value):
     from edmsim.envs import EdmVectorEnv
 
     with pytest.raises(InputError, match=name):
         EdmVectorEnv("GapFeed", **{name: value})
+
+
+def test_a_specification_comes_back_from_json(make_envs):
+    envs = make_envs("GapFeed", 2, autoreset_mode=AutoresetMode.SAME_STEP)
+    spec = gym.envs.registration.EnvSpec.from_json(envs.spec.to_json())
+    again = gym.make_vec(spec, num_envs=3, vectorization_mode="vector_entry_point")
+    assert again.autoreset_mode is AutoresetMode.SAME_STEP
 
 
 @pytest.mark.slow

@@ -138,11 +138,17 @@ def test_what_cannot_be_registered_is_reported() -> None:
 
     with pytest.raises(InputError, match="must derive from one of"):
         register("lab/Wrong-v0", Alone)
+    with pytest.raises(InputError, match="the family int must derive from one of"):
+        make_family(int)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="leg_mm is -1"):
         register("lab/Wrong-v0", Corner, leg_mm=-1)
     with pytest.raises(TypeError, match="no argument 'colour'"):
         register("lab/Wrong-v0", Corner, colour="red")
     assert "lab/Wrong-v0" not in gym.registry
+    for other in ("edmsim/GapFeed-v2", "edmsim/GapFeed-v9", "GapFeed", "CartPole-v1"):
+        with pytest.raises(InputError, match=f"{other} names an environment that is not your own"):
+            register(other, Corner)
+    assert type(make_family("GapFeed")) is GapFeed
 
 
 def test_what_a_file_does_not_register_is_reported(bend: str) -> None:

@@ -108,6 +108,8 @@ def test_what_is_no_sweep_is_refused_in_one_line(line: Path, options: dict[str, 
 @pytest.mark.parametrize(("options", "named"), [
     ({"machine_samples": 2}, "randomise"), ({"recordings": "all"}, "no recordings"),
     ({"settings": {"colour": 1}}, "colour"), ({"settings": {"gap.critical_um": 5}}, "randomise"),
+    ({"grid": {"weights.colour": [1]}}, "weights has no entry 'colour'"),
+    ({"grid": {"machine.wire": ["brass-200"]}, "settings": {"machine": "production"}}, "give one of them"),
 ])  # fmt: skip
 def test_what_an_environment_cannot_do_is_refused(options: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError, match=named):

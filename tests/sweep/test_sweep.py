@@ -313,6 +313,20 @@ def test_controllers_are_swept_in_environments() -> None:
 
 
 @pytest.mark.slow
+def test_entries_of_mappings_are_swept_in_environments() -> None:
+    spec = Specification(
+        environment="edmsim/GapFeed-v2", grid={"weights": {"time": [0, 1]}},
+        settings={"resolution": "fast", "length_mm": 0.05, "machine": {"wire": "brass-200"}, "tension": 5},
+    )  # fmt: skip
+    free, timed = (perform(run).row for run in runs_of(spec))
+    assert free["error"] is timed["error"] is None
+    assert (free["weights.time"], timed["weights.time"]) == (0, 1)
+    assert free["machine.wire"] == "brass-200"
+    assert free["total_return"] > timed["total_return"]
+    assert free["cutting_rate_mm2_min"] == timed["cutting_rate_mm2_min"]
+
+
+@pytest.mark.slow
 def test_a_killed_driver_leaves_no_process_and_nothing_is_done_twice(
     two_controllers: Specification, tmp_path: Path
 ) -> None:

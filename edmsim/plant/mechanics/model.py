@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from edmsim.errors import InputError
+from edmsim.machine.setting import TENSION_N
 from edmsim.plant.mechanics import mjcf
 from edmsim.plant.mechanics.modes import Linear, Modes, block_modes, check_independent, linearise
 
@@ -29,7 +30,7 @@ MODEL_FILE = "agiecut_dem15.xml"  # the machine in `edmsim.models`
 _ALLOWED: dict[str, tuple[float, float, str]] = {
     "diameter_m": (20e-6, 400e-6, "m (20 to 400 um)"),  # T-13
     "density_kg_m3": (1e3, 25e3, "kg/m3"),  # magnesium to beyond tungsten
-    "tension": (0.01, 300.0, "N"),  # ours: from 20 um copper to what breaks 400 um molybdenum
+    "tension": (*TENSION_N, "N"),
     "guide_distance_m": (1e-3, 0.5, "m (1 to 500 mm)"),  # ours
     "damping_ratio": (0.0, 5.0, "of critical"),  # ours
     "slot_m": (0.0, 0.5, "m (0 to 500 mm)"),
