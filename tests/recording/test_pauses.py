@@ -102,46 +102,47 @@ def test_travel_never_points_to_another_contour() -> None:
     np.testing.assert_allclose(ahead[50:], np.tile([0.0, 1.0], (50, 1)))
 
 
-@pytest.fixture(scope="module")
-def drawn(cut: SimpleNamespace) -> Figure:
+def pause_of(windows):
+    """Minutes between which a wire is threaded."""
+    time = column(windows, "t_s")
+    row = int(pause_rows(time)[0])
+    return time[row - 1] / 60, time[row] / 60
+
+
+def series_figure(windows):
     figure = NotebookFigure()
-    draw_series(list(figure.subplots(len(PANELS))), threaded(cut.windows))
+    draw_series(list(figure.subplots(len(PANELS))), windows)
     return figure
 
 
-def test_no_curve_runs_over_a_pause_and_it_is_marked(cut: SimpleNamespace, drawn: Figure) -> None:
-    time = column(threaded(cut.windows), "t_s")
-    row = int(pause_rows(time)[0])
-    begin, end = time[row - 1] / 60, time[row] / 60
-    for axes in drawn.axes:
-        spans = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
-        assert any((span.x0, span.x1) == pytest.approx((begin, end)) for span in spans)
-        curves = [line.get_xdata() for line in axes.lines if len(line.get_xdata()) > 2]
-        areas = [path.vertices[:, 0] for kind in axes.collections if isinstance(kind, PolyCollection)
-                 for path in kind.get_paths()]  # fmt: skip
-        for x in [*curves, *areas]:
-            assert x.max() <= begin + 1e-9 or x.min() >= end - 1e-9
-    labels = [text.get_text() for text in drawn.axes[0].get_legend().get_texts()]
-    assert labels == ["threading", "feed"]
+def curves_of(axes):
+    """Abscissae of all curves and areas, without marks of two points."""
+    areas = [path.vertices[:, 0] for kind in axes.collections if isinstance(kind, PolyCollection)
+             for path in kind.get_paths()]  # fmt: skip
+    return [*areas, *(line.get_xdata() for line in axes.lines if len(line.get_xdata()) > 2)]
 
 
-@pytest.mark.slow
-def test_the_figures_of_the_pulses_break_there_too(cut: SimpleNamespace) -> None:
+@pytest.mark.parametrize("draw", [series_figure, pulses_figure])
+def test_no_curve_runs_over_a_pause_and_it_is_marked(cut, draw):
     windows = threaded(cut.windows)
-    time = column(windows, "t_s")
-    row = int(pause_rows(time)[0])
-    begin, end = time[row - 1] / 60, time[row] / 60
-    figure = pulses_figure(windows)
-    assert "threading" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    begin, end = pause_of(windows)
+    figure = draw(windows)
     for axes in figure.axes:
-        shapes = [path.vertices[:, 0] for kind in axes.collections if isinstance(kind, PolyCollection)
-                  for path in kind.get_paths()]  # fmt: skip
-        drawn_x = [*shapes, *(line.get_xdata() for line in axes.lines)]
-        assert drawn_x
-        assert all(x.max() <= begin + 1e-9 or x.min() >= end - 1e-9 for x in drawn_x)
-    (way,) = [kind for kind in plane_figure(windows).axes[0].collections if isinstance(kind, LineCollection)]
-    (whole,) = [kind for kind in plane_figure(cut.windows).axes[0].collections if isinstance(kind, LineCollection)]
-    assert len(way.get_segments()) == len(whole.get_segments()) - 1
+        curves = curves_of(axes)
+        assert curves
+        assert all(x.max() <= begin + 1e-9 or x.min() >= end - 1e-9 for x in curves)
+        if draw is series_figure:
+            spans = [patch.get_extents().transformed(axes.transData.inverted()) for patch in axes.patches]
+            assert any((span.x0, span.x1) == pytest.approx((begin, end)) for span in spans)
+    assert "threading" in [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    if draw is series_figure:
+        assert draw(cut.windows).axes[0].get_legend() is None
+
+
+def test_the_way_of_pulses_in_their_plane_breaks_at_a_pause(cut):
+    ways = [plane_figure(windows).axes[0].collections for windows in (threaded(cut.windows), cut.windows)]
+    (with_pause,), (whole,) = ([kind for kind in way if isinstance(kind, LineCollection)] for way in ways)
+    assert len(with_pause.get_segments()) == len(whole.get_segments()) - 1
 
 
 def test_the_kerf_does_not_grow_on_the_way_to_the_next_contour(cut: SimpleNamespace) -> None:
@@ -155,25 +156,18 @@ def test_the_kerf_does_not_grow_on_the_way_to_the_next_contour(cut: SimpleNamesp
     assert len(growth.solids[-1].positions) == len(still.solids[-1].positions)
 
 
-def test_a_cut_without_a_pause_has_no_mark(cut: SimpleNamespace) -> None:
-    figure = NotebookFigure()
-    draw_series(list(figure.subplots(len(PANELS))), cut.windows)
-    assert figure.axes[0].get_legend() is None
-
-
 @pytest.mark.slow
 def test_recording_and_film_break_their_curves(
     cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
 ) -> None:
     windows = threaded(cut.windows)
     play = Playback(record(tmp_path / "cut.rrd", windows=windows))
-    time = column(windows, "t_s")
-    row = int(pause_rows(time)[0])
+    begin, end = pause_of(windows)
     (cleared,) = play.rows("/feed/feed_um_s", "Clear:is_recursive").t_s
-    assert time[row - 1] < cleared < time[row]
+    assert 60 * begin < cleared < 60 * end
     film = Film(play, 40)
     curves = [line.get_xdata() for axes in film._figure.axes for line in axes.lines if len(line.get_xdata()) > 100]
-    middle = (time[row - 1] + time[row]) / 2
+    middle = 30 * (begin + end)
     assert curves
     for x in curves:
         known = np.isfinite(x)

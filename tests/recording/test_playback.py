@@ -22,7 +22,7 @@ from edmsim.errors import InputError
 from edmsim.recording.film import Film, render
 from edmsim.recording.rerun import viewer
 from edmsim.recording.rerun.playback import Playback
-from edmsim.recording.rerun.viewer import SHARES, take_screenshots
+from edmsim.recording.rerun.viewer import take_screenshots
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import WindowTable
 
@@ -34,64 +34,46 @@ def folder(recording: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_missing_folder_and_missing_recording(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such folder"):
-        viewer.find_recording(tmp_path / "nowhere")
-    with pytest.raises(InputError, match=r"no cut\.rrd in it"):
-        viewer.find_recording(tmp_path)
+def cut_off(size: int) -> Callable[[Path], object]:
+    return lambda file: file.write_bytes(file.read_bytes()[:size])
 
 
-@pytest.mark.slow
-def test_whole_recording_is_found(folder: Path) -> None:
-    assert viewer.find_recording(folder) == folder / "cut.rrd"
+def written_by(application: str, made: str = "") -> Callable[[Path], None]:
+    """Return what writes a recording of another program, or of another version."""
+
+    def write(file: Path) -> None:
+        recording = rr.RecordingStream(application, recording_id="other", send_properties=False)
+        recording.save(file)
+        recording.log("feed", rr.Scalars(1.0))
+        if made:
+            recording.log("made_by", rr.TextDocument(made), static=True)
+        recording.flush()
+        recording.disconnect()
+
+    return write
 
 
-@pytest.mark.parametrize("size", [0, 3, 100, 20_000, -1])
-def test_damaged_recording_is_refused(folder: Path, size: int) -> None:
-    recording = folder / "cut.rrd"
-    recording.write_bytes(recording.read_bytes()[:size])
-    with pytest.raises(InputError, match="not a whole rerun recording"):
-        viewer.find_recording(folder)
+def of_rerun_0_99(file: Path) -> None:
+    whole = file.read_bytes()
+    file.write_bytes(whole[:4] + bytes((0, 99, 0, 0)) + whole[8:])  # the version stands behind the file's mark
 
 
-def test_half_written_recording_is_named(tmp_path: Path) -> None:
-    (tmp_path / "cut.rrd.part").write_bytes(b"RRF2")
-    with pytest.raises(InputError, match=r"no cut\.rrd in it but one half-written"):
-        viewer.find_recording(tmp_path)
-
-
-def write_other(file: Path, application: str, made: str = "") -> None:
-    recording = rr.RecordingStream(application, recording_id="other", send_properties=False)
-    recording.save(file)
-    recording.log("feed", rr.Scalars(1.0))
-    if made:
-        recording.log("made_by", rr.TextDocument(made), static=True)
-    recording.flush()
-    recording.disconnect()
-
-
-def test_recording_of_another_version_is_refused(tmp_path: Path) -> None:
-    write_other(tmp_path / "cut.rrd", "edmsim", '{"format": 99, "version": "9.1"}')
-    with pytest.raises(InputError, match=r"format 99, written by edmsim 9\.1; this edmsim reads format 2"):
-        viewer.find_recording(tmp_path)
-
-
-def test_recording_of_the_first_version_or_another_program_is_refused(tmp_path: Path) -> None:
-    write_other(tmp_path / "cut.rrd", "edmsim")  # it wrote no number
-    with pytest.raises(InputError, match="format 1; this edmsim reads format 2, run the cut again"):
-        viewer.find_recording(tmp_path)
-    write_other(tmp_path / "cut.rrd", "somebody")
-    with pytest.raises(InputError, match="a recording of somebody"):
-        viewer.find_recording(tmp_path)
-
-
-@pytest.mark.slow
-def test_a_file_of_another_rerun_is_refused(folder: Path) -> None:
-    recording = folder / "cut.rrd"
-    whole = bytearray(recording.read_bytes())
-    whole[4:8] = bytes((0, 99, 0, 0))  # the version stands behind the file's mark
-    recording.write_bytes(whole)
-    with pytest.raises(InputError, match=r"written by rerun 0\.99, here is 0\."):
+@pytest.mark.parametrize(("spoil", "reason"), [
+    (lambda file: shutil.rmtree(file.parent), "no such folder"), (Path.unlink, r"no cut\.rrd in it"),
+    (lambda file: file.rename(f"{file}.part"), r"no cut\.rrd in it but one half-written"),
+    *((cut_off(size), "not a whole rerun recording") for size in (0, 3, 100, 20_000, -1)),
+    (lambda file: file.write_text("G01 X10\n"), "these 8 bytes are not a whole rerun recording"),
+    (written_by("edmsim", '{"format": 99, "version": "9.1"}'),
+     r"format 99, written by edmsim 9\.1; this edmsim reads format 2"),
+    (written_by("edmsim"), "format 1; this edmsim reads format 2, run the cut again"),  # it wrote no number
+    (written_by("somebody"), "a recording of somebody"),
+    (of_rerun_0_99, r"written by rerun 0\.99, here is 0\."),
+])  # fmt: skip
+def test_what_cannot_be_played_is_refused_by_what_it_is(
+    spoil: Callable[[Path], object], reason: str, folder: Path
+) -> None:
+    spoil(folder / "cut.rrd")
+    with pytest.raises(InputError, match=reason):
         viewer.find_recording(folder)
 
 
@@ -102,12 +84,6 @@ def test_a_taken_port_is_replaced() -> None:
         port = taken.getsockname()[1]
         assert viewer.free_port(port) not in (0, port)
     assert viewer.free_port(port) == port
-
-
-def test_foreign_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "cut.rrd").write_text("G01 X10\n")
-    with pytest.raises(InputError, match="these 8 bytes are not a whole rerun recording"):
-        viewer.find_recording(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -129,53 +105,44 @@ def test_nothing_is_served_beyond_this_machine(on_screen: bool, tmp_path: Path) 
     assert ("--serve-web" in command) is not on_screen
 
 
-def test_rerun_knows_every_option_used(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_rerun_knows_every_option_used_and_fails_at_another(tmp_path: Path) -> None:
     shown = subprocess.run([*viewer.RERUN, "--help"], capture_output=True, text=True, check=True)
     for on_screen in (True, False):
         command = viewer.viewer_command(tmp_path / "cut.rrd", on_screen, 9191, 9881)
         assert all(word in shown.stdout for word in command if word.startswith("--"))
+    assert subprocess.call([*viewer.RERUN, "--no-such-option"], stderr=subprocess.DEVNULL) != 0
 
 
 @pytest.mark.slow
-def test_view_runs_the_viewer_and_says_the_address(
+def test_view_serves_a_page_where_no_window_opens_and_says_its_address(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "RUST_LOG"):
+    for name in ("WAYLAND_DISPLAY", "RUST_LOG"):
         monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("DISPLAY", ":77")  # a display that is not there
     monkeypatch.setattr(sys, "platform", "linux")
     called: list[list[str]] = []
+    ends = iter((1, 0))
 
     def call(command: list[str], env: dict[str, str]) -> int:
         assert env["RUST_LOG"] == "warn"  # no lines of INFO on the terminal
         called.append(command)
+        for status in ends:
+            return status
         raise KeyboardInterrupt
 
     monkeypatch.setattr(subprocess, "call", call)
     monkeypatch.setattr(viewer, "free_port", lambda port: port)
+    window, page = (viewer.viewer_command(folder / "cut.rrd", on_screen, 9191, 9881) for on_screen in (True, False))
     assert viewer.view(folder, web_port=9191, grpc_port=9881) == 0
-    assert called == [viewer.viewer_command(folder / "cut.rrd", False, 9191, 9881)]
+    assert called == [window, page]
+    assert "could not open a window" in capsys.readouterr().out
+    monkeypatch.delenv("DISPLAY")
+    assert viewer.view(folder, web_port=9191, grpc_port=9881) == 0
+    assert called[2:] == [page]
     address = "http://127.0.0.1:9191?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9881%2Fproxy"
     assert address in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_without_a_window_it_serves_the_page(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("DISPLAY", ":77")  # a display that is not there
-    monkeypatch.delenv("RUST_LOG", raising=False)
-    monkeypatch.setattr(sys, "platform", "linux")
-    called: list[list[str]] = []
-
-    def call(command: list[str], env: dict[str, str]) -> int:
-        assert env["RUST_LOG"] == "warn"  # no lines of INFO on the terminal
-        called.append(command)
-        return 1 if len(called) == 1 else 0
-
-    monkeypatch.setattr(subprocess, "call", call)
-    assert viewer.view(folder) == 0
-    assert ["--serve-web" in command for command in called] == [False, True]
-    assert "could not open a window" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -192,10 +159,6 @@ def test_two_cuts_are_laid_side_by_side(folder: Path, monkeypatch: pytest.Monkey
         assert {f"/a{entity}", f"/b{entity}"} <= shown[0]
     with pytest.raises(InputError, match="no such folder"):
         viewer.compare(folder, folder / "nowhere")
-
-
-def test_the_viewers_exit_status_is_stored(tmp_path: Path) -> None:
-    assert subprocess.call([*viewer.RERUN, "--no-such-option"], stderr=subprocess.DEVNULL) != 0
 
 
 # ``edmsim report --film``: films that play, pictures without a screen, and what cannot be done in one line.
@@ -307,7 +270,3 @@ def test_screenshots_need_no_screen(recording: Path, tmp_path: Path, monkeypatch
     assert (np.abs(end - begin).max(axis=2) > 60).mean() > 0.001
     left = subprocess.run(["pgrep", "-P", str(os.getpid())], capture_output=True, text=True, check=False)
     assert "rerun" not in left.stdout
-
-
-def test_shares_are_within_the_cut() -> None:
-    assert all(0 <= share <= 1 for share in SHARES)

@@ -65,11 +65,6 @@ def test_resuming_keeps_the_same(before: int, after: int, every: int) -> None:
     np.testing.assert_array_equal(resumed.table(), whole.table())
 
 
-def test_a_snapshot_of_another_resolution_is_refused() -> None:
-    with pytest.raises(ValueError, match="does not fit"):
-        Closeups(3, 8, 1).restore(Closeups(3, 16, 1).snapshot())
-
-
 def test_corners_of_a_path() -> None:
     arc = [(1000 + round(500 * np.sin(a)), round(500 * (1 - np.cos(a)))) for a in np.linspace(0, np.pi / 2, 20)]
     points = np.array([(0, 0), (1000, 0), *arc, (1500, 2000), (1500, 2000), (0, 2000)], np.int64)
