@@ -28,28 +28,14 @@ CUT_S, LOG_S, EPISODE_S = 2.5, 40.0, 2.0
 in which controllers are compared."""
 FEW_ENVS = 2  # sub-environments of a training
 SHORT: dict[str, tuple[str, ...]] = {
-    "cut": ("--resolution", "fast", "--quiet"),
-    "check": (),
-    "view": (),
-    "report": (),
-    "train": ("--steps", "64", "--score", "2"),
-    "dataset": ("--steps", "20"),
-    "evaluate": ("--seeds", "2", "--resolution", "fast"),
-    "calibrate": ("--json",),
-    "validate": (),
-    "bench": (),
-    "console 1982": ("--resolution", "fast"),
-    "console servo": (),
-    "console positioner": (),
-    "measure table": ("--runs", "2"),
-    "measure guides": ("--height", "3", "--quiet"),
-    "sweep run": ("--processes", "1"),
-    "sweep show": (),
-    "tune controller": ("--trials", "1", "--seeds", "1"),
-    "tune technology": (),
-    "tune drive": (),
-    "gap": ("--seconds", "0.2"),
-}
+    "cut": ("--resolution", "fast", "--quiet"), "check": (), "view": (), "report": (),
+    "train": ("--steps", "64", "--score", "2"), "dataset": ("--steps", "20"),
+    "evaluate": ("--seeds", "2", "--resolution", "fast"), "calibrate": ("--json",), "validate": (), "bench": (),
+    "console 1982": ("--resolution", "fast"), "console servo": (), "console positioner": (),
+    "measure table": ("--runs", "2"), "measure guides": ("--height", "3", "--quiet"),
+    "sweep run": ("--processes", "1"), "sweep show": (), "tune controller": ("--trials", "1", "--seeds", "1"),
+    "tune technology": (), "tune drive": (), "gap": ("--seconds", "0.2"),
+}  # fmt: skip
 """What is added to a command so that it is short; `replaced` says what of its work is left away."""
 
 

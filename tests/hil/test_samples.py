@@ -1,7 +1,5 @@
 """Samples of gap voltage and current: against their pulses, filters, noise, files, a firmware in C; the command."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import shutil
@@ -46,7 +44,7 @@ int run(read_t read, int64_t count, int32_t *fast, int32_t *slow) {
 """
 
 
-def made(kinds: list[int], on_us: float = 20.0, period_us: float = 100.0, delay_us: float = 5.0) -> Frame:
+def made(kinds, on_us=20.0, period_us=100.0, delay_us=5.0):
     """A frame of pulses whose every corner is known, at 80 V, 22 V, 10 A and shorts of 12 A."""
     rig = Rig("powercore", seed=1)
     real = rig.frame()
@@ -168,13 +166,10 @@ def test_both_files_hold_the_same_samples(tmp_path):
     assert table["voltage_V"].to_numpy().max() == pytest.approx(80.0, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    ("sensing", "said"),
-    [
-        (Sensing(rate_Hz=5e3), "10000 to 100000 Hz, not 5000"), (Sensing(rate_Hz=math.nan), "not nan"),
-        (Sensing(low_pass_Hz=-1.0), "low-pass"), (Sensing(noise_V=math.inf), "noise_V"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("sensing", "said"), [
+    (Sensing(rate_Hz=5e3), "10000 to 100000 Hz, not 5000"), (Sensing(rate_Hz=math.nan), "not nan"),
+    (Sensing(low_pass_Hz=-1.0), "low-pass"), (Sensing(noise_V=math.inf), "noise_V"),
+])  # fmt: skip
 def test_what_cannot_be_measured_is_refused(tmp_path, sensing, said):
     with pytest.raises(InputError, match=said):
         SampleFile(tmp_path / "gap.parquet", sensing)
@@ -203,7 +198,7 @@ def test_delays_grow_with_the_gap_and_fall_with_the_voltage(tmp_path):
         delay_table(edmsim.Machine.load(), voltages_V=(20.0,))
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+def run(monkeypatch, *words):
     monkeypatch.setattr("sys.argv", ["edmsim", *words])
     with pytest.raises(SystemExit) as left:
         cli.main()
@@ -228,21 +223,18 @@ def test_a_table_of_delays(tmp_path, monkeypatch):
     assert len((tmp_path / "delays.csv").read_text().splitlines()) == 2
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ((), "give --serial BOARD"), (("--serial", "uhu"), "there is no board 'uhu'"),
-        (("--serial", "spark", "--speed", "0"), "--speed is above 0"),
-        (("--samples", "a.csv"), "written as .parquet .wav"),
-        (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--fmu", "gap.cir"), "written as .fmu"),
-        (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
-        (("--samples", "a.wav", "--gap", "0"), "the gap is"),
-        (("--log", "a.csv", "--generator", "steam"), "steam"), (("--delays", "a.txt"), "delays is written as .csv"),
-        (("--samples", "a.wav", "--log", "b.csv", "--log-rate", "nan"), "2 to 100 rows"),
-        (("--samples", "a.wav", "--log", "b.csv", "--seconds", "nan"), "--seconds is above 0, not nan"),
-        (("--samples", "a.wav", "--log", "b.csv", "--feed", "nan"), "a feed in um/s must be a number, not nan"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("words", "said"), [
+    ((), "give --serial BOARD"), (("--serial", "uhu"), "there is no board 'uhu'"),
+    (("--serial", "spark", "--speed", "0"), "--speed is above 0"),
+    (("--samples", "a.csv"), "written as .parquet .wav"),
+    (("--log", "a.csv", "--log-rate", "1"), "2 to 100 rows"), (("--fmu", "gap.cir"), "written as .fmu"),
+    (("--samples", "a.wav", "--rate", "1"), "10000 to 100000 Hz"),
+    (("--samples", "a.wav", "--gap", "0"), "the gap is"),
+    (("--log", "a.csv", "--generator", "steam"), "steam"), (("--delays", "a.txt"), "delays is written as .csv"),
+    (("--samples", "a.wav", "--log", "b.csv", "--log-rate", "nan"), "2 to 100 rows"),
+    (("--samples", "a.wav", "--log", "b.csv", "--seconds", "nan"), "--seconds is above 0, not nan"),
+    (("--samples", "a.wav", "--log", "b.csv", "--feed", "nan"), "a feed in um/s must be a number, not nan"),
+])  # fmt: skip
 @pytest.mark.parametrize("old", [{}, {"a.wav": "samples of the last run", "b.csv": "its log"}])
 def test_what_cannot_be_is_refused_in_one_line_and_loses_nothing(tmp_path, monkeypatch, capfd, words, said, old):
     monkeypatch.chdir(tmp_path)

@@ -1,18 +1,12 @@
 """Lines break where a wire is threaded, which is marked; labels leave each other room; scales follow the process."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Callable
 from itertools import combinations
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
 import pytest
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from edmsim.metrology.profile import CornerError
@@ -38,7 +32,7 @@ from edmsim.recording.windows import (
 PAUSE_S = 200.0
 
 
-def threaded(windows: pa.Table) -> pa.Table:
+def threaded(windows):
     """Let a wire be threaded half-way, in a place 5 mm away."""
     half = len(windows) // 2
     for name, by in (("t_s", PAUSE_S), ("x_um", 5000.0)):
@@ -49,7 +43,7 @@ def threaded(windows: pa.Table) -> pa.Table:
     return windows
 
 
-def test_breaks_are_found_and_lines_stop_there() -> None:
+def test_breaks_are_found_and_lines_stop_there():
     time = np.array([0.0, 0.1, 0.2, 60.2, 60.3])
     assert pause_rows(time).tolist() == [3]
     place = np.array([(0, 0), (10, 0), (20, 0), (500, 0), (510, 0)], float)
@@ -69,7 +63,7 @@ def test_breaks_are_found_and_lines_stop_there() -> None:
     assert np.array_equal(np.delete(line, 3, axis=0), place)
 
 
-def test_the_cut_alone_begins_beyond_the_start_hole_and_ends_with_the_last_discharge() -> None:
+def test_the_cut_alone_begins_beyond_the_start_hole_and_ends_with_the_last_discharge():
     # 10 um a second; two contours, threaded at X 0 and X 5000 in holes of 25 um
     time = np.concatenate([np.arange(1.0, 9.0), 100.0 + np.arange(1.0, 7.0)])
     along = np.concatenate([np.arange(1.0, 9.0), 8.0 + np.arange(1.0, 7.0)]) * 10.0
@@ -89,7 +83,7 @@ def test_the_cut_alone_begins_beyond_the_start_hole_and_ends_with_the_last_disch
     assert (nothing.rows.any(), nothing.time_s, nothing.ways_um) == (False, 0.0, ())
 
 
-def test_travel_never_points_to_another_contour() -> None:
+def test_travel_never_points_to_another_contour():
     path = np.arange(100) * 2.0
     x = np.where(path < 100, path, 5000.0)
     y = np.where(path < 100, 0.0, path - 100)
@@ -145,7 +139,7 @@ def test_the_way_of_pulses_in_their_plane_breaks_at_a_pause(cut):
     assert len(with_pause.get_segments()) == len(whole.get_segments()) - 1
 
 
-def test_the_kerf_does_not_grow_on_the_way_to_the_next_contour(cut: SimpleNamespace) -> None:
+def test_the_kerf_does_not_grow_on_the_way_to_the_next_contour(cut):
     """The wire is brought over a kerf that it has not cut yet."""
     place = np.concatenate([cut.scene.starts_mm * 1000 + [[k, 0.0]] for k in (0.0, 50.0)])
     over = np.ptp(cut.scene.maps[0].nominal_mm, axis=0)[0] * 1000
@@ -157,9 +151,7 @@ def test_the_kerf_does_not_grow_on_the_way_to_the_next_contour(cut: SimpleNamesp
 
 
 @pytest.mark.slow
-def test_recording_and_film_break_their_curves(
-    cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_recording_and_film_break_their_curves(cut, record, tmp_path):
     windows = threaded(cut.windows)
     play = Playback(record(tmp_path / "cut.rrd", windows=windows))
     begin, end = pause_of(windows)
@@ -175,12 +167,12 @@ def test_recording_and_film_break_their_curves(
         assert not crossing.any()
 
 
-def labels(figure: Figure) -> list[Annotation]:
+def labels(figure):
     return [text for text in figure.axes[0].texts if isinstance(text, Annotation)]
 
 
 @pytest.mark.slow
-def test_labels_of_corners_never_cover_each_other(cut: SimpleNamespace) -> None:
+def test_labels_of_corners_never_cover_each_other(cut):
     draw = np.random.default_rng(3)
     places = draw.uniform(22, 26, (40, 2))
     crowd = tuple(CornerError(float(x), float(y), 90.0, float(k + 1)) for k, (x, y) in enumerate(places))
@@ -195,7 +187,7 @@ def test_labels_of_corners_never_cover_each_other(cut: SimpleNamespace) -> None:
         assert all(shown.count_contains(box.get_points()) == 2 for box in boxes)
 
 
-def test_what_is_out_of_reach_does_not_set_the_scale(cut: SimpleNamespace) -> None:
+def test_what_is_out_of_reach_does_not_set_the_scale(cut):
     (edge,) = cut.scene.maps
     away = np.zeros(len(edge.error_um))
     away[100:200] = 60.0

@@ -1,16 +1,12 @@
 """``edmsim view``: the right command line, bound to this machine, bad folders named; and the film of a cut."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import shutil
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,27 +17,26 @@ from rerun.chunk import RrdReader
 from edmsim.errors import InputError
 from edmsim.recording.film import Film, render
 from edmsim.recording.rerun import viewer
-from edmsim.recording.rerun.playback import Playback
 from edmsim.recording.rerun.viewer import take_screenshots
 from edmsim.recording.stores import Closeups, Frames
 from edmsim.recording.windows import WindowTable
 
 
 @pytest.fixture
-def folder(recording: Path, tmp_path: Path) -> Path:
+def folder(recording, tmp_path):
     """A folder with a recording, which may be damaged."""
     shutil.copy(recording, tmp_path)
     return tmp_path
 
 
-def cut_off(size: int) -> Callable[[Path], object]:
+def cut_off(size):
     return lambda file: file.write_bytes(file.read_bytes()[:size])
 
 
-def written_by(application: str, made: str = "") -> Callable[[Path], None]:
+def written_by(application, made=""):
     """Return what writes a recording of another program, or of another version."""
 
-    def write(file: Path) -> None:
+    def write(file):
         recording = rr.RecordingStream(application, recording_id="other", send_properties=False)
         recording.save(file)
         recording.log("feed", rr.Scalars(1.0))
@@ -53,7 +48,7 @@ def written_by(application: str, made: str = "") -> Callable[[Path], None]:
     return write
 
 
-def of_rerun_0_99(file: Path) -> None:
+def of_rerun_0_99(file):
     whole = file.read_bytes()
     file.write_bytes(whole[:4] + bytes((0, 99, 0, 0)) + whole[8:])  # the version stands behind the file's mark
 
@@ -69,15 +64,13 @@ def of_rerun_0_99(file: Path) -> None:
     (written_by("somebody"), "a recording of somebody"),
     (of_rerun_0_99, r"written by rerun 0\.99, here is 0\."),
 ])  # fmt: skip
-def test_what_cannot_be_played_is_refused_by_what_it_is(
-    spoil: Callable[[Path], object], reason: str, folder: Path
-) -> None:
+def test_what_cannot_be_played_is_refused_by_what_it_is(spoil, reason, folder):
     spoil(folder / "cut.rrd")
     with pytest.raises(InputError, match=reason):
         viewer.find_recording(folder)
 
 
-def test_a_taken_port_is_replaced() -> None:
+def test_a_taken_port_is_replaced():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -86,19 +79,16 @@ def test_a_taken_port_is_replaced() -> None:
     assert viewer.free_port(port) == port
 
 
-@pytest.mark.parametrize(
-    ("environment", "platform", "expected"),
-    [
-        ({}, "linux", False), ({"DISPLAY": ""}, "linux", False), ({"DISPLAY": ":0"}, "linux", True),
-        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True), ({}, "darwin", True), ({}, "win32", True),
-    ],
-)  # fmt: skip
-def test_screen(environment: dict[str, str], platform: str, expected: bool) -> None:
+@pytest.mark.parametrize(("environment", "platform", "expected"), [
+    ({}, "linux", False), ({"DISPLAY": ""}, "linux", False), ({"DISPLAY": ":0"}, "linux", True),
+    ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True), ({}, "darwin", True), ({}, "win32", True),
+])  # fmt: skip
+def test_screen(environment, platform, expected):
     assert viewer.has_screen(environment, platform) is expected
 
 
 @pytest.mark.parametrize("on_screen", [True, False])
-def test_nothing_is_served_beyond_this_machine(on_screen: bool, tmp_path: Path) -> None:
+def test_nothing_is_served_beyond_this_machine(on_screen, tmp_path):
     command = viewer.viewer_command(tmp_path / "cut.rrd", on_screen, 9191, 9881)
     assert command[: len(viewer.RERUN) + 1] == [*viewer.RERUN, str(tmp_path / "cut.rrd")]
     assert command[command.index("--bind") + 1] == "127.0.0.1"
@@ -106,7 +96,7 @@ def test_nothing_is_served_beyond_this_machine(on_screen: bool, tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_rerun_knows_every_option_used_and_fails_at_another(tmp_path: Path) -> None:
+def test_rerun_knows_every_option_used_and_fails_at_another(tmp_path):
     shown = subprocess.run([*viewer.RERUN, "--help"], capture_output=True, text=True, check=True)
     for on_screen in (True, False):
         command = viewer.viewer_command(tmp_path / "cut.rrd", on_screen, 9191, 9881)
@@ -115,17 +105,15 @@ def test_rerun_knows_every_option_used_and_fails_at_another(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_view_serves_a_page_where_no_window_opens_and_says_its_address(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_view_serves_a_page_where_no_window_opens_and_says_its_address(folder, monkeypatch, capsys):
     for name in ("WAYLAND_DISPLAY", "RUST_LOG"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("DISPLAY", ":77")  # a display that is not there
     monkeypatch.setattr(sys, "platform", "linux")
-    called: list[list[str]] = []
+    called = []
     ends = iter((1, 0))
 
-    def call(command: list[str], env: dict[str, str]) -> int:
+    def call(command, env):
         assert env["RUST_LOG"] == "warn"  # no lines of INFO on the terminal
         called.append(command)
         for status in ends:
@@ -146,10 +134,10 @@ def test_view_serves_a_page_where_no_window_opens_and_says_its_address(
 
 
 @pytest.mark.slow
-def test_two_cuts_are_laid_side_by_side(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shown: list[set[str]] = []
+def test_two_cuts_are_laid_side_by_side(folder, monkeypatch):
+    shown = []
 
-    def look(recording: Path, *_: object) -> int:
+    def look(recording, *_):
         shown.append({chunk.entity_path for chunk in RrdReader(recording).stream().to_chunks()})
         return 0
 
@@ -165,7 +153,7 @@ def test_two_cuts_are_laid_side_by_side(folder: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.slow
-def test_legends_of_a_film_cover_no_curve(play: Playback) -> None:
+def test_legends_of_a_film_cover_no_curve(play):
     film = Film(play, 60)
     legends = [(axes, axes.get_legend()) for axes in film._figure.axes if axes.get_legend() is not None]
     assert len(legends) == 2
@@ -175,7 +163,7 @@ def test_legends_of_a_film_cover_no_curve(play: Playback) -> None:
 
 
 @pytest.mark.slow
-def test_a_gif_plays_the_cut(recording: Path, tmp_path: Path) -> None:
+def test_a_gif_plays_the_cut(recording, tmp_path):
     render(recording, tmp_path / "new" / "cut.gif", seconds=0.8)
     with Image.open(tmp_path / "new" / "cut.gif") as film:
         assert (film.n_frames, film.size) == (8, (768, 432))
@@ -187,7 +175,7 @@ def test_a_gif_plays_the_cut(recording: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_mp4_plays_the_cut(recording: Path, tmp_path: Path) -> None:
+def test_an_mp4_plays_the_cut(recording, tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     render(recording, tmp_path / "cut.mp4", seconds=0.5)
     done = subprocess.run(
@@ -201,7 +189,7 @@ def test_an_mp4_plays_the_cut(recording: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pictures_show_the_kerf_grow_and_are_the_same_again(play: Playback) -> None:
+def test_pictures_show_the_kerf_grow_and_are_the_same_again(play):
     film = Film(play, 60)
     begin, end = (film.picture(share * play.end_s) for share in (0.02, 1.0))
     ground = np.all(begin[60:250, 20:230] < 60, axis=2).sum(), np.all(end[60:250, 20:230] < 60, axis=2).sum()
@@ -215,26 +203,20 @@ def test_pictures_show_the_kerf_grow_and_are_the_same_again(play: Playback) -> N
      ("cut.gif", 0.0, "0 s cannot be made"),
      ("cut.gif", float("nan"), "nan s cannot"), ("cut.mp4", 1e4, "give 0.5 to 600")],
 )  # fmt: skip
-def test_what_is_no_film_is_refused(
-    recording: Path, tmp_path: Path, name: str, seconds: float, message: str
-) -> None:
+def test_what_is_no_film_is_refused(recording, tmp_path, name, seconds, message):
     with pytest.raises(InputError, match=message):
         render(recording, tmp_path / name, seconds)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_mp4_without_its_package_says_what_to_install(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mp4_without_its_package_says_what_to_install(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(InputError, match=r"pip install 'edmsim\[video\]'"):
         render(recording, tmp_path / "cut.mp4")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(
-    cut: SimpleNamespace, record: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(cut, record, tmp_path):
     (tmp_path / "file").write_text("")
     empty = record(
         tmp_path / "cut.rrd", windows=WindowTable().to_arrow(), frames=Frames(9), closeups=Closeups(9, 32, 4),
@@ -248,9 +230,7 @@ def test_a_place_that_cannot_be_written_and_a_cut_of_no_windows(
 
 
 @pytest.mark.slow
-def test_without_a_graphics_driver_screenshots_say_so(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_graphics_driver_screenshots_say_so(recording, tmp_path, monkeypatch):
     monkeypatch.setenv("WGPU_BACKEND", "dx12" if sys.platform != "win32" else "metal")  # no such thing here
     with pytest.raises(InputError, match="Vulkan driver"):
         take_screenshots(recording, tmp_path / "shots")
@@ -261,7 +241,7 @@ def test_without_a_graphics_driver_screenshots_say_so(
     not any(Path("/usr/share/vulkan/icd.d").glob("*.json")) and shutil.which("vulkaninfo") is None,
     reason="no Vulkan driver",
 )
-def test_screenshots_need_no_screen(recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_screenshots_need_no_screen(recording, tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     files = take_screenshots(recording, tmp_path / "shots", (0.0, 1.0))
     assert [file.name for file in files] == ["cut-000.png", "cut-100.png"]

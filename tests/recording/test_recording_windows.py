@@ -1,10 +1,5 @@
 """The table of windows: exact names, exact values, exact resume."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from types import SimpleNamespace
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -31,14 +26,14 @@ AGREED = (
 )
 
 
-def filled(n: int) -> WindowTable:
+def filled(n):
     table = WindowTable()
     for i in range(n):
         table.append([i % 200 + k / 32 for k in range(len(ROW_NAMES))])
     return table
 
 
-def motion(x_um: np.ndarray, y_um: np.ndarray, lag: tuple[float, float]) -> pa.Table:
+def motion(x_um, y_um, lag):
     """A table in which only place and lag matter."""
     path = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x_um), np.diff(y_um)))])
     table = WindowTable()
@@ -63,7 +58,7 @@ def test_rows_come_back_as_appended(n):
     np.testing.assert_array_equal(rows[:, 3], [i % 200 + 3 / 32 for i in range(n)])
 
 
-def test_counts_are_integers_and_values_are_exact(cut: SimpleNamespace) -> None:
+def test_counts_are_integers_and_values_are_exact(cut):
     for name in ("short", "open", "spark", "arc"):
         assert cut.windows.schema.field(name).type == pa.int16()
     counts = sum(column(cut.windows, name) for name in ("short", "open", "spark", "arc"))
@@ -95,7 +90,7 @@ def test_resuming_continues_the_same_table(before):
     np.testing.assert_array_equal(resumed.rows, whole)
 
 
-def test_parquet_round_trip_and_equal_bytes(cut: SimpleNamespace, tmp_path: Path) -> None:
+def test_parquet_round_trip_and_equal_bytes(cut, tmp_path):
     one, two = tmp_path / "windows.parquet", tmp_path / "again.parquet"
     write_windows(cut.windows, one)
     write_windows(cut.windows, two)
@@ -120,7 +115,7 @@ def test_unreadable_tables_are_named(tmp_path, make, reason):
 
 @pytest.mark.slow
 @given(degrees=st.floats(-180, 180), size=st.floats(0.1, 50))
-def test_lag_is_positive_against_the_feed_in_every_direction(degrees: float, size: float) -> None:
+def test_lag_is_positive_against_the_feed_in_every_direction(degrees, size):
     angle = np.radians(degrees)
     s = np.arange(0.0, 1000.0, 1.5)
     behind = (size * np.cos(angle), size * np.sin(angle))
@@ -131,14 +126,14 @@ def test_lag_is_positive_against_the_feed_in_every_direction(degrees: float, siz
     np.testing.assert_allclose(lag_along_um(motion(x, y, leading)), -size, rtol=2e-3)
 
 
-def test_direction_is_zero_where_nothing_moves() -> None:
+def test_direction_is_zero_where_nothing_moves():
     still = motion(np.full(20, 100.0), np.full(20, 50.0), (3.0, 4.0))
     np.testing.assert_array_equal(travel_direction(still), 0.0)
     np.testing.assert_array_equal(lag_along_um(still), 0.0)
     assert len(travel_direction(WindowTable().to_arrow())) == 0
 
 
-def test_retracting_does_not_turn_the_direction() -> None:
+def test_retracting_does_not_turn_the_direction():
     x = np.concatenate([np.arange(0, 300.0), np.arange(300.0, 280.0, -1), np.arange(280.0, 600.0)])
     table = motion(x, np.zeros(len(x)), (2.0, 0.0))
     path = np.concatenate([np.arange(0, 300.0), np.arange(300.0, 280.0, -1), np.arange(280.0, 600.0)])
