@@ -38,7 +38,6 @@ def pytest_collection_modifyitems(items):
 
 def pytest_collection_finish():
     """Let Python's garbage collector skip modules and tests, and seldom look at old objects: they took a tenth."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(700, 10, 100)
     gc.enable()

@@ -135,10 +135,11 @@ def _standard_input(file: str) -> Iterator[None]:
 
 def replaced(patch: pytest.MonkeyPatch) -> None:
     """Leave away what takes a screen, or minutes; tests of their own run each of these."""
-    from edmsim import envs, runs, validation
+    from edmsim import envs, measure, runs, validation
     from edmsim.bench import figures as bench
     from edmsim.bench import pairs, profile, serial
     from edmsim.calibration import comparison, fit
+    from edmsim.consoles import autotune
     from edmsim.envs.episode import Task
     from edmsim.hil import delays
     from edmsim.recording.rerun import viewer
@@ -159,6 +160,12 @@ def replaced(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(serial, "measure", lambda watch: {"powercore_realtime_factor": 60.0})
     patch.setattr(delays, "delay_table", partial(delays.delay_table, draws=1))
     patch.setattr(validation, "run", partial(validation.run, modules=("strings",)))
+    # tests/measure cuts a leaning block, tests/consoles/servo finds gains
+    guides = measure.GuidesFound(0.1, 0.0, (0.01, 0.01), np.array([0.5, 1.5]), np.array([-3.0, -1.0]))
+    patch.setattr(measure, "measure_guides", lambda *_, **__: guides)
+    answer = autotune.AxisTrace(np.array([0.0, 0.01, 0.02]), np.array([autotune.STEP_COUNTS, 5, 0]))
+    swing, response = autotune.Oscillation(1.0, 0.01, 10.0), autotune.AxisResponse(*[answer] * 3)
+    patch.setattr(autotune, "autotune", lambda *_: autotune.Tuning(("P1",), {"P": 1}, swing, response, response))
     # tests/calibration finds constants again
     patch.setattr(comparison, "NOISE_CUTS", 8)
     patch.setattr(fit, "MOST_STRETCHES", 2)
