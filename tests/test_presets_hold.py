@@ -29,7 +29,7 @@ def test_the_defaults_of_a_preset_bring_the_wire_to_the_metal(pair, height_mm):
 @pytest.mark.slow
 @pytest.mark.parametrize("height_mm", [20.0, 80.0])
 def test_production_pulses_leave_the_start_hole(height_mm):
-    report = cut(180.0, height_mm=height_mm, **PRODUCTION)
+    report = cut(90.0, height_mm=height_mm, **PRODUCTION)
     assert report["outcome"] == "time-limit"
     assert report["path_length_mm"] > 1.0
     assert report["cutting_rate_mm2_min"] > 0

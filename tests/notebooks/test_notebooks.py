@@ -21,8 +21,16 @@ from functools import partialmethod
 from edmsim.envs.episode import Task
 Task.__init__ = partialmethod(Task.__init__, episode_s=4.0)
 """
+THIN_STOCK = """
+from edmsim.sweep import specification as module
+from edmsim import runs
+runs.Processes = lambda _=None: runs.Threads()
+usual = module.Specification
+module.Specification = lambda settings, **more: usual(settings={**settings, "height_mm": 5.0}, **more)
+"""
 SHORTER = {
     "04-gap-controllers": SHORT_EPISODES, "05-train-a-policy": SHORT_EPISODES, "13-offline": SHORT_EPISODES,
+    "12-sweep": THIN_STOCK,
     "09-calibrate": "from edmsim.calibration import comparison, fit\ncomparison.NOISE_CUTS, fit.MOST_ROUNDS = 8, 2",
 }  # fmt: skip
 """What is run before a notebook whose work its small settings cannot shorten."""
