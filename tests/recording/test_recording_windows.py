@@ -53,8 +53,9 @@ def test_columns_are_the_agreed_ones_with_unit_and_meaning(cut):
 
 @pytest.mark.parametrize("n", [0, 1, 4096, 4097, 9000])
 def test_rows_come_back_as_appended(n):
-    rows = filled(n).rows
-    assert rows.shape == (n, len(ROW_NAMES))
+    table = filled(n)
+    rows = table.rows
+    assert (len(table), rows.shape) == (n, (n, len(ROW_NAMES)))
     np.testing.assert_array_equal(rows[:, 3], [i % 200 + 3 / 32 for i in range(n)])
 
 
